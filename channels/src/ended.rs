@@ -50,7 +50,8 @@ pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
     let mut next = lists.watching.first();
     while let Some(node) = next {
         let watcher = node.cast::<Watcher>();
-        // SAFETY: what is in this list is the first field of a live watcher, which the lock guards; the lists are borrowed from it.
+        // SAFETY: what is in this list is the first field of a live watcher, which the lock guards;
+        // the lists are borrowed from it.
         unsafe {
             if watcher.as_ref().is_met_by(ending).is_some() {
                 return Some(unlist(&mut lists.watching, watcher));
@@ -74,7 +75,8 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake 
     }
 }
 
-/// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended) and [`Receiver::poisoned`](crate::Receiver::poisoned).
+/// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended) and
+/// [`Receiver::poisoned`](crate::Receiver::poisoned).
 ///
 /// # Invariants
 ///
@@ -84,7 +86,7 @@ pub struct Ended<'a> {
     place: &'a WaitPoint,
     /// The result, while its process is held by its replay log.
     given: Option<ChannelEnd>,
-    /// Its process' tape knows of it.
+    /// Its process' replay log knows of it.
     has_entered: bool,
     /// It has let others run.
     has_given_way: bool,
@@ -92,7 +94,7 @@ pub struct Ended<'a> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the watcher is touched under the place's lock alone, wherever the future is.
+// SAFETY: the watcher is touched under the wait point's lock alone, wherever the future is.
 unsafe impl Send for Ended<'_> {}
 // SAFETY: `&Ended` gives access to nothing that changes.
 unsafe impl Sync for Ended<'_> {}
@@ -169,7 +171,8 @@ impl Ended<'_> {
         }
     }
 
-    /// The end that was found without waiting, after others if it is their turn. Once: beside a branch that spends all operations of each turn it would else never come.
+    /// The end that was found without waiting, after others if it is their turn. Once: beside a
+    /// branch that spends all operations of each turn it would else never come.
     #[cold]
     fn found(self: Pin<&mut Self>, end: ChannelEnd, cx: &Context<'_>) -> Poll<ChannelEnd> {
         // SAFETY: nothing is moved.
@@ -190,7 +193,8 @@ impl Ended<'_> {
         let mut renewal = Renewal::of(cx);
         let end = renewal.put(|renewal| {
             let mut lists = self.place.lock_lists();
-            // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the list when the future is dropped.
+            // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the
+            // list when the future is dropped.
             unsafe {
                 let has_waited = node.as_ref().listed;
                 if let Some(end) = node.as_ref().is_met_by(lists.ending) {

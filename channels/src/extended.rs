@@ -89,8 +89,9 @@ impl Mode for Extending {
 
 /// A value that holds its sender until it is dropped: see [`Receiver::recv_extended`].
 ///
-/// Dropping it is for the real-time path: O(senders that are held on this channel), which are as many as there are extended rendezvous under
-/// way. One that is forgotten holds its sender until the channel is poisoned.
+/// Dropping it is for the real-time path: O(senders that are held on this channel), which are as
+/// many as there are extended rendezvous under way. One that is forgotten holds its sender until
+/// the channel is poisoned.
 #[must_use = "the sender goes on when this is dropped"]
 pub struct Extended<'a, T> {
     /// Dropped before the sender goes on.

@@ -6,7 +6,8 @@
 //! beside the lock, on a line that the partner has fetched anyway. Between two cores each line is a
 //! transfer of its own, and they come one after the other.
 //!
-//! There is a hand_off_slot for each side. The sender may so offer its next value while its receiver has not fetched the one before.
+//! There is a hand-off slot for each side. The sender may so offer its next value while its
+//! receiver has not fetched the one before.
 //!
 //! ```text
 //!   FREE --an operation that may look, under the lock--> WAITING --partner, under the lock--> DONE --who waited--> FREE
@@ -17,8 +18,8 @@
 //! operation waits on a side, at a channel that is used for plain sends and receives only. Any
 //! other operation (a second one of a side, an alternative, the end) first lists the operation that
 //! waits on a slot, when it takes the lock
-//! ([`WaitPoint::lock_lists`](crate::wait_point::WaitPoint::lock_lists)); from there on all is as if
-//! there were no hand-off slots. The fast path does not look at them: the executor that owns the
+//! ([`WaitPoint::lock_lists`](crate::wait_point::WaitPoint::lock_lists)); from there on all is as
+//! if there were no hand-off slots. The fast path does not look at them: the executor that owns the
 //! bias is alone with the lock, and what waits on a hand-off slot is a poll of that thread which
 //! has not come back.
 
@@ -51,7 +52,8 @@ mod state {
 #[derive(Debug)]
 pub(crate) struct Nodes([Option<NonNull<WaitNode>>; 2]);
 
-// SAFETY: it owns no node; the lock that guards it guards the nodes too, so it may go where the lock goes.
+// SAFETY: it owns no node; the lock that guards it guards the nodes too, so it may go where the
+// lock goes.
 unsafe impl Send for Nodes {}
 
 impl Nodes {
@@ -75,12 +77,12 @@ impl Nodes {
 /// Room for a value: what is left of the line, for each side.
 type Room = MaybeUninit<u64>;
 
-/// Whether values of this type have room on a hand_off_slot. Others are exchanged in the nodes.
+/// Whether values of this type have room on a hand-off slot. Others are exchanged in the nodes.
 pub(crate) const fn has_room<T>() -> bool {
     size_of::<T>() <= size_of::<Room>() && align_of::<T>() <= align_of::<Room>()
 }
 
-/// A hand_off_slot for each side.
+/// A hand-off slot for each side.
 ///
 /// # Invariants
 ///
@@ -135,7 +137,7 @@ impl HandOffSlots {
         self.load(side) == state::FREE
     }
 
-    /// The calling operation waits from now on. Under the lock, on a hand_off_slot that is free.
+    /// The calling operation waits from now on. Under the lock, on a hand-off slot that is free.
     #[inline]
     pub(crate) fn occupy(&self, side: Side) {
         self.store(side, state::WAITING);

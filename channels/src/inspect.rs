@@ -117,7 +117,8 @@ pub struct PlaceView {
     pub waiting: Vec<Waiting>,
 }
 
-/// Immutable facts about a wait point.
+/// The identity of a wait point, fixed at its creation, and its links in the chain of all wait
+/// points.
 ///
 /// # Invariants
 ///
@@ -268,7 +269,8 @@ impl Identity {
     }
 }
 
-/// The ends of the list of all places that live. It lies in them: so making one allocates nothing but it.
+/// The ends of the list of all places that live. It lies in them: so making one allocates nothing
+/// but it.
 ///
 /// # Invariants
 ///
@@ -291,7 +293,8 @@ static PLACES: Mutex<Places> = Mutex::new(Places {
 impl Places {
     /// # Safety
     ///
-    /// The place is listed here, or is the caller's alone; the lock of all places is held while the pointer is used.
+    /// The place is listed here, or is the caller's alone; the lock of all places is held while the
+    /// pointer is used.
     unsafe fn links(place: NonNull<WaitPoint>) -> *mut Links {
         // SAFETY: the contract.
         unsafe { place.as_ref() }.identity.links.get()
@@ -372,7 +375,8 @@ impl Places {
 ///
 /// # Safety
 ///
-/// The place stays where it is, and lives until it is unregistered. `stored` can be called for it, by this pointer, under its lock.
+/// The place stays where it is, and lives until it is unregistered. `stored` can be called for it,
+/// by this pointer, under its lock.
 pub(crate) unsafe fn register(place: NonNull<WaitPoint>, stored: CountStored) {
     // A model makes and drops thousands of channels, and their locks belong to one run of it.
     if cfg!(loom) {
@@ -506,7 +510,8 @@ fn copy_waiting(lists: &mut WaitQueues, kind: Kind, into: &mut Vec<Waiting>) -> 
         (&lists.held, Role::Held),
     ];
     all.into_iter().all(|(list, role)| {
-        // SAFETY: all nodes of these lists are those of waiters, which begin alike whatever the type of their values is.
+        // SAFETY: all nodes of these lists are those of waiters, which begin alike whatever the
+        // type of their values is.
         let waits = |node: NonNull<WaitNode>| unsafe { is_waiting(node.cast()) };
         // A held sender waits, also if it is an alternative, which has chosen this guard.
         copy_list(list, role, |node| role == Role::Held || waits(node), into)
@@ -545,7 +550,8 @@ fn copy_list(
 ///
 /// # Safety
 ///
-/// The node is listed, and the lock is held that guards it. Of the waiter, only what comes before its value is looked at.
+/// The node is listed, and the lock is held that guards it. Of the waiter, only what comes before
+/// its value is looked at.
 unsafe fn is_waiting(waiter: NonNull<Waiter<()>>) -> bool {
     // SAFETY: the contract; a listed node's selection is live.
     unsafe { Waiter::selection(waiter).is_none_or(|(selection, _)| selection.as_ref().is_open()) }

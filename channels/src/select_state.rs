@@ -54,8 +54,9 @@ pub struct SelectState {
     /// Whether the wake handle is one of a plain turn on the executor that owns the bias of the
     /// commit lock.
     has_plain_wakeup: AtomicBool,
-    /// From when on the guards from `first_late` on cannot be claimed any more, as nanoseconds: a delay that comes before them has passed then,
-    /// and is what the owner chooses, though it may not have run yet.
+    /// From when on the guards from `first_late` on cannot be claimed any more, as nanoseconds: a
+    /// delay that comes before them has passed then, and is what the owner chooses, though it may
+    /// not have run yet.
     late_from: AtomicU64,
     first_late: AtomicU32,
     /// The clock of `limit`: a partner with another clock cannot compare.
@@ -133,12 +134,12 @@ impl SelectState {
         unsafe { self.open_plainly(process) };
     }
 
-    /// Makes claims need the gate, for good: for a selection that others may close.
+    /// Makes claims need the commit lock, for good: for a selection that others may close.
     pub(crate) fn set_gated(&mut self) {
         self.gated.store(true, Ordering::Relaxed);
     }
 
-    /// Enters the gate for one step. What it guards beside the state is its owner's affair.
+    /// Takes the commit lock for one step. What it guards beside the state is its owner's affair.
     #[inline]
     pub(crate) fn gate(&self) -> BiasedGuard<'_, ()> {
         self.gate.lock()
@@ -159,7 +160,7 @@ impl SelectState {
     ///
     /// # Safety
     ///
-    /// The owner calls this, the selection is closed, and the gate is held.
+    /// The owner calls this, the selection is closed, and the commit lock is held.
     pub(crate) unsafe fn open_gated(&self, wakeup: WakeHandle) {
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
         // SAFETY: in a closed select state it is the owner's; a thread that has closed it for the
@@ -198,7 +199,8 @@ impl SelectState {
         {
             return None;
         }
-        // SAFETY: the gate is held, and the state is `OPEN` and about to be left. The wakeup was made on this thread.
+        // SAFETY: the commit lock is held, and the state is `OPEN` and about to be left. The wake
+        // handle was made on this thread.
         let ready = self
             .wakeup
             .with_mut(|cell| unsafe { WakeHandle::take_plain(&mut *cell) })?;
@@ -267,26 +269,26 @@ impl SelectState {
         self.leave_open(CLOSED)
     }
 
-    /// Leaves `OPEN` for `state`, if that is the state: gives the wakeup, if one is there.
+    /// Leaves `OPEN` for `state`, if that is the state: gives the wake handle, if one is there.
     #[inline]
     fn leave_open(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.gated.load(Ordering::Relaxed) {
             let _gate = self.gate.lock();
-            // SAFETY: the gate is held.
+            // SAFETY: the commit lock is held.
             return unsafe { self.leave_open_gated(state) };
         }
         self.state
             .compare_exchange(OPEN, state, Ordering::AcqRel, Ordering::Relaxed)
             .ok()?;
-        // SAFETY: this thread's exchange left `OPEN`, so the wakeup is its own.
+        // SAFETY: this thread's exchange left `OPEN`, so the wake handle is its own.
         Some(self.wakeup.with_mut(|cell| unsafe { (*cell).take() }))
     }
 
-    /// As [`leave_open`](Self::leave_open), within the gate.
+    /// As [`leave_open`](Self::leave_open), under the commit lock.
     ///
     /// # Safety
     ///
-    /// The selection is gated, and the gate is held.
+    /// The selection is gated, and the commit lock is held.
     #[inline]
     unsafe fn leave_open_gated(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.state.load(Ordering::Acquire) != OPEN {
@@ -300,7 +302,7 @@ impl SelectState {
         Some(wakeup)
     }
 
-    /// The order in which several gates are entered: that of the addresses.
+    /// The order in which several commit locks are taken: that of the addresses.
     ///
     /// # Safety
     ///
@@ -325,7 +327,7 @@ impl SelectState {
         // SAFETY: the contract keeps it alive for as long as the guard is kept.
         let selection: &'static SelectState = unsafe { this.as_ref() };
         let gate = selection.gate.lock();
-        // SAFETY: the gate is this thread's.
+        // SAFETY: the commit lock is this thread's.
         selection
             .entered
             .with_mut(|cell| unsafe { *cell = Some(gate) });
@@ -342,7 +344,7 @@ impl SelectState {
         // SAFETY: the contract.
         let wakeup =
             guard.and_then(|guard| unsafe { self.leave_open_gated(guard.saturating_add(CHOSEN)) });
-        // SAFETY: the gate is this thread's.
+        // SAFETY: the commit lock is this thread's.
         let gate = self.entered.with_mut(|cell| unsafe { (*cell).take() });
         drop(gate);
         wakeup.flatten()

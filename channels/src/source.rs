@@ -1,5 +1,5 @@
-//! Where the value of a send comes from: out of the send itself, out of a slot to which it goes back if it is not sent, or from a closure that
-//! makes it when it is taken.
+//! Where the value of a send comes from: out of the send itself, out of a slot to which it goes
+//! back if it is not sent, or from a closure that makes it when it is taken.
 
 use crate::waiter::{Make, Waiter};
 use std::fmt;
@@ -24,7 +24,8 @@ impl<T, S> fmt::Debug for Offered<T, S> {
 ///
 /// # Safety
 ///
-/// With `MAKE`, nothing that it borrows is used by it: it runs on another thread, perhaps after the future that it lies in was leaked.
+/// With `MAKE`, nothing that it borrows is used by it: it runs on another thread, perhaps after the
+/// future that it lies in was leaked.
 pub unsafe trait Source<T>: Sized {
     /// What a failed send gives back.
     type Unsent;
@@ -90,9 +91,11 @@ impl<T> Offered<T, InNode> {
     }
 }
 
-/// The value lies in the node, and goes back to its slot if it is not sent: [`Sender::send_from`](crate::Sender::send_from).
+/// The value lies in the node, and goes back to its slot if it is not sent:
+/// [`Sender::send_from`](crate::Sender::send_from).
 ///
-/// Not in the slot: partners would then reach into what the send borrows, also after a send that is leaked has given it back.
+/// Not in the slot: partners would then reach into what the send borrows, also after a send that is
+/// leaked has given it back.
 pub struct FromSlot<'a, T> {
     slot: &'a mut Option<T>,
     was_full: bool,

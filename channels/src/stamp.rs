@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// When an end was last chosen by a fair alternative; 0 if it never was.
 ///
-/// Stamps are compared within one alternative, so they are counted by each thread for itself. Where an end has come from another thread,
-/// choosing makes up for it: the end chosen last always has the greatest stamp of its alternative.
+/// Stamps are compared within one alternative, so they are counted by each thread for itself. Where
+/// an end has come from another thread, choosing makes up for it: the end chosen last always has
+/// the greatest stamp of its alternative.
 #[derive(Debug, Default)]
 pub struct Stamp(AtomicU64);
 

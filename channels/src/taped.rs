@@ -46,10 +46,12 @@ pub(crate) struct Taped {
     stored: Option<Box<VecDeque<u64>>>,
 }
 
-/// What is asked of recorded processes' order. Apart from [`Taped`], where there is room between other fields.
+/// What is asked of recorded processes' order. Apart from [`Taped`], where there is room between
+/// other fields.
 #[derive(Debug, Default)]
 pub(crate) struct Order {
-    /// Whether the order in which they get through has to be recorded, since there are several on a side, or since a buffer overwrites.
+    /// Whether the order in which they get through has to be recorded, since there are several on a
+    /// side, or since a buffer overwrites.
     pub(crate) is_ordered: bool,
     /// Whether an operation that is not recorded took part meanwhile.
     has_outsider: bool,
@@ -63,7 +65,7 @@ impl Taped {
 }
 
 impl WaitQueues {
-    /// Notes that the current process, which has a tape, comes as a sender or as a receiver.
+    /// Notes that the current process, which has a replay log, comes as a sender or as a receiver.
     #[cold]
     pub(crate) fn note_taped(&mut self, is_sender: bool) {
         let is_first = !self.taped.is_used();
@@ -223,7 +225,7 @@ pub(crate) fn outside(construct: &'static str) {
     current::tape(|tape| tape.outside(construct));
 }
 
-/// The time: as it was recorded, in a process with a tape.
+/// The time: as it was recorded, in a process with a replay log.
 pub(crate) fn now() -> Instant {
     if current::is_taped() {
         return luna_core::replay_log::now();
@@ -257,7 +259,8 @@ pub(crate) fn call<R>(
                     tape.differs("an operation at once does not succeed");
                 }
                 Some(number) => tape.leave(Event::failed(number)),
-                // What it takes has a stamp of the lock that it was taken under, or else it has it by now.
+                // What it takes has a stamp of the lock that it was taken under, or else it has it
+                // by now.
                 None => tape.leave(Event::done(match tape.own_stamp() {
                     0 if takes => tape.stamp(true),
                     stamp => stamp,
@@ -284,7 +287,8 @@ pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
     }
 }
 
-/// Lets an operation in that has no other outcome than success, and others than these: gives how it failed, if that is given.
+/// Lets an operation in that has no other outcome than success, and others than these: gives how it
+/// failed, if that is given.
 pub(crate) fn enter(cx: &mut Context<'_>) -> Poll<Result<Turn, u64>> {
     let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
     entered.map(|turn| match turn {
@@ -340,7 +344,7 @@ impl<T> Channel<T> {
         self.lock().lists.order.is_ordered = true;
     }
 
-    /// Notes that the current process, which has a tape, comes as a sender or a receiver.
+    /// Notes that the current process, which has a replay log, comes as a sender or a receiver.
     #[cold]
     pub(crate) fn note_taped(&self, is_sender: bool) {
         let mut section = self.lock();

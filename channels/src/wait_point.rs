@@ -20,10 +20,11 @@ pub(crate) enum Ending {
     Poisoned,
 }
 
-/// What a place's lock guards. The nodes in the lists are guarded with it.
+/// What a wait point's lock guards. The nodes in the lists are guarded with it.
 ///
-/// What each rendezvous writes comes first, so that it lies on one cache line with the lock and the hand_off_slots: between two cores each line is a transfer of its own. What it
-/// only reads follows on the next, which is on both cores at the same time.
+/// What each rendezvous writes comes first, so that it lies on one cache line with the lock and the
+/// hand-off slots: between two cores each line is a transfer of its own. What it only reads follows
+/// on the next, which is on both cores at the same time.
 #[derive(Debug)]
 #[repr(C)]
 pub struct WaitQueues {
@@ -31,7 +32,8 @@ pub struct WaitQueues {
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
-    /// Whether it has ended, or a recorded process has come: what is done here then is looked at more closely. See [`find_whether_plain`](WaitQueues::find_whether_plain).
+    /// Whether it has ended, or a recorded process has come: what is done here then is looked at
+    /// more closely. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
     /// Whether it is a channel that is used for plain sends and receives only: see
     /// [`find_whether_plain`](WaitQueues::find_whether_plain).
@@ -109,7 +111,8 @@ impl WaitQueues {
 /// The node is live, and guarded by a lock that is held.
 #[inline(always)]
 pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
-    // SAFETY: the contract. One field is read: others look at other parts of the node's surroundings.
+    // SAFETY: the contract. One field is read: others look at other parts of the node's
+    // surroundings.
     match unsafe { node.as_ref() }.user() {
         User::Process(id) => id.get().into(),
         User::Outside => 0,
@@ -215,7 +218,8 @@ impl WaitPoint {
         events::waits_for(|| (self.identity.kind_in_events(), self.identity.number()));
     }
 
-    /// Notes that it does not, after all: it gives up, or is done in the turn in which it was to wait.
+    /// Notes that it does not, after all: it gives up, or is done in the turn in which it was to
+    /// wait.
     #[inline(always)]
     pub(crate) fn waits_no_more(&self) {
         if events::is_on() {
@@ -324,7 +328,8 @@ mod tests {
     use super::*;
     use std::mem::offset_of;
 
-    /// It is what a process is dear by: with five lists of two words, and all else side by side, it was half as much again.
+    /// It is what a process is dear by: with five lists of two words, and all else side by side, it
+    /// was half as much again.
     #[test]
     fn a_channel_takes_five_cache_lines_of_which_a_rendezvous_needs_two() {
         assert!(

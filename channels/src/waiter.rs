@@ -40,7 +40,7 @@ enum Begun {
     /// need not look any further. It has no alternative, and holds its value: its other fields were
     /// not written.
     Plainly,
-    /// Plainly, and its wakeup may be another one since.
+    /// Plainly, and its wake handle may be another one since.
     PlainlyAndChanged,
 }
 
@@ -90,8 +90,9 @@ impl Link {
 
 /// The node of a waiting operation, inside its future.
 ///
-/// Most operations never wait, so the link is written only when one begins to ([`begin`](Waiter::begin)): a node that is made and not listed is
-/// as small to write as its value.
+/// Most operations never wait, so the link is written only when one begins to
+/// ([`begin`](Waiter::begin)): a node that is made and not listed is as small to write as its
+/// value.
 ///
 /// # Invariants
 ///
@@ -143,7 +144,8 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn write_value(place: *mut Self, value: T) {
         // SAFETY: the contract.
         unsafe {
-            // A pointer right before the value: without it the compiler takes the two for one piece of memory, and moves what is not written with what is.
+            // A pointer right before the value: without it the compiler takes the two for one piece
+            // of memory, and moves what is not written with what is.
             (*Self::link(NonNull::new_unchecked(place)))
                 .selection
                 .write(None);
@@ -333,7 +335,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Settles a waiting operation as stale that holds no wakeup: an alternative's that was not claimed. The node is not to be touched after this.
+    /// Settles a waiting operation as stale that holds no wake handle: an alternative's that was
+    /// not claimed. The node is not to be touched after this.
     ///
     /// # Safety
     ///
@@ -348,7 +351,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// The link of a node. Not to be made a reference to as a whole: its parts have different owners.
+    /// The link of a node. Not to be made a reference to as a whole: its parts have different
+    /// owners.
     ///
     /// # Safety
     ///
@@ -358,11 +362,13 @@ impl<T> Waiter<T> {
         node.as_ptr().cast()
     }
 
-    /// The node's alternative, and which of its guards this is, if it is one's. The value is not looked at, of whatever type it is.
+    /// The node's alternative, and which of its guards this is, if it is one's. The value is not
+    /// looked at, of whatever type it is.
     ///
     /// # Safety
     ///
-    /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its future.
+    /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its
+    /// future.
     #[inline(always)]
     pub(crate) unsafe fn selection(
         node: NonNull<Waiter<T>>,
@@ -390,7 +396,8 @@ impl<T> Waiter<T> {
     /// The operation's outcome. Acquire: a thread that sees an outcome sees the value that came
     /// with it.
     ///
-    /// Takes a pointer, since without the lock there must be no reference to the parts of a listed node that others change.
+    /// Takes a pointer, since without the lock there must be no reference to the parts of a listed
+    /// node that others change.
     ///
     /// # Safety
     ///
@@ -535,7 +542,8 @@ impl<T> Waiter<T> {
     unsafe fn take_wakeup(node: NonNull<Waiter<T>>) -> PendingWake {
         // SAFETY: the contract.
         unsafe {
-            // loom does not watch the wakeup: to it, this is an access to the value beside it, which must be over when the outcome is set.
+            // loom does not watch the wake handle: to it, this is an access to the value beside it,
+            // which must be over when the outcome is set.
             #[cfg(loom)]
             (*node.as_ptr()).value.with_mut(|_| ());
             (*Self::link(node))
@@ -579,11 +587,12 @@ impl<T> Waiter<T> {
     }
 }
 
-/// Claims a node's selection, and gives the node the wakeup.
+/// Claims a node's selection, and gives the node the wake handle.
 ///
 /// # Safety
 ///
-/// `node` begins a listed waiter, whatever the type of its values, and the lock is held that guards it.
+/// `node` begins a listed waiter, whatever the type of its values, and the lock is held that guards
+/// it.
 #[cold]
 unsafe fn claim_selection(
     node: NonNull<WaitNode>,
@@ -607,7 +616,8 @@ mod tests {
     use super::*;
     use std::mem::offset_of;
 
-    /// A ring of many processes goes at the pace of its memory: what is added before the value is fetched at each hop.
+    /// A ring of many processes goes at the pace of its memory: what is added before the value is
+    /// fetched at each hop.
     #[test]
     fn what_a_plain_operation_touches_lies_together() {
         assert_eq!(offset_of!(Waiter<u64>, value), size_of::<Link>());

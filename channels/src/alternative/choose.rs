@@ -30,7 +30,8 @@ impl Locks<'_> {
         let mut locks = ArrayVec::new();
         for place in places {
             if locks.last().is_none_or(|&(last, _)| last != place) {
-                // SAFETY: a place outlives its guards, and these locks do not outlive the poll of the alternative that borrows them.
+                // SAFETY: a place outlives its guards, and these locks do not outlive the poll of
+                // the alternative that borrows them.
                 locks.push((place, unsafe { place.as_ref() }.lock_lists()));
             }
         }
@@ -53,7 +54,8 @@ fn order(place: NonNull<WaitPoint>) -> NonNull<WaitPoint> {
     place
 }
 
-/// In a model not by address, but by age: loom repeats a run to go on from the middle of it, and addresses differ from run to run.
+/// In a model not by address, but by age: loom repeats a run to go on from the middle of it, and
+/// addresses differ from run to run.
 #[cfg(loom)]
 fn order(place: NonNull<WaitPoint>) -> u64 {
     // SAFETY: a place outlives its guards.
@@ -71,7 +73,8 @@ pub(super) enum Choice {
     Listed,
 }
 
-/// Chooses the first ready guard by preference; with none, lists all of them in `selection` with the `wakeup`. Without one the alternative does not wait.
+/// Chooses the first ready guard by preference; with none, lists all of them in `selection` with
+/// the `wakeup`. Without one the alternative does not wait.
 ///
 /// # Safety
 ///
@@ -118,8 +121,9 @@ pub(super) unsafe fn choose(
     Choice::Listed
 }
 
-/// From when on which guards are too late, since a delay that is preferred to them has passed: the earliest delay counts. Without this, a partner
-/// that comes after the instant and before the owner has woken would find a guard that is not to be chosen any more.
+/// From when on which guards are too late, since a delay that is preferred to them has passed: the
+/// earliest delay counts. Without this, a partner that comes after the instant and before the owner
+/// has woken would find a guard that is not to be chosen any more.
 fn limit(open: &Open<'_>, fair: bool) -> Option<(Instant, u32)> {
     let delays = open
         .iter()

@@ -9,11 +9,12 @@ use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
-/// An operation that an alternative may offer: what `recv`, `recv_extended`, `send`, `send_from`, `send_with`, `after` and `at` return, and a barrier's
-/// `sync`.
+/// An operation that an alternative may offer: what `recv`, `recv_extended`, `send`, `send_from`,
+/// `send_with`, `after` and `at` return, and a barrier's `sync`.
 ///
-/// Sealed: a guard is decided under the locks of all that is offered, so that exactly one happens. Any other future as a guard would either
-/// lose what it had done when another was chosen, or have to be polled on.
+/// Sealed: a guard is decided under the locks of all that is offered, so that exactly one happens.
+/// Any other future as a guard would either lose what it had done when another was chosen, or have
+/// to be polled on.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a guard",
     label = "an alternative takes `recv()`, `send(..)`, `sync()` or `luna::after(..)`, not any future",
@@ -24,11 +25,13 @@ pub trait Guard: RawGuard {
     /// What the guard gives when it is chosen.
     type Output;
 
-    /// Whether a guard that was not chosen and is listed nowhere, or that has given its output, has anything to drop.
+    /// Whether a guard that was not chosen and is listed nowhere, or that has given its output, has
+    /// anything to drop.
     #[doc(hidden)]
     const DROPS: bool = true;
 
-    /// What the guard is made of: as small as can be, since it is moved until the alternative is polled.
+    /// What the guard is made of: as small as can be, since it is moved until the alternative is
+    /// polled.
     #[doc(hidden)]
     type Seed;
 
@@ -44,7 +47,8 @@ pub trait Guard: RawGuard {
     ///
     /// # Safety
     ///
-    /// The guard was chosen, [`poll_chosen`](RawGuard::poll_chosen) was ready, and this is called once.
+    /// The guard was chosen, [`poll_chosen`](RawGuard::poll_chosen) was ready, and this is called
+    /// once.
     #[doc(hidden)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output;
 }
@@ -135,7 +139,7 @@ pub trait RawGuard {
     /// Called when the lock of its place was released after `attempt` or `list`.
     fn released(&self) {}
 
-    /// The current process, which has a tape, is about to look at it.
+    /// The current process, which has a replay log, is about to look at it.
     fn note_taped(&self) {}
 
     /// The stamp of a chosen guard that was listed, of a process with a replay log; 0 if it has
@@ -144,7 +148,8 @@ pub trait RawGuard {
         0
     }
 
-    /// Whether the guard's time has come, for one that has no place; arranges for a wake at that time.
+    /// Whether the guard's time has come, for one that has no place; arranges for a wake at that
+    /// time.
     ///
     /// # Safety
     ///
@@ -166,7 +171,7 @@ pub trait RawGuard {
         Look::No
     }
 
-    /// Releases the place's lock.
+    /// Releases the wait point's lock.
     ///
     /// # Safety
     ///
@@ -186,7 +191,8 @@ pub trait RawGuard {
     ///
     /// # Safety
     ///
-    /// The look has kept the lock, and said that the guard is not ready. `process` has its plain turn. `selection` outlives the guard's being listed.
+    /// The look has kept the lock, and said that the guard is not ready. `process` has its plain
+    /// turn. `selection` outlives the guard's being listed.
     unsafe fn list_fast(
         self: Pin<&mut Self>,
         _process: &Process,
@@ -205,7 +211,8 @@ pub trait RawGuard {
         unsafe { self.withdraw() };
     }
 
-    /// Whether the guard, which was chosen, is over, so that [`output`](Guard::output) can be called at once.
+    /// Whether the guard, which was chosen, is over, so that [`output`](Guard::output) can be
+    /// called at once.
     fn is_over(&self) -> bool {
         false
     }

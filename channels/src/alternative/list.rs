@@ -8,7 +8,8 @@ use luna_core::current::{PlainPendingWake, Process};
 use std::pin::Pin;
 use std::ptr::NonNull;
 
-/// How many guards one `alt!` can have. More are for an [`Alternative`](crate::Alternative), which also costs less for many.
+/// How many guards one `alt!` can have. More are for an [`Alternative`](crate::Alternative), which
+/// also costs less for many.
 pub(super) const MOST_GUARDS: usize = 32;
 
 /// The guards with a true precondition, and their numbers in the order written.
@@ -86,8 +87,8 @@ impl<G: Guard, R: Seeds> Seeds for Cons<Seed<G>, R> {
 
     #[inline(always)]
     unsafe fn grow(self, place: *mut Self::Guards) {
-        // Each where it is to stay: a whole that is made and then moved is copied once for each of its parts.
-        // SAFETY: the contract.
+        // Each where it is to stay: a whole that is made and then moved is copied once for each of
+        // its parts. SAFETY: the contract.
         unsafe {
             (&raw mut (*place).0).write(self.0.map(|seed| G::from_seed(seed.0)));
             self.1.grow(&raw mut (*place).1);
@@ -106,11 +107,12 @@ pub trait Guards {
     /// Whether `skip` stands at the end.
     const SKIP: bool;
 
-    /// Adds the guards that can happen; the others go when this is called for the `first` time, before any is listed.
+    /// Adds the guards that can happen; the others go when this is called for the `first` time,
+    /// before any is listed.
     fn collect<'a>(self: Pin<&'a mut Self>, first: bool, number: u32, into: &mut Collected<'a>);
 
-    /// Looks at the guards that can happen, the first of which has this number; the others go. `false` if one of them cannot be had
-    /// that way.
+    /// Looks at the guards that can happen, the first of which has this number; the others go.
+    /// `false` if one of them cannot be had that way.
     ///
     /// # Safety
     ///
@@ -122,7 +124,8 @@ pub trait Guards {
     ///
     /// # Safety
     ///
-    /// The looks up to there have kept the locks, and said that the chosen guard is ready. `process` has its plain turn.
+    /// The looks up to there have kept the locks, and said that the chosen guard is ready.
+    /// `process` has its plain turn.
     unsafe fn leave_home(
         self: Pin<&mut Self>,
         number: u32,
@@ -136,7 +139,8 @@ pub trait Guards {
     ///
     /// # Safety
     ///
-    /// The looks have kept the locks, and said of none that it is ready. `process` has its plain turn. `selection` outlives the guards' being listed.
+    /// The looks have kept the locks, and said of none that it is ready. `process` has its plain
+    /// turn. `selection` outlives the guards' being listed.
     unsafe fn list_fast(
         self: Pin<&mut Self>,
         number: u32,
@@ -144,7 +148,8 @@ pub trait Guards {
         selection: NonNull<SelectState>,
     );
 
-    /// Takes the guards off their lists that were not chosen, and notes in `looks` what was; the first has this number.
+    /// Takes the guards off their lists that were not chosen, and notes in `looks` what was; the
+    /// first has this number.
     ///
     /// # Safety
     ///
@@ -196,7 +201,8 @@ impl Looks {
         }
     }
 
-    /// Notes a guard: whether it can happen, and when its end was last chosen. `true` if no other need be looked at.
+    /// Notes a guard: whether it can happen, and when its end was last chosen. `true` if no other
+    /// need be looked at.
     #[inline]
     fn note(&mut self, number: u32, is_ready: bool, end: Option<&Stamp>) -> bool {
         self.end = number + 1;

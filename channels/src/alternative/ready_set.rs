@@ -1,8 +1,9 @@
 //! Which channels of an `Alternative` are ready, in its order of preference.
 //!
-//! Each member has a *position*; the ready member at the lowest position is next. A fair set moves a member that was chosen behind all
-//! others, so positions grow; when they run out, all members are numbered anew. That takes O(n) steps once in at least n choices; everything
-//! else takes as many steps as there are levels of 64 positions: two for 4 096, three for 262 144.
+//! Each member has a *position*; the ready member at the lowest position is next. A fair set moves
+//! a member that was chosen behind all others, so positions grow; when they run out, all members
+//! are numbered anew. That takes O(n) steps once in at least n choices; everything else takes as
+//! many steps as there are levels of 64 positions: two for 4 096, three for 262 144.
 
 use arrayvec::ArrayVec;
 
@@ -158,7 +159,8 @@ impl ReadySet {
         Some(self.at[self.ready.first()? as usize] as usize)
     }
 
-    /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many calls.
+    /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many
+    /// calls.
     pub(super) fn put_behind(&mut self, member: usize) {
         let is_ready = self.ready.contains(self.position[member]);
         self.choose(member, is_ready);

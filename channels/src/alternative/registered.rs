@@ -88,11 +88,12 @@ enum State {
     Holds(usize),
     /// The error of this entry's channel was not handed on yet.
     Fails(usize, RecvError),
-    /// As `Closed`, and the process' tape has not let it in.
+    /// As `Closed`, and the process' replay log has not admitted it.
     Entering,
 }
 
-// SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection; values pass between threads anyway.
+// SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection;
+// values pass between threads anyway.
 unsafe impl<T: Send> Send for Alternative<'_, T> {}
 // SAFETY: `&Alternative` gives access to nothing.
 unsafe impl<T: Send> Sync for Alternative<'_, T> {}
@@ -318,7 +319,8 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: the entry is this alternative's.
             && unsafe { (*entry.as_ptr()).ended }.is_none()
         {
-            // SAFETY: the entry is this alternative's and stays where it is until it is unregistered; its channel is borrowed.
+            // SAFETY: the entry is this alternative's and stays where it is until it is
+            // unregistered; its channel is borrowed.
             let channel = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
             if current::is_taped() {
                 channel.note_alternative();
@@ -339,7 +341,7 @@ impl<'a, T> Alternative<'a, T> {
             return false;
         }
         let gate = hub.selection.gate();
-        // SAFETY: the gate is held.
+        // SAFETY: the commit lock is held.
         let taken = unsafe { hub.take_stack() };
         drop(gate);
         self.note_ready(taken);
@@ -453,7 +455,8 @@ impl<'a, T> Alternative<'a, T> {
     /// It was, and this is the owner.
     unsafe fn settled(entry: NonNull<Entry<T>>) -> Result<T, RecvError> {
         let node = entry.cast::<Waiter<T>>();
-        // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed node are looked at.
+        // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed
+        // node are looked at.
         unsafe {
             if Waiter::outcome(node) == Outcome::Waiting {
                 // The claiming thread holds the channel's lock until it has settled.
@@ -481,11 +484,12 @@ impl<T> Drop for Alternative<'_, T> {
         if closed.is_some() {
             self.state = State::Closed;
         }
-        // Given back when nothing leads here any more, since that readies others.
+        // Given back when nothing leads here any more, since that wakes others.
         let held = self.holds().and_then(|index| self.entries[index]);
         let held = held.map(|entry| {
             self.state = State::Closed;
-            // SAFETY: the selection was chosen through the entry, and this is the owner. Its channel is borrowed.
+            // SAFETY: the selection was chosen through the entry, and this is the owner. Its
+            // channel is borrowed.
             unsafe {
                 let channel: &Channel<T> = &*(*entry.as_ptr()).channel.as_ptr();
                 (channel, Self::settled(entry))

@@ -24,7 +24,7 @@ type Identity = (*const (), *const RawWakerVTable);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     New,
-    /// As `New`, and the process' tape has not let it in.
+    /// As `New`, and the process' replay log has not admitted it.
     Entering,
     /// The guards are listed, and the selection was opened.
     Listed,
@@ -41,8 +41,9 @@ enum State {
 ///
 /// # Invariants
 ///
-/// `seeds` is there until the first poll, and `guards` from then on; then it is pinned. In `Listed`, and until their drop afterwards, guards may be listed and
-/// lead to `selection`, which is dropped after them.
+/// `seeds` is there until the first poll, and `guards` from then on; then it is pinned. In
+/// `Listed`, and until their drop afterwards, guards may be listed and lead to `selection`, which
+/// is dropped after them.
 #[must_use = "an alternative does nothing unless awaited"]
 pub struct Select<S: Seeds> {
     seeds: Option<S>,
@@ -55,7 +56,8 @@ pub struct Select<S: Seeds> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is only compared.
+// SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is
+// only compared.
 unsafe impl<S: Seeds<Guards: Send> + Send> Send for Select<S> {}
 // SAFETY: `&Select` gives access to nothing.
 unsafe impl<S: Seeds<Guards: Sync> + Sync> Sync for Select<S> {}
@@ -381,7 +383,8 @@ impl Polled<'_> {
     fn first_look(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<Option<u32>> {
         // Made before the locks are taken; dropped last, if a guard is chosen.
         let mut wakeup = skip.is_none().then(|| WakeHandle::of(cx));
-        // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and outlives its guards.
+        // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and
+        // outlives its guards.
         let choice = unsafe { choose(&mut self.open, self.selection, self.fair, &mut wakeup, cx) };
         match (choice, skip) {
             (Choice::Made(number, ready), _) => {
@@ -489,7 +492,8 @@ impl Polled<'_> {
             && (self.open.is_empty() || self.open.iter().any(|(_, guard)| guard.place().is_some()))
     }
 
-    /// A sibling in a parallel construct has failed: the first guard that can fail does, as poisoned. None is listed.
+    /// A sibling in a parallel construct has failed: the first guard that can fail does, as
+    /// poisoned. None is listed.
     fn fail(&mut self) -> Option<u32> {
         let number = self.open.iter_mut().find_map(|(number, guard)| {
             // SAFETY: this is the guard's alternative, and none of its guards is listed.

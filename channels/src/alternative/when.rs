@@ -35,9 +35,11 @@ pub trait Due {
     fn serve(&mut self, now: Instant) -> Self::Output;
 }
 
-/// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an alternative.
+/// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an
+/// alternative.
 ///
-/// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was not chosen stays due.
+/// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was
+/// not chosen stays due.
 ///
 /// # Panics
 ///
@@ -48,7 +50,7 @@ pub struct When<D> {
     sleep: Sleep,
     /// Whether `sleep` is to be set before it is used again.
     is_set: bool,
-    /// The process' tape has let it in, and it is due.
+    /// The process' replay log has admitted it, and it is due.
     is_served: bool,
 }
 
@@ -87,7 +89,8 @@ impl<D: Due> When<D> {
                 sleep.as_mut().reset(due_at);
                 this.is_set = true;
             }
-            // A sleep that ends before what has been put off ends sooner than it should: then on with the new time.
+            // A sleep that ends before what has been put off ends sooner than it should: then on
+            // with the new time.
             if sleep.poll(cx).is_pending() {
                 return Poll::Pending;
             }
@@ -122,7 +125,7 @@ impl<D: Due> Future for When<D> {
 }
 
 impl<D: Due> When<D> {
-    /// Polls in a process with a tape: a replayed one does not wait for the time.
+    /// Polls in a process with a replay log: a replayed one does not wait for the time.
     #[cold]
     fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
         if !self.is_served {

@@ -24,8 +24,8 @@ use std::task::{Context, Poll};
 
 /// A group of processes of one executor that is one party of a barrier: see [`Barrier::local`].
 ///
-/// Among themselves the members use no atomics. The group belongs to the thread that syncs first; its handles may be cloned and sent before
-/// that.
+/// Among themselves the members use no atomics. The group belongs to the thread that syncs first;
+/// its handles may be cloned and sent before that.
 #[derive(Clone)]
 pub struct LocalBarrier {
     group: Shared<Group>,
@@ -88,7 +88,8 @@ impl LocalBarrier {
     ///
     /// # Panics
     ///
-    /// When first polled on another thread than that of the group, or where no process of LUNA runs.
+    /// When first polled on another thread than that of the group, or where no process of LUNA
+    /// runs.
     pub fn sync(&self) -> LocalSync<'_> {
         LocalSync {
             group: &self.group,
@@ -125,8 +126,9 @@ impl Group {
     /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, when the
     /// group is complete. Runs no user code.
     fn come(&self, wakeup: WakeHandle) -> After<'_> {
-        // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the group's own allocation and is dropped after
-        // it; it is not moved while it is there, and is taken out as soon as its round is complete.
+        // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the
+        // group's own allocation and is dropped after it; it is not moved while it is there, and is
+        // taken out as soon as its round is complete.
         let came = unsafe {
             let global = &mut *self.global.get();
             let sync = global.get_or_insert_with(|| {
@@ -146,11 +148,11 @@ impl Group {
         }
     }
 
-    /// Completes the round: all that wait are to be readied. Called on the group's thread. Runs no
+    /// Completes the round: all that wait are to be woken. Called on the group's thread. Runs no
     /// user code.
     fn complete(&self) {
-        // SAFETY: this is the group's thread. The operation is over, so that it has no wakeup any
-        // more that its drop could drop.
+        // SAFETY: this is the group's thread. The operation is over, so that it has no wake handle
+        // any more that its drop could drop.
         unsafe {
             *self.global.get() = None;
             let state = self.state();
@@ -191,8 +193,8 @@ impl Group {
         if is_complete {
             self.complete();
         } else {
-            // SAFETY: this is the group's thread. What was taken back has no wakeup any more that
-            // its drop could drop.
+            // SAFETY: this is the group's thread. What was taken back has no wake handle any more
+            // that its drop could drop.
             unsafe { *self.global.get() = None };
         }
         After {
@@ -222,7 +224,7 @@ struct After<'a> {
 }
 
 impl After<'_> {
-    /// Also if a waker panics, all are readied.
+    /// Also if a waker panics, all are woken.
     fn carry_out(self) {
         let members = self.is_complete.then(|| Rest(self.group));
         if self.completes {
@@ -233,7 +235,7 @@ impl After<'_> {
     }
 }
 
-/// The members that are still to be readied: when this is dropped, they are, also after a waker has
+/// The members that are still to be woken: when this is dropped, they are, also after a waker has
 /// panicked.
 struct Rest<'a>(&'a Group);
 
@@ -406,7 +408,7 @@ impl Future for LocalSync<'_> {
             this.group.barrier.shared().place.waits();
             return Poll::Pending;
         }
-        // It may be on its way to being readied.
+        // It may be on its way to being woken.
         this.phase = Phase::Over;
         this.leave().1.carry_out();
         if completes && crate::gives_way(cx) {

@@ -43,7 +43,8 @@ struct Round {
     parties: usize,
     /// How many have come, and wait in the list of senders.
     arrived: usize,
-    /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their selections.
+    /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their
+    /// selections.
     offering: usize,
     /// Number of completed rounds. A party that waits with another number may go, and is in the
     /// list `held`.
@@ -128,7 +129,8 @@ impl Barrier {
         unsafe { self.shared.as_ref() }
     }
 
-    /// Comes to the barrier, and waits until all parties have come. As a guard, comes only if all others have come.
+    /// Comes to the barrier, and waits until all parties have come. As a guard, comes only if all
+    /// others have come.
     ///
     /// In a branch of a parallel construct, after a sibling has failed, it does not wait: the
     /// branch ends there as poisoned. Cancel-safe: dropped while it waits, the party has not come;
@@ -141,7 +143,8 @@ impl Barrier {
         SyncOp::new(self)
     }
 
-    /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round, that round waits for it too.
+    /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round,
+    /// that round waits for it too.
     pub fn enroll(&self) -> Party {
         self.shared().enroll();
         Party::new(self.clone())
@@ -160,7 +163,8 @@ impl Barrier {
         unsafe { self.shared().round(&lists, |round| round.parties) }
     }
 
-    /// A second level: a group of `parties` processes of one executor that is one party of this barrier. Allocates.
+    /// A second level: a group of `parties` processes of one executor that is one party of this
+    /// barrier. Allocates.
     ///
     /// ```
     /// use luna_channels::Barrier;
@@ -250,7 +254,8 @@ impl Shared {
     /// `lists` are those of this barrier.
     #[inline]
     unsafe fn round<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut Round) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
+        // gets no lists.
         self.round.with_mut(|round| f(unsafe { &mut *round }))
     }
 
@@ -349,7 +354,7 @@ impl Shared {
                 } else {
                     selection.as_ref().leave(None);
                     lists.receivers.remove(node);
-                    // An alternative's node holds no wakeup until it is chosen.
+                    // An alternative's node holds no wake handle until it is chosen.
                     Waiter::settle_stale(waiter);
                 }
             }

@@ -273,7 +273,8 @@ impl Future for SyncOp<'_> {
         let mut renewal = Renewal::of(cx);
         renewal.put(|renewal| {
             let mut lists = shared.place.lock();
-            // SAFETY: the lists are the barrier's; the node is in none of them, the future is pinned, and its drop takes it off.
+            // SAFETY: the lists are the barrier's; the node is in none of them, the future is
+            // pinned, and its drop takes it off.
             unsafe {
                 if shared.complete_with(&mut lists, 1) {
                     this.phase = Phase::Completed;
@@ -357,7 +358,8 @@ impl RawGuard for SyncOp<'_> {
                     break;
                 };
                 if of_other == selection {
-                    // The barrier stands in another guard of this alternative already, and one is enough.
+                    // The barrier stands in another guard of this alternative already, and one is
+                    // enough.
                     return;
                 }
                 if SelectState::order(of_other) > SelectState::order(selection) {

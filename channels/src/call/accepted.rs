@@ -8,8 +8,8 @@ use luna_core::current::Inheritor;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
-/// A call that was accepted: the request, and the duty to reply. Dropped without a reply, its client's call fails as
-/// [`Unanswered`](crate::CallError::Unanswered).
+/// A call that was accepted: the request, and the duty to reply. Dropped without a reply, its
+/// client's call fails as [`Unanswered`](crate::CallError::Unanswered).
 ///
 /// It may be kept, and be moved to another process or thread to be answered there; the process that
 /// accepted it inherits the client's priority until then. A forgotten call holds its client until
@@ -47,8 +47,9 @@ impl<'a, Q, A> Call<'a, Q, A> {
         Call { request, reply }
     }
 
-    /// Lets the client go on with `answer`; the priority that was inherited from it is given back then, and the request is dropped last. Real-time
-    /// path: as for dropping it. A reply is no scheduling point: the client runs at the next await, if it shares the executor.
+    /// Lets the client go on with `answer`; the priority that was inherited from it is given back
+    /// then, and the request is dropped last. Real-time path: as for dropping it. A reply is no
+    /// scheduling point: the client runs at the next await, if it shares the executor.
     ///
     /// # Errors
     ///

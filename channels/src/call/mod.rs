@@ -37,11 +37,12 @@ pub(crate) enum Message<Q, A> {
     NoAnswer,
 }
 
-/// Makes a channel for calls: a request and its reply are one operation of the [`Client`]. Allocates the channel; not for the real-time
-/// path.
+/// Makes a channel for calls: a request and its reply are one operation of the [`Client`].
+/// Allocates the channel; not for the real-time path.
 ///
-/// While a client waits for a server that has accepted here before, and from when its request is taken to the reply, the server *inherits* the
-/// client's priority, if that is higher than its own: what is between them does not delay the client (see [`Server`]).
+/// While a client waits for a server that has accepted here before, and from when its request is
+/// taken to the reply, the server *inherits* the client's priority, if that is higher than its own:
+/// what is between them does not delay the client (see [`Server`]).
 ///
 /// ```
 /// # use futures_lite::future::{block_on, zip};

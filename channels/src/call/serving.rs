@@ -66,7 +66,8 @@ impl Mode for Serving {
 /// `receiver` was listed in this channel, and was claimed under the lock that is still held.
 #[inline]
 pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
-    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that inherits is noted with an inheritor.
+    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that
+    // inherits is noted with an inheritor.
     unsafe {
         if (*Waiter::link(receiver)).inherits {
             let noted = receiver.cast::<Noted<T, Option<Inheritor>>>().as_ptr();
@@ -99,7 +100,8 @@ impl<T> Channel<T> {
             }
         };
         debug_assert!(section.lists.ending != Ending::Poisoned);
-        // SAFETY: the sender was found, and the receiver is claimed here; a held sender holds no value, nor does a receiver before it is done.
+        // SAFETY: the sender was found, and the receiver is claimed here; a held sender holds no
+        // value, nor does a receiver before it is done.
         unsafe {
             if let Some(receiver) = section.claim_receiver(true) {
                 receiver.as_ref().put_value(value);

@@ -24,8 +24,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are this channel's, and plain but for one
-    /// registered alternative.
+    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
+    /// this channel's, and plain but for one registered alternative.
     pub(super) unsafe fn send_to_registered<S: Source<T>, const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, WaitQueues>,
@@ -44,7 +44,8 @@ impl<T> Channel<T> {
         let claimed = unsafe { Entry::claim_or_announce(entry, process.home_number()) };
         match claimed {
             None => FastPath::No,
-            // SAFETY: the contract; the entry was just claimed, and holds no value before it is done.
+            // SAFETY: the contract; the entry was just claimed, and holds no value before it is
+            // done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
                 if RECORDED {
@@ -66,7 +67,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are this channel's, and plain.
+    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
+    /// this channel's, and plain.
     #[inline(never)]
     pub(super) unsafe fn send_to_guard<S: Source<T>, const RECORDED: bool>(
         &self,
@@ -76,7 +78,8 @@ impl<T> Channel<T> {
     ) -> FastPath {
         while let Some(first) = lists.receivers.first() {
             let receiver = first.cast::<Waiter<T>>();
-            // SAFETY: the node is listed, and guarded by the lock; its selection is live. A receiver holds no value before it is done.
+            // SAFETY: the node is listed, and guarded by the lock; its selection is live. A
+            // receiver holds no value before it is done.
             unsafe {
                 let Some((selection, guard)) = Waiter::selection(receiver) else {
                     return FastPath::No;
@@ -118,7 +121,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_fast`](Self::recv_fast), where `process` has its plain turn. The lists are this channel's, and plain, and nothing is stored.
+    /// As for [`recv_fast`](Self::recv_fast), where `process` has its plain turn. The lists are
+    /// this channel's, and plain, and nothing is stored.
     #[inline(never)]
     pub(super) unsafe fn recv_from_guard<const RECORDED: bool>(
         &self,
@@ -238,7 +242,8 @@ impl<T> Channel<T> {
         still: impl FnOnce() -> bool,
         note: impl FnOnce(bool),
     ) -> Option<(T, PlainPendingWake)> {
-        // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a sender's holds its value.
+        // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a
+        // sender's holds its value.
         unsafe {
             let mut lists = self.place.lock_if_favoured(process.home_number())?;
             if !lists.is_plain_but_registered || lists.is_storing || !still() {
@@ -263,7 +268,8 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         process: &Process,
     ) -> Option<PlainPendingWake> {
-        // SAFETY: the contract; under the lock a listed node is one of this channel's, and a sender's holds its value.
+        // SAFETY: the contract; under the lock a listed node is one of this channel's, and a
+        // sender's holds its value.
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.senders.first()?;
@@ -411,10 +417,10 @@ unsafe fn wait_as_sender<T, S: Source<T>>(
 ///
 /// # Safety
 ///
-/// The wakeup was made on this thread, where this is the plain turn of `process`.
+/// The wake handle was made on this thread, where this is the plain turn of `process`.
 #[inline(always)]
 unsafe fn go_on(ready: PlainPendingWake, process: &Process) -> FastPath {
-    // SAFETY: by the contract the wakeup was made here, and `process` is the current one, in a
+    // SAFETY: by the contract the wake handle was made here, and `process` is the current one, in a
     // plain turn.
     unsafe {
         ready.wake();

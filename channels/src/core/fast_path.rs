@@ -32,7 +32,7 @@ pub(crate) enum FastPath {
     No,
     /// The node is listed.
     Waits,
-    /// It is done, and the partner readied.
+    /// It is done, and the partner woken.
     Done,
     /// It is done, and the process is ready again: it lets others run first.
     GaveWay,
@@ -140,7 +140,8 @@ impl<T> Channel<T> {
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
     ) -> FastPath {
-        // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible while the lock is held.
+        // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible
+        // while the lock is held.
         unsafe {
             match come_to_send::<RECORDED>(&self.place, offered.cast(), cx) {
                 Found::Partner(receiver) => {
@@ -155,7 +156,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// As [`send_fast`](Self::send_fast), for a process that is recorded. What it waits for is noted.
+    /// As [`send_fast`](Self::send_fast), for a process that is recorded. What it waits for is
+    /// noted.
     ///
     /// # Safety
     ///
@@ -189,7 +191,7 @@ impl<T> Channel<T> {
     ) -> FastPath {
         if found != Found::More {
             return match !RECORDED && events::is_on() {
-                // SAFETY: the contract: nothing has changed.
+                // SAFETY: the contract: no state has changed.
                 true => unsafe { self.send_recorded(offered, cx) },
                 false => FastPath::No,
             };
@@ -262,7 +264,8 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         cx: &Context<'_>,
     ) -> FastPath {
-        // SAFETY: the contract. A sender that is found holds its value, and its node is accessible while the lock is held.
+        // SAFETY: the contract. A sender that is found holds its value, and its node is accessible
+        // while the lock is held.
         unsafe {
             match come_to_receive::<RECORDED>(&self.place, node.cast(), cx) {
                 Found::Partner(sender) => {
@@ -277,7 +280,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// As [`recv_fast`](Self::recv_fast), for a process that is recorded. What it waits for is noted.
+    /// As [`recv_fast`](Self::recv_fast), for a process that is recorded. What it waits for is
+    /// noted.
     ///
     /// # Safety
     ///
@@ -306,7 +310,7 @@ impl<T> Channel<T> {
     ) -> FastPath {
         if found != Found::More {
             return match !RECORDED && events::is_on() {
-                // SAFETY: the contract: nothing has changed.
+                // SAFETY: the contract: no state has changed.
                 true => unsafe { self.recv_recorded(node, cx) },
                 false => FastPath::No,
             };
@@ -330,7 +334,8 @@ impl<T> Channel<T> {
     /// [buffer](Found::Buffer).
     #[inline(never)]
     unsafe fn recv_stored<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> FastPath {
-        // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the store too.
+        // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the
+        // store too.
         unsafe {
             let process = current::this_process();
             let mut lists = self.place.kept(process.home_number());

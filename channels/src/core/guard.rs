@@ -76,7 +76,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
         let lists = &mut *self.lists;
         self.channel.store.with_mut(|store| {
-            // SAFETY: the lock is held for as long as this section is, and the section is borrowed exclusively.
+            // SAFETY: the lock is held for as long as this section is, and the section is borrowed
+            // exclusively.
             let store = unsafe { &mut *store };
             let done = f(store);
             lists.is_storing = !store.is_empty();
@@ -84,7 +85,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         })
     }
 
-    /// Whether a receive would not have to wait. A sender that has chosen otherwise may still count.
+    /// Whether a receive would not have to wait. A sender that has chosen otherwise may still
+    /// count.
     pub(crate) fn is_ready(&mut self) -> bool {
         self.lists.ending != Ending::Open || !self.lists.senders.is_empty() || self.lists.is_storing
     }
@@ -112,7 +114,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Claims the first alternative that is registered here, waits, and is accepted for its priority. Its node stays listed.
+    /// Claims the first alternative that is registered here, waits, and is accepted for its
+    /// priority. Its node stays listed.
     #[cold]
     fn claim_registered(
         &mut self,
@@ -166,7 +169,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         unsafe { claim_first::<T>(&mut self.lists.receivers, accepts) }
     }
 
-    /// Takes a sender's value that waits, and its node out of the list: settled, or held for rendezvous `ticket`.
+    /// Takes a sender's value that waits, and its node out of the list: settled, or held for
+    /// rendezvous `ticket`.
     #[inline]
     fn take_waiting_sender<const TAPED: bool>(
         &mut self,
@@ -194,7 +198,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 return Some(Received::Done(value, ready, Holding::NOBODY));
             }
             let ticket = self.next_ticket();
-            // It waits on, and its wakeup with it.
+            // It waits on, and its wake handle with it.
             self.lists.held.insert_again(sender.cast());
             Self::hold(sender, ticket);
             let holding = Holding {
@@ -254,7 +258,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         unsafe { self.send_inline(offered, cx) }
     }
 
-    /// As [`send_now`](Self::send_now), inlined wherever it is called: for a call that does little else.
+    /// As [`send_now`](Self::send_now), inlined wherever it is called: for a call that does little
+    /// else.
     ///
     /// # Safety
     ///
@@ -318,7 +323,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             return unsafe { self.send_or_be_held(offered, cx) };
         }
         if let Some(receiver) = self.claim_receiver(may_hold) {
-            // SAFETY: the contract; the receiver was just claimed, and holds no value before it is done.
+            // SAFETY: the contract; the receiver was just claimed, and holds no value before it is
+            // done.
             return unsafe {
                 match Offered::take(offered) {
                     Some(value) => {
@@ -383,7 +389,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         let Some(receiver) = self.claim_receiver(true) else {
             return Sent::Full;
         };
-        // SAFETY: the contract; the receiver was just claimed, and holds no value before it is done.
+        // SAFETY: the contract; the receiver was just claimed, and holds no value before it is
+        // done.
         unsafe {
             let Some(value) = Offered::take(offered) else {
                 return Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned));
@@ -406,7 +413,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             let wakeup = WakeHandle::without_waker(cx);
             self.lists.held.insert(node.cast(), priority, wakeup);
             Self::hold(node, ticket);
-            // Before it is readied.
+            // Before it is woken.
             boost_to_receiver(receiver, priority);
             Sent::Held(Waiter::settle(receiver, Outcome::Done))
         }
@@ -418,7 +425,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         self.recv_inline(extended)
     }
 
-    /// As [`recv_now`](Self::recv_now), inlined wherever it is called: for a call that does little else.
+    /// As [`recv_now`](Self::recv_now), inlined wherever it is called: for a call that does little
+    /// else.
     #[inline(always)]
     pub(crate) fn recv_inline(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
@@ -440,7 +448,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         self.recv_as::<true>(extended)
     }
 
-    /// Receives from a channel that is not poisoned, where recorded processes come, or which is closed, or neither.
+    /// Receives from a channel that is not poisoned, where recorded processes come, or which is
+    /// closed, or neither.
     #[inline(always)]
     fn recv_as<const TAPED: bool>(&mut self, extended: bool) -> Received<T> {
         let capacity = self.channel.capacity();
@@ -468,7 +477,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                     self.with_store(|store| store.push_back(next));
                     ready
                 }
-                // What was received is received; the next one finds the sender gone and the channel as it is.
+                // What was received is received; the next one finds the sender gone and the channel
+                // as it is.
                 Some(Received::Broken(ready)) => ready,
                 _ => PendingWake::NOBODY,
             };
@@ -482,7 +492,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// In a replay: takes out what the buffer had overwritten when the recorded receive with this stamp came.
+    /// In a replay: takes out what the buffer had overwritten when the recorded receive with this
+    /// stamp came.
     #[cold]
     pub(crate) fn take_overwritten(&mut self, stamp: u64) -> Vec<T> {
         let buffer = self.channel.buffer();
@@ -501,7 +512,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `node` is a sender's that was begun, holds or can make its value, is not listed, and stays where it is until it is settled or withdrawn.
+    /// `node` is a sender's that was begun, holds or can make its value, is not listed, and stays
+    /// where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn list_sender(
         &mut self,
@@ -564,7 +576,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `node` is a receiver's that was begun, holds no value, is not listed, and stays where it is until it is settled or withdrawn.
+    /// `node` is a receiver's that was begun, holds no value, is not listed, and stays where it is
+    /// until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn list_receiver(
         &mut self,
@@ -593,7 +606,8 @@ impl<T> Locked<'_, T> {
     }
 }
 
-/// Takes the first node out that is accepted and can still be claimed, and settles the stale ones before it.
+/// Takes the first node out that is accepted and can still be claimed, and settles the stale ones
+/// before it.
 ///
 /// # Safety
 ///
@@ -606,7 +620,8 @@ unsafe fn claim_first<T>(
     let node = list.first()?;
     // SAFETY: the contract.
     unsafe {
-        // The one that is there most often: a plain operation, which is accepted, and needs no claim.
+        // The one that is there most often: a plain operation, which is accepted, and needs no
+        // claim.
         let waiter = node.cast::<Waiter<T>>();
         if Waiter::selection(waiter).is_none() && accepts(node) {
             list.remove(node);
@@ -638,7 +653,7 @@ unsafe fn claim_first_of_many<T>(
             if is_claimed {
                 return Some(waiter);
             }
-            // One that is stale holds no wakeup.
+            // One that is stale holds no wake handle.
             Waiter::settle_stale(waiter);
         }
     }

@@ -16,7 +16,7 @@ use std::task::Context;
 pub(crate) enum HandOff<'a, T, R> {
     /// It is done. There is no process to wake.
     Done(R),
-    /// It waits on its hand_off_slot, and is to [look](Channel::look_from_spot).
+    /// It waits on its hand-off slot, and is to [look](Channel::look_from_spot).
     Waits,
     /// Nothing has happened. The lock is held, and no operation waits on a hand-off slot.
     No(Locked<'a, T>),
@@ -46,8 +46,9 @@ impl<T> Channel<T> {
         let hand_off_slots = &self.place.hand_off_slots;
         let node = offered.cast::<Waiter<T>>();
         let mut lists = self.place.lock();
-        // SAFETY: the contract: the value lies in the node, unless it is made. On a hand_off_slot a receiver's node holds no value, and its future looks at the hand_off_slot alone. The
-        // lock is held.
+        // SAFETY: the contract: the value lies in the node, unless it is made. On a hand-off slot a
+        // receiver's node holds no value, and its future looks at the hand-off slot alone. The lock
+        // is held.
         unsafe {
             if S::MAKE.is_none() && lists.may_meet_on_spots() {
                 if hand_off_slots.is_waiting(Side::Receiver)
@@ -95,7 +96,7 @@ impl<T> Channel<T> {
     pub(crate) unsafe fn recv_on_spots(&self, node: NonNull<Waiter<T>>) -> HandOff<'_, T, T> {
         let hand_off_slots = &self.place.hand_off_slots;
         let mut lists = self.place.lock();
-        // SAFETY: as above; a sender's node holds its value, and with room the hand_off_slot does.
+        // SAFETY: as above; a sender's node holds its value, and with room the hand-off slot does.
         unsafe {
             // What came back from a receive that was dropped comes first.
             if lists.may_meet_on_spots() && !lists.is_storing {
@@ -133,7 +134,7 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// The operation waits on the hand_off_slot of this side, with this node, and this is its poll.
+    /// The operation waits on the hand-off slot of this side, with this node, and this is its poll.
     #[inline]
     pub(crate) unsafe fn look_from_spot(
         &self,

@@ -1,4 +1,5 @@
-//! How two processes of one executor meet: the part of [`fast_path`](super::fast_path) that does not depend on what is communicated.
+//! How two processes of one executor meet: the part of [`fast_path`](super::fast_path) that does
+//! not depend on what is communicated.
 //!
 //! The channels of all types share one copy of it. A system has processes of many kinds, and its
 //! channels many types: with a copy for each, the code of a cycle exceeds the first-level cache,
@@ -80,7 +81,8 @@ pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     let Some((process, mut lists)) = enter::<RECORDED>(place, cx) else {
         return Found::No;
     };
-    // SAFETY: under the lock a listed node may be looked at. How a node is listed does not depend on its value.
+    // SAFETY: under the lock a listed node may be looked at. How a node is listed does not depend
+    // on its value.
     unsafe {
         if lists.is_plain {
             if let Some(first) = lists.receivers.first() {

@@ -1,4 +1,5 @@
-//! The channel itself: what both ends share, and the steps of the protocol that happen under its lock.
+//! The channel itself: what both ends share, and the steps of the protocol that happen under its
+//! lock.
 //!
 //! The operation that arrives second does the work: it takes the partner off the waiting list,
 //! moves the value, settles the partner's outcome, releases the lock, and wakes the partner, in
@@ -45,7 +46,8 @@ use std::collections::VecDeque;
 use std::mem::offset_of;
 use std::ptr::NonNull;
 use std::task::Context;
-/// How many received values can come back from dropped futures before room for more must be made: see [`Channel::give_back`].
+/// How many received values can come back from dropped futures before room for more must be made:
+/// see [`Channel::give_back`].
 const SPARE: usize = 2;
 
 /// What both kinds of ends share.
@@ -60,14 +62,16 @@ pub(crate) struct Channel<T> {
     retired: Retired,
     senders: AtomicU32,
     receivers: AtomicU32,
-    /// Short of four bytes for its size. More values than it can count have no room in memory, unless they take none.
+    /// Short of four bytes for its size. More values than it can count have no room in memory,
+    /// unless they take none.
     capacity: u32,
     when_full: WhenFull,
     /// 2 kinds of ends, 1, then the channel goes.
     kinds: AtomicU8,
-    /// Whether alternatives that are registered here are yet to be readied. Changed under the lock.
+    /// Whether alternatives that are registered here are yet to be woken. Changed under the lock.
     rings: AtomicBool,
-    /// Buffered values, and before them those that came back from futures dropped after their receive.
+    /// Buffered values, and before them those that came back from futures dropped after their
+    /// receive.
     store: UnsafeCell<VecDeque<T>>,
 }
 
@@ -96,8 +100,8 @@ impl<T> Channel<T> {
             )),
         });
         let channel = NonNull::from(Box::leak(channel));
-        // SAFETY: the channel is live, and leaves the register in `free`. The function is its own. The pointer is made of that to the whole, so
-        // that it leads back to it.
+        // SAFETY: the channel is live, and leaves the register in `free`. The function is its own.
+        // The pointer is made of that to the whole, so that it leads back to it.
         unsafe {
             crate::inspect::register(channel.cast(), Self::stored);
         }
@@ -117,7 +121,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `place` is that of a live channel of values of this type, by a pointer to the whole, and its lock is held.
+    /// `place` is that of a live channel of values of this type, by a pointer to the whole, and its
+    /// lock is held.
     unsafe fn stored(place: NonNull<WaitPoint>) -> Stored {
         // SAFETY: the contract; the place is the channel's first field.
         let channel = unsafe { place.cast::<Channel<T>>().as_ref() };
@@ -224,7 +229,8 @@ impl<T> Channel<T> {
         unsafe { self.renew_wakeup(None, node, &mut renewal) }
     }
 
-    /// As [`update_wakeup`](Self::update_wakeup); a `section` that was taken already is used, and released.
+    /// As [`update_wakeup`](Self::update_wakeup); a `section` that was taken already is used, and
+    /// released.
     ///
     /// # Safety
     ///
@@ -266,8 +272,8 @@ impl<T> Channel<T> {
             return outcome();
         }
         let mut renewal = Renewal::made(cx);
-        // Under the lock: a partner comes before it, and has settled the node, or finds the wakeup.
-        // SAFETY: the contract.
+        // Under the lock: a partner comes before it, and has settled the node, or finds the wake
+        // handle. SAFETY: the contract.
         unsafe { self.renew_wakeup(None, node, &mut renewal) }
     }
 
@@ -316,7 +322,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// The entry is for this channel, is listed nowhere, and stays where it is until [`unregister`](Self::unregister).
+    /// The entry is for this channel, is listed nowhere, and stays where it is until
+    /// [`unregister`](Self::unregister).
     pub(crate) unsafe fn register(&self, entry: NonNull<Entry<T>>) -> bool {
         let mut section = self.lock();
         // SAFETY: the contract; the wait node is the first field.
@@ -470,7 +477,8 @@ impl<T> Channel<T> {
             let lists = &mut *section.lists;
             let ready = if let Some(node) = lists.senders.pop().or_else(|| lists.receivers.pop()) {
                 let node = node.cast::<Waiter<T>>();
-                // SAFETY: the node was listed, and the lock is held. A sender keeps its value, a receiver has none.
+                // SAFETY: the node was listed, and the lock is held. A sender keeps its value, a
+                // receiver has none.
                 unsafe {
                     let is_claimed = Waiter::claim(node);
                     Waiter::settle(node, if is_claimed { outcome } else { Outcome::Stale })
@@ -553,7 +561,8 @@ impl<T> Channel<T> {
     }
 
     unsafe fn drop_kind(channel: NonNull<Self>) {
-        // SAFETY: the last one to get here is the last user; what it frees may be freed on any thread, since the values are `Send`.
+        // SAFETY: the last one to get here is the last user; what it frees may be freed on any
+        // thread, since the values are `Send`.
         unsafe {
             if channel.as_ref().kinds.fetch_sub(1, Ordering::AcqRel) == 1 {
                 reclaim::retire(NonNull::new_unchecked(&raw mut (*channel.as_ptr()).retired));

@@ -26,7 +26,7 @@ enum Phase {
     GaveWay,
     /// The node is in the semaphore's list, or was settled.
     Listed,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
     /// It has its permits. By its process' replay log it must not continue yet.
     Keeps,
@@ -193,7 +193,7 @@ impl AcquireOp<'_> {
         polled.map(Ok)
     }
 
-    /// As [`poll_untaped`](Self::poll_untaped), as its process' tape says.
+    /// As [`poll_untaped`](Self::poll_untaped), as its process' replay log says.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), AcquireError>> {
         if self.phase != Phase::Keeps {
@@ -303,7 +303,7 @@ impl<'a> Future for AcquireTimeout<'a> {
     }
 }
 
-/// As a process' tape says: see that of a lock.
+/// As a process' replay log says: see that of a lock.
 #[cold]
 fn poll_taped<'a>(
     mut acquire: Pin<&mut AcquireOp<'a>>,

@@ -32,7 +32,8 @@ pub(super) fn follow(changed: Option<Changed>) {
         let Some((inheritor, above)) = way.last_mut() else {
             return;
         };
-        // Also one that has a wait listed: it may have been handed what it waited for and be queued, or another branch of it may be.
+        // Also one that has a wait listed: it may have been handed what it waited for and be
+        // queued, or another branch of it may be.
         if *above == 0 && is_more {
             inheritor.move_up();
         }

@@ -110,7 +110,8 @@ impl Condition {
     ///
     /// # Errors
     ///
-    /// As for [`Mutex::lock`](super::Mutex::lock). With [`LockError::Poisoned`] it does not hold the mutex.
+    /// As for [`Mutex::lock`](super::Mutex::lock). With [`LockError::Poisoned`] it does not hold
+    /// the mutex.
     pub fn wait<'a, T>(&self, guard: MutexGuard<'a, T>) -> WaitOp<'_, 'a, T> {
         WaitOp::new(self, guard, false)
     }
@@ -189,7 +190,8 @@ impl Condition {
         luna_core::park::block_on(WaitOp::new(self, guard, true))
     }
 
-    /// As [`blocking_wait`](Self::blocking_wait), for at most `timeout`: see [`wait_timeout`](Self::wait_timeout).
+    /// As [`blocking_wait`](Self::blocking_wait), for at most `timeout`: see
+    /// [`wait_timeout`](Self::wait_timeout).
     ///
     /// # Errors
     ///
@@ -315,8 +317,9 @@ impl Condition {
 ///
 /// `node` was just taken off a condition's list, and this thread holds the list's lock.
 unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<(Admitted, CoreRef)> {
-    // SAFETY: the contract: its future cannot go without the condition's lock before it is settled, and keeps its mutex. After that it may, so that the
-    // reference keeps the mutex while its lock is held here.
+    // SAFETY: the contract: its future cannot go without the condition's lock before it is settled,
+    // and keeps its mutex. After that it may, so that the reference keeps the mutex while its lock
+    // is held here.
     unsafe {
         let entry = Entry::of(node);
         Entry::set_cause(entry, cause);

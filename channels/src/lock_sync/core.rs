@@ -42,7 +42,7 @@ pub(super) struct Core {
     has_died: AtomicBool,
 }
 
-// SAFETY: the state is guarded by the place's lock.
+// SAFETY: the state is guarded by the wait point's lock.
 unsafe impl Sync for Core {}
 // SAFETY: as above; what it holds may go to other threads.
 unsafe impl Send for Core {}
@@ -129,7 +129,8 @@ impl Core {
     }
 
     fn state<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut State) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
+        // gets no lists.
         self.state.with_mut(|state| f(unsafe { &mut *state }))
     }
 
@@ -174,8 +175,8 @@ impl Core {
     ///
     /// # Safety
     ///
-    /// `entry` is the caller's, pinned and not begun. If it is pending, it is taken back by [`withdraw`](Self::withdraw) or has become `Done` before it
-    /// goes, and then ended.
+    /// `entry` is the caller's, pinned and not begun. If it is pending, it is taken back by
+    /// [`withdraw`](Self::withdraw) or has become `Done` before it goes, and then ended.
     pub(super) unsafe fn take_or_list(
         &self,
         entry: NonNull<Entry>,
@@ -193,7 +194,8 @@ impl Core {
             let Some(wakeup) = renewal.take() else {
                 return Poll::Pending;
             };
-            // SAFETY: the contract. Listed with its process before the priority is read, and in the list of this place's lock.
+            // SAFETY: the contract. Listed with its process before the priority is read, and in the
+            // list of this wait point's lock.
             changed = unsafe {
                 Entry::begin(entry, NonNull::from(self), inheritor.take());
                 let node = Entry::node(entry);
@@ -288,7 +290,8 @@ impl Core {
         next.carry_out();
     }
 
-    /// Makes `entry`, which was just taken off its list, the holder. It is not to be touched after this.
+    /// Makes `entry`, which was just taken off its list, the holder. It is not to be touched after
+    /// this.
     ///
     /// # Safety
     ///
@@ -313,7 +316,8 @@ impl Core {
     ///
     /// # Safety
     ///
-    /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's lock.
+    /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's
+    /// lock.
     pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
         let mut lists = self.place.lock();
         // SAFETY: the contract.

@@ -42,7 +42,8 @@ pub(super) struct Entry {
     /// Inherits when the entry holds the mutex.
     inheritor: Option<Inheritor>,
     cause: Cause,
-    /// Which mutex it is to lock, from its begin to its end. It keeps that one's memory, also if its future is leaked: the chain may still find it.
+    /// Which mutex it is to lock, from its begin to its end. It keeps that one's memory, also if
+    /// its future is leaked: the chain may still find it.
     core: Option<CoreRef>,
     is_listed: bool,
     listed: MaybeUninit<Listed>,
@@ -73,7 +74,8 @@ impl Entry {
         entry.cast()
     }
 
-    /// Prepares the node for being listed by its own process, and lists it with that process as one that waits for `core`. O(1).
+    /// Prepares the node for being listed by its own process, and lists it with that process as one
+    /// that waits for `core`. O(1).
     ///
     /// # Safety
     ///
@@ -124,7 +126,8 @@ impl Entry {
         }
     }
 
-    /// What `node`, which is listed with a process, waits for: the entry, to be compared only, and its mutex, which is live.
+    /// What `node`, which is listed with a process, waits for: the entry, to be compared only, and
+    /// its mutex, which is live.
     ///
     /// # Safety
     ///

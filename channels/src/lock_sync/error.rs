@@ -13,7 +13,8 @@ const TIMEOUT: &str = "the time ran out";
 pub enum LockError<'a, T> {
     /// The former holder died while it held the mutex. The error holds the mutex.
     OwnerDied(OwnerDied<'a, T>),
-    /// A sibling of this branch of a parallel construct has failed, so that its operations fail as poisoned. It does not hold the mutex.
+    /// A sibling of this branch of a parallel construct has failed, so that its operations fail as
+    /// poisoned. It does not hold the mutex.
     Poisoned,
 }
 
@@ -35,7 +36,8 @@ pub enum LockTimeoutError<'a, T> {
     Poisoned,
 }
 
-/// Why [`acquire`](super::Semaphore::acquire) failed: a sibling of this branch of a parallel construct has failed, so that its operations fail as poisoned.
+/// Why [`acquire`](super::Semaphore::acquire) failed: a sibling of this branch of a parallel
+/// construct has failed, so that its operations fail as poisoned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AcquireError;
 

@@ -20,7 +20,8 @@ fn is_dying() -> bool {
 /// itself drops (the loser of a race, say) unlocks as by scope: the process that dropped it lives,
 /// and can be asked.
 ///
-/// Real-time path: yes; O(1), and a system call if the next holder's thread sleeps, and if a thread's OS priority is set back. Unlocking is no scheduling point: a more urgent process that
+/// Real-time path: yes; O(1), and a system call if the next holder's thread sleeps, and if a
+/// thread's OS priority is set back. Unlocking is no scheduling point: a more urgent process that
 /// waited on the same executor runs at the next await.
 ///
 /// ```
@@ -35,7 +36,8 @@ fn is_dying() -> bool {
 #[must_use = "the mutex is unlocked when this is dropped"]
 pub struct MutexGuard<'a, T> {
     mutex: &'a Mutex<T>,
-    /// It was locked by something that was dying already: by a destructor, say. That is then no reason to mark the mutex.
+    /// It was locked by something that was dying already: by a destructor, say. That is then no
+    /// reason to mark the mutex.
     was_dying: bool,
 }
 

@@ -25,7 +25,7 @@ enum Phase {
     GaveWay,
     /// The entry is in the mutex's list, or was settled.
     Listed,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
     /// It holds the mutex, and has no entry. By its process' replay log it must not continue yet.
     Keeps,
@@ -47,7 +47,8 @@ pub struct LockOp<'a, T> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: a listed entry is guarded by the mutex's lock wherever the future is; it leads to the value as `&mut T` does.
+// SAFETY: a listed entry is guarded by the mutex's lock wherever the future is; it leads to the
+// value as `&mut T` does.
 unsafe impl<T: Send> Send for LockOp<'_, T> {}
 // SAFETY: `&LockOp` gives access to nothing.
 unsafe impl<T: Send> Sync for LockOp<'_, T> {}
@@ -87,7 +88,8 @@ impl<'a, T> LockOp<'a, T> {
             inheritor.priority_before_blocking();
         }
         let mut renewal = Renewal::of(cx);
-        // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and ended when it goes.
+        // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and
+        // ended when it goes.
         let polled = unsafe {
             let core = self.mutex.core();
             core.take_or_list(self.entry(), inheritor, &mut renewal)
@@ -170,7 +172,7 @@ impl<'a, T> LockOp<'a, T> {
         polled.map(Ok)
     }
 
-    /// As [`poll_untaped`](Self::poll_untaped), as its process' tape says.
+    /// As [`poll_untaped`](Self::poll_untaped), as its process' replay log says.
     #[cold]
     #[inline(never)]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {

@@ -48,7 +48,8 @@ struct Shared<T> {
 /// boosted while it is ready is moved up in its executor's queue. A branch of `pri_par!` that holds
 /// a mutex runs as far below its process as it ever does.
 ///
-/// **Robust.** If its holder panics or is cancelled in the middle, the next one learns of it: [`OwnerDied`].
+/// **Robust.** If its holder panics or is cancelled in the middle, the next one learns of it:
+/// [`OwnerDied`].
 ///
 /// A process that locks a mutex which it holds already waits for ever. It is not refused: another
 /// of its branches, or a process that it sent the guard to, may be the one to unlock. The deadlock
@@ -71,7 +72,8 @@ pub struct Mutex<T> {
     _owns: PhantomData<Shared<T>>,
 }
 
-// SAFETY: handles share a value that one at a time accesses, on whichever thread; all else is guarded by a lock, or atomic.
+// SAFETY: handles share a value that one at a time accesses, on whichever thread; all else is
+// guarded by a lock, or atomic.
 unsafe impl<T: Send> Send for Mutex<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send> Sync for Mutex<T> {}
@@ -166,7 +168,8 @@ impl<T> Mutex<T> {
         unsafe { self.held() }.map_err(TryLockError::OwnerDied)
     }
 
-    /// Like [`lock`](Self::lock), for at most `timeout`. Exact: it times out only if it has not locked.
+    /// Like [`lock`](Self::lock), for at most `timeout`. Exact: it times out only if it has not
+    /// locked.
     ///
     /// # Panics
     ///
@@ -191,8 +194,9 @@ impl<T> Mutex<T> {
         LockTimeout::new(self, deadline)
     }
 
-    /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes. A plain thread waits at its own OS priority, which takes two
-    /// system calls to learn; its first call allocates what is known of the thread.
+    /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes.
+    /// A plain thread waits at its own OS priority, which takes two system calls to learn; its
+    /// first call allocates what is known of the thread.
     ///
     /// # Errors
     ///

@@ -105,8 +105,8 @@ impl Semaphore {
         self.acquire_many(1)
     }
 
-    /// Takes `count` permits at once, waiting until there are so many for the caller. If there never are, it waits for ever, and so do those behind it. See
-    /// [`acquire`](Self::acquire).
+    /// Takes `count` permits at once, waiting until there are so many for the caller. If there
+    /// never are, it waits for ever, and so do those behind it. See [`acquire`](Self::acquire).
     ///
     /// ```
     /// # use luna_channels::lock_sync::Semaphore;
@@ -152,7 +152,8 @@ impl Semaphore {
         has_taken.then(|| unsafe { Permit::new(self, count) })
     }
 
-    /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has taken none.
+    /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has
+    /// taken none.
     ///
     /// # Panics
     ///
@@ -174,7 +175,8 @@ impl Semaphore {
         AcquireTimeout::new(self, deadline)
     }
 
-    /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread processes. A plain thread waits at its own OS priority, as with
+    /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread
+    /// processes. A plain thread waits at its own OS priority, as with
     /// [`Mutex::blocking_lock`](super::Mutex::blocking_lock).
     ///
     /// # Errors
@@ -263,7 +265,8 @@ impl Semaphore {
 
 impl Shared {
     fn permits<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut u64) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
+        // gets no lists.
         self.permits.with_mut(|permits| f(unsafe { &mut *permits }))
     }
 
@@ -328,7 +331,8 @@ impl Shared {
             return false;
         };
         let waiter = node.cast::<Waiter<()>>();
-        // SAFETY: a listed node is a live waiter, and the lock is held; it is settled as it leaves the list.
+        // SAFETY: a listed node is a live waiter, and the lock is held; it is settled as it leaves
+        // the list.
         let ready = unsafe {
             let wanted = u64::from((*Waiter::link(waiter)).ticket);
             let left = self.permits(&lists, |permits| permits.checked_sub(wanted));

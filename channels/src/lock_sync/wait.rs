@@ -55,7 +55,8 @@ pub struct WaitOp<'c, 'a, T> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: a listed entry is guarded by locks wherever the future is; it leads to the value as `&mut T` does.
+// SAFETY: a listed entry is guarded by locks wherever the future is; it leads to the value as
+// `&mut T` does.
 unsafe impl<T: Send> Send for WaitOp<'_, '_, T> {}
 // SAFETY: `&WaitOp` gives access to nothing.
 unsafe impl<T: Send> Sync for WaitOp<'_, '_, T> {}
@@ -87,7 +88,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let wakeup = WakeHandle::of(cx);
         let entry = self.entry();
         self.condition.note_user(current::user());
-        // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and keeps the mutex by its handle.
+        // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and
+        // keeps the mutex by its handle.
         unsafe {
             Entry::begin(entry, self.mutex.core_pointer(), inheritor);
             let mut lists = self.condition.shared().place.lock();
@@ -111,7 +113,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let mut renewal = Renewal::of(cx);
         let waits_here = renewal.put(|renewal| {
             let _lists = self.condition.shared().place.lock();
-            // SAFETY: the lock is held; without a cause the entry is in one of the condition's lists, else it was moved to the mutex.
+            // SAFETY: the lock is held; without a cause the entry is in one of the condition's
+            // lists, else it was moved to the mutex.
             unsafe {
                 let waits_here = Entry::cause(entry) == Cause::None;
                 if waits_here {
@@ -185,7 +188,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         self.phase = Phase::Over;
     }
 
-    /// Gives up, wherever it is. A notification that was for it alone is passed on; a mutex that it was handed is too.
+    /// Gives up, wherever it is. A notification that was for it alone is passed on; a mutex that it
+    /// was handed is too.
     fn cancel(&mut self) {
         let entry = self.entry();
         self.condition.shared().place.waits_no_more();

@@ -247,7 +247,8 @@ fn pri_alt_takes_what_was_there_first() {
         let thread = thread::spawn(move || {
             let mut first = Box::pin(to_one.send(tokens.0));
             let mut second = Box::pin(to_two.send(tokens.1));
-            // Taken at once, maybe: it is listed before its waker is cloned, and looks again with that.
+            // Taken at once, maybe: it is listed before its waker is cloned, and looks again with
+            // that.
             let _ = poll(&mut first);
             let second = poll(&mut second).is_ready();
             assert!(!second, "nobody takes it");

@@ -1,4 +1,5 @@
-//! Calls: whatever happens at once, the client gets the answer or an error, the server learns which, and every value ends once.
+//! Calls: whatever happens at once, the client gets the answer or an error, the server learns
+//! which, and every value ends once.
 
 use super::{Drops, Token, check, check_within, poll};
 use crate::{CallError, Client, Server, alt, call_channel, channel};

@@ -29,7 +29,7 @@ struct Task {
     bell: Arc<Bell>,
 }
 
-/// What wakes the executor's thread from another one: which of its two processes are to be readied.
+/// What wakes the executor's thread from another one: which of its two processes are to be woken.
 struct Bell {
     rung: loom::sync::Mutex<[bool; 2]>,
     changed: loom::sync::Condvar,
@@ -129,7 +129,7 @@ impl Executor {
         while !tasks.iter().all(is_over) {
             // SAFETY: each process that is taken out is given its turn at once.
             while let Some(owner) = unsafe { current::next_ready() } {
-                // SAFETY: it was readied by its owner, which is live until its end.
+                // SAFETY: it was woken by its owner, which is live until its end.
                 unsafe { Self::give_turn(owner.cast().as_ref()) };
             }
             if tasks.iter().all(is_over) {

@@ -1,7 +1,8 @@
 //! Operations that look for each other, and meet on the hand-off slots; and operations that come
 //! for something else meanwhile, and list them.
 //!
-//! An operation looks once here, so each model has both: what a look sees, and what comes when it sees nothing.
+//! An operation looks once here, so each model has both: what a look sees, and what comes when it
+//! sees nothing.
 
 use super::{Drops, check, check_within, poll, recv_id, waiting_recv};
 use crate::{Receiver, RecvError, Sender, alt, channel};
@@ -16,7 +17,7 @@ fn looking<R>(operations: impl FnOnce() -> R) -> R {
     operations()
 }
 
-/// A value that has no room on a hand_off_slot, and is exchanged in the nodes.
+/// A value that has no room on a hand-off slot, and is exchanged in the nodes.
 #[derive(Debug, PartialEq, Eq)]
 struct Large([u64; 3]);
 

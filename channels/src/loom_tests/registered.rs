@@ -1,4 +1,5 @@
-//! `Alternative`, which stays registered: what becomes ready while it looks, starts to wait, or goes is not missed and not lost.
+//! `Alternative`, which stays registered: what becomes ready while it looks, starts to wait, or
+//! goes is not missed and not lost.
 
 use super::{Drops, check, check_within, poll, recv_id};
 use crate::{Alternative, Buffer, RecvError, buffered, channel};

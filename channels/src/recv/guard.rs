@@ -67,7 +67,8 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: the lists are this channel's; the node is new, and is withdrawn before it goes.
+        // SAFETY: the contract: the lists are this channel's; the node is new, and is withdrawn
+        // before it goes.
         unsafe {
             let node = this.begin(Some((selection, guard)));
             let mut section = this.receiver.channel().section(lists);
@@ -102,7 +103,8 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: a new receive's node holds no value, and is known to its future alone.
+        // SAFETY: the contract: a new receive's node holds no value, and is known to its future
+        // alone.
         let ready = unsafe { this.receiver.channel().take_sender(this.node(), process) };
         this.phase = Phase::Settled(Outcome::Done);
         ready

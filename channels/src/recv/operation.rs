@@ -24,13 +24,14 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet.
     New,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
     /// The node is in the list, or has been settled.
     Listed,
-    /// As `Listed`, and its process has a tape.
+    /// As `Listed`, and its process has a replay log.
     Taped,
-    /// Settled without having been listed: in an alternative; or failed, while the process lets others run.
+    /// Settled without having been listed: in an alternative; or failed, while the process lets
+    /// others run.
     Settled(Outcome),
     /// Received; the node holds the value while the process lets others run.
     GaveWay,
@@ -42,7 +43,8 @@ pub(super) enum Phase {
 ///
 /// # Invariants
 ///
-/// The waiter holds a value in `GaveWay`, and in `Listed` and `Settled` if the outcome is `Done`. In `Listed` it was begun, and is pinned.
+/// The waiter holds a value in `GaveWay`, and in `Listed` and `Settled` if the outcome is `Done`.
+/// In `Listed` it was begun, and is pinned.
 ///
 /// What a plain receive touches lies together at its begin: the node ends with what is seldom used.
 #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
@@ -57,7 +59,8 @@ pub struct RecvOp<'a, T, M: Mode = Plain> {
     pub(super) _mode: PhantomData<M>,
 }
 
-// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value passes between threads anyway.
+// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value passes
+// between threads anyway.
 unsafe impl<T: Send, M: Mode> Send for RecvOp<'_, T, M> {}
 // SAFETY: `&RecvOp` gives access to nothing.
 unsafe impl<T: Send, M: Mode> Sync for RecvOp<'_, T, M> {}
@@ -98,7 +101,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         &mut self.noted.get_mut().note
     }
 
-    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    /// Takes one that waits, or is held, off its list: see
+    /// [`Channel::withdraw`](crate::core::Channel::withdraw).
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     fn take_back(&self) -> (Outcome, Option<WakeHandle>) {
         debug_assert!(self.is_listed());
@@ -406,7 +410,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
                 HandOff::Waits => {
                     this.phase = Phase::Listed;
-                    // SAFETY: the node waits on the hand_off_slot.
+                    // SAFETY: the node waits on the hand-off slot.
                     let outcome = unsafe {
                         let channel = this.receiver.channel();
                         channel.look_from_spot(this.node(), Side::Receiver, cx)
@@ -424,7 +428,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         match section.recv_now(M::HOLDS) {
             Received::Done(value, ready, holding) => {
                 if M::INHERITS {
-                    // Under the lock and in this order: a server that is between the two would not be as urgent as its client.
+                    // Under the lock and in this order: a server that is between the two would not
+                    // be as urgent as its client.
                     M::holds(this.note(), holding.priority);
                     section.boost_while_they_wait();
                 }

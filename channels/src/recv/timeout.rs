@@ -11,7 +11,8 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// A receive under way that gives up when `S` has ended, which is a deadline or anything else: see [`Receiver::recv_timeout`](crate::Receiver::recv_timeout) and
+/// A receive under way that gives up when `S` has ended, which is a deadline or anything else: see
+/// [`Receiver::recv_timeout`](crate::Receiver::recv_timeout) and
 /// [`Receiver::recv_unless`](crate::Receiver::recv_unless).
 #[derive(Debug)]
 #[must_use = "an operation does nothing unless awaited"]
@@ -38,7 +39,8 @@ impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
         }
-        // One that has communicated, or failed, lets others run, and is over then, whatever the time is.
+        // One that has communicated, or failed, lets others run, and is over then, whatever the
+        // time is.
         if recv.lets_others_run() {
             return Poll::Pending;
         }

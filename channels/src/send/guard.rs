@@ -74,7 +74,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: the lists are this channel's; the node is new, holds or can make its value, and is withdrawn before it goes.
+        // SAFETY: the contract: the lists are this channel's; the node is new, holds or can make
+        // its value, and is withdrawn before it goes.
         unsafe {
             let node = this.begin(Some((selection, guard)));
             let mut section = this.sender.channel().section(lists);
@@ -109,7 +110,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: a new send's node holds its value, since none is made, and is known to its future alone.
+        // SAFETY: the contract: a new send's node holds its value, since none is made, and is known
+        // to its future alone.
         let ready = unsafe { this.sender.channel().take_receiver(this.node(), process) };
         this.phase = Phase::Settled(Outcome::Done);
         ready

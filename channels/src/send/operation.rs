@@ -25,15 +25,17 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet; the node holds the value.
     New,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
     /// The node is in the list, or has been settled.
     Listed,
-    /// As `Listed`, and its process has a tape.
+    /// As `Listed`, and its process has a replay log.
     Taped,
-    /// Settled without having been listed: in an alternative; or failed, while the process lets others run.
+    /// Settled without having been listed: in an alternative; or failed, while the process lets
+    /// others run.
     Settled(Outcome),
-    /// Settled as done in an alternative, and the node holds the value that a full buffer dropped for it.
+    /// Settled as done in an alternative, and the node holds the value that a full buffer dropped
+    /// for it.
     Overwrote,
     /// Sent; the process lets others run before it continues.
     GaveWay,
@@ -45,9 +47,9 @@ pub(super) enum Phase {
 ///
 /// # Invariants
 ///
-/// The waiter holds the value, or can make it, in `New`, and in `Listed` and `Settled` unless the outcome is `Done`, `Held` or `Broken`; the answer if
-/// it is `Answered`. In `Listed` it
-/// was begun, and is pinned.
+/// The waiter holds the value, or can make it, in `New`, and in `Listed` and `Settled` unless the
+/// outcome is `Done`, `Held` or `Broken`; the answer if it is `Answered`. In `Listed` it was begun,
+/// and is pinned.
 ///
 /// What a plain send touches lies together at its begin: the node ends with what is seldom used.
 #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
@@ -59,13 +61,15 @@ pub struct SendOp<'a, T, S: Source<T> = InNode> {
     pub(super) _pinned: PhantomPinned,
 }
 
-// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value, and what makes it, pass between threads anyway.
+// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value, and
+// what makes it, pass between threads anyway.
 unsafe impl<T: Send, S: Source<T> + Send> Send for SendOp<'_, T, S> {}
 // SAFETY: `&SendOp` gives access to nothing.
 unsafe impl<T: Send, S: Source<T> + Send> Sync for SendOp<'_, T, S> {}
 
 impl<'a, T> SendOp<'a, T> {
-    /// A send of `value`, which is written where it is to lie: to make the node first and move it would be to copy also what is not written before it is listed.
+    /// A send of `value`, which is written where it is to lie: to make the node first and move it
+    /// would be to copy also what is not written before it is listed.
     #[inline(always)]
     pub(super) fn of_value(sender: &'a Sender<T>, value: T) -> Self {
         let mut send = MaybeUninit::<Self>::uninit();
@@ -112,7 +116,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         self.offered.get_mut()
     }
 
-    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    /// Takes one that waits, or is held, off its list: see
+    /// [`Channel::withdraw`](crate::core::Channel::withdraw).
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     fn take_back(&self) -> (Outcome, Option<WakeHandle>) {
         debug_assert!(self.is_listed());
@@ -446,7 +451,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 HandOff::Done(()) => return this.sent(cx),
                 HandOff::Waits => {
                     this.phase = Phase::Listed;
-                    // SAFETY: the node waits on the hand_off_slot.
+                    // SAFETY: the node waits on the hand-off slot.
                     let outcome = unsafe {
                         let channel = this.sender.channel();
                         channel.look_from_spot(this.node(), Side::Sender, cx)
@@ -474,7 +479,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                     false => WakeHandle::without_waker(cx),
                 };
                 let has_wakeup = wakeup.is_some();
-                // SAFETY: the node still holds or can make its value; the future is pinned, and its drop withdraws the node.
+                // SAFETY: the node still holds or can make its value; the future is pinned, and its
+                // drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
                     section.list_sender(node, current::priority(), wakeup);
@@ -525,7 +531,8 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
             // SAFETY: a new send's node holds or can make its value, and no other thread knows it.
             // The future is pinned, and its drop withdraws it.
             let fast_path = unsafe { channel.send_fast(this.place_of_offer(), cx) };
-            // The two usual ways alone: with more the compiler jumps by a table, which a processor that has done something else meanwhile cannot foresee.
+            // The two usual ways alone: with more the compiler jumps by a table, which a processor
+            // that has done something else meanwhile cannot foresee.
             if fast_path == FastPath::Done {
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));

@@ -18,8 +18,8 @@ use std::time::Duration;
 /// The sending end of a channel. Any number of clones, on any threads, may send at the same time.
 ///
 /// Dropping the last one closes the channel: what was sent is still received, then receivers get
-/// [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time path; dropping is O(1), and O(waiting
-/// receivers) for the last one.
+/// [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time path; dropping
+/// is O(1), and O(waiting receivers) for the last one.
 pub struct Sender<T> {
     channel: NonNull<Channel<T>>,
     pub(super) chosen: Stamp,
@@ -72,8 +72,9 @@ impl<T> Sender<T> {
         SendOp::of_value(self, value)
     }
 
-    /// Like [`send`](Self::send), with a value that stays in `slot` until it is taken: in an alternative that chooses another guard it is
-    /// still there afterwards. An empty slot offers nothing: as a guard it is never ready, awaited alone it waits for ever.
+    /// Like [`send`](Self::send), with a value that stays in `slot` until it is taken: in an
+    /// alternative that chooses another guard it is still there afterwards. An empty slot offers
+    /// nothing: as a guard it is never ready, awaited alone it waits for ever.
     ///
     /// ```
     /// use luna_channels::{alt, at, channel};
@@ -92,7 +93,8 @@ impl<T> Sender<T> {
         SendOp::new(self, Offered::slot(slot))
     }
 
-    /// Like [`send`](Self::send), with a value that `make` makes when it is taken, and not otherwise.
+    /// Like [`send`](Self::send), with a value that `make` makes when it is taken, and not
+    /// otherwise.
     ///
     /// `make` runs on the side that completes the communication, under the locks of all channels
     /// that side chooses among. So it is short, and uses and drops no end of a channel, no lock,
@@ -118,7 +120,8 @@ impl<T> Sender<T> {
         SendOp::new(self, Offered::made(make))
     }
 
-    /// Sends at once: only if a receiver waits or the buffer has room. The real-time path may call it; O(1).
+    /// Sends at once: only if a receiver waits or the buffer has room. The real-time path may call
+    /// it; O(1).
     ///
     /// # Errors
     ///
@@ -205,8 +208,8 @@ impl<T> Sender<T> {
     ///
     /// # Panics
     ///
-    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a plain `send` at your runtime's
-    /// timeout instead, which withdraws the value too.
+    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a
+    /// plain `send` at your runtime's timeout instead, which withdraws the value too.
     ///
     /// ```
     /// # luna_executors::block_on(async {
@@ -220,8 +223,9 @@ impl<T> Sender<T> {
         self.send_deadline(value, Instant::now() + timeout)
     }
 
-    /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations can share one. A sender that is held by
-    /// an extended rendezvous goes on at the deadline, and has sent.
+    /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations
+    /// can share one. A sender that is held by an extended rendezvous goes on at the deadline, and
+    /// has sent.
     ///
     /// ```
     /// use luna_platform::clock::Instant;
@@ -248,7 +252,8 @@ impl<T> Sender<T> {
     ///
     /// # Errors
     ///
-    /// [`SendTimeoutError::Timeout`](crate::SendTimeoutError::Timeout) if it was given up, else as for `send`; each with the value.
+    /// [`SendTimeoutError::Timeout`](crate::SendTimeoutError::Timeout) if it was given up, else as
+    /// for `send`; each with the value.
     ///
     /// ```
     /// # luna_executors::block_on(async {
@@ -313,7 +318,8 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Poisons the channel: all operations that wait on it, and all that come to it later, on both ends, fail as poisoned.
+    /// Poisons the channel: all operations that wait on it, and all that come to it later, on both
+    /// ends, fail as poisoned.
     ///
     /// What was communicated before stays communicated; what is still buffered is dropped. May be
     /// called more than once. Real-time path: yes; O(waiting operations + buffered values).

@@ -1,4 +1,5 @@
-//! What the tests share: counted drops, counted wakes, polls by hand, random numbers with a seed, and a watchdog.
+//! What the tests share: counted drops, counted wakes, polls by hand, random numbers with a seed,
+//! and a watchdog.
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
 use std::fmt;
@@ -162,7 +163,8 @@ impl Random {
     }
 }
 
-/// Ends the test program with a message if the test has not ended after two minutes: a hang is a failure, not a wait.
+/// Ends the test program with a message if the test has not ended after two minutes: a hang is a
+/// failure, not a wait.
 pub(crate) struct Watchdog {
     _ended: mpsc::Sender<()>,
 }

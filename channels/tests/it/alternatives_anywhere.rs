@@ -184,7 +184,8 @@ fn a_loser_of_a_race_is_withdrawn_within_processes_and_without() {
     assert_eq!(process.wait(), Exit::Completed);
 }
 
-/// Polls children with wakers of their own, each only when that was woken, as `FuturesUnordered` does.
+/// Polls children with wakers of their own, each only when that was woken, as `FuturesUnordered`
+/// does.
 async fn each_with_its_waker<'a, T>(
     children: Vec<Pin<Box<dyn Future<Output = T> + 'a>>>,
 ) -> Vec<T> {

@@ -1,4 +1,5 @@
-//! Barriers: rounds, enrolling and resigning, cancelling, alternatives, groups on one executor, and all of it across threads.
+//! Barriers: rounds, enrolling and resigning, cancelling, alternatives, groups on one executor, and
+//! all of it across threads.
 
 #![cfg(not(loom))]
 
@@ -164,7 +165,8 @@ fn a_timeout_beside_a_barrier() {
     .unwrap();
 }
 
-/// In each round all have the same number, on two executors and a thread, some of them by alternatives that may choose something else.
+/// In each round all have the same number, on two executors and a thread, some of them by
+/// alternatives that may choose something else.
 #[test]
 fn rounds_across_executors_and_threads() {
     const ROUNDS: usize = 300;

@@ -164,7 +164,8 @@ fn a_given_back_value_outlives_the_close() {
 
 #[test]
 fn what_nobody_will_receive_is_dropped_when_the_last_receiver_goes() {
-    // A request that lies in the buffer holds the way back to its client: if it stayed there, the client would wait for ever.
+    // A request that lies in the buffer holds the way back to its client: if it stayed there, the
+    // client would wait for ever.
     let _watchdog = Watchdog::new();
     let (requests, server) = buffered::<Sender<u32>>(Buffer::fifo(4));
     let (reply, answer) = channel::<u32>();

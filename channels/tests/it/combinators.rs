@@ -1,5 +1,6 @@
-//! Operations inside combinators of other crates, and of our own with wakers of their own: the waker that polled is the one that is woken,
-//! also within a process of LUNA, which would else be readied without it.
+//! Operations inside combinators of other crates, and of our own with wakers of their own: the
+//! waker that polled is the one that is woken, also within a process of LUNA, which would else be
+//! woken without it.
 
 #![cfg(not(loom))]
 
@@ -14,7 +15,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake, Waker};
 
-/// Polls each child with a waker of its own, and only when that was woken: as `FuturesUnordered` and `join_all` of many do.
+/// Polls each child with a waker of its own, and only when that was woken: as `FuturesUnordered`
+/// and `join_all` of many do.
 struct Fan<'a, T> {
     children: Vec<Option<Child<'a, T>>>,
     polls: Arc<AtomicUsize>,

@@ -220,7 +220,8 @@ fn the_most_urgent_is_notified_first() {
     assert_eq!(*order.try_lock().unwrap(), [2, 1, 0, 3, 4]);
 }
 
-/// A queue with a capacity, as of the textbook: makers and takers in all places, some of which give up in between.
+/// A queue with a capacity, as of the textbook: makers and takers in all places, some of which give
+/// up in between.
 #[test]
 fn a_bounded_queue_loses_and_doubles_nothing() {
     let _watchdog = Watchdog::new();

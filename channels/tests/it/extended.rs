@@ -1,4 +1,5 @@
-//! Extended rendezvous: the sender is held until the receiver is done, and is never held for longer, whatever happens meanwhile.
+//! Extended rendezvous: the sender is held until the receiver is done, and is never held for
+//! longer, whatever happens meanwhile.
 
 #![cfg(not(loom))]
 

@@ -1,4 +1,5 @@
-//! Others' code at its worst: wakers that panic when woken, cloned or dropped, closures that panic, futures that are forgotten.
+//! Others' code at its worst: wakers that panic when woken, cloned or dropped, closures that panic,
+//! futures that are forgotten.
 
 #![cfg(not(loom))]
 

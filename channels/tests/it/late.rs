@@ -1,4 +1,5 @@
-//! A delay that has passed is chosen before what is below it, also by a partner that comes before the owner has woken.
+//! A delay that has passed is chosen before what is below it, also by a partner that comes before
+//! the owner has woken.
 
 #![cfg(not(loom))]
 

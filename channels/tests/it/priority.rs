@@ -66,9 +66,11 @@ impl Stage {
     }
 }
 
-/// Processes at these levels, one after the other, come to wait on one channel; then each is served. Gives the order of service.
+/// Processes at these levels, one after the other, come to wait on one channel; then each is
+/// served. Gives the order of service.
 ///
-/// The director is at the lowest level: each gate that it opens lets a process run until it waits on the channel.
+/// The director is at the lowest level: each gate that it opens lets a process run until it waits
+/// on the channel.
 fn order_of_service(levels: &'static [u8], they_send: bool, buffer: Option<Buffer>) -> Vec<String> {
     let mut stage = Stage::new();
     let (sender, receiver) = buffer.map_or_else(channel::<String>, buffered);

@@ -1,4 +1,5 @@
-//! `Alternative`: order, fairness, adding and removing, ends of channels, cancelling, and all of it across threads.
+//! `Alternative`: order, fairness, adding and removing, ends of channels, cancelling, and all of it
+//! across threads.
 
 #![cfg(not(loom))]
 
@@ -258,7 +259,8 @@ fn without_channels_it_waits() {
     assert!(waits::<u8>(&mut Alternative::fair(&[])));
 }
 
-/// Every value once, and those of one sender in order: from executors and threads, to two alternatives that share all channels.
+/// Every value once, and those of one sender in order: from executors and threads, to two
+/// alternatives that share all channels.
 #[test]
 fn many_to_two_across_executors_and_threads() {
     const CHANNELS: usize = 6;

@@ -1,4 +1,5 @@
-//! Many threads on one channel: nothing is lost, nothing doubled, and what one sender sent arrives in order.
+//! Many threads on one channel: nothing is lost, nothing doubled, and what one sender sent arrives
+//! in order.
 
 #![cfg(not(loom))]
 

@@ -1,4 +1,5 @@
-//! Timeouts are exact: an operation times out only if it did not happen, and what happened is never given back.
+//! Timeouts are exact: an operation times out only if it did not happen, and what happened is never
+//! given back.
 
 #![cfg(not(loom))]
 
@@ -211,7 +212,8 @@ fn the_end_of_a_channel_comes_before_the_timeout() {
 
 #[test]
 fn the_outcome_is_looked_at_before_the_clock() {
-    // Both the partner and the deadline have come before the poll: it was sent, and it was received.
+    // Both the partner and the deadline have come before the poll: it was sent, and it was
+    // received.
     let (sender, receiver) = channel();
     // Time enough for a few steps on a busy machine.
     let time = Duration::from_millis(100);

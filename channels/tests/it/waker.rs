@@ -16,7 +16,8 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::task::{Poll, Wake, Waker};
 use std::thread;
 
-/// Polls an operation once within a process of `executor`, or on a thread of its own, lets that end, and gives the operation.
+/// Polls an operation once within a process of `executor`, or on a thread of its own, lets that
+/// end, and gives the operation.
 fn polled_by_a_process_that_has_ended<F: Future + Send + 'static>(
     on_executor: bool,
     mut operation: Pin<Box<F>>,

@@ -33,7 +33,7 @@ impl<T> Hub<T> {
     ///
     /// # Safety
     ///
-    /// The gate is held.
+    /// The commit lock is held.
     #[inline]
     pub(super) unsafe fn take_stack(&self) -> *mut Entry<T> {
         let first = self.stack.load(Ordering::Relaxed);
@@ -66,7 +66,7 @@ pub(crate) struct Entry<T> {
     pub(super) next: *mut Entry<T>,
     /// Whether it is on the stack, or known to its owner as ready.
     pub(crate) is_queued: bool,
-    /// Whether the owner is yet to be readied for it.
+    /// Whether the owner is yet to be woken for it.
     pub(crate) rings: bool,
     /// How its channel has ended, once its owner has the report: from then on it is not listed.
     /// Belongs to the owner alone.
@@ -123,7 +123,8 @@ impl<T> Entry<T> {
     ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
-        // SAFETY: the contract; the hub outlives its entries' being listed. The gate is held around what it guards.
+        // SAFETY: the contract; the hub outlives its entries' being listed. The commit lock is held
+        // around what it guards.
         unsafe {
             let hub = (*entry).hub.as_ref();
             let _gate = hub.selection.gate_if_favoured(home)?;

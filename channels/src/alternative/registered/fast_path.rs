@@ -40,7 +40,8 @@ impl<T> Alternative<'_, T> {
             return self.wait_fast(process, cx);
         };
         let entry = self.entries[index]?.as_ptr();
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
+        // alternative lives.
         let channel: &Channel<T> = unsafe { &*(*entry).channel.as_ptr() };
         let mut is_ready = false;
         // What became ready before the lock was taken may come before this one.

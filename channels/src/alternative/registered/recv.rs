@@ -150,7 +150,8 @@ impl<T> Alternative<'_, T> {
         let event = Event::new(What::Chosen, number, stamp);
         let received = match number & 3 {
             0 => {
-                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer
+                // than this alternative lives.
                 let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
                 channel.note_alternative();
                 match channel.lock().recv_unusually(false) {
@@ -207,7 +208,7 @@ impl<T> Alternative<'_, T> {
             if !has_failed && self.polled_by == identity && self.hub().selection.is_open() {
                 return Poll::Pending;
             }
-            // What would have readied this one is dropped when its state is consistent.
+            // What would have woken this one is dropped when its state is consistent.
             let closed = self.hub().selection.close();
             match (&closed, self.holds()) {
                 (None, Some(index)) => {
@@ -238,7 +239,8 @@ impl<T> Alternative<'_, T> {
         self.choose(cx)
     }
 
-    /// Receives from the ready channel that comes first, or starts to wait. The selection is closed.
+    /// Receives from the ready channel that comes first, or starts to wait. The selection is
+    /// closed.
     fn choose(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         loop {
             self.drain();
@@ -253,12 +255,12 @@ impl<T> Alternative<'_, T> {
                 }
             }
             self.polled_by = (cx.waker().data(), cx.waker().vtable());
-            // Cloning a waker is its owner's code, so it comes before the gate.
+            // Cloning a waker is its owner's code, so it comes before the commit lock.
             let wakeup = WakeHandle::of(cx);
             let hub = self.hub();
             let gate = hub.selection.gate();
             if !hub.has_news() {
-                // SAFETY: this is the owner, the selection is closed, and its gate is held.
+                // SAFETY: this is the owner, the selection is closed, and its commit lock is held.
                 unsafe { hub.selection.open_gated(wakeup) };
                 drop(gate);
                 self.state = State::Open;
@@ -271,7 +273,8 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Receives from a channel that has said that it is ready; nothing if others have emptied it, or a better one turns up.
+    /// Receives from a channel that has said that it is ready; nothing if others have emptied it,
+    /// or a better one turns up.
     fn try_recv(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
         // SAFETY: the entry is this alternative's.
@@ -320,7 +323,8 @@ impl<T> Alternative<'_, T> {
         let (Ok(value), Some(entry)) = (received, self.entries[index]) else {
             unreachable!("what is handed on was received")
         };
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
+        // alternative lives.
         let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
         let taken = Taken::new(channel, value, 0);
         let gives_way = crate::gives_way(cx);
@@ -338,7 +342,8 @@ impl<T> Alternative<'_, T> {
             return Poll::Ready((index, received));
         }
         if let (Ok(value), Some(entry)) = (received, self.entries[index]) {
-            // SAFETY: the selection is closed, so the entry's value is the owner's, and there is none.
+            // SAFETY: the selection is closed, so the entry's value is the owner's, and there is
+            // none.
             unsafe {
                 let node = entry.cast::<Waiter<T>>();
                 Waiter::put_value_of(node, value);
@@ -355,7 +360,8 @@ impl<T> Alternative<'_, T> {
     #[cold]
     fn tell(&self, index: usize) {
         let channel = self.entries[index].map_or(0, |entry| {
-            // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+            // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than
+            // this alternative lives.
             let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
             channel.place().identity.number()
         });

@@ -1,4 +1,5 @@
-//! Each operation with a waker that panics in each of its functions, at each point of the operation's life.
+//! Each operation with a waker that panics in each of its functions, at each point of the
+//! operation's life.
 
 use crate::hostile_futures::actors::{
     Call, Random, Temper, VALUES, WAKERS, endure, silence_expected_panics, waker,

@@ -222,9 +222,11 @@ impl World {
         let channel = &self.channels[random.below(3)];
         let rendezvous = &self.channels[0];
         let panics = self.values_panic && random.chance(40);
-        // Made only where it is used: if the drop of an unused one panicked, the compiler would forget what is returned (rust-lang/rust#47949).
+        // Made only where it is used: if the drop of an unused one panicked, the compiler would
+        // forget what is returned (rust-lang/rust#47949).
         let value = move || Value::new(panics);
-        // Where an operation that has a value beside its output is dropped with that, for the same reason.
+        // Where an operation that has a value beside its output is dropped with that, for the same
+        // reason.
         let calm = || Value::new(false);
         let time = Duration::from_micros(random.next() % 300);
         let strikes = random.chance(40);

@@ -10,7 +10,8 @@ use std::pin::Pin;
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake, Waker};
 
-/// A future in memory that outlives it: it is filled when the future is gone, so that a late access shows.
+/// A future in memory that outlives it: it is filled when the future is gone, so that a late access
+/// shows.
 struct Remains<F> {
     memory: Box<MaybeUninit<F>>,
     alive: bool,

@@ -1,4 +1,5 @@
-//! Invariants 4 to 7: what becomes of offers that lose, of opposite ones, and of several on one channel.
+//! Invariants 4 to 7: what becomes of offers that lose, of opposite ones, and of several on one
+//! channel.
 
 use super::common::{Ledger, Watchdog, pending, ready};
 use futures_lite::future::block_on;
@@ -176,7 +177,8 @@ fn invariant_7_both_ends_of_one_channel_never_communicate_with_themselves() {
         let mut alone = both(1);
         pending(&mut alone);
         pending(&mut alone);
-        // Two that offer each other both ends: one sends, the other receives, as the second prefers.
+        // Two that offer each other both ends: one sends, the other receives, as the second
+        // prefers.
         let mut opposite = both(2);
         let (first, second) = (ready(&mut opposite), ready(&mut alone));
         let expected = if starts_sending {

@@ -13,7 +13,8 @@ use std::time::Duration;
 #[test]
 fn invariant_1_nobody_waits_for_another_to_leave_an_intermediate_state() {
     let _watchdog = Watchdog::new();
-    // An alternative that was chosen, or has been left without an offer, and does not run: as if its thread were preempted there.
+    // An alternative that was chosen, or has been left without an offer, and does not run: as if
+    // its thread were preempted there.
     let ((one, from_one), (two, from_two)) = (channel(), channel());
     let mut preempted = Box::pin(either(&from_one, &from_two));
     pending(&mut preempted);

@@ -1,5 +1,6 @@
-//! Random sequences of operations, polled by hand on one thread, held against a sequential model of a channel: after each step the
-//! results, the wakes, what was dropped and what is buffered are as the model says.
+//! Random sequences of operations, polled by hand on one thread, held against a sequential model of
+//! a channel: after each step the results, the wakes, what was dropped and what is buffered are as
+//! the model says.
 
 #![cfg(not(loom))]
 
