@@ -6,7 +6,7 @@
 //! beside the lock, on a line that the partner has fetched anyway. Between two cores each line is a
 //! transfer of its own, and they come one after the other.
 //!
-//! There is a hand-off slot for each side. The sender may so offer its next value while its
+//! There is a hand-off slot for each side. So the sender may offer its next value while its
 //! receiver has not fetched the one before.
 //!
 //! ```text
@@ -39,7 +39,7 @@ pub(crate) enum Side {
 mod state {
     /// No operation is there.
     pub(super) const FREE: u8 = 0;
-    /// An operation looks at it. Changed under the lock alone.
+    /// An operation looks for its partner on it. Changed under the lock alone.
     pub(super) const WAITING: u8 = 1;
     /// Its partner has come.
     pub(super) const DONE: u8 = 2;
@@ -74,10 +74,10 @@ impl Nodes {
     }
 }
 
-/// Room for a value: what is left of the line, for each side.
+/// Room for a value of each side: the rest of the line.
 type Room = MaybeUninit<u64>;
 
-/// Whether values of this type have room on a hand-off slot. Others are exchanged in the nodes.
+/// Whether values of this type fit in a hand-off slot. Others are exchanged in the nodes.
 pub(crate) const fn has_room<T>() -> bool {
     size_of::<T>() <= size_of::<Room>() && align_of::<T>() <= align_of::<Room>()
 }
@@ -126,7 +126,8 @@ impl HandOffSlots {
     /// Whether an operation waits on either side. Exact under the lock.
     #[inline]
     pub(crate) fn is_anybody_waiting(&self) -> bool {
-        // In one, since nearly every general operation asks this: `WAITING` alone has its bit.
+        // Both in one word, since nearly every slow-path operation asks this: only `WAITING` has
+        // its bit.
         let states = self.load(Side::Sender) | self.load(Side::Receiver);
         states & state::WAITING != 0
     }
@@ -170,7 +171,7 @@ impl HandOffSlots {
     ///
     /// # Safety
     ///
-    /// The caller may, by the type's invariants, and the value has [room](has_room).
+    /// By the type's invariants the caller may access the value, and it has [room](has_room).
     #[inline]
     pub(crate) unsafe fn put<T>(&self, side: Side, value: T) {
         const { assert!(!has_room::<T>() || align_of::<Room>() >= align_of::<T>()) };

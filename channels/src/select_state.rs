@@ -9,11 +9,11 @@
 //!   CLOSED --owner lists its nodes--> OPEN --partner or owner, by compare-and-swap--> CHOSEN(guard)
 //! ```
 //!
-//! Where the exchange alone does not do, every thread that leaves `OPEN` holds the *commit lock* of
-//! the select state, and leaves by a plain store. That is so if a partner may claim several select
-//! states at once, or close this one for its owner; and on the fast path: the commit lock is biased
-//! to an executor, so a claim there executes no read-modify-write. Which of both it is stays the
-//! same from an opening until the select state is left.
+//! A compare-and-swap does not suffice if a partner may claim several select states at once, or
+//! close this one for its owner. Then every thread that leaves `OPEN` holds the *commit lock* of
+//! the select state, and leaves by a plain store. The fast path does the same: the commit lock is
+//! biased to an executor, so a claim there executes no read-modify-write. The mode does not change
+//! between an opening and the end of that opening.
 //!
 //! No thread waits for another to leave an intermediate state: a claim that fails is final for that
 //! node, and the owner that finds its alternative chosen takes the lock of the one channel to learn
@@ -54,9 +54,9 @@ pub struct SelectState {
     /// Whether the wake handle is one of a plain turn on the executor that owns the bias of the
     /// commit lock.
     has_plain_wakeup: AtomicBool,
-    /// From when on the guards from `first_late` on cannot be claimed any more, as nanoseconds: a
-    /// delay that comes before them has passed then, and is what the owner chooses, though it may
-    /// not have run yet.
+    /// The guards from `first_late` on cannot be claimed from this instant on, in nanoseconds: a
+    /// delay before them in the order of preference has passed then, and the owner chooses that
+    /// delay, though it may not have run yet.
     late_from: AtomicU64,
     first_late: AtomicU32,
     /// The clock of `limit`: a partner with another clock cannot compare.
@@ -66,7 +66,7 @@ pub struct SelectState {
     /// sees all select states that it claims open at one instant.
     gate: BiasedLock<()>,
     entered: UnsafeCell<Option<BiasedGuard<'static, ()>>>,
-    /// A model is replayed, and addresses are not the same again.
+    /// loom repeats a model's run, and addresses differ between runs.
     #[cfg(loom)]
     number: usize,
 }
@@ -134,12 +134,13 @@ impl SelectState {
         unsafe { self.open_plainly(process) };
     }
 
-    /// Makes claims need the commit lock, for good: for a selection that others may close.
+    /// Makes claims need the commit lock, for good: for a select state that others may close.
     pub(crate) fn set_gated(&mut self) {
         self.gated.store(true, Ordering::Relaxed);
     }
 
-    /// Takes the commit lock for one step. What it guards beside the state is its owner's affair.
+    /// Takes the commit lock for one step. The owner decides what else the lock guards beside the
+    /// state.
     #[inline]
     pub(crate) fn gate(&self) -> BiasedGuard<'_, ()> {
         self.gate.lock()
@@ -156,7 +157,7 @@ impl SelectState {
         unsafe { self.gate.lock_if_favoured(home) }
     }
 
-    /// Opens a selection that is gated for good.
+    /// Opens a select state that is gated for good.
     ///
     /// # Safety
     ///
@@ -209,7 +210,7 @@ impl SelectState {
         Some(ready)
     }
 
-    /// Readies another one when it is claimed. Gives the former.
+    /// Replaces the wake handle, and returns the former one.
     ///
     /// # Safety
     ///
@@ -217,12 +218,12 @@ impl SelectState {
     /// the owner holds the locks of all lists that its nodes are in.
     pub(crate) unsafe fn replace_wakeup(&self, wakeup: WakeHandle) -> Option<WakeHandle> {
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
-        // SAFETY: the contract leaves the owner alone with it.
+        // SAFETY: by the contract no other thread accesses the wake handle.
         self.wakeup
             .with_mut(|cell| unsafe { (*cell).replace(wakeup) })
     }
 
-    /// Which guard was chosen, if one was. Acquire: what came before the claim is visible.
+    /// Number of the chosen guard, if any. Acquire: all before the claim is visible.
     #[inline]
     pub(crate) fn chosen(&self) -> Option<u32> {
         self.state.load(Ordering::Acquire).checked_sub(CHOSEN)
@@ -252,7 +253,7 @@ impl SelectState {
         self.leave_open(guard.saturating_add(CHOSEN)).flatten()
     }
 
-    /// Whether a delay that comes before `guard` has passed.
+    /// Whether a delay that is preferred to `guard` has passed.
     #[inline]
     fn is_late(&self, guard: u32) -> bool {
         let late_from = self.late_from.load(Ordering::Relaxed);
@@ -269,7 +270,7 @@ impl SelectState {
         self.leave_open(CLOSED)
     }
 
-    /// Leaves `OPEN` for `state`, if that is the state: gives the wake handle, if one is there.
+    /// Leaves `OPEN` for `state`, if the state is `OPEN`: returns the wake handle, if there is one.
     #[inline]
     fn leave_open(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.gated.load(Ordering::Relaxed) {

@@ -11,7 +11,7 @@ use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
 use std::ptr::NonNull;
 
-/// Whether more can be communicated.
+/// Whether communication is still possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ending {
     Open,
@@ -22,9 +22,9 @@ pub(crate) enum Ending {
 
 /// What a wait point's lock guards. The nodes in the lists are guarded with it.
 ///
-/// What each rendezvous writes comes first, so that it lies on one cache line with the lock and the
-/// hand-off slots: between two cores each line is a transfer of its own. What it only reads follows
-/// on the next, which is on both cores at the same time.
+/// Fields that each rendezvous writes come first, so that they lie on one cache line with the lock
+/// and the hand-off slots: between two cores each line is a transfer of its own. Fields that it
+/// only reads follow on the next line, which both cores can share.
 #[derive(Debug)]
 #[repr(C)]
 pub struct WaitQueues {
@@ -32,13 +32,13 @@ pub struct WaitQueues {
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
-    /// Whether it has ended, or a recorded process has come: what is done here then is looked at
-    /// more closely. See [`find_whether_plain`](WaitQueues::find_whether_plain).
+    /// Whether it has ended, or a recorded process has come: operations then take the slow path
+    /// here. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
     /// Whether it is a channel that is used for plain sends and receives only: see
     /// [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_plain: bool,
-    /// Whether it would be plain if one alternative were not registered, and has no buffer.
+    /// Unbuffered, and plain but for one registered alternative.
     pub(crate) is_plain_but_registered: bool,
     pub(crate) may_be_plain: bool,
     pub(crate) is_rendezvous: bool,
@@ -111,8 +111,8 @@ impl WaitQueues {
 /// The node is live, and guarded by a lock that is held.
 #[inline(always)]
 pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
-    // SAFETY: the contract. One field is read: others look at other parts of the node's
-    // surroundings.
+    // SAFETY: by the contract the node is live and guarded. Only one field is read, since other
+    // threads access other parts of the operation around the node.
     match unsafe { node.as_ref() }.user() {
         User::Process(id) => id.get().into(),
         User::Outside => 0,
@@ -154,7 +154,7 @@ pub struct WaitPoint {
     pub(crate) identity: Identity,
 }
 
-/// A place with cache lines of its own.
+/// A wait point with cache lines of its own.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(crate) struct PlaceApart(WaitPoint);
@@ -218,8 +218,8 @@ impl WaitPoint {
         events::waits_for(|| (self.identity.kind_in_events(), self.identity.number()));
     }
 
-    /// Notes that it does not, after all: it gives up, or is done in the turn in which it was to
-    /// wait.
+    /// Notes that it does not wait after all: it gives up, or is done in the turn in which it was
+    /// to wait.
     #[inline(always)]
     pub(crate) fn waits_no_more(&self) {
         if events::is_on() {
@@ -317,7 +317,7 @@ impl WaitPoint {
         self.lock.with_mut(f);
     }
 
-    /// Locks for a look now and then: see [`BiasedLock::lock_briefly`].
+    /// Locks for an occasional look: see [`BiasedLock::lock_briefly`].
     pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, WaitQueues> {
         self.lock.lock_briefly()
     }
@@ -328,8 +328,8 @@ mod tests {
     use super::*;
     use std::mem::offset_of;
 
-    /// It is what a process is dear by: with five lists of two words, and all else side by side, it
-    /// was half as much again.
+    /// Bounds the memory of a channel: with five lists of two words, and no packed fields, it was
+    /// half as much again.
     #[test]
     fn a_channel_takes_five_cache_lines_of_which_a_rendezvous_needs_two() {
         assert!(

@@ -33,14 +33,14 @@ pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
 /// How a node was begun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Begun {
-    /// With all that it has.
+    /// In full: all fields are written.
     InFull,
     /// As a plain operation's that was listed by the executor that owns the bias of the lock, with
     /// a wake handle that wakes its process without a waker. While the bias stays, its partners
     /// need not look any further. It has no alternative, and holds its value: its other fields were
     /// not written.
     Plainly,
-    /// Plainly, and its wake handle may be another one since.
+    /// As `Plainly`, but its wake handle may have been replaced since.
     PlainlyAndChanged,
 }
 
@@ -55,14 +55,14 @@ pub(crate) struct Link {
     pub(crate) extended: bool,
     /// An extended receiver's: the node is that of a [`Noted`](crate::extended::Noted) inheritor.
     pub(crate) inherits: bool,
-    /// A settled extended receiver's, and a held sender's: which rendezvous it was.
+    /// A settled extended receiver's, and a held sender's: number of the rendezvous.
     pub(crate) ticket: u32,
     /// An alternative's: its select state, and the number of this guard. There if it was begun in
     /// full. Before the value, since code that looks at it may not know the type of the value.
     selection: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
 }
 
-/// What few nodes have.
+/// Fields that few nodes use.
 #[repr(C)]
 struct Seldom<T> {
     /// A recorded process' node: the stamp of its result. Not there in one of a plain turn, which
@@ -91,8 +91,7 @@ impl Link {
 /// The node of a waiting operation, inside its future.
 ///
 /// Most operations never wait, so the link is written only when one begins to
-/// ([`begin`](Waiter::begin)): a node that is made and not listed is as small to write as its
-/// value.
+/// ([`begin`](Waiter::begin)): a new node costs no more to write than its value.
 ///
 /// # Invariants
 ///
@@ -107,7 +106,7 @@ pub struct Waiter<T> {
     /// First, so that the list's node leads back to this.
     link: MaybeUninit<Link>,
     value: UnsafeCell<MaybeUninit<T>>,
-    /// Last, so that the value of a plain operation lies beside what it is found by.
+    /// Last, so that the value of a plain operation lies beside its link.
     seldom: Seldom<T>,
 }
 
@@ -135,7 +134,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Makes the waiter at `place` one with a value, which is all that is written.
+    /// Makes the waiter at `place` one with a value. Only the value is written.
     ///
     /// # Safety
     ///
@@ -145,7 +144,7 @@ impl<T> Waiter<T> {
         // SAFETY: the contract.
         unsafe {
             // A pointer right before the value: without it the compiler takes the two for one piece
-            // of memory, and moves what is not written with what is.
+            // of memory, and copies unwritten fields with the written ones.
             (*Self::link(NonNull::new_unchecked(place)))
                 .selection
                 .write(None);
@@ -268,7 +267,7 @@ impl<T> Waiter<T> {
         unsafe { (*Self::link(node)).begun == Begun::Plainly }
     }
 
-    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find one.
+    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find a wake handle.
     ///
     /// # Safety
     ///
@@ -362,8 +361,8 @@ impl<T> Waiter<T> {
         node.as_ptr().cast()
     }
 
-    /// The node's alternative, and which of its guards this is, if it is one's. The value is not
-    /// looked at, of whatever type it is.
+    /// The select state of the node's alternative and the number of this guard, if it has one. The
+    /// value is not accessed, so its type does not matter.
     ///
     /// # Safety
     ///
@@ -373,7 +372,7 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn selection(
         node: NonNull<Waiter<T>>,
     ) -> Option<(NonNull<SelectState>, u32)> {
-        // SAFETY: the contract; the selection is there if the node was begun in full.
+        // SAFETY: by the contract; the select state is there if the node was begun in full.
         unsafe {
             let link = Self::link(node);
             match (*link).begun {
@@ -587,7 +586,7 @@ impl<T> Waiter<T> {
     }
 }
 
-/// Claims a node's selection, and gives the node the wake handle.
+/// Claims the select state of a node, and gives the node the wake handle.
 ///
 /// # Safety
 ///
@@ -599,7 +598,7 @@ unsafe fn claim_selection(
     selection: NonNull<SelectState>,
     guard: u32,
 ) -> bool {
-    // SAFETY: the contract; a listed node's selection is live.
+    // SAFETY: by the contract; a listed node's select state is live.
     unsafe {
         match selection.as_ref().claim(guard) {
             Some(wakeup) => {
@@ -616,8 +615,8 @@ mod tests {
     use super::*;
     use std::mem::offset_of;
 
-    /// A ring of many processes goes at the pace of its memory: what is added before the value is
-    /// fetched at each hop.
+    /// Bounds the size of a node: a ring of many processes is bound by memory accesses, and each
+    /// hop would fetch what is added before the value.
     #[test]
     fn what_a_plain_operation_touches_lies_together() {
         assert_eq!(offset_of!(Waiter<u64>, value), size_of::<Link>());

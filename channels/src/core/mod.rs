@@ -1,5 +1,4 @@
-//! The channel itself: what both ends share, and the steps of the protocol that happen under its
-//! lock.
+//! The channel itself: the state shared by both ends, and the steps of the protocol under its lock.
 //!
 //! The operation that arrives second does the work: it takes the partner off the waiting list,
 //! moves the value, settles the partner's outcome, releases the lock, and wakes the partner, in
@@ -46,11 +45,11 @@ use std::collections::VecDeque;
 use std::mem::offset_of;
 use std::ptr::NonNull;
 use std::task::Context;
-/// How many received values can come back from dropped futures before room for more must be made:
-/// see [`Channel::give_back`].
+/// Number of received values that can come back from dropped futures before more memory must be
+/// allocated: see [`Channel::give_back`].
 const SPARE: usize = 2;
 
-/// What both kinds of ends share.
+/// The state shared by both kinds of ends.
 ///
 /// # Invariants
 ///
@@ -62,16 +61,15 @@ pub(crate) struct Channel<T> {
     retired: Retired,
     senders: AtomicU32,
     receivers: AtomicU32,
-    /// Short of four bytes for its size. More values than it can count have no room in memory,
-    /// unless they take none.
+    /// A `u32`, four bytes smaller than a `usize`. A larger number of values does not fit in
+    /// memory, unless they take no room.
     capacity: u32,
     when_full: WhenFull,
-    /// 2 kinds of ends, 1, then the channel goes.
+    /// Number of kinds of ends that live: 2, 1, then the channel goes.
     kinds: AtomicU8,
     /// Whether alternatives that are registered here are yet to be woken. Changed under the lock.
     rings: AtomicBool,
-    /// Buffered values, and before them those that came back from futures dropped after their
-    /// receive.
+    /// Buffered values, after values given back by futures that were dropped after their receive.
     store: UnsafeCell<VecDeque<T>>,
 }
 
@@ -81,7 +79,7 @@ impl<T> Channel<T> {
         let mut place = WaitPoint::new(identity);
         place.with_mut(|lists| {
             lists.is_rendezvous = buffer.capacity == 0;
-            // One that drops, or grows, has more to do.
+            // A buffer that drops values, or grows, needs the slow path.
             lists.may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.order.is_ordered = !lists.may_be_plain;
             lists.find_whether_plain();
@@ -117,7 +115,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// How many values are buffered in the channel around `place`, and how many can be.
+    /// Number of buffered values in the channel around `place`, and the capacity.
     ///
     /// # Safety
     ///
@@ -138,7 +136,7 @@ impl<T> Channel<T> {
         self.capacity as usize
     }
 
-    /// What it holds, and what it does when it is full.
+    /// The stored values, and the buffer's behaviour when it is full.
     #[inline]
     fn buffer(&self) -> Buffer {
         Buffer {
@@ -160,7 +158,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// The section that `lists` stand for.
+    /// The channel guard over `lists`.
     ///
     /// # Safety
     ///
@@ -181,7 +179,7 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` was listed in this channel, on the side that `of_sender` says.
+    /// `node` was listed in this channel, on the side given by `of_sender`.
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     pub(crate) unsafe fn withdraw(
         &self,
@@ -306,14 +304,14 @@ impl<T> Channel<T> {
             let length = store.len();
             match buffer.when_full {
                 WhenFull::DropOldest if length > buffer.capacity => store.pop_front(),
-                // The newest stays, which has replaced the one before it.
+                // The newest stays: it has replaced the one before it.
                 WhenFull::DropNewest if length > buffer.capacity => store.remove(length - 2),
                 _ => None,
             }
         });
         section.announce();
         section.release();
-        // The user's code, so not under the lock.
+        // Drop of the user's value: not under the lock.
         drop(overwritten);
     }
 
@@ -553,7 +551,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Poisons the channel if one of its ends goes with a process that was ended for cause.
+    /// Poisons the channel if one of its ends is dropped by a process that is ended for cause.
     fn poison_if_told(&self) {
         if current::dropped_ends_poison() {
             self.poison();
@@ -570,7 +568,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// How many values are buffered. For display: it may have changed already.
+    /// Number of buffered values. For display: it may have changed already.
     pub(crate) fn buffered(&self) -> usize {
         self.lock().with_store(|store| store.len())
     }
@@ -580,7 +578,7 @@ impl<T> Channel<T> {
 fn count_one_more(ends: &AtomicU32) -> u32 {
     let before = ends.fetch_add(1, Ordering::Relaxed);
     if before > i32::MAX as u32 {
-        // So many were leaked: to wrap would be to free what is used.
+        // Leaked ends only can reach this: a wrap of the counter would free memory in use.
         std::process::abort();
     }
     before + 1
