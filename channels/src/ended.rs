@@ -86,7 +86,7 @@ pub struct Ended<'a> {
     place: &'a WaitPoint,
     /// The result, while its process is held by its replay log.
     given: Option<ChannelEnd>,
-    /// Its process' replay log knows of it.
+    /// Its process' replay log has admitted it.
     has_entered: bool,
     /// It has let others run.
     has_given_way: bool,
@@ -171,8 +171,9 @@ impl Ended<'_> {
         }
     }
 
-    /// The end that was found without waiting, after others if it is their turn. Once: beside a
-    /// branch that spends all operations of each turn it would else never come.
+    /// The end that was found without waiting, after others have run if it is their turn. Once: in
+    /// a process with a branch that spends all operations of each turn it would otherwise never
+    /// come.
     #[cold]
     fn found(self: Pin<&mut Self>, end: ChannelEnd, cx: &Context<'_>) -> Poll<ChannelEnd> {
         // SAFETY: nothing is moved.
@@ -212,7 +213,7 @@ impl Ended<'_> {
             None
         });
         match end {
-            // Nothing is taken, so it looks again.
+            // No value is taken, so it looks again.
             Some((end, true)) => Poll::Ready(end),
             Some((end, false)) => self.found(end, cx),
             None => {

@@ -9,9 +9,9 @@ use std::ops::{Deref, DerefMut};
 
 /// Whether a receive holds its sender. Sealed: its module is private.
 pub trait Mode {
-    /// What is received.
+    /// Result of a receive.
     type Received<'a, T: 'a>;
-    /// What a receive keeps beside its node.
+    /// State that a receive keeps beside its node.
     type Note: Default + Send;
     /// Whether the sender is held.
     const HOLDS: bool;
@@ -50,7 +50,7 @@ pub(crate) struct Noted<T, N> {
     pub(crate) note: N,
 }
 
-/// The sender goes on when the value is taken.
+/// The sender is released when the value is taken.
 #[derive(Debug)]
 pub struct Plain;
 
@@ -65,7 +65,7 @@ impl Mode for Plain {
     }
 }
 
-/// The sender goes on when the receiver is done.
+/// The sender is released when the receiver is done.
 #[derive(Debug)]
 pub struct Extending;
 
@@ -90,17 +90,17 @@ impl Mode for Extending {
 /// A value that holds its sender until it is dropped: see [`Receiver::recv_extended`].
 ///
 /// Dropping it is for the real-time path: O(senders that are held on this channel), which are as
-/// many as there are extended rendezvous under way. One that is forgotten holds its sender until
-/// the channel is poisoned.
+/// many as there are extended rendezvous under way. A forgotten one holds its sender until the
+/// channel is poisoned.
 #[must_use = "the sender goes on when this is dropped"]
 pub struct Extended<'a, T> {
-    /// Dropped before the sender goes on.
+    /// Dropped before the sender is released.
     value: T,
     _held: Held<'a, T>,
 }
 
 impl<T> Extended<'_, T> {
-    /// Lets the sender go on, and gives the value.
+    /// Releases the sender, and returns the value.
     pub fn finish(self) -> T {
         self.value
     }

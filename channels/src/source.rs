@@ -1,5 +1,5 @@
-//! Where the value of a send comes from: out of the send itself, out of a slot to which it goes
-//! back if it is not sent, or from a closure that makes it when it is taken.
+//! Source of a send's value: the send itself, a slot to which it goes back if it is not sent, or a
+//! closure that makes it when it is taken.
 
 use crate::waiter::{Make, Waiter};
 use std::fmt;
@@ -20,14 +20,14 @@ impl<T, S> fmt::Debug for Offered<T, S> {
     }
 }
 
-/// Where a value comes from. Sealed: its module is private.
+/// Source of a value. Sealed: its module is private.
 ///
 /// # Safety
 ///
-/// With `MAKE`, nothing that it borrows is used by it: it runs on another thread, perhaps after the
+/// With `MAKE`, it uses nothing that it borrows: it runs on another thread, perhaps after the
 /// future that it lies in was leaked.
 pub unsafe trait Source<T>: Sized {
-    /// What a failed send gives back.
+    /// Result of a failed send, given back to the caller.
     type Unsent;
 
     /// Makes the value, if it is not in the node.
@@ -40,7 +40,7 @@ pub unsafe trait Source<T>: Sized {
         true
     }
 
-    /// Gives back what was not sent.
+    /// Gives back the unsent value.
     ///
     /// # Safety
     ///
@@ -94,8 +94,8 @@ impl<T> Offered<T, InNode> {
 /// The value lies in the node, and goes back to its slot if it is not sent:
 /// [`Sender::send_from`](crate::Sender::send_from).
 ///
-/// Not in the slot: partners would then reach into what the send borrows, also after a send that is
-/// leaked has given it back.
+/// Not in the slot: partners would then access memory that the send borrows, also after the end of
+/// the borrow if the send was leaked.
 pub struct FromSlot<'a, T> {
     slot: &'a mut Option<T>,
     was_full: bool,

@@ -1,4 +1,4 @@
-//! A value between the channel and its receiver, while the code of others runs.
+//! A value between the channel and its receiver, while user code runs.
 
 use crate::core::Channel;
 use std::mem::ManuallyDrop;

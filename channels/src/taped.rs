@@ -21,18 +21,18 @@ pub(crate) mod failure {
     pub(crate) const POISONED: u64 = 2;
 }
 
-/// What bears a stamp.
+/// Kinds of operations with a stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stamped {
     /// A value that is put into a buffer.
     Storing,
-    /// One that is taken out of it.
+    /// A value that is taken out of it.
     Taking,
-    /// What both sides take part in, or what has no sides.
+    /// A rendezvous, or an operation without sides.
     Meeting,
 }
 
-/// What a place knows of the recorded processes that come there. Guarded by its lock.
+/// State of a wait point about the recorded processes that come there. Guarded by its lock.
 #[derive(Debug, Default)]
 pub(crate) struct Taped {
     /// The last sender and the last receiver; 0 for none.
@@ -46,12 +46,12 @@ pub(crate) struct Taped {
     stored: Option<Box<VecDeque<u64>>>,
 }
 
-/// What is asked of recorded processes' order. Apart from [`Taped`], where there is room between
+/// Properties of the order of recorded processes. Apart from [`Taped`], to use padding between
 /// other fields.
 #[derive(Debug, Default)]
 pub(crate) struct Order {
-    /// Whether the order in which they get through has to be recorded, since there are several on a
-    /// side, or since a buffer overwrites.
+    /// Whether the order in which they get through has to be recorded: there are several on a side,
+    /// or a buffer overwrites.
     pub(crate) is_ordered: bool,
     /// Whether an operation that is not recorded took part meanwhile.
     has_outsider: bool,
@@ -89,7 +89,7 @@ impl WaitQueues {
         self.order.has_outsider |= self.taped.is_used() && !current::is_taped();
     }
 
-    /// The stamp of what happens here now, if it has to have one: see [`ReplayLog::stamp`].
+    /// The stamp of the present event, if it has to have one: see [`ReplayLog::stamp`].
     pub(crate) fn stamp(&mut self, of: Stamped) -> u64 {
         match self.taped.is_used() {
             true => self.stamp_if(self.order.is_ordered, of),
@@ -151,9 +151,9 @@ impl WaitQueues {
         stamps
     }
 
-    /// In a replay: which of the `stored` values, counted from a first one, a buffer of this
-    /// capacity had overwritten when the recorded receive with this stamp came; they are as good as
-    /// gone. There was no such question before, since several receives may come late: all at once.
+    /// In a replay: the number of the `stored` values, counted from the first, that a buffer of
+    /// this capacity had overwritten when the recorded receive with this stamp came; they count as
+    /// gone. They are counted all at once, since several receives may come late.
     pub(crate) fn overwritten(
         &mut self,
         stored: usize,
@@ -174,7 +174,7 @@ impl WaitQueues {
 pub(crate) const OUTSIDE_PARTNER: &str =
     "a communication with a thread or a process that is not recorded";
 
-/// Whether the process is replayed, so that no time runs out of itself.
+/// Whether the process is replayed, so that timeouts come from the replay log only.
 #[inline]
 pub(crate) fn is_replayed() -> bool {
     current::is_taped() && current::is_replayed()
@@ -185,7 +185,7 @@ pub(crate) fn is_held(cx: &mut Context<'_>) -> bool {
     current::tape(|tape| tape.hold(cx).is_pending()).unwrap_or_default()
 }
 
-/// A replayed operation has completed without waiting. Whether its process is held.
+/// A replayed operation has completed without waiting. Returns whether its process is held.
 pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
     current::tape(|tape| {
         tape.leave(Event::done(tape.own_stamp()));
@@ -199,7 +199,7 @@ pub(crate) fn has_waited(order: u64) {
     current::tape(|tape| tape.leave(Event::done(known(tape, order))));
 }
 
-/// The stamp that a partner gave; one that is not recorded gives none.
+/// The stamp given by a partner; one that is not recorded gives none.
 pub(crate) fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
     if order == OUTSIDER {
         tape.outside(OUTSIDE_PARTNER);
@@ -219,7 +219,7 @@ pub(crate) fn abandoned() {
     current::tape(|tape| tape.abandon());
 }
 
-/// The current process does something that is not recorded.
+/// Records that the current process does something that cannot be recorded.
 #[cold]
 pub(crate) fn outside(construct: &'static str) {
     current::tape(|tape| tape.outside(construct));
@@ -233,8 +233,8 @@ pub(crate) fn now() -> Instant {
     Instant::now()
 }
 
-/// Performs an operation that does not wait: as it was given, or as ever, and records its result.
-/// `None`: it is to fail as the number says.
+/// Performs an operation that does not wait, and records its result; in a replay, performs it as
+/// the replay log says. `None`: it is to fail with the recorded number.
 #[cold]
 pub(crate) fn call<R>(
     takes: bool,
@@ -259,8 +259,7 @@ pub(crate) fn call<R>(
                     tape.differs("an operation at once does not succeed");
                 }
                 Some(number) => tape.leave(Event::failed(number)),
-                // What it takes has a stamp of the lock that it was taken under, or else it has it
-                // by now.
+                // Its effects have the stamp of the lock under which they were made, or this stamp.
                 None => tape.leave(Event::done(match tape.own_stamp() {
                     0 if takes => tape.stamp(true),
                     stamp => stamp,
@@ -271,7 +270,7 @@ pub(crate) fn call<R>(
     }
 }
 
-/// Looks at something that others change: a replay sees what the recorded process saw.
+/// Reads a state that others change: a replay sees what the recorded process saw.
 #[cold]
 pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
     match current::tape(|tape| tape.call(false)) {
@@ -287,8 +286,8 @@ pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
     }
 }
 
-/// Lets an operation in that has no other outcome than success, and others than these: gives how it
-/// failed, if that is given.
+/// Admits an operation that can only succeed, or end in one of these ways: returns its failure, if
+/// one was recorded.
 pub(crate) fn enter(cx: &mut Context<'_>) -> Poll<Result<Turn, u64>> {
     let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
     entered.map(|turn| match turn {
@@ -304,7 +303,7 @@ pub(crate) fn enter(cx: &mut Context<'_>) -> Poll<Result<Turn, u64>> {
     })
 }
 
-/// Lets an operation with a deadline in. `Err`: it is to give up, since the recorded one did.
+/// Admits an operation with a deadline. `Err`: it is to give up, since the recorded one did.
 pub(crate) fn enter_timed(cx: &mut Context<'_>) -> Poll<Result<(), ()>> {
     let timed_out = Event::new(What::TimedOut, 0, 0);
     let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));

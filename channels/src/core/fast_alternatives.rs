@@ -78,7 +78,7 @@ impl<T> Channel<T> {
     ) -> FastPath {
         while let Some(first) = lists.receivers.first() {
             let receiver = first.cast::<Waiter<T>>();
-            // SAFETY: the node is listed, and guarded by the lock; its selection is live. A
+            // SAFETY: the node is listed, and guarded by the lock; its select state is live. A
             // receiver holds no value before it is done.
             unsafe {
                 let Some((selection, guard)) = Waiter::selection(receiver) else {

@@ -34,7 +34,7 @@ pub(crate) enum FastPath {
     Waits,
     /// It is done, and the partner woken.
     Done,
-    /// It is done, and the process is ready again: it lets others run first.
+    /// It is done, and the process is queued again: others run first.
     GaveWay,
 }
 
@@ -156,8 +156,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// As [`send_fast`](Self::send_fast), for a process that is recorded. What it waits for is
-    /// noted.
+    /// As [`send_fast`](Self::send_fast), for a recorded process. Its waiting is noted.
     ///
     /// # Safety
     ///
@@ -280,8 +279,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// As [`recv_fast`](Self::recv_fast), for a process that is recorded. What it waits for is
-    /// noted.
+    /// As [`recv_fast`](Self::recv_fast), for a recorded process. Its waiting is noted.
     ///
     /// # Safety
     ///
@@ -326,7 +324,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Receives what is stored; a sender that waits moves up.
+    /// Receives a stored value; a waiting sender moves up.
     ///
     /// # Safety
     ///
@@ -340,7 +338,7 @@ impl<T> Channel<T> {
             let process = current::this_process();
             let mut lists = self.place.kept(process.home_number());
             let stored = self.store.with(|store| (*store).len());
-            // More than there is room for is what came back from futures that were dropped.
+            // Values given back by dropped futures may exceed the capacity.
             if stored > self.capacity() {
                 return FastPath::No;
             }

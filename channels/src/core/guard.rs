@@ -1,4 +1,4 @@
-//! What can happen to a channel while its lock is held.
+//! The steps on a channel under its lock.
 
 use super::{Channel, Ending};
 use crate::alternative::Entry;
@@ -47,7 +47,7 @@ pub(crate) enum Received<T> {
 pub(crate) struct Holding {
     /// Number of the rendezvous; 0 if no sender is held.
     pub(crate) ticket: u32,
-    /// How urgent the sender is.
+    /// Priority of the sender.
     pub(crate) priority: Priority,
 }
 
@@ -68,7 +68,7 @@ pub(crate) struct ChannelGuard<'a, T, L> {
     pub(crate) lists: L,
 }
 
-/// A section that holds the lock itself.
+/// A channel guard that holds the lock itself.
 pub(crate) type Locked<'a, T> = ChannelGuard<'a, T, BiasedGuard<'a, WaitQueues>>;
 
 impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
@@ -76,7 +76,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
         let lists = &mut *self.lists;
         self.channel.store.with_mut(|store| {
-            // SAFETY: the lock is held for as long as this section is, and the section is borrowed
+            // SAFETY: the lock is held for as long as this guard is, and the guard is borrowed
             // exclusively.
             let store = unsafe { &mut *store };
             let done = f(store);
@@ -85,7 +85,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         })
     }
 
-    /// Whether a receive would not have to wait. A sender that has chosen otherwise may still
+    /// Whether a receive would not have to wait. A sender that has chosen another guard may still
     /// count.
     pub(crate) fn is_ready(&mut self) -> bool {
         self.lists.ending != Ending::Open || !self.lists.senders.is_empty() || self.lists.is_storing
@@ -114,7 +114,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Claims the first alternative that is registered here, waits, and is accepted for its
+    /// Claims the first registered alternative that waits and that `accept` admits for its
     /// priority. Its node stays listed.
     #[cold]
     fn claim_registered(
@@ -169,7 +169,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         unsafe { claim_first::<T>(&mut self.lists.receivers, accepts) }
     }
 
-    /// Takes a sender's value that waits, and its node out of the list: settled, or held for
+    /// Takes a waiting sender's value, and its node out of the list: settled, or held for
     /// rendezvous `ticket`.
     #[inline]
     fn take_waiting_sender<const TAPED: bool>(
@@ -198,7 +198,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 return Some(Received::Done(value, ready, Holding::NOBODY));
             }
             let ticket = self.next_ticket();
-            // It waits on, and its wake handle with it.
+            // The sender waits on, and keeps its wake handle.
             self.lists.held.insert_again(sender.cast());
             Self::hold(sender, ticket);
             let holding = Holding {
@@ -258,8 +258,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         unsafe { self.send_inline(offered, cx) }
     }
 
-    /// As [`send_now`](Self::send_now), inlined wherever it is called: for a call that does little
-    /// else.
+    /// As [`send_now`](Self::send_now), inlined at each call: for callers that do little else.
     ///
     /// # Safety
     ///
@@ -409,7 +408,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             let ticket = self.next_ticket();
             (*Waiter::link(receiver)).ticket = ticket;
             let priority = current::priority();
-            // A waker is not cloned under the lock: the future, which then finds none, brings it.
+            // A waker is not cloned under the lock: the future finds no wake handle, and brings
+            // one.
             let wakeup = WakeHandle::without_waker(cx);
             self.lists.held.insert(node.cast(), priority, wakeup);
             Self::hold(node, ticket);
@@ -419,14 +419,13 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Receives at once, if that can be. O(1).
+    /// Receives at once, if possible. O(1).
     #[inline]
     pub(crate) fn recv_now(&mut self, extended: bool) -> Received<T> {
         self.recv_inline(extended)
     }
 
-    /// As [`recv_now`](Self::recv_now), inlined wherever it is called: for a call that does little
-    /// else.
+    /// As [`recv_now`](Self::recv_now), inlined at each call: for callers that do little else.
     #[inline(always)]
     pub(crate) fn recv_inline(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
@@ -448,8 +447,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         self.recv_as::<true>(extended)
     }
 
-    /// Receives from a channel that is not poisoned, where recorded processes come, or which is
-    /// closed, or neither.
+    /// Receives from a channel that is not poisoned. It may be closed, and recorded processes may
+    /// come.
     #[inline(always)]
     fn recv_as<const TAPED: bool>(&mut self, extended: bool) -> Received<T> {
         let capacity = self.channel.capacity();
@@ -466,7 +465,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             }
             let place = &self.channel.place;
             place.tell(|| [0, events::current_process()]);
-            // A sender that waited for room moves up.
+            // A waiting sender moves up.
             let moved_up = if has_room {
                 self.take_waiting_sender::<TAPED>(false, true)
             } else {
@@ -477,8 +476,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                     self.with_store(|store| store.push_back(next));
                     ready
                 }
-                // What was received is received; the next one finds the sender gone and the channel
-                // as it is.
+                // The value counts as received; the next receive finds the sender gone and the
+                // channel as it is.
                 Some(Received::Broken(ready)) => ready,
                 _ => PendingWake::NOBODY,
             };
@@ -486,14 +485,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
         match self.take_waiting_sender::<TAPED>(extended, false) {
             Some(received) => received,
-            // Only there is it asked whether it has ended.
+            // The end of the channel is tested only there.
             None if TAPED && self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),
             None => Received::Empty,
         }
     }
 
-    /// In a replay: takes out what the buffer had overwritten when the recorded receive with this
-    /// stamp came.
+    /// In a replay: takes out the values that the buffer had overwritten when the recorded receive
+    /// with this stamp came.
     #[cold]
     pub(crate) fn take_overwritten(&mut self, stamp: u64) -> Vec<T> {
         let buffer = self.channel.buffer();
@@ -606,8 +605,8 @@ impl<T> Locked<'_, T> {
     }
 }
 
-/// Takes the first node out that is accepted and can still be claimed, and settles the stale ones
-/// before it.
+/// Takes out the first accepted node that can still be claimed, and settles the stale ones before
+/// it.
 ///
 /// # Safety
 ///
@@ -620,8 +619,7 @@ unsafe fn claim_first<T>(
     let node = list.first()?;
     // SAFETY: the contract.
     unsafe {
-        // The one that is there most often: a plain operation, which is accepted, and needs no
-        // claim.
+        // The most frequent case: a plain operation, which is accepted, and needs no claim.
         let waiter = node.cast::<Waiter<T>>();
         if Waiter::selection(waiter).is_none() && accepts(node) {
             list.remove(node);
@@ -653,7 +651,7 @@ unsafe fn claim_first_of_many<T>(
             if is_claimed {
                 return Some(waiter);
             }
-            // One that is stale holds no wake handle.
+            // A stale node holds no wake handle.
             Waiter::settle_stale(waiter);
         }
     }

@@ -71,7 +71,8 @@ impl<T> Channel<T> {
                     Waiter::begin_on_spot(node);
                     lists.hand_off.note(Side::Sender, node.cast());
                     if has_room::<T>() {
-                        // It stays in the node too: where it is taken from, if the node is listed.
+                        // The value stays in the node too: it is taken from there if the node is
+                        // listed.
                         hand_off_slots.put(Side::Sender, Waiter::take_value_of(node));
                     }
                     hand_off_slots.occupy(Side::Sender);
@@ -98,7 +99,7 @@ impl<T> Channel<T> {
         let mut lists = self.place.lock();
         // SAFETY: as above; a sender's node holds its value, and with room the hand-off slot does.
         unsafe {
-            // What came back from a receive that was dropped comes first.
+            // Values given back by dropped receives come first.
             if lists.may_meet_on_spots() && !lists.is_storing {
                 if hand_off_slots.is_waiting(Side::Sender)
                     && let Some(sender) = lists.hand_off.get(Side::Sender)

@@ -1,5 +1,5 @@
 //! How two processes of one executor meet: the part of [`fast_path`](super::fast_path) that does
-//! not depend on what is communicated.
+//! not depend on the type of the value.
 //!
 //! The channels of all types share one copy of it. A system has processes of many kinds, and its
 //! channels many types: with a copy for each, the code of a cycle exceeds the first-level cache,
@@ -66,7 +66,7 @@ fn enter<'a, const RECORDED: bool>(
     Some((process, lists))
 }
 
-/// Looks for the receiver that waits, and lists the sender if there is none. O(1).
+/// Looks for a waiting receiver, and lists the sender if there is none. O(1).
 ///
 /// # Safety
 ///
@@ -81,8 +81,8 @@ pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     let Some((process, mut lists)) = enter::<RECORDED>(place, cx) else {
         return Found::No;
     };
-    // SAFETY: under the lock a listed node may be looked at. How a node is listed does not depend
-    // on its value.
+    // SAFETY: under the lock a listed node may be read. The way in which a node is listed does not
+    // depend on its value.
     unsafe {
         if lists.is_plain {
             if let Some(first) = lists.receivers.first() {
@@ -109,7 +109,7 @@ pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     }
 }
 
-/// Looks for the sender that waits, and lists the receiver if there is none. O(1).
+/// Looks for a waiting sender, and lists the receiver if there is none. O(1).
 ///
 /// # Safety
 ///
@@ -151,7 +151,7 @@ pub(super) unsafe fn come_to_receive<const RECORDED: bool>(
     }
 }
 
-/// Lets go of the receiver that has been given its value: it is ready from here on.
+/// Lets the receiver go after it has been given its value: it is ready from here on.
 ///
 /// # Safety
 ///
