@@ -31,7 +31,7 @@ pub enum PlaceKind {
     Condition,
     /// A semaphore. Its last receiver is the last to take permits.
     Semaphore,
-    /// No place at all: STOP, an alternative without an open guard.
+    /// No wait point at all: STOP, an alternative without an open guard.
     Stop,
 }
 
@@ -60,7 +60,7 @@ fn place_in_source(made_at: &Location<'_>) -> String {
 pub struct Waiting {
     /// Process or thread that waits.
     pub user: User,
-    /// To do what.
+    /// Its role at the wait point.
     pub role: Role,
 }
 
@@ -94,7 +94,7 @@ pub struct PlaceView {
     pub id: u64,
     /// Where it lies in memory: each end, or other handle, has this address in it. 0 for STOP.
     pub address: usize,
-    /// The name that it was given.
+    /// Its name, if it was given one.
     pub name: Option<String>,
     /// Where in the program it was made.
     pub made_at: &'static Location<'static>,
@@ -269,8 +269,8 @@ impl Identity {
     }
 }
 
-/// The ends of the list of all places that live. It lies in them: so making one allocates nothing
-/// but it.
+/// The ends of the list of all live wait points. The links lie in the wait points, so making one
+/// allocates nothing else.
 ///
 /// # Invariants
 ///
@@ -371,7 +371,7 @@ impl Places {
     }
 }
 
-/// Registers a place. Off the real-time path, as is making one.
+/// Registers a wait point. Off the real-time path, as is making one.
 ///
 /// # Safety
 ///

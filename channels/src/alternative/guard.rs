@@ -22,7 +22,7 @@ use std::task::{Context, Poll};
     note = "put other work in the body, or in a process of its own that answers over a channel"
 )]
 pub trait Guard: RawGuard {
-    /// What the guard gives when it is chosen.
+    /// Output of the guard when it is chosen.
     type Output;
 
     /// Whether a guard that was not chosen and is listed nowhere, or that has given its output, has
@@ -43,7 +43,7 @@ pub trait Guard: RawGuard {
     #[doc(hidden)]
     fn from_seed(seed: Self::Seed) -> Self;
 
-    /// Takes what the guard gives.
+    /// Takes the guard's output.
     ///
     /// # Safety
     ///
@@ -99,7 +99,7 @@ pub trait RawGuard {
         false
     }
 
-    /// Makes the guard happen at once, if that can be. O(1) for channels.
+    /// Makes the guard happen at once, if possible. O(1) for channels.
     ///
     /// # Safety
     ///
@@ -217,7 +217,7 @@ pub trait RawGuard {
         false
     }
 
-    /// Whether the guard has an error to give.
+    /// Whether the guard has an error to return.
     fn can_fail(&self) -> bool {
         false
     }

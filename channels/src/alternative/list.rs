@@ -8,14 +8,14 @@ use luna_core::current::{PlainPendingWake, Process};
 use std::pin::Pin;
 use std::ptr::NonNull;
 
-/// How many guards one `alt!` can have. More are for an [`Alternative`](crate::Alternative), which
-/// also costs less for many.
+/// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
+/// which also costs less for many.
 pub(super) const MOST_GUARDS: usize = 32;
 
 /// The guards with a true precondition, and their numbers in the order written.
 pub(super) type Open<'a> = ArrayVec<(u32, Pin<&'a mut (dyn RawGuard + 'a)>), MOST_GUARDS>;
 
-/// What the first guard gave, or what one of the rest gave.
+/// Output of the first guard, or of one of the rest.
 #[derive(Debug)]
 pub enum Either<L, R> {
     /// The first.
@@ -24,7 +24,7 @@ pub enum Either<L, R> {
     R(R),
 }
 
-/// What no guard gives.
+/// The output of no guard.
 #[derive(Debug)]
 pub enum Never {}
 
@@ -98,7 +98,7 @@ impl<G: Guard, R: Seeds> Seeds for Cons<Seed<G>, R> {
 
 /// A list of guards.
 pub trait Guards {
-    /// What the chosen one gives.
+    /// Output of the chosen guard.
     type Output;
     /// How many there are.
     const LEN: usize;

@@ -68,7 +68,7 @@ pub struct Alternative<'a, T> {
     is_fair: bool,
     /// How many channels there are.
     count: usize,
-    /// How many of them have said that they have ended. Once all have, all are ready.
+    /// Number of entries that have reported their end. Once all have, all are ready.
     ended: usize,
     /// Number of entries that are listed in their channels: a prefix, since listing happens in the
     /// first `recv`.
@@ -177,7 +177,7 @@ impl<'a, T> Alternative<'a, T> {
             ended: None,
         });
         if self.all_ended() {
-            // They have said so, and now there is one to wait for.
+            // They have reported their end, and now there is one to wait for.
             (0..self.entries.len())
                 .filter(|&other| self.entries[other].is_some())
                 .for_each(|other| self.ready.clear(other));
@@ -385,12 +385,12 @@ impl<'a, T> Alternative<'a, T> {
         Some(received)
     }
 
-    /// Whether none is left that could give a value.
+    /// Whether no channel is left that could give a value.
     fn all_ended(&self) -> bool {
         self.ended != 0 && self.ended == self.count
     }
 
-    /// Once all have ended, each is ready to say so again. O(n) then.
+    /// Once all have ended, each is ready to report that again. O(n) then.
     fn ready_if_all_ended(&mut self) {
         if self.all_ended() {
             (0..self.entries.len())

@@ -26,7 +26,7 @@ pub trait Due {
     /// O(1), and never panics.
     fn due_at(&self, now: Instant) -> Instant;
 
-    /// When it was last chosen by a fair alternative, if it remembers that.
+    /// Stamp of its last choice by a fair alternative, if it remembers that.
     fn stamp(&self) -> Option<&Stamp> {
         None
     }

@@ -51,7 +51,7 @@ struct State {
     waiting: WaitList,
     /// Members of a completed round, while they are woken.
     releasing: WaitList,
-    /// Counts the rounds that were completed.
+    /// Number of completed rounds.
     number: u32,
 }
 
@@ -182,8 +182,8 @@ impl Group {
         }
     }
 
-    /// A member that waits is about to leave: so the group is not complete, and has not come,
-    /// unless the barrier's round is over. Runs no user code.
+    /// Called before a waiting member leaves: the group is not complete, and has not come, unless
+    /// the barrier's round is over. Runs no user code.
     fn withdraw(&self) -> After<'_> {
         // SAFETY: this is the group's thread, and the borrow ends before `complete`.
         let taken_back = unsafe { &mut *self.global.get() }
@@ -212,7 +212,7 @@ impl Group {
     }
 }
 
-/// What is left to be done after a change of the group: all that may run user code.
+/// Remaining work after a change of the group: all that may run user code.
 #[must_use]
 struct After<'a> {
     group: &'a Group,
@@ -324,7 +324,7 @@ impl LocalSync<'_> {
         if !is_due() {
             return false;
         }
-        // Cloning a waker is user code: what it did is looked at afterwards.
+        // Cloning a waker is user code: its effects are looked at afterwards.
         let wakeup = WakeHandle::of(cx);
         if !is_due() {
             return false;

@@ -39,9 +39,9 @@ use std::ptr::NonNull;
 /// How far a barrier is. Guarded by its lock.
 #[derive(Debug)]
 struct Round {
-    /// How many must come.
+    /// Number of parties that must come.
     parties: usize,
-    /// How many have come, and wait in the list of senders.
+    /// Number of parties that have come, and wait in the list of senders.
     arrived: usize,
     /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their
     /// selections.
@@ -156,7 +156,7 @@ impl Barrier {
         self.shared().resign();
     }
 
-    /// How many must come: for display, since it may have changed already.
+    /// Number of parties that must come: for display, since it may have changed already.
     pub fn parties(&self) -> usize {
         let lists = self.shared().place.lock();
         // SAFETY: the lists are the barrier's own.

@@ -114,7 +114,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Claims the first registered alternative that waits and that `accept` admits for its
+    /// Claims the first registered alternative that waits and that `accepts` admits for its
     /// priority. Its node stays listed.
     #[cold]
     fn claim_registered(

@@ -180,7 +180,7 @@ impl AcquireOp<'_> {
             return Poll::Ready(Err(AcquireError));
         }
         let polled = match self.phase {
-            // Lets others run before it has anything that they could wait for.
+            // Lets others run before it holds permits that they could wait for.
             Phase::New if crate::gives_way(cx) => {
                 self.phase = Phase::GaveWay;
                 return Poll::Pending;
@@ -292,7 +292,7 @@ impl<'a> Future for AcquireTimeout<'a> {
         if let Poll::Ready(acquired) = acquire.as_mut().poll(cx) {
             return Poll::Ready(acquired.map_err(AcquireTimeoutError::from));
         }
-        // One that lets others run has not tried yet.
+        // An operation that lets others run has not tried yet.
         if acquire.phase == Phase::GaveWay {
             return Poll::Pending;
         }

@@ -82,7 +82,7 @@ impl Drop for CoreRef {
     }
 }
 
-/// What is due after one became the holder, or waits to.
+/// Work that is due after an entry became the holder, or waits to.
 #[must_use = "the process stays asleep, and the chain as it was"]
 pub(super) struct Admitted {
     ready: PendingWake,

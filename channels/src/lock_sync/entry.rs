@@ -17,7 +17,7 @@ pub(super) enum Cause {
     TimedOut,
 }
 
-/// What is listed with the process (or thread) that waits, so that a chain finds it.
+/// The node listed with the process (or thread) that waits, so that a chain finds it.
 #[repr(C)]
 struct Listed {
     /// First, so that it leads back to this.
@@ -42,8 +42,8 @@ pub(super) struct Entry {
     /// Inherits when the entry holds the mutex.
     inheritor: Option<Inheritor>,
     cause: Cause,
-    /// Which mutex it is to lock, from its begin to its end. It keeps that one's memory, also if
-    /// its future is leaked: the chain may still find it.
+    /// The mutex that it is to lock, from its begin to its end. It keeps that mutex's memory, also
+    /// if its future is leaked: the chain may still find it.
     core: Option<CoreRef>,
     is_listed: bool,
     listed: MaybeUninit<Listed>,
@@ -187,7 +187,7 @@ impl Entry {
         unsafe { (*entry.as_ptr()).inheritor.take() }
     }
 
-    /// Which mutex it is to lock.
+    /// The mutex that it is to lock.
     ///
     /// # Safety
     ///

@@ -158,7 +158,7 @@ impl<'a, T> LockOp<'a, T> {
             return Poll::Ready(Err(LockError::Poisoned));
         }
         let polled = match self.phase {
-            // Lets others run before it holds anything that they could wait for.
+            // Lets others run before it holds a mutex that they could wait for.
             Phase::New if crate::gives_way(cx) => {
                 self.phase = Phase::GaveWay;
                 return Poll::Pending;
@@ -280,7 +280,7 @@ impl<'a, T> Future for LockTimeout<'a, T> {
         if let Poll::Ready(locked) = lock.as_mut().poll(cx) {
             return Poll::Ready(locked.map_err(LockTimeoutError::from));
         }
-        // One that lets others run has not tried yet.
+        // An operation that lets others run has not tried yet.
         if lock.phase == Phase::GaveWay {
             return Poll::Pending;
         }

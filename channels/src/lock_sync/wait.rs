@@ -188,7 +188,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         self.phase = Phase::Over;
     }
 
-    /// Gives up, wherever it is. A notification that was for it alone is passed on; a mutex that it
+    /// Gives up in any state. A notification that was for it alone is passed on; a mutex that it
     /// was handed is too.
     fn cancel(&mut self) {
         let entry = self.entry();

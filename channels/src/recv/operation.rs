@@ -138,7 +138,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         node
     }
 
-    /// Which extended rendezvous it was that has ended.
+    /// Number of the extended rendezvous that has ended.
     #[inline]
     pub(super) fn ticket(&self) -> u32 {
         match self.phase {
@@ -166,7 +166,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         }
     }
 
-    /// Keeps what was received in the node.
+    /// Keeps the received value in the node.
     #[inline]
     pub(super) fn keep(&mut self, value: T, ticket: u32) {
         // SAFETY: a receive that was not listed holds no value, and no other thread knows its node.
@@ -257,7 +257,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         matches!(self.phase, Phase::New | Phase::Entering)
     }
 
-    /// Whether it waits for a partner, or has met one that came later.
+    /// Whether it waits for a partner, or has met a later one.
     pub(super) fn is_listed(&self) -> bool {
         matches!(self.phase, Phase::Listed | Phase::Taped)
     }

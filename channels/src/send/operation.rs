@@ -180,7 +180,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         panic!("the closure of a `send_with` panicked: its channel is poisoned")
     }
 
-    /// What a send that has succeeded was given back, if it was.
+    /// The value given back to a successful send, if any.
     pub(crate) fn take_answer(self: Pin<&mut Self>) -> Option<T> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -317,7 +317,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         matches!(self.phase, Phase::New | Phase::Entering)
     }
 
-    /// Whether it waits for a partner, or has met one that came later.
+    /// Whether it waits for a partner, or has met a later one.
     pub(super) fn is_listed(&self) -> bool {
         matches!(self.phase, Phase::Listed | Phase::Taped)
     }

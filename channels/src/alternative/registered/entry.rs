@@ -1,4 +1,4 @@
-//! What an alternative that stays registered shows to its partners.
+//! The part of a registered alternative that its partners access.
 
 use crate::core::Channel;
 use crate::error::RecvError;

@@ -273,8 +273,8 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Receives from a channel that has said that it is ready; nothing if others have emptied it,
-    /// or a better one turns up.
+    /// Receives from a channel that has reported that it is ready; nothing if others have emptied
+    /// it, or a better one turns up.
     fn try_recv(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
         // SAFETY: the entry is this alternative's.
@@ -313,7 +313,7 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Gives what was received, after others if it is their turn.
+    /// Returns the received value, after others have run if it is their turn.
     fn hand_on_in_turn(
         &mut self,
         index: usize,
@@ -331,7 +331,7 @@ impl<T> Alternative<'_, T> {
         self.hand_on(index, Ok(taken.keep()), gives_way)
     }
 
-    /// Gives what was received, or keeps it for the next poll while others run.
+    /// Returns the received value, or keeps it for the next poll while others run.
     pub(super) fn hand_on(
         &mut self,
         index: usize,
