@@ -2,7 +2,8 @@
 
 use crate::error::BufferError;
 
-/// How many values a channel can hold, and what a send does when they are that many. See [`buffered`](crate::buffered).
+/// How many values a channel can hold, and what a send does when they are that many. See
+/// [`buffered`](crate::buffered).
 ///
 /// ```
 /// use luna_channels::{Buffer, buffered};
@@ -44,7 +45,8 @@ impl Buffer {
         }
     }
 
-    /// Holds the first `capacity - 1` values and the last one: a send into a full one replaces the newest, and never waits.
+    /// Holds the first `capacity - 1` values and the last one: a send into a full one replaces the
+    /// newest, and never waits.
     pub const fn overwrite_newest(capacity: usize) -> Buffer {
         Buffer {
             capacity,
@@ -52,8 +54,8 @@ impl Buffer {
         }
     }
 
-    /// Holds any number of values, and **allocates** as it grows: a send never waits, and is not for the real-time path. What is sent
-    /// faster than it is received fills the memory.
+    /// Holds any number of values, and **allocates** as it grows: a send never waits, and is not
+    /// for the real-time path. What is sent faster than it is received fills the memory.
     ///
     /// ```
     /// use luna_channels::{Buffer, buffered};

@@ -23,7 +23,8 @@ pub enum ChannelEnd {
     Poisoned,
 }
 
-/// The node of one who waits for the end. While it is listed the place's lock guards it.
+/// The node of a watcher: a process that waits for the end. While it is listed the wait point's
+/// lock guards it.
 #[repr(C)]
 struct Watcher {
     /// First, so that the list's node leads back to this.
@@ -42,13 +43,15 @@ impl Watcher {
     }
 }
 
-/// Takes the most urgent one out who waits for the ending that there is, and says whom to ready. O(those who wait on).
+/// Takes out the most urgent watcher of the present ending, and returns its wake handle. O(watchers
+/// that wait on).
 pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
     let ending = lists.ending;
     let mut next = lists.watching.first();
     while let Some(node) = next {
         let watcher = node.cast::<Watcher>();
-        // SAFETY: what is in this list is the first field of a live watcher, which the lock guards; the lists are borrowed from it.
+        // SAFETY: what is in this list is the first field of a live watcher, which the lock guards;
+        // the lists are borrowed from it.
         unsafe {
             if watcher.as_ref().is_met_by(ending).is_some() {
                 return Some(unlist(&mut lists.watching, watcher));
@@ -61,7 +64,7 @@ pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
 
 /// # Safety
 ///
-/// `watcher` is in `list`, whose lock is held.
+/// `watcher` is in `list`, and the lock of `list` is held.
 unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake {
     // SAFETY: the contract.
     unsafe {
@@ -72,7 +75,8 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake 
     }
 }
 
-/// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended) and [`Receiver::poisoned`](crate::Receiver::poisoned).
+/// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended) and
+/// [`Receiver::poisoned`](crate::Receiver::poisoned).
 ///
 /// # Invariants
 ///
@@ -80,9 +84,9 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake 
 #[must_use = "it waits only when awaited"]
 pub struct Ended<'a> {
     place: &'a WaitPoint,
-    /// What it came to, while its process is held by its tape.
+    /// The result, while its process is held by its replay log.
     given: Option<ChannelEnd>,
-    /// Its process' tape knows of it.
+    /// Its process' replay log has admitted it.
     has_entered: bool,
     /// It has let others run.
     has_given_way: bool,
@@ -90,7 +94,7 @@ pub struct Ended<'a> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the watcher is touched under the place's lock alone, wherever the future is.
+// SAFETY: the watcher is touched under the wait point's lock alone, wherever the future is.
 unsafe impl Send for Ended<'_> {}
 // SAFETY: `&Ended` gives access to nothing that changes.
 unsafe impl Sync for Ended<'_> {}
@@ -129,7 +133,7 @@ impl Future for Ended<'_> {
 }
 
 impl Ended<'_> {
-    /// Polls as the process' tape says.
+    /// Polls as the process' replay log says.
     #[cold]
     fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         let end = match self.given {
@@ -167,7 +171,9 @@ impl Ended<'_> {
         }
     }
 
-    /// The end that was found without waiting, after others if it is their turn. Once: beside a branch that spends all operations of each turn it would else never come.
+    /// The end that was found without waiting, after others have run if it is their turn. Once: in
+    /// a process with a branch that spends all operations of each turn it would otherwise never
+    /// come.
     #[cold]
     fn found(self: Pin<&mut Self>, end: ChannelEnd, cx: &Context<'_>) -> Poll<ChannelEnd> {
         // SAFETY: nothing is moved.
@@ -188,7 +194,8 @@ impl Ended<'_> {
         let mut renewal = Renewal::of(cx);
         let end = renewal.put(|renewal| {
             let mut lists = self.place.lock_lists();
-            // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the list when the future is dropped.
+            // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the
+            // list when the future is dropped.
             unsafe {
                 let has_waited = node.as_ref().listed;
                 if let Some(end) = node.as_ref().is_met_by(lists.ending) {
@@ -206,7 +213,7 @@ impl Ended<'_> {
             None
         });
         match end {
-            // Nothing is taken, so it looks again.
+            // No value is taken, so it looks again.
             Some((end, true)) => Poll::Ready(end),
             Some((end, false)) => self.found(end, cx),
             None => {
@@ -224,7 +231,7 @@ impl Drop for Ended<'_> {
         }
         let node = self.node();
         let mut lists = self.place.lock_lists();
-        // SAFETY: the lock is held; a watcher that says so is in the list of its place.
+        // SAFETY: the lock is held; a watcher in this state is in the list of its wait point.
         let unused = unsafe {
             if !node.as_ref().listed {
                 return;

@@ -17,7 +17,7 @@ macro_rules! gives_value_back {
     };
 }
 
-/// Sending failed: nobody will ever take the value, which is given back.
+/// Sending failed: the value can no longer be received. The error returns it.
 ///
 /// ```
 /// let (sender, receiver) = luna_channels::channel::<u32>();
@@ -187,7 +187,7 @@ impl Error for TryRecvError {}
 /// Sending within a time failed. The value is given back.
 #[derive(Clone, PartialEq, Eq)]
 pub enum SendTimeoutError<T> {
-    /// Nobody took the value in time; it was withdrawn.
+    /// No receiver took the value in time; it was withdrawn.
     Timeout(T),
     /// The last receiver is gone.
     Closed(T),

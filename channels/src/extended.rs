@@ -9,13 +9,13 @@ use std::ops::{Deref, DerefMut};
 
 /// Whether a receive holds its sender. Sealed: its module is private.
 pub trait Mode {
-    /// What is received.
+    /// Result of a receive.
     type Received<'a, T: 'a>;
-    /// What a receive keeps beside its node.
+    /// State that a receive keeps beside its node.
     type Note: Default + Send;
     /// Whether the sender is held.
     const HOLDS: bool;
-    /// Whether the note is an inheritor, which is lent the priority of the sender that is held.
+    /// Whether the note is an inheritor, boosted by the held sender.
     const INHERITS: bool = false;
 
     /// The receive is about to wait, in the current process.
@@ -26,7 +26,8 @@ pub trait Mode {
     #[inline]
     fn holds(_note: &mut Self::Note, _sender: Priority) {}
 
-    /// Makes what is received of a value, and of the number of the rendezvous whose sender is held; 0 for none.
+    /// Makes the result of a receive of a value, and of the number of the rendezvous with a held
+    /// sender; 0 for none.
     fn received<'a, T>(
         receiver: &'a Receiver<T>,
         value: T,
@@ -34,7 +35,7 @@ pub trait Mode {
         note: Self::Note,
     ) -> Self::Received<'a, T>;
 
-    /// Takes a value back whose receive was dropped before it could hand it on.
+    /// Takes a value back from a receive that was dropped before it could hand it on.
     #[inline]
     fn give_back<T>(receiver: &Receiver<T>, value: T, ticket: u32) {
         drop(Taken::new(receiver.channel(), value, ticket));
@@ -49,7 +50,7 @@ pub(crate) struct Noted<T, N> {
     pub(crate) note: N,
 }
 
-/// The sender goes on when the value is taken.
+/// The sender is released when the value is taken.
 #[derive(Debug)]
 pub struct Plain;
 
@@ -64,7 +65,7 @@ impl Mode for Plain {
     }
 }
 
-/// The sender goes on when the receiver is done.
+/// The sender is released when the receiver is done.
 #[derive(Debug)]
 pub struct Extending;
 
@@ -86,19 +87,20 @@ impl Mode for Extending {
     }
 }
 
-/// A value whose sender is held until this is dropped: see [`Receiver::recv_extended`].
+/// A value that holds its sender until it is dropped: see [`Receiver::recv_extended`].
 ///
-/// Dropping it is for the real-time path: O(senders that are held on this channel), which are as many as there are extended rendezvous under
-/// way. One that is forgotten holds its sender until the channel is poisoned.
+/// Dropping it is for the real-time path: O(senders that are held on this channel), which are as
+/// many as there are extended rendezvous under way. A forgotten one holds its sender until the
+/// channel is poisoned.
 #[must_use = "the sender goes on when this is dropped"]
 pub struct Extended<'a, T> {
-    /// Dropped before the sender goes on.
+    /// Dropped before the sender is released.
     value: T,
     _held: Held<'a, T>,
 }
 
 impl<T> Extended<'_, T> {
-    /// Lets the sender go on, and gives the value.
+    /// Releases the sender, and returns the value.
     pub fn finish(self) -> T {
         self.value
     }

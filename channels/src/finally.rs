@@ -2,7 +2,8 @@
 
 use std::mem;
 
-/// Calls a function when it is dropped: for what must follow user code (a wake, a drop), however that ends. The rule stands at the head of [`luna_core::current::WakeHandle`]'s module.
+/// Calls a function when it is dropped: for what must follow user code (a wake, a drop), however
+/// that ends. The rule stands at the head of [`luna_core::current::WakeHandle`]'s module.
 #[must_use = "the step is done when this is dropped"]
 pub(crate) struct Finally<F: FnMut()>(F);
 

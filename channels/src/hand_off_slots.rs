@@ -1,20 +1,27 @@
-//! Where two who are awake at the same time meet without a node: on the line of memory that the lock lies on.
+//! Where two operations that are awake at the same time meet without a node: on the cache line of
+//! the lock.
 //!
-//! An operation that looks for its partner for a while, before its process waits, is awake all that time. Its partner need not reach for its node then,
-//! nor wake anybody: what they exchange lies beside the lock, which the partner has fetched anyway. Between two cores each line is a transfer of its own, and
-//! they come one after the other.
+//! An operation that looks for its partner for a while, before its process waits, is awake all that
+//! time. Its partner then need not access its node, nor wake its process: the value is exchanged
+//! beside the lock, on a line that the partner has fetched anyway. Between two cores each line is a
+//! transfer of its own, and they come one after the other.
 //!
-//! There is a hand_off_slot for each side. The sender may so offer its next value while its receiver has not fetched the one before.
+//! There is a hand-off slot for each side. So the sender may offer its next value while its
+//! receiver has not fetched the one before.
 //!
 //! ```text
 //!   FREE --an operation that may look, under the lock--> WAITING --partner, under the lock--> DONE --who waited--> FREE
 //!                                                          '--anybody else, under the lock--> LISTED --who waited--> FREE
 //! ```
 //!
-//! On the hand_off_slots nobody is ordered, so they are used only as long as there is nobody to order: one who waits on a side, at a channel of which nothing is asked
-//! but to send and to receive. Whoever comes for anything else (a second one of a side, an alternative, the end) lists who waits there first, when it
-//! takes the lock ([`WaitPoint::lock_lists`](crate::wait_point::Place::lock_lists)); from there on all is as if there were no hand_off_slots. The short way at home does not look at
-//! them: the home that a lock favours is alone with it, and what waits on a hand_off_slot is a poll of that thread which has not come back.
+//! Hand-off slots keep no order, so they are used only as long as there is nothing to order: one
+//! operation waits on a side, at a channel that is used for plain sends and receives only. Any
+//! other operation (a second one of a side, an alternative, the end) first lists the operation that
+//! waits on a slot, when it takes the lock
+//! ([`WaitPoint::lock_lists`](crate::wait_point::WaitPoint::lock_lists)); from there on all is as
+//! if there were no hand-off slots. The fast path does not look at them: the executor that owns the
+//! bias is alone with the lock, and what waits on a hand-off slot is a poll of that thread which
+//! has not come back.
 
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
@@ -22,7 +29,7 @@ use luna_platform::sync::atomic::{AtomicU8, Ordering};
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
-/// Who meets.
+/// The two sides of a hand-off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Side {
     Sender,
@@ -30,33 +37,35 @@ pub(crate) enum Side {
 }
 
 mod state {
-    /// Nobody is there.
+    /// No operation is there.
     pub(super) const FREE: u8 = 0;
-    /// Somebody looks at it. Changed under the lock alone.
+    /// An operation looks for its partner on it. Changed under the lock alone.
     pub(super) const WAITING: u8 = 1;
     /// Its partner has come.
     pub(super) const DONE: u8 = 2;
-    /// Who waits is in its list.
+    /// The waiting operation is in its list.
     pub(super) const LISTED: u8 = 4;
 }
 
-/// Whose node waits on each hand_off_slot, or did last. Guarded by the place's lock, and on another line than the hand_off_slots: it is mostly the same, and then read alone.
+/// The node of the present or last waiter on each hand-off slot. Guarded by the wait point's lock,
+/// and on another line than the slots: it rarely changes, and is then only read.
 #[derive(Debug)]
 pub(crate) struct Nodes([Option<NonNull<WaitNode>>; 2]);
 
-// SAFETY: it owns no node; the lock that guards it guards the nodes too, so it may go where the lock goes.
+// SAFETY: it owns no node; the lock that guards it guards the nodes too, so it may go where the
+// lock goes.
 unsafe impl Send for Nodes {}
 
 impl Nodes {
     pub(crate) const NONE: Nodes = Nodes([None; 2]);
 
-    /// Whose node it is: valid while its hand_off_slot is waited on.
+    /// The waiter's node: valid while its hand-off slot is waited on.
     #[inline]
     pub(crate) fn get(&self, side: Side) -> Option<NonNull<WaitNode>> {
         self.0[side as usize]
     }
 
-    /// Notes whose node it is, if it is another one than before.
+    /// Stores the waiter's node, if it is another one than before.
     #[inline]
     pub(crate) fn note(&mut self, side: Side, node: NonNull<WaitNode>) {
         if self.get(side) != Some(node) {
@@ -65,20 +74,22 @@ impl Nodes {
     }
 }
 
-/// Room for a value: what is left of the line, for each side.
+/// Room for a value of each side: the rest of the line.
 type Room = MaybeUninit<u64>;
 
-/// Whether values of this type have room on a hand_off_slot. Others are exchanged in the nodes.
+/// Whether values of this type fit in a hand-off slot. Others are exchanged in the nodes.
 pub(crate) const fn has_room<T>() -> bool {
     size_of::<T>() <= size_of::<Room>() && align_of::<T>() <= align_of::<Room>()
 }
 
-/// A hand_off_slot for each side.
+/// A hand-off slot for each side.
 ///
 /// # Invariants
 ///
-/// A state is changed from `FREE` and from `WAITING` by who holds the place's lock, and from the others by who waits. A sender's value is valid while it is `WAITING` on it, a
-/// receiver's from when it is `DONE`, each for values that have [room](has_room). It is accessed by who may change the state.
+/// A state is changed from `FREE` and from `WAITING` by the thread that holds the wait point's
+/// lock, and from the others by the waiter. A sender's value is valid while it is `WAITING` on it,
+/// a receiver's from when it is `DONE`, each for values that have [room](has_room). It is accessed
+/// by the thread that may change the state.
 #[derive(Debug)]
 #[repr(C)]
 pub(crate) struct HandOffSlots {
@@ -96,7 +107,7 @@ impl HandOffSlots {
 
     #[inline]
     fn load(&self, side: Side) -> u8 {
-        // Acquire: who sees that something was done sees what came with it.
+        // Acquire: a thread that sees `DONE` sees the value that came with it.
         self.states[side as usize].load(Ordering::Acquire)
     }
 
@@ -106,50 +117,51 @@ impl HandOffSlots {
         self.states[side as usize].store(state, Ordering::Release);
     }
 
-    /// Whether somebody waits on this side. Exact under the lock.
+    /// Whether an operation waits on this side. Exact under the lock.
     #[inline]
     pub(crate) fn is_waiting(&self, side: Side) -> bool {
         self.load(side) == state::WAITING
     }
 
-    /// Whether somebody waits. Exact under the lock.
+    /// Whether an operation waits on either side. Exact under the lock.
     #[inline]
     pub(crate) fn is_anybody_waiting(&self) -> bool {
-        // In one, since nearly every general operation asks this: `WAITING` alone has its bit.
+        // Both in one word, since nearly every slow-path operation asks this: only `WAITING` has
+        // its bit.
         let states = self.load(Side::Sender) | self.load(Side::Receiver);
         states & state::WAITING != 0
     }
 
-    /// Whether somebody can come to wait on this side. Under the lock.
+    /// Whether an operation can come to wait on this side. Under the lock.
     #[inline]
     pub(crate) fn is_free(&self, side: Side) -> bool {
         self.load(side) == state::FREE
     }
 
-    /// The calling operation waits from now on. Under the lock, on a hand_off_slot that is free.
+    /// The calling operation waits from now on. Under the lock, on a hand-off slot that is free.
     #[inline]
     pub(crate) fn occupy(&self, side: Side) {
         self.store(side, state::WAITING);
     }
 
-    /// Who waits on this side has met its partner. Under the lock.
+    /// The waiter on this side has met its partner. Under the lock.
     #[inline]
     pub(crate) fn settle(&self, side: Side) {
         self.store(side, state::DONE);
     }
 
-    /// Who waits on this side was listed. Under the lock.
+    /// The waiter on this side was listed. Under the lock.
     pub(crate) fn say_listed(&self, side: Side) {
         self.store(side, state::LISTED);
     }
 
-    /// For who waits on this side: whether its partner has come.
+    /// Called by the waiter on this side: whether its partner has come.
     #[inline]
     pub(crate) fn is_done(&self, side: Side) -> bool {
         self.load(side) == state::DONE
     }
 
-    /// Who waited on this side leaves: it is done or was listed.
+    /// The waiter on this side leaves: it is done or was listed.
     #[inline]
     pub(crate) fn leave(&self, side: Side) {
         self.store(side, state::FREE);
@@ -159,7 +171,7 @@ impl HandOffSlots {
     ///
     /// # Safety
     ///
-    /// The caller may, by the type's invariants, and the value has [room](has_room).
+    /// By the type's invariants the caller may access the value, and it has [room](has_room).
     #[inline]
     pub(crate) unsafe fn put<T>(&self, side: Side, value: T) {
         const { assert!(!has_room::<T>() || align_of::<Room>() >= align_of::<T>()) };

@@ -1,7 +1,8 @@
-//! What channels there are, who uses them, and who waits: for reports of deadlocks and pictures of a system.
+//! What channels there are, their users, and their waiters: for reports of deadlocks and pictures
+//! of a system.
 //!
-//! Not for the real-time path: [`places`] looks at each channel under its lock, one after the other, so what it gives is no snapshot of
-//! one instant, unless everybody waits.
+//! Not for the real-time path: [`places`] looks at each channel under its lock, one after the
+//! other, so the result is no snapshot of one instant, unless all processes wait.
 
 use crate::wait_point::{Ending, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
@@ -24,13 +25,13 @@ pub enum PlaceKind {
     Buffered(usize),
     /// A barrier.
     Barrier,
-    /// A mutex. Its last receiver is who holds it.
+    /// A mutex. Its last receiver is its holder.
     Mutex,
-    /// A condition variable. Its last receiver is who last notified.
+    /// A condition variable. Its last receiver is its last notifier.
     Condition,
-    /// A semaphore. Its last receiver is who last took permits.
+    /// A semaphore. Its last receiver is the last to take permits.
     Semaphore,
-    /// No place at all: STOP, an alternative without an open guard.
+    /// No wait point at all: STOP, an alternative without an open guard.
     Stop,
 }
 
@@ -53,17 +54,17 @@ fn place_in_source(made_at: &Location<'_>) -> String {
     format!("{}:{}", made_at.file(), made_at.line())
 }
 
-/// Who waits at a place.
+/// A waiter at a wait point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub struct Waiting {
-    /// Who.
+    /// Process or thread that waits.
     pub user: User,
-    /// To do what.
+    /// Its role at the wait point.
     pub role: Role,
 }
 
-/// What somebody waits for at a place.
+/// What a process or thread waits for at a wait point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Role {
@@ -75,7 +76,7 @@ pub enum Role {
     Held,
     /// For the others at a barrier.
     Party,
-    /// For nothing: none of its guards is open.
+    /// For nothing: it has no open guard.
     Stopped,
     /// To lock a mutex.
     Locker,
@@ -93,7 +94,7 @@ pub struct PlaceView {
     pub id: u64,
     /// Where it lies in memory: each end, or other handle, has this address in it. 0 for STOP.
     pub address: usize,
-    /// The name that it was given.
+    /// Its name, if it was given one.
     pub name: Option<String>,
     /// Where in the program it was made.
     pub made_at: &'static Location<'static>,
@@ -103,19 +104,21 @@ pub struct PlaceView {
     pub buffered: usize,
     /// Whether it was marked as used from outside of the system.
     pub external: bool,
-    /// Of a barrier: whether one that came was a thread of its own, as under `block_on`, whom no system knows.
+    /// Of a barrier: whether a party was a thread of its own, as under `block_on`, unknown to every
+    /// system.
     pub strangers: bool,
     /// Whether it was poisoned, or all its senders or receivers are gone.
     pub ended: bool,
-    /// Who last sent, or offered to.
+    /// Last to send, or to offer a value.
     pub sender: Option<User>,
-    /// Who last received, or offered to.
+    /// Last to receive, or to offer to.
     pub receiver: Option<User>,
-    /// Who waits now.
+    /// Present waiters.
     pub waiting: Vec<Waiting>,
 }
 
-/// What is known of a place from its beginning.
+/// The identity of a wait point, fixed at its creation, and its links in the chain of all wait
+/// points.
 ///
 /// # Invariants
 ///
@@ -132,7 +135,7 @@ pub(crate) struct Identity {
     name: OnceLock<Box<String>>,
     kind: Kind,
     external: AtomicBool,
-    /// Of a barrier: whether a stranger was among those who came.
+    /// Of a barrier: whether a stranger was among the parties that came.
     has_stranger: AtomicBool,
 }
 
@@ -256,7 +259,7 @@ impl Identity {
         self.external.store(true, Ordering::Relaxed);
     }
 
-    /// One has come to this barrier that no system knows.
+    /// A party unknown to every system has come to this barrier.
     pub(crate) fn set_stranger(&self) {
         self.has_stranger.store(true, Ordering::Relaxed);
     }
@@ -266,11 +269,13 @@ impl Identity {
     }
 }
 
-/// The ends of the list of all places that live. It lies in them: so making one allocates nothing but it.
+/// The ends of the list of all live wait points. The links lie in the wait points, so making one
+/// allocates nothing else.
 ///
 /// # Invariants
 ///
-/// A doubly linked chain of live places that stay where they are, whose numbers rise.
+/// A doubly linked chain of live wait points that stay where they are, in the order of rising
+/// numbers.
 struct Places {
     first: Option<NonNull<WaitPoint>>,
     last: Option<NonNull<WaitPoint>>,
@@ -288,13 +293,14 @@ static PLACES: Mutex<Places> = Mutex::new(Places {
 impl Places {
     /// # Safety
     ///
-    /// The place is listed here, or is the caller's alone; the lock of all places is held while the pointer is used.
+    /// The place is listed here, or is the caller's alone; the lock of all places is held while the
+    /// pointer is used.
     unsafe fn links(place: NonNull<WaitPoint>) -> *mut Links {
         // SAFETY: the contract.
         unsafe { place.as_ref() }.identity.links.get()
     }
 
-    /// Who stands after `before`, or is the first.
+    /// The wait point after `before`, or the first.
     ///
     /// # Safety
     ///
@@ -310,7 +316,7 @@ impl Places {
         }
     }
 
-    /// Who stands before `after`, or is the last.
+    /// The wait point before `after`, or the last.
     ///
     /// # Safety
     ///
@@ -326,7 +332,8 @@ impl Places {
         }
     }
 
-    /// WaitQueues a place behind those with lower numbers: the last, unless others are being made on other threads.
+    /// Lists a wait point behind those with lower numbers: the last, unless others are being made
+    /// on other threads.
     ///
     /// # Safety
     ///
@@ -364,13 +371,14 @@ impl Places {
     }
 }
 
-/// Registers a place. Off the real-time path, as is making one.
+/// Registers a wait point. Off the real-time path, as is making one.
 ///
 /// # Safety
 ///
-/// The place stays where it is, and lives until it is unregistered. `stored` can be called for it, by this pointer, under its lock.
+/// The place stays where it is, and lives until it is unregistered. `stored` can be called for it,
+/// by this pointer, under its lock.
 pub(crate) unsafe fn register(place: NonNull<WaitPoint>, stored: CountStored) {
-    // A model makes and drops thousands of channels, whose locks belong to one run of it.
+    // A model makes and drops thousands of channels, and their locks belong to one run of it.
     if cfg!(loom) {
         return;
     }
@@ -393,7 +401,8 @@ pub(crate) unsafe fn unregister(place: &WaitPoint) {
     unsafe { places.remove(NonNull::from(place)) };
 }
 
-/// All channels, barriers and locks of the program that live, in the order in which they were made. Allocates; O(places + those who wait).
+/// All channels, barriers and locks of the program that live, in the order in which they were made.
+/// Allocates; O(wait points + waiters).
 ///
 /// ```
 /// use luna_channels::{channel, inspect};
@@ -422,7 +431,7 @@ pub fn places() -> Vec<PlaceView> {
     views
 }
 
-/// Those who have stopped, if there are any.
+/// The stopped processes, if there are any.
 fn stopped() -> Option<PlaceView> {
     #[cfg_attr(loom, expect(unused_mut, reason = "a model looks at no reports"))]
     let mut waiting = Vec::new();
@@ -485,7 +494,7 @@ unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> PlaceView
     }
 }
 
-/// Copies who waits, if there is room for all.
+/// Copies the waiters, if there is room for all.
 fn copy_waiting(lists: &mut WaitQueues, kind: Kind, into: &mut Vec<Waiting>) -> bool {
     let (first, second) = match kind {
         Kind::Barrier => (Role::Party, Role::Party),
@@ -501,14 +510,16 @@ fn copy_waiting(lists: &mut WaitQueues, kind: Kind, into: &mut Vec<Waiting>) -> 
         (&lists.held, Role::Held),
     ];
     all.into_iter().all(|(list, role)| {
-        // SAFETY: all nodes of these lists are those of waiters, which begin alike whatever the type of their values is.
+        // SAFETY: all nodes of these lists are those of waiters, which begin alike whatever the
+        // type of their values is.
         let waits = |node: NonNull<WaitNode>| unsafe { is_waiting(node.cast()) };
-        // One who is held waits, also if it is an alternative, which has chosen this guard.
+        // A held sender waits, also if it is an alternative, which has chosen this guard.
         copy_list(list, role, |node| role == Role::Held || waits(node), into)
     })
 }
 
-/// Copies those in `list` who wait indeed, if there is room for all. The caller holds the lock that guards it.
+/// Copies those in `list` that wait indeed, if there is room for all. The caller holds the lock of
+/// `list`.
 fn copy_list(
     list: &WaitList,
     role: Role,
@@ -534,11 +545,13 @@ fn copy_list(
     true
 }
 
-/// Whether who is listed waits indeed: an alternative may have chosen another guard, or be registered while its process does other things.
+/// Whether a listed operation waits indeed: an alternative may have chosen another guard, or be
+/// registered while its process does other things.
 ///
 /// # Safety
 ///
-/// The node is listed, and the lock is held that guards it. Of the waiter, only what comes before its value is looked at.
+/// The node is listed, and the lock is held that guards it. Of the waiter, only what comes before
+/// its value is looked at.
 unsafe fn is_waiting(waiter: NonNull<Waiter<()>>) -> bool {
     // SAFETY: the contract; a listed node's selection is live.
     unsafe { Waiter::selection(waiter).is_none_or(|(selection, _)| selection.as_ref().is_open()) }

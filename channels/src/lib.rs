@@ -1,8 +1,9 @@
 //! The channels of LUNA: processes communicate over them, and nothing else.
 //!
-//! A *channel* made by [`channel`] is a rendezvous: a send ends when a receiver has taken the value. One made by [`buffered`] holds
-//! some values in between. Both have the same two ends, [`Sender`] and [`Receiver`], which can be cloned and used from any
-//! thread: any number may send, any number receive, and of those who wait the most urgent is served first.
+//! A *channel* made by [`channel`] is a rendezvous: a send ends when a receiver has taken the
+//! value. One made by [`buffered`] holds some values in between. Both have the same two ends,
+//! [`Sender`] and [`Receiver`], which can be cloned and used from any thread: any number of
+//! processes may send, any number receive, and the most urgent waiter is served first.
 //!
 //! ```
 //! # use futures_lite::future::{block_on, zip};
@@ -23,14 +24,15 @@
 //! assert_eq!(block_on(zip(send, print)), (Ok(()), 3));
 //! ```
 //!
-//! An operation allocates nothing, never waits for another thread to get somewhere, and holds a priority-inheriting lock for a
-//! bounded number of steps. What was communicated is never lost or doubled: a future that is dropped takes its offer back, and a value that it
-//! was already given goes to the next receiver.
+//! An operation allocates nothing, never waits for another thread to get somewhere, and holds a
+//! priority-inheriting lock for a bounded number of steps. What was communicated is never lost or
+//! doubled: a future that is dropped takes its offer back, and a value that it was already given
+//! goes to the next receiver.
 //!
-//! The crate works under any executor: LUNA's, where waiting lists are ordered by priority and waking costs no reference counts, and tokio,
-//! smol, or plain threads, where wakers do the waking.
+//! The crate works under any executor: LUNA's, where waiting lists are ordered by priority and
+//! waking costs no reference counts, and tokio, smol, or plain threads, where wakers do the waking.
 
-// The models are the same whoever checks them: shuttle has loom's names.
+// loom and shuttle check the same models: shuttle has loom's names.
 #[cfg(all(test, shuttle))]
 extern crate shuttle as loom;
 
@@ -90,7 +92,8 @@ use crate::inspect::{Identity, PlaceKind};
 use luna_core::current::{self, Place};
 use std::task::Context;
 
-/// Makes a rendezvous channel: a send ends when a receiver has taken the value. Allocates the channel; not for the real-time path.
+/// Makes a rendezvous channel: a send ends when a receiver has taken the value. Allocates the
+/// channel; not for the real-time path.
 ///
 /// ```
 /// let (sender, receiver) = luna_channels::channel();
@@ -108,7 +111,7 @@ pub fn channel<T: Send>() -> (Sender<T>, Receiver<T>) {
 ///
 /// # Panics
 ///
-/// If the buffer's capacity is 0, which says something else than it means; [`try_buffered`] gives an error instead. A channel without a
+/// If the buffer's capacity is 0; [`try_buffered`] returns an error instead. A channel without a
 /// buffer is made by [`channel`].
 ///
 /// ```
@@ -176,15 +179,16 @@ fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
     true
 }
 
-/// As [`gives_way`], of an operation that fails without having waited: a loop over errors keeps nobody from running either. A replayed one fails when
-/// the recorded one did.
+/// As [`gives_way`], of an operation that fails without having waited: a loop over errors must not
+/// keep other processes from running either. A replayed one fails when the recorded one did.
 #[cold]
 fn fails_later(cx: &Context<'_>) -> bool {
     !taped::is_replayed() && gives_way(cx)
 }
 
-/// Whether an operation that has just completed lets others run before its process goes on: those that outrank it, since a communication
-/// is a scheduling point; or all, when it has completed too many operations in one go. The process is then ready again already.
+/// Whether an operation that has just completed lets others run before its process continues: more
+/// urgent ones, since a communication is a scheduling point; or all, when the process has completed
+/// too many operations in one turn. The process is then queued again already.
 #[inline]
 fn gives_way(cx: &Context<'_>) -> bool {
     if current::is_outranked() {

@@ -1,19 +1,23 @@
 //! One choice among several offers, made by one compare-and-swap, or under a lock.
 //!
-//! An alternative lists a node in each of its channels, and all of them lead to one *selection*. Whoever comes to one of these channels
-//! as a partner, under the channel's lock, claims the selection: of all who try, one succeeds, and goes on as with any waiting
-//! operation. The others find the choice made, take the stale node off their list, and look at who waits behind it.
+//! An alternative lists a node in each of its channels, and all of them lead to one *select state*.
+//! A partner that comes to one of these channels claims the select state under the channel's lock.
+//! Of all that try, one succeeds, and goes on as with any waiting operation. The others find the
+//! choice made, take the stale node off their list, and look at the next waiter.
 //!
 //! ```text
 //!   CLOSED --owner lists its nodes--> OPEN --partner or owner, by compare-and-swap--> CHOSEN(guard)
 //! ```
 //!
-//! Where the exchange alone does not do, all who leave `OPEN` hold the selection's *gate*, and say so by a plain store. That is so if somebody
-//! may claim several selections at once, or close this one for its owner; and where all is at home: the gate is a lock that favours a home, so who
-//! claims there executes no read-modify-write. Which of both it is stays the same from an opening until the selection is left.
+//! A compare-and-swap does not suffice if a partner may claim several select states at once, or
+//! close this one for its owner. Then every thread that leaves `OPEN` holds the *commit lock* of
+//! the select state, and leaves by a plain store. The fast path does the same: the commit lock is
+//! biased to an executor, so a claim there executes no read-modify-write. The mode does not change
+//! between an opening and the end of that opening.
 //!
-//! Nobody waits for another to leave an intermediate state: a claim that fails is final for that node, and the owner that finds its
-//! selection chosen takes the lock of the one channel to learn the outcome.
+//! No thread waits for another to leave an intermediate state: a claim that fails is final for that
+//! node, and the owner that finds its alternative chosen takes the lock of the one channel to learn
+//! the outcome.
 
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{PlainPendingWake, Process, WakeHandle};
@@ -22,9 +26,9 @@ use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::ptr::NonNull;
 
-/// Nobody can claim it: the owner does not wait.
+/// It cannot be claimed: the owner does not wait.
 const CLOSED: u32 = 0;
-/// The first who claims it has it.
+/// The first claim succeeds.
 const OPEN: u32 = 1;
 /// Guard `state - CHOSEN` was chosen.
 const CHOSEN: u32 = 2;
@@ -33,28 +37,36 @@ const CHOSEN: u32 = 2;
 ///
 /// # Invariants
 ///
-/// `wakeup` belongs to the owner unless the state is `OPEN`; from `OPEN`, to whoever left it. Where that was no choice but a
-/// closing by somebody else ([`close`](SelectState::close)), the owner learns of it before the other has taken the wakeup: such selections are
-/// `gated`, and the gate is held around both. `has_plain_wakeup` goes with it. `gated` is changed by the owner alone, while no node leads here that is listed. `entered` belongs to who holds the gate. While a node that leads here is listed, this is live: its owner takes each node off, under its list's lock, before it goes.
+/// `wakeup` belongs to the owner unless the state is `OPEN`; from `OPEN`, to the thread that left
+/// it. Where that was no choice but a closing by another thread ([`close`](SelectState::close)),
+/// the owner learns of it before the other has taken the wake handle: such select states are
+/// `gated`, and the commit lock is held around both. `has_plain_wakeup` goes with it. `gated` is
+/// changed by the owner alone, while no node leads here that is listed. `entered` belongs to the
+/// thread that holds the commit lock. While a node that leads here is listed, this is live: its
+/// owner takes each node off, under its list's lock, before it goes.
 #[derive(Debug)]
 pub struct SelectState {
     state: AtomicU32,
-    /// Whether who leaves `OPEN` holds the gate: somebody may claim several selections at once, a barrier's last party, or close this one for its
-    /// owner; or all places favour one home.
+    /// Whether a thread that leaves `OPEN` holds the commit lock: a barrier's last party may claim
+    /// several select states at once, a partner may close this one for its owner, or all wait
+    /// points are biased to one executor.
     gated: AtomicBool,
-    /// Whether the wakeup is one of a plain turn at the home that the gate favours.
+    /// Whether the wake handle is one of a plain turn on the executor that owns the bias of the
+    /// commit lock.
     has_plain_wakeup: AtomicBool,
-    /// From when on the guards from `first_late` on cannot be claimed any more, as nanoseconds: a delay that comes before them has passed then,
-    /// and is what the owner chooses, though it may not have run yet.
+    /// The guards from `first_late` on cannot be claimed from this instant on, in nanoseconds: a
+    /// delay before them in the order of preference has passed then, and the owner chooses that
+    /// delay, though it may not have run yet.
     late_from: AtomicU64,
     first_late: AtomicU32,
-    /// Whose clock that is: a partner by another one cannot tell.
+    /// The clock of `limit`: a partner with another clock cannot compare.
     clock: AtomicUsize,
     wakeup: UnsafeCell<Option<WakeHandle>>,
-    /// Held around each claim where `gated` is set, so that who claims several sees all of them open at one instant.
+    /// The commit lock. Held around each claim where `gated` is set, so that a barrier's last party
+    /// sees all select states that it claims open at one instant.
     gate: BiasedLock<()>,
     entered: UnsafeCell<Option<BiasedGuard<'static, ()>>>,
-    /// A model is replayed, and addresses are not the same again.
+    /// loom repeats a model's run, and addresses differ between runs.
     #[cfg(loom)]
     number: usize,
 }
@@ -80,8 +92,8 @@ impl SelectState {
         }
     }
 
-    /// Lets others claim it from now on; `wakeup` is whom they then ready. With a `limit`, the guards from its number on can be claimed until its
-    /// instant only.
+    /// Lets others claim it from now on; they then wake `wakeup`. With a `limit`, the guards from
+    /// its number on can be claimed until its instant only.
     ///
     /// # Safety
     ///
@@ -99,87 +111,97 @@ impl SelectState {
             self.clock.store(Clock::number_here(), Ordering::Relaxed);
             self.late_from.store(instant.as_nanos(), Ordering::Relaxed);
         }
-        // SAFETY: of a closed selection it is the owner's; nobody closes this one for the owner before it was opened.
+        // SAFETY: in a closed select state it is the owner's; no thread closes this one for the
+        // owner before it was opened.
         self.wakeup.with_mut(|cell| unsafe { *cell = Some(wakeup) });
         self.state.store(OPEN, Ordering::Release);
     }
 
-    /// As [`open`](Self::open), for the process whose plain turn this is, where all places favour its home: so does the gate from now on.
+    /// As [`open`](Self::open), for the process in its plain turn, where all wait points are biased
+    /// to its executor: from now on the commit lock is too.
     ///
     /// # Safety
     ///
-    /// As for `open`; and the selection was never opened, nobody else knows it, this thread is the home of `process`, and a place's lock favours it.
+    /// As for `open`; and the select state was never opened, no other thread knows it, this thread
+    /// is the executor of `process`, and a wait point's lock is biased to it.
     #[inline]
     pub(crate) unsafe fn open_fast(&self, process: &Process) {
         // SAFETY: the contract.
         unsafe { self.gate.favour_from_the_start(process.home_number()) };
         self.gated.store(true, Ordering::Relaxed);
-        // SAFETY: the gate favours the home, and nobody else knows it.
+        // SAFETY: the commit lock is biased to this executor, and no other thread knows the select
+        // state.
         unsafe { self.open_plainly(process) };
     }
 
-    /// Makes claims need the gate, for good: for a selection that others may close.
+    /// Makes claims need the commit lock, for good: for a select state that others may close.
     pub(crate) fn set_gated(&mut self) {
         self.gated.store(true, Ordering::Relaxed);
     }
 
-    /// Enters the gate for one step. What it guards beside the state is its owner's affair.
+    /// Takes the commit lock for one step. The owner decides what else the lock guards beside the
+    /// state.
     #[inline]
     pub(crate) fn gate(&self) -> BiasedGuard<'_, ()> {
         self.gate.lock()
     }
 
-    /// As [`gate`](Self::gate), if it favours this home.
+    /// As [`gate`](Self::gate), if it is biased to this executor.
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn gate_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, ()>> {
         // SAFETY: the contract.
         unsafe { self.gate.lock_if_favoured(home) }
     }
 
-    /// Opens a selection that is gated for good.
+    /// Opens a select state that is gated for good.
     ///
     /// # Safety
     ///
-    /// The owner calls this, the selection is closed, and the gate is held.
+    /// The owner calls this, the selection is closed, and the commit lock is held.
     pub(crate) unsafe fn open_gated(&self, wakeup: WakeHandle) {
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
-        // SAFETY: of a closed selection it is the owner's; who has closed it for the owner has left the gate.
+        // SAFETY: in a closed select state it is the owner's; a thread that has closed it for the
+        // owner has left the commit lock.
         self.wakeup.with_mut(|cell| unsafe { *cell = Some(wakeup) });
         self.state.store(OPEN, Ordering::Release);
     }
 
-    /// As [`open_gated`](Self::open_gated), for the process whose plain turn this is.
+    /// As [`open_gated`](Self::open_gated), for the process in its plain turn.
     ///
     /// # Safety
     ///
-    /// As there; the gate favours the home of `process`, which is this thread; and `process` was
-    /// given by `current::plain_turn` or `current::unrecorded_turn` in this turn.
+    /// As there; the commit lock is biased to the executor of `process`, which is this thread; and
+    /// `process` was given by `current::plain_turn` or `current::unrecorded_turn` in this turn.
     #[inline]
     pub(crate) unsafe fn open_plainly(&self, process: &Process) {
         self.has_plain_wakeup.store(true, Ordering::Relaxed);
         // SAFETY: by the contract it is the current process, in a plain turn.
         let wakeup = Some(unsafe { WakeHandle::of_plain_turn(process) });
-        // SAFETY: as for `open_gated`. A wakeup that is left there is that of an opening which nobody has left: there is none.
+        // SAFETY: as for `open_gated`. A wake handle could be left here only by an opening that no
+        // thread has left: there is none.
         self.wakeup.with_mut(|cell| unsafe { *cell = wakeup });
         self.state.store(OPEN, Ordering::Release);
     }
 
-    /// Chooses `guard`, if the selection is open with a [plain](Self::open_plainly) wakeup: gives what readies the owner.
+    /// Chooses `guard`, if the select state is open with a [plain](Self::open_plainly) wake handle:
+    /// returns the owner's pending wake.
     ///
     /// # Safety
     ///
-    /// The gate is held by the home that it favours. This is a partner, as for [`claim`](Self::claim).
+    /// The commit lock is held by the executor that owns its bias. This is a partner, as for
+    /// [`claim`](Self::claim).
     #[inline(always)]
     pub(crate) unsafe fn claim_plainly(&self, guard: u32) -> Option<PlainPendingWake> {
         if !self.is_open() || !self.has_plain_wakeup.load(Ordering::Relaxed) || self.is_late(guard)
         {
             return None;
         }
-        // SAFETY: the gate is held, and the state is `OPEN` and about to be left. The wakeup was made on this thread.
+        // SAFETY: the commit lock is held, and the state is `OPEN` and about to be left. The wake
+        // handle was made on this thread.
         let ready = self
             .wakeup
             .with_mut(|cell| unsafe { WakeHandle::take_plain(&mut *cell) })?;
@@ -188,20 +210,20 @@ impl SelectState {
         Some(ready)
     }
 
-    /// Readies another one when it is claimed. Gives the former.
+    /// Replaces the wake handle, and returns the former one.
     ///
     /// # Safety
     ///
-    /// The owner calls this, and nobody can claim the selection meanwhile: it is closed, or the owner holds the locks of all lists that its
-    /// nodes are in.
+    /// The owner calls this, and no thread can claim the select state meanwhile: it is closed, or
+    /// the owner holds the locks of all lists that its nodes are in.
     pub(crate) unsafe fn replace_wakeup(&self, wakeup: WakeHandle) -> Option<WakeHandle> {
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
-        // SAFETY: the contract leaves the owner alone with it.
+        // SAFETY: by the contract no other thread accesses the wake handle.
         self.wakeup
             .with_mut(|cell| unsafe { (*cell).replace(wakeup) })
     }
 
-    /// Which guard was chosen, if one was. Acquire: what came before the claim is visible.
+    /// Number of the chosen guard, if any. Acquire: all before the claim is visible.
     #[inline]
     pub(crate) fn chosen(&self) -> Option<u32> {
         self.state.load(Ordering::Acquire).checked_sub(CHOSEN)
@@ -213,7 +235,7 @@ impl SelectState {
         self.state.load(Ordering::Acquire) == OPEN
     }
 
-    /// Chooses `guard`, if nothing is chosen yet: gives what readies the owner.
+    /// Chooses `guard`, if nothing is chosen yet: returns the owner's pending wake.
     ///
     /// For partners, under the lock of the list in which they found a node that leads here.
     #[inline]
@@ -224,13 +246,14 @@ impl SelectState {
         self.leave_open(guard.saturating_add(CHOSEN))
     }
 
-    /// As [`claim`](Self::claim), by the owner for a guard of its own whose time has come. It need not be readied.
+    /// As [`claim`](Self::claim), by the owner for a guard of its own after its time has come. The
+    /// owner need not be woken.
     #[must_use = "the handle's drop is user code, and the owner's last step"]
     pub(crate) fn claim_own(&self, guard: u32) -> Option<WakeHandle> {
         self.leave_open(guard.saturating_add(CHOSEN)).flatten()
     }
 
-    /// Whether a delay that comes before `guard` has passed.
+    /// Whether a delay that is preferred to `guard` has passed.
     #[inline]
     fn is_late(&self, guard: u32) -> bool {
         let late_from = self.late_from.load(Ordering::Relaxed);
@@ -240,45 +263,47 @@ impl SelectState {
             && Instant::now().as_nanos() >= late_from
     }
 
-    /// Takes the choice back from everybody, if nothing is chosen yet: gives what would have readied the owner.
+    /// Withdraws the choice from all partners, if nothing is chosen yet: returns the owner's wake
+    /// handle.
     #[must_use = "the handle's drop is user code, and the owner's last step"]
     pub(crate) fn close(&self) -> Option<Option<WakeHandle>> {
         self.leave_open(CLOSED)
     }
 
-    /// Leaves `OPEN` for `state`, if that is the state: gives the wakeup, if one is there.
+    /// Leaves `OPEN` for `state`, if the state is `OPEN`: returns the wake handle, if there is one.
     #[inline]
     fn leave_open(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.gated.load(Ordering::Relaxed) {
             let _gate = self.gate.lock();
-            // SAFETY: the gate is held.
+            // SAFETY: the commit lock is held.
             return unsafe { self.leave_open_gated(state) };
         }
         self.state
             .compare_exchange(OPEN, state, Ordering::AcqRel, Ordering::Relaxed)
             .ok()?;
-        // SAFETY: this thread's exchange left `OPEN`, so the wakeup is its own.
+        // SAFETY: this thread's exchange left `OPEN`, so the wake handle is its own.
         Some(self.wakeup.with_mut(|cell| unsafe { (*cell).take() }))
     }
 
-    /// As [`leave_open`](Self::leave_open), within the gate.
+    /// As [`leave_open`](Self::leave_open), under the commit lock.
     ///
     /// # Safety
     ///
-    /// The selection is gated, and the gate is held.
+    /// The selection is gated, and the commit lock is held.
     #[inline]
     unsafe fn leave_open_gated(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.state.load(Ordering::Acquire) != OPEN {
             return None;
         }
-        // SAFETY: nobody else leaves `OPEN` while the gate is held, so the wakeup is this thread's.
+        // SAFETY: no other thread leaves `OPEN` while the commit lock is held, so the wake handle
+        // is this thread's.
         let wakeup = self.wakeup.with_mut(|cell| unsafe { (*cell).take() });
-        // After it was taken: who sees the selection left, the owner, may open it again.
+        // After it was taken: the owner, when it sees that the state was left, may open it again.
         self.state.store(state, Ordering::Release);
         Some(wakeup)
     }
 
-    /// The order in which several gates are entered: that of the addresses.
+    /// The order in which several commit locks are taken: that of the addresses.
     ///
     /// # Safety
     ///
@@ -291,9 +316,10 @@ impl SelectState {
         this.addr().get()
     }
 
-    /// Enters the gate: until [`leave`](Self::leave), nobody else claims. Says whether `guard` can be chosen.
+    /// Takes the commit lock: until [`leave`](Self::leave), no other thread claims. Returns whether
+    /// `guard` can be chosen.
     ///
-    /// Who enters several gates does so in their [`order`](Self::order).
+    /// A thread that takes several commit locks does so in their [`order`](Self::order).
     ///
     /// # Safety
     ///
@@ -302,14 +328,15 @@ impl SelectState {
         // SAFETY: the contract keeps it alive for as long as the guard is kept.
         let selection: &'static SelectState = unsafe { this.as_ref() };
         let gate = selection.gate.lock();
-        // SAFETY: the gate is this thread's.
+        // SAFETY: the commit lock is this thread's.
         selection
             .entered
             .with_mut(|cell| unsafe { *cell = Some(gate) });
         selection.state.load(Ordering::Acquire) == OPEN && !selection.is_late(guard)
     }
 
-    /// Leaves the gate; before that, chooses `guard` if one is given, and gives what readies the owner.
+    /// Leaves the commit lock; before that, chooses `guard` if one is given, and returns the
+    /// owner's pending wake.
     ///
     /// # Safety
     ///
@@ -318,7 +345,7 @@ impl SelectState {
         // SAFETY: the contract.
         let wakeup =
             guard.and_then(|guard| unsafe { self.leave_open_gated(guard.saturating_add(CHOSEN)) });
-        // SAFETY: the gate is this thread's.
+        // SAFETY: the commit lock is this thread's.
         let gate = self.entered.with_mut(|cell| unsafe { (*cell).take() });
         drop(gate);
         wakeup.flatten()

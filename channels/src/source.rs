@@ -1,5 +1,5 @@
-//! Where the value of a send comes from: out of the send itself, out of a slot to which it goes back if it is not sent, or from a closure that
-//! makes it when it is taken.
+//! Source of a send's value: the send itself, a slot to which it goes back if it is not sent, or a
+//! closure that makes it when it is taken.
 
 use crate::waiter::{Make, Waiter};
 use std::fmt;
@@ -20,13 +20,14 @@ impl<T, S> fmt::Debug for Offered<T, S> {
     }
 }
 
-/// Where a value comes from. Sealed: its module is private.
+/// Source of a value. Sealed: its module is private.
 ///
 /// # Safety
 ///
-/// With `MAKE`, nothing that it borrows is used by it: it runs on another thread, perhaps after the future that it lies in was leaked.
+/// With `MAKE`, it uses nothing that it borrows: it runs on another thread, perhaps after the
+/// future that it lies in was leaked.
 pub unsafe trait Source<T>: Sized {
-    /// What a failed send gives back.
+    /// Result of a failed send, given back to the caller.
     type Unsent;
 
     /// Makes the value, if it is not in the node.
@@ -39,11 +40,11 @@ pub unsafe trait Source<T>: Sized {
         true
     }
 
-    /// Gives back what was not sent.
+    /// Gives back the unsent value.
     ///
     /// # Safety
     ///
-    /// The value was not taken, nobody else accesses the node, and this is called once.
+    /// The value was not taken, no other thread accesses the node, and this is called once.
     unsafe fn unsent(offered: &mut Offered<T, Self>) -> Self::Unsent;
 }
 
@@ -52,7 +53,7 @@ impl<T, S: Source<T>> Offered<T, S> {
     ///
     /// # Safety
     ///
-    /// There is one, or one can be made; `offered` is live, and nobody else accesses it.
+    /// There is one, or one can be made; `offered` is live, and no other thread accesses it.
     #[inline]
     pub(crate) unsafe fn take(offered: NonNull<Self>) -> Option<T> {
         // SAFETY: the contract.
@@ -90,9 +91,11 @@ impl<T> Offered<T, InNode> {
     }
 }
 
-/// The value lies in the node, and goes back to its slot if it is not sent: [`Sender::send_from`](crate::Sender::send_from).
+/// The value lies in the node, and goes back to its slot if it is not sent:
+/// [`Sender::send_from`](crate::Sender::send_from).
 ///
-/// Not in the slot: partners would then reach into what the send borrows, also after a send that is leaked has given it back.
+/// Not in the slot: partners would then access memory that the send borrows, also after the end of
+/// the borrow if the send was leaked.
 pub struct FromSlot<'a, T> {
     slot: &'a mut Option<T>,
     was_full: bool,
@@ -161,7 +164,7 @@ impl<T, F: FnOnce() -> T + Send + 'static> Offered<T, Made<F>> {
 
 /// # Safety
 ///
-/// As [`Make`]: the node is that of an `Offered<T, Made<F>>`, and nobody else accesses it.
+/// As [`Make`]: the node is that of an `Offered<T, Made<F>>`, and no other thread accesses it.
 unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) -> Option<T> {
     // SAFETY: the contract; the waiter is the first field.
     let make = unsafe {
@@ -171,7 +174,8 @@ unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) 
     match catch_unwind(AssertUnwindSafe(make)) {
         Ok(value) => Some(value),
         Err(payload) => {
-            // Its drop is the user's code, and this is under the lock. The panic hook has told what it was.
+            // Its drop is the user's code, and this is under the lock. The panic hook has reported
+            // it.
             std::mem::forget(payload);
             None
         }

@@ -1,12 +1,12 @@
-//! When an end was last chosen: what makes a fair alternative fair.
+//! Stamps of choices: the basis of a fair alternative.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// When an end was last chosen by a fair alternative; 0 if it never was.
+/// Stamp of an end's last choice by a fair alternative; 0 if it was never chosen.
 ///
-/// Stamps are compared within one alternative, so they are counted by each thread for itself. Where an end has come from another thread,
-/// choosing makes up for it: the end chosen last always has the greatest stamp of its alternative.
+/// Stamps are compared within one alternative, so each thread counts its own. An end may have come
+/// from another thread: each choice gives the chosen end the greatest stamp of its alternative.
 #[derive(Debug, Default)]
 pub struct Stamp(AtomicU64);
 
@@ -22,7 +22,7 @@ impl Clone for Stamp {
 }
 
 impl Stamp {
-    /// Of an end that was never chosen.
+    /// Stamp of an end that was never chosen.
     pub const fn new() -> Self {
         Self(AtomicU64::new(0))
     }

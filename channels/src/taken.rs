@@ -1,10 +1,10 @@
-//! A value between the channel and its receiver, while the code of others runs.
+//! A value between the channel and its receiver, while user code runs.
 
 use crate::core::Channel;
 use std::mem::ManuallyDrop;
 
-/// A received value on its way out of its channel. If the receiver unwinds before it has it (the waker of its partner, say, panics), the value goes
-/// back, and a sender that is held goes on.
+/// A received value on its way out of its channel. If the receiver unwinds before it has it (the
+/// waker of its partner, say, panics), the value goes back, and a held sender is released.
 pub(crate) struct Taken<'a, T> {
     channel: &'a Channel<T>,
     value: ManuallyDrop<T>,

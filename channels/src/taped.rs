@@ -1,7 +1,9 @@
-//! What operations tell the [tape](luna_core::replay_log) of their process, if it is recorded or replayed.
+//! What operations record in the [replay log](luna_core::replay_log) of their process, if it is
+//! recorded or replayed.
 //!
-//! All of it is out of the others' way: whether a process has a tape is asked once an operation, where it is known already that the operation
-//! is no plain one, and whether recorded processes come to a place is told by a flag that is tested there anyway
+//! Operations without a replay log do not pay for it. Whether a process has a replay log is tested
+//! once an operation, where it is known already that the operation is no plain one. Whether
+//! recorded processes come to a wait point is part of a flag that is tested there anyway
 //! ([`WaitQueues::is_unusual`](crate::wait_point::WaitQueues)).
 
 use crate::core::Channel;
@@ -19,36 +21,39 @@ pub(crate) mod failure {
     pub(crate) const POISONED: u64 = 2;
 }
 
-/// What bears a stamp.
+/// Kinds of operations with a stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stamped {
     /// A value that is put into a buffer.
     Storing,
-    /// One that is taken out of it.
+    /// A value that is taken out of it.
     Taking,
-    /// What both sides take part in, or what has no sides.
+    /// A rendezvous, or an operation without sides.
     Meeting,
 }
 
-/// What a place knows of the recorded processes that come there. Guarded by its lock.
+/// State of a wait point about the recorded processes that come there. Guarded by its lock.
 #[derive(Debug, Default)]
 pub(crate) struct Taped {
-    /// Who last came as a sender and as a receiver, 0 for nobody.
+    /// The last sender and the last receiver; 0 for none.
     branch_logs: [u32; 2],
     /// The greatest stamps that were given here, of sends and of receives.
     last_stamps: [u64; 2],
-    /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone, and apart, since
-    /// each place pays for what lies here.
+    /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of
+    /// the stored values. Allocated there alone, and apart, since each wait point pays for the size
+    /// of this.
     #[expect(clippy::box_collection, reason = "one word instead of four")]
     stored: Option<Box<VecDeque<u64>>>,
 }
 
-/// What is asked of recorded processes' order. Apart from [`Taped`], where there is room between other fields.
+/// Properties of the order of recorded processes. Apart from [`Taped`], to use padding between
+/// other fields.
 #[derive(Debug, Default)]
 pub(crate) struct Order {
-    /// Whether the order in which they get through has to be recorded, since there are several on a side, or since a buffer overwrites.
+    /// Whether the order in which they get through has to be recorded: there are several on a side,
+    /// or a buffer overwrites.
     pub(crate) is_ordered: bool,
-    /// Whether somebody took part meanwhile who is not recorded.
+    /// Whether an operation that is not recorded took part meanwhile.
     has_outsider: bool,
 }
 
@@ -60,7 +65,7 @@ impl Taped {
 }
 
 impl WaitQueues {
-    /// Notes that the current process, which has a tape, comes as a sender or as a receiver.
+    /// Notes that the current process, which has a replay log, comes as a sender or as a receiver.
     #[cold]
     pub(crate) fn note_taped(&mut self, is_sender: bool) {
         let is_first = !self.taped.is_used();
@@ -69,7 +74,7 @@ impl WaitQueues {
         let last = std::mem::replace(last, branch_log);
         self.order.is_ordered |= last != 0 && last != branch_log;
         if is_first {
-            // All who are recorded are noted, so whoever waits is not.
+            // All recorded operations are noted, so a waiter is not a recorded one.
             self.order.has_outsider = !(self.senders.is_empty() && self.receivers.is_empty());
             self.find_whether_plain();
         }
@@ -78,12 +83,13 @@ impl WaitQueues {
         }
     }
 
-    /// Notes that somebody takes part here, where recorded processes come: it may be nobody who is recorded.
+    /// Notes that an operation takes part here, where recorded processes come: it may be one that
+    /// is not recorded.
     pub(crate) fn note_partner(&mut self) {
         self.order.has_outsider |= self.taped.is_used() && !current::is_taped();
     }
 
-    /// The stamp of what happens here now, if it has to have one: see [`ReplayLog::stamp`].
+    /// The stamp of the present event, if it has to have one: see [`ReplayLog::stamp`].
     pub(crate) fn stamp(&mut self, of: Stamped) -> u64 {
         match self.taped.is_used() {
             true => self.stamp_if(self.order.is_ordered, of),
@@ -91,9 +97,10 @@ impl WaitQueues {
         }
     }
 
-    /// As [`stamp`](Self::stamp), where the order is recorded in any case if `several` says so.
+    /// As [`stamp`](Self::stamp); with `several`, the order is recorded in any case.
     ///
-    /// A replay that gets through out of order is noticed here. Who takes from a buffer may come after who stored later: it finds what was there then
+    /// A replay that gets through out of order is noticed here. An operation that takes from a
+    /// buffer may come after one that stored later: it finds what was there then
     /// ([`overwritten`](Self::overwritten)).
     pub(crate) fn stamp_if(&mut self, several: bool, of: Stamped) -> u64 {
         current::tape(|tape| {
@@ -136,7 +143,7 @@ impl WaitQueues {
 
     fn stamps_of(&mut self, stored: usize) -> &mut VecDeque<u64> {
         let stamps = self.taped.stored.get_or_insert_default();
-        // Those from before the begin, and those that came back, have none.
+        // Values from before the begin of the record, and values that were given back, have none.
         while stamps.len() < stored {
             stamps.push_front(0);
         }
@@ -144,8 +151,9 @@ impl WaitQueues {
         stamps
     }
 
-    /// In a replay: which of the `stored` values, so many from a first one, a buffer of this capacity had overwritten when the recorded receive with
-    /// this stamp came; they are as good as gone. Nobody was asked before, since several receives may come late: all at once.
+    /// In a replay: the number of the `stored` values, counted from the first, that a buffer of
+    /// this capacity had overwritten when the recorded receive with this stamp came; they count as
+    /// gone. They are counted all at once, since several receives may come late.
     pub(crate) fn overwritten(
         &mut self,
         stored: usize,
@@ -162,22 +170,22 @@ impl WaitQueues {
     }
 }
 
-/// What a recording cannot hold of a channel.
+/// A partner that a replay log cannot represent.
 pub(crate) const OUTSIDE_PARTNER: &str =
     "a communication with a thread or a process that is not recorded";
 
-/// Whether the process is replayed, so that no time runs out of itself.
+/// Whether the process is replayed, so that timeouts come from the replay log only.
 #[inline]
 pub(crate) fn is_replayed() -> bool {
     current::is_taped() && current::is_replayed()
 }
 
-/// Whether the process of a completed operation is still held.
+/// Whether the process of a completed operation is still held by its replay log.
 pub(crate) fn is_held(cx: &mut Context<'_>) -> bool {
     current::tape(|tape| tape.hold(cx).is_pending()).unwrap_or_default()
 }
 
-/// A replayed operation has completed without waiting. Whether its process is held.
+/// A replayed operation has completed without waiting. Returns whether its process is held.
 pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
     current::tape(|tape| {
         tape.leave(Event::done(tape.own_stamp()));
@@ -186,12 +194,12 @@ pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
     .unwrap_or_default()
 }
 
-/// Tells that an operation has succeeded that was listed, whose node got this stamp.
+/// Records the success of an operation that was listed; its node got this stamp.
 pub(crate) fn has_waited(order: u64) {
     current::tape(|tape| tape.leave(Event::done(known(tape, order))));
 }
 
-/// The stamp that a partner gave; one that is not recorded gives none.
+/// The stamp given by a partner; one that is not recorded gives none.
 pub(crate) fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
     if order == OUTSIDER {
         tape.outside(OUTSIDE_PARTNER);
@@ -200,24 +208,24 @@ pub(crate) fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
     order
 }
 
-/// Tells what an operation has come to that did not wait.
+/// Records the result of an operation that did not wait.
 pub(crate) fn leave(event: Event) {
     current::tape(|tape| tape.leave(event));
 }
 
-/// An operation is dropped before it came to anything.
+/// Records that an operation was dropped without a result.
 #[cold]
 pub(crate) fn abandoned() {
     current::tape(|tape| tape.abandon());
 }
 
-/// The current process does something that is not recorded.
+/// Records that the current process does something that cannot be recorded.
 #[cold]
 pub(crate) fn outside(construct: &'static str) {
     current::tape(|tape| tape.outside(construct));
 }
 
-/// The time: as it was recorded, in a process with a tape.
+/// The time: as it was recorded, in a process with a replay log.
 pub(crate) fn now() -> Instant {
     if current::is_taped() {
         return luna_core::replay_log::now();
@@ -225,7 +233,8 @@ pub(crate) fn now() -> Instant {
     Instant::now()
 }
 
-/// Does what does not wait: as it was given, or as ever, and tells what came of it. `None`: it is to fail as the number says.
+/// Performs an operation that does not wait, and records its result; in a replay, performs it as
+/// the replay log says. `None`: it is to fail with the recorded number.
 #[cold]
 pub(crate) fn call<R>(
     takes: bool,
@@ -250,7 +259,7 @@ pub(crate) fn call<R>(
                     tape.differs("an operation at once does not succeed");
                 }
                 Some(number) => tape.leave(Event::failed(number)),
-                // What it takes has a stamp of the lock that it was taken under, or else it has it by now.
+                // Its effects have the stamp of the lock under which they were made, or this stamp.
                 None => tape.leave(Event::done(match tape.own_stamp() {
                     0 if takes => tape.stamp(true),
                     stamp => stamp,
@@ -261,7 +270,7 @@ pub(crate) fn call<R>(
     }
 }
 
-/// Looks at something that others change: a replay sees what the recorded process saw.
+/// Reads a state that others change: a replay sees what the recorded process saw.
 #[cold]
 pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
     match current::tape(|tape| tape.call(false)) {
@@ -277,7 +286,8 @@ pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
     }
 }
 
-/// Lets an operation in that has no other outcome than success, and others than these: gives how it failed, if that is given.
+/// Admits an operation that can only succeed, or end in one of these ways: returns its failure, if
+/// one was recorded.
 pub(crate) fn enter(cx: &mut Context<'_>) -> Poll<Result<Turn, u64>> {
     let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
     entered.map(|turn| match turn {
@@ -293,7 +303,7 @@ pub(crate) fn enter(cx: &mut Context<'_>) -> Poll<Result<Turn, u64>> {
     })
 }
 
-/// Lets an operation with a deadline in. `Err`: it is to give up, since the recorded one did.
+/// Admits an operation with a deadline. `Err`: it is to give up, since the recorded one did.
 pub(crate) fn enter_timed(cx: &mut Context<'_>) -> Poll<Result<(), ()>> {
     let timed_out = Event::new(What::TimedOut, 0, 0);
     let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
@@ -306,31 +316,34 @@ pub(crate) fn enter_timed(cx: &mut Context<'_>) -> Poll<Result<(), ()>> {
     })
 }
 
-/// Tells that a deadline has come before the operation came to anything.
+/// Records that a deadline has come before the operation came to anything.
 pub(crate) fn has_timed_out() {
     leave(Event::new(What::TimedOut, 0, 0));
 }
 
-/// Tells that a lock was taken. The stamp is taken now, when the process has it: those of who has it are in the order of their having it.
+/// Records that a lock was taken. The stamp is taken now, when the process has the lock: stamps of
+/// holders are in the order of their holding it.
 pub(crate) fn has_acquired(lists: &mut WaitQueues) {
     let event = Event::done(lists.stamp_if(true, Stamped::Meeting));
     leave(event);
 }
 
-/// Tells that permits were taken. The stamp is taken now, when the process has them: it comes after what made room for them.
+/// Records that permits were taken. The stamp is taken now, when the process has them: it comes
+/// after what made room for them.
 pub(crate) fn has_permits() {
     current::tape(|tape| tape.leave(Event::done(tape.stamp(true))));
 }
 
 impl<T> Channel<T> {
-    /// As [`note_taped`](Self::note_taped), of an alternative that stays registered: which of its channels comes next is not given, so all that happens there is in order.
+    /// As [`note_taped`](Self::note_taped), of an alternative that stays registered: its next
+    /// channel is not determined, so all that happens there is in order.
     #[cold]
     pub(crate) fn note_alternative(&self) {
         self.note_taped(false);
         self.lock().lists.order.is_ordered = true;
     }
 
-    /// Notes that the current process, which has a tape, comes as a sender or a receiver.
+    /// Notes that the current process, which has a replay log, comes as a sender or a receiver.
     #[cold]
     pub(crate) fn note_taped(&self, is_sender: bool) {
         let mut section = self.lock();

@@ -1,4 +1,5 @@
-//! Where processes meet: the part of a channel or barrier that does not depend on the type of what is communicated.
+//! Where processes meet: the part of a channel or barrier that does not depend on the type of its
+//! values.
 
 use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
@@ -10,7 +11,7 @@ use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
 use std::ptr::NonNull;
 
-/// Whether more can be communicated.
+/// Whether communication is still possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ending {
     Open,
@@ -19,48 +20,55 @@ pub(crate) enum Ending {
     Poisoned,
 }
 
-/// What a place's lock guards. The nodes in the lists are guarded with it.
+/// What a wait point's lock guards. The nodes in the lists are guarded with it.
 ///
-/// What each rendezvous writes comes first, so that it lies on one cache line with the lock and the hand_off_slots: between two cores each line is a transfer of its own. What it
-/// only reads follows on the next, which is on both cores at the same time.
+/// Fields that each rendezvous writes come first, so that they lie on one cache line with the lock
+/// and the hand-off slots: between two cores each line is a transfer of its own. Fields that it
+/// only reads follow on the next line, which both cores can share.
 #[derive(Debug)]
 #[repr(C)]
 pub struct WaitQueues {
-    /// Who last used each kind of end.
+    /// Last user of each kind of end.
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
-    /// Whether it has ended, or a recorded process has come: what is done here then is looked at more closely. See [`find_whether_plain`](WaitQueues::find_whether_plain).
+    /// Whether it has ended, or a recorded process has come: operations then take the slow path
+    /// here. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
-    /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](WaitQueues::find_whether_plain).
+    /// Whether it is a channel that is used for plain sends and receives only: see
+    /// [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_plain: bool,
-    /// Whether it would be plain if one alternative were not registered, and has no buffer.
+    /// Unbuffered, and plain but for one registered alternative.
     pub(crate) is_plain_but_registered: bool,
     pub(crate) may_be_plain: bool,
     pub(crate) is_rendezvous: bool,
-    /// Whether anybody has ever waited to receive by extended rendezvous.
+    /// Whether an operation has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
-    /// Whether anything is stored: said here, so that who receives where nothing is need not look beyond this line.
+    /// Whether anything is stored: kept here, so that a receiver need not look beyond this line
+    /// where nothing is stored.
     pub(crate) is_storing: bool,
     pub(crate) senders: WaitList,
     pub(crate) receivers: WaitList,
-    /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
+    /// The number of extended rendezvous so far: it distinguishes a held sender from another one at
+    /// the same address.
     pub(crate) tickets: u32,
     pub(crate) order: Order,
     pub(crate) hand_off: Nodes,
     /// Alternatives that stay registered between their selections, as receivers.
     pub(crate) registered: WaitList,
-    /// Who last came to accept a call here, lent the priority of the most urgent client that waits. `None` once the place has ended.
+    /// Last process to come to accept a call here, boosted by the most urgent client that waits.
+    /// `None` once the wait point has ended.
     pub(crate) server: Option<Inheritor>,
-    /// Senders whose value was received by extended rendezvous, and which are held until the receiver is done with it.
+    /// Senders with a value received by extended rendezvous, which are held until the receiver is
+    /// done with it.
     pub(crate) held: WaitList,
-    /// Those who wait for the end alone: see `ended`.
+    /// Operations that wait for the end alone: see `ended`.
     pub(crate) watching: WaitList,
     /// What is known of recorded processes that come here.
     pub(crate) taped: Taped,
 }
 
-/// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
+/// The last user of one kind of ends, if there was any: an `Option<User>` that is one store.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LastUser(u32);
 
@@ -71,14 +79,15 @@ impl WaitQueues {
         self.is_plain && self.is_rendezvous
     }
 
-    /// Whether those who come to send and receive plainly may meet on the [hand_off_slots](crate::hand_off_slots): nothing else is asked of the place, and nobody is listed.
+    /// Whether plain sends and receives may meet on the [hand-off slots](crate::hand_off_slots):
+    /// the wait point has no other use, and no node is listed.
     #[inline]
     pub(crate) fn may_meet_on_spots(&self) -> bool {
         self.is_plain_rendezvous() && self.senders.is_empty() && self.receivers.is_empty()
     }
 
-    /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
-    /// does.
+    /// To be called after each change of what it looks at. Waiters for the end and held senders do
+    /// not change what a plain operation does.
     pub(crate) fn find_whether_plain(&mut self) {
         let is_plain = self.may_be_plain
             && self.ending == Ending::Open
@@ -95,14 +104,15 @@ impl WaitQueues {
     }
 }
 
-/// The number of who waits, for events; 0 if it is no process.
+/// The waiter's number, for events; 0 if it is no process.
 ///
 /// # Safety
 ///
 /// The node is live, and guarded by a lock that is held.
 #[inline(always)]
 pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
-    // SAFETY: the contract. One field is read: others look at other parts of the node's surroundings.
+    // SAFETY: by the contract the node is live and guarded. Only one field is read, since other
+    // threads access other parts of the operation around the node.
     match unsafe { node.as_ref() }.user() {
         User::Process(id) => id.get().into(),
         User::Outside => 0,
@@ -133,7 +143,8 @@ impl LastUser {
     }
 }
 
-/// Where processes meet. To lie at the beginning of a cache line, so that what a rendezvous writes lies on one.
+/// Where processes meet. It must lie at the beginning of a cache line, so that a rendezvous writes
+/// one line only.
 #[derive(Debug)]
 #[repr(C)]
 pub struct WaitPoint {
@@ -143,7 +154,7 @@ pub struct WaitPoint {
     pub(crate) identity: Identity,
 }
 
-/// A place with cache lines of its own.
+/// A wait point with cache lines of its own.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(crate) struct PlaceApart(WaitPoint);
@@ -192,7 +203,7 @@ impl WaitPoint {
         }
     }
 
-    /// Tells that a value goes from one to the other; 0 is nobody who is known, such as a buffer.
+    /// Records that a value goes from one to the other; 0 is an unknown partner, such as a buffer.
     #[inline(always)]
     pub(crate) fn tell(&self, communication: impl FnOnce() -> [u64; 2]) {
         if events::is_on() {
@@ -207,7 +218,8 @@ impl WaitPoint {
         events::waits_for(|| (self.identity.kind_in_events(), self.identity.number()));
     }
 
-    /// Notes that it does not, after all: it gives up, or is done in the turn in which it was to wait.
+    /// Notes that it does not wait after all: it gives up, or is done in the turn in which it was
+    /// to wait.
     #[inline(always)]
     pub(crate) fn waits_no_more(&self) {
         if events::is_on() {
@@ -222,13 +234,15 @@ impl WaitPoint {
         events::waits_no_more(|| Some(here()));
     }
 
-    /// Locks. Who waits on a hand_off_slot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
+    /// Locks. An operation that waits on a hand-off slot is not in the lists: at a channel's wait
+    /// point, a caller that looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
         self.lock.lock()
     }
 
-    /// Locks, and lists who waits on a hand_off_slot: from there on all is as if there were no hand_off_slots.
+    /// Locks, and lists the operation that waits on a hand-off slot: from there on all is as if
+    /// there were no hand-off slots.
     #[inline]
     pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock();
@@ -236,7 +250,8 @@ impl WaitPoint {
         lists
     }
 
-    /// WaitQueues who waits on the hand_off_slots. O(1), since nobody else is listed then. `lists` are this place's.
+    /// Lists the operations that wait on the hand-off slots. O(1), since no other operation is
+    /// listed then. `lists` are this wait point's.
     #[inline]
     pub(crate) fn clear_spots(&self, lists: &mut WaitQueues) {
         if self.hand_off_slots.is_anybody_waiting() {
@@ -254,29 +269,32 @@ impl WaitPoint {
                     Side::Sender => &mut lists.senders,
                     Side::Receiver => &mut lists.receivers,
                 };
-                // SAFETY: who waits on a hand_off_slot has begun its node, which is in no list and stays where it is; it looks until the hand_off_slot says what has come of that.
+                // SAFETY: an operation that waits on a hand-off slot has begun its node, which is
+                // in no list and stays where it is; it looks until the slot says what has come of
+                // that.
                 unsafe { list.insert_again(node) };
                 self.hand_off_slots.say_listed(side);
             }
         }
     }
 
-    /// Locks for the favoured home: see [`BiasedLock::lock_if_favoured`].
+    /// Locks for the executor that owns the bias: see [`BiasedLock::lock_if_favoured`].
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
         unsafe { self.lock.lock_if_favoured(home) }
     }
 
-    /// Locks for the favoured home, if it does not hold the lock already: see [`BiasedLock::lock_if_free`].
+    /// Locks for the executor that owns the bias, if it does not hold the lock already: see
+    /// [`BiasedLock::lock_if_free`].
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
@@ -294,12 +312,12 @@ impl WaitPoint {
         unsafe { self.lock.kept(home) }
     }
 
-    /// What the lock guards, of a place that nobody else knows yet.
+    /// Access to the lists of a wait point that no other thread knows yet.
     pub(crate) fn with_mut(&mut self, f: impl FnOnce(&mut WaitQueues)) {
         self.lock.with_mut(f);
     }
 
-    /// Locks for a look now and then: see [`BiasedLock::lock_briefly`].
+    /// Locks for an occasional look: see [`BiasedLock::lock_briefly`].
     pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, WaitQueues> {
         self.lock.lock_briefly()
     }
@@ -310,7 +328,8 @@ mod tests {
     use super::*;
     use std::mem::offset_of;
 
-    /// It is what a process is dear by: with five lists of two words, and all else side by side, it was half as much again.
+    /// Bounds the memory of a channel: with five lists of two words, and no packed fields, it was
+    /// half as much again.
     #[test]
     fn a_channel_takes_five_cache_lines_of_which_a_rendezvous_needs_two() {
         assert!(

@@ -1,4 +1,4 @@
-//! The node of a waiting operation, and what it comes to.
+//! The node of a waiting operation, and its outcome.
 
 use crate::select_state::SelectState;
 use luna_core::current::{self, PendingWake, PlainPendingWake, Process, User, WakeHandle};
@@ -8,7 +8,7 @@ use luna_platform::sync::atomic::{AtomicU8, Ordering};
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
-/// What a waiting operation came to.
+/// Outcome of a waiting operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Outcome {
@@ -18,11 +18,12 @@ pub(crate) enum Outcome {
     Poisoned,
     /// An alternative's, which has chosen another guard; or withdrawn.
     Stale,
-    /// A send whose value was received, and which is held until the receiver is done with it. It is in the list of those.
+    /// A send that is held after its value was received, until the receiver is done with it. It is
+    /// in the list `held`.
     Held,
     /// A send that was held, and was given a value back.
     Answered,
-    /// A send whose value could not be made, since its closure panicked.
+    /// A send without a value, since its closure panicked.
     Broken,
 }
 
@@ -32,16 +33,18 @@ pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
 /// How a node was begun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Begun {
-    /// With all that it has.
+    /// In full: all fields are written.
     InFull,
-    /// As a plain operation's that was listed by the home which the lock favours, with a wakeup that readies its process without a waker. As long as
-    /// that home is favoured its partners need not look any further. It has no alternative, and holds its value: what else it has was not written.
+    /// As a plain operation's that was listed by the executor that owns the bias of the lock, with
+    /// a wake handle that wakes its process without a waker. While the bias stays, its partners
+    /// need not look any further. It has no alternative, and holds its value: its other fields were
+    /// not written.
     Plainly,
-    /// Plainly, and its wakeup may be another one since.
+    /// As `Plainly`, but its wake handle may have been replaced since.
     PlainlyAndChanged,
 }
 
-/// The part of a node by which others find it. What all of them touch comes first.
+/// The part of a node by which others find it. The fields that all of them touch come first.
 #[repr(C)]
 pub(crate) struct Link {
     /// First, so that the list's node leads back to this.
@@ -52,16 +55,18 @@ pub(crate) struct Link {
     pub(crate) extended: bool,
     /// An extended receiver's: the node is that of a [`Noted`](crate::extended::Noted) inheritor.
     pub(crate) inherits: bool,
-    /// A settled extended receiver's, and a held sender's: which rendezvous it was.
+    /// A settled extended receiver's, and a held sender's: number of the rendezvous.
     pub(crate) ticket: u32,
-    /// An alternative's: what decides, and which guard this is. There if it was begun in full. Before the value, since who looks at it may not know of which type that is.
+    /// An alternative's: its select state, and the number of this guard. There if it was begun in
+    /// full. Before the value, since code that looks at it may not know the type of the value.
     selection: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
 }
 
-/// What few nodes have.
+/// Fields that few nodes use.
 #[repr(C)]
 struct Seldom<T> {
-    /// A recorded process' node: the stamp of what it has come to. Not there in one of a plain turn, which is nobody's who is recorded.
+    /// A recorded process' node: the stamp of its result. Not there in one of a plain turn, which
+    /// belongs to no recorded process.
     order: MaybeUninit<u64>,
     /// A sender's, if its value is not in the node. There if it was begun in full.
     make: MaybeUninit<Option<Make<T>>>,
@@ -85,21 +90,23 @@ impl Link {
 
 /// The node of a waiting operation, inside its future.
 ///
-/// Most operations never wait, so the link is written only when one begins to ([`begin`](Waiter::begin)): a node that is made and not listed is
-/// as small to write as its value.
+/// Most operations never wait, so the link is written only when one begins to
+/// ([`begin`](Waiter::begin)): a new node costs no more to write than its value.
 ///
 /// # Invariants
 ///
-/// The link is there once the node was begun, and what it says of its parts is so. While `outcome` is `Waiting` or `Held` and the node is listed, the channel's lock guards all of
-/// it. A settled node belongs to its future, and holds no wakeup, so that nothing of the link is to be dropped.
-/// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a sender's without `make` that is neither done nor held. A listed sender's `make`, if it has
-/// one, can be called once, under the lock.
+/// The link is there once the node was begun, and its fields describe the node. While `outcome` is
+/// `Waiting` or `Held` and the node is listed, the channel's lock guards all of it. A settled node
+/// belongs to its future, and holds no wake handle, so that nothing of the link is to be dropped.
+/// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a
+/// sender's without `make` that is neither done nor held. A listed sender's `make`, if it has one,
+/// can be called once, under the lock.
 #[repr(C)]
 pub struct Waiter<T> {
     /// First, so that the list's node leads back to this.
     link: MaybeUninit<Link>,
     value: UnsafeCell<MaybeUninit<T>>,
-    /// Last, so that the value of a plain operation lies beside what it is found by.
+    /// Last, so that the value of a plain operation lies beside its link.
     seldom: Seldom<T>,
 }
 
@@ -127,16 +134,17 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Makes the waiter at `place` one with a value, which is all that is written.
+    /// Makes the waiter at `place` one with a value. Only the value is written.
     ///
     /// # Safety
     ///
-    /// It is room for one, and nobody else's.
+    /// It is room for a value, and no other thread accesses it.
     #[inline(always)]
     pub(crate) unsafe fn write_value(place: *mut Self, value: T) {
         // SAFETY: the contract.
         unsafe {
-            // A pointer right before the value: without it the compiler takes the two for one piece of memory, and moves what is not written with what is.
+            // A pointer right before the value: without it the compiler takes the two for one piece
+            // of memory, and copies unwritten fields with the written ones.
             (*Self::link(NonNull::new_unchecked(place)))
                 .selection
                 .write(None);
@@ -158,7 +166,8 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is live, nobody else accesses it, and if this is not the first call, it is listed nowhere.
+    /// `node` is live, no other thread accesses it, and if this is not the first call, it is listed
+    /// nowhere.
     #[inline]
     pub(crate) unsafe fn begin(
         node: NonNull<Waiter<T>>,
@@ -179,7 +188,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares a plain operation's node for being listed where nobody else is, for the process whose plain turn this is.
+    /// Prepares a plain operation's node for being listed where no other node is, for the process
+    /// in its plain turn.
     ///
     /// # Safety
     ///
@@ -204,7 +214,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares a plain operation's node of the current process for waiting on a hand_off_slot, from where anybody may list it where nobody else is.
+    /// Prepares a plain operation's node of the current process for waiting on a hand-off slot,
+    /// from where any thread may list it where no other node is.
     ///
     /// # Safety
     ///
@@ -222,7 +233,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares the node of guard `number` of an alternative for being listed where nobody else is, for the process whose plain turn this is.
+    /// Prepares the node of guard `number` of an alternative for being listed where no other node
+    /// is, for the process in its plain turn.
     ///
     /// # Safety
     ///
@@ -255,7 +267,7 @@ impl<T> Waiter<T> {
         unsafe { (*Self::link(node)).begun == Begun::Plainly }
     }
 
-    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find one.
+    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find a wake handle.
     ///
     /// # Safety
     ///
@@ -269,8 +281,9 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Takes the wakeup of an operation that was listed by [`begin_plain`](Self::begin_plain). The node is then to be unlisted and settled. `None` for another one, which
-    /// has not changed.
+    /// Takes the wake handle of an operation that was listed by [`begin_plain`](Self::begin_plain).
+    /// The node is then to be unlisted and settled. `None` for another operation, with no state
+    /// changed.
     ///
     /// # Safety
     ///
@@ -289,7 +302,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Whom to wake, to be changed: it may be another one than a plain operation's from here on.
+    /// The wake handle, to be changed: from here on it may differ from a plain operation's.
     ///
     /// # Safety
     ///
@@ -305,7 +318,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Settles a waiting operation as done, whose wakeup was taken. The node is not to be touched after this.
+    /// Settles a waiting operation as done; its wake handle was taken. The node is not to be
+    /// touched after this.
     ///
     /// # Safety
     ///
@@ -320,7 +334,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Settles a waiting operation as stale that holds no wakeup: an alternative's that was not claimed. The node is not to be touched after this.
+    /// Settles a waiting operation as stale that holds no wake handle: an alternative's that was
+    /// not claimed. The node is not to be touched after this.
     ///
     /// # Safety
     ///
@@ -335,7 +350,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// The link of a node. Not to be made a reference to as a whole: its parts have different owners.
+    /// The link of a node. Not to be made a reference to as a whole: its parts have different
+    /// owners.
     ///
     /// # Safety
     ///
@@ -345,16 +361,18 @@ impl<T> Waiter<T> {
         node.as_ptr().cast()
     }
 
-    /// The node's alternative, and which of its guards this is, if it is one's. The value is not looked at, of whatever type it is.
+    /// The select state of the node's alternative and the number of this guard, if it has one. The
+    /// value is not accessed, so its type does not matter.
     ///
     /// # Safety
     ///
-    /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its future.
+    /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its
+    /// future.
     #[inline(always)]
     pub(crate) unsafe fn selection(
         node: NonNull<Waiter<T>>,
     ) -> Option<(NonNull<SelectState>, u32)> {
-        // SAFETY: the contract; the selection is there if the node was begun in full.
+        // SAFETY: by the contract; the select state is there if the node was begun in full.
         unsafe {
             let link = Self::link(node);
             match (*link).begun {
@@ -364,7 +382,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Makes it nobody's guard any more: its alternative has chosen it.
+    /// Detaches the node from its alternative, which has chosen it.
     ///
     /// # Safety
     ///
@@ -374,9 +392,11 @@ impl<T> Waiter<T> {
         unsafe { (*Self::link(node)).selection.write(None) };
     }
 
-    /// What the operation has come to. Acquire: who sees an outcome sees the value that came with it.
+    /// The operation's outcome. Acquire: a thread that sees an outcome sees the value that came
+    /// with it.
     ///
-    /// Takes a pointer, since without the lock there must be no reference to the parts of a listed node that others change.
+    /// Takes a pointer, since without the lock there must be no reference to the parts of a listed
+    /// node that others change.
     ///
     /// # Safety
     ///
@@ -400,7 +420,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is one, and nobody else accesses the node.
+    /// There is one, and no other thread accesses the node.
     #[inline]
     pub(crate) unsafe fn take_value(&self) -> T {
         // SAFETY: the contract.
@@ -412,7 +432,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is a value, and nobody else accesses it.
+    /// There is a value, and no other thread accesses it.
     #[inline]
     pub(crate) unsafe fn take_value_of(node: NonNull<Waiter<T>>) -> T {
         // SAFETY: the contract; this borrows the one field.
@@ -427,7 +447,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is no value, and nobody else accesses its place.
+    /// There is no value, and no other thread accesses its place.
     #[inline]
     pub(crate) unsafe fn put_value_of(node: NonNull<Waiter<T>>, new: T) {
         // SAFETY: the contract; this borrows the one field.
@@ -442,7 +462,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is none, and nobody else accesses the node.
+    /// There is none, and no other thread accesses the node.
     #[inline]
     pub(crate) unsafe fn put_value(&self, new: T) {
         // SAFETY: the contract.
@@ -453,7 +473,8 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a sender's that was begun, holds its value or can make it, and nobody else accesses it.
+    /// `node` is a sender's that was begun, holds its value or can make it, and no other thread
+    /// accesses it.
     #[inline]
     pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
         // SAFETY: the contract, and the type's invariant for `make`.
@@ -469,8 +490,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Claims the node's alternative for it, if it is one's. `false`: the alternative has chosen already. Otherwise the node is to be
-    /// settled, and holds the alternative's wakeup.
+    /// Claims the alternative of the node, if it has one. `false`: the alternative has chosen
+    /// already. Otherwise the node is to be settled, and holds the alternative's wake handle.
     ///
     /// # Safety
     ///
@@ -486,7 +507,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Notes the stamp of what the operation is about to come to.
+    /// Notes the stamp of the operation's coming result.
     ///
     /// # Safety
     ///
@@ -501,7 +522,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// The stamp of what the operation has come to; 0 if it has none.
+    /// The stamp of the operation's result; 0 if it has none.
     ///
     /// # Safety
     ///
@@ -511,7 +532,7 @@ impl<T> Waiter<T> {
         unsafe { (*node.as_ptr()).seldom.order.assume_init() }
     }
 
-    /// Takes out whom to wake.
+    /// Takes the wake handle out.
     ///
     /// # Safety
     ///
@@ -520,7 +541,8 @@ impl<T> Waiter<T> {
     unsafe fn take_wakeup(node: NonNull<Waiter<T>>) -> PendingWake {
         // SAFETY: the contract.
         unsafe {
-            // loom does not watch the wakeup: to it, this is an access to the value beside it, which must be over when the outcome is set.
+            // loom does not watch the wake handle: to it, this is an access to the value beside it,
+            // which must be over when the outcome is set.
             #[cfg(loom)]
             (*node.as_ptr()).value.with_mut(|_| ());
             (*Self::link(node))
@@ -531,18 +553,20 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Settles a waiting operation that was just unlisted, and says whom to ready. The node is not to be touched after this.
+    /// Settles a waiting operation that was just unlisted, and returns the process to wake. The
+    /// node is not to be touched after this.
     ///
     /// # Safety
     ///
-    /// `node` is a waiter's, was claimed and taken off its list under the lock that is still held, or it is stale; and what it says it holds is
-    /// true of `outcome`.
+    /// `node` is a waiter's, was claimed and taken off its list under the lock that is still held,
+    /// or it is stale; and its state agrees with `outcome`.
     #[inline]
     pub(crate) unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> PendingWake {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
             let ready = Self::take_wakeup(node);
-            // Release: the value and all that came before is visible to who sees the outcome.
+            // Release: the value and all that came before is visible to a thread that sees the
+            // outcome.
             (*Self::link(node))
                 .outcome
                 .store(outcome as u8, Ordering::Release);
@@ -550,7 +574,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Lets a held sender go on, which was just taken off the list of those. The node is not to be touched after this.
+    /// Releases a held sender, which was just taken off the list `held`. The node is not to be
+    /// touched after this.
     ///
     /// # Safety
     ///
@@ -561,18 +586,19 @@ impl<T> Waiter<T> {
     }
 }
 
-/// Claims a node's selection, and gives the node the wakeup.
+/// Claims the select state of a node, and gives the node the wake handle.
 ///
 /// # Safety
 ///
-/// `node` begins a listed waiter, whatever the type of its values, and the lock is held that guards it.
+/// `node` begins a listed waiter, whatever the type of its values, and the lock is held that guards
+/// it.
 #[cold]
 unsafe fn claim_selection(
     node: NonNull<WaitNode>,
     selection: NonNull<SelectState>,
     guard: u32,
 ) -> bool {
-    // SAFETY: the contract; a listed node's selection is live.
+    // SAFETY: by the contract; a listed node's select state is live.
     unsafe {
         match selection.as_ref().claim(guard) {
             Some(wakeup) => {
@@ -589,7 +615,8 @@ mod tests {
     use super::*;
     use std::mem::offset_of;
 
-    /// A ring of many processes goes at the pace of its memory: what is added before the value is fetched at each hop.
+    /// Bounds the size of a node: a ring of many processes is bound by memory accesses, and each
+    /// hop would fetch what is added before the value.
     #[test]
     fn what_a_plain_operation_touches_lies_together() {
         assert_eq!(offset_of!(Waiter<u64>, value), size_of::<Link>());

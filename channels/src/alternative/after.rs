@@ -32,7 +32,8 @@ pub fn after(delay: Duration) -> After {
     at(Instant::now() + delay)
 }
 
-/// Waits until `deadline`; one that has passed is ready at once. Alone, or as a guard of an alternative.
+/// Waits until `deadline`; one that has passed is ready at once. Alone, or as a guard of an
+/// alternative.
 ///
 /// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe.
 ///
@@ -61,7 +62,7 @@ pub fn at(deadline: Instant) -> After {
 #[must_use = "a delay does nothing unless awaited or offered in an alternative"]
 pub struct After {
     sleep: Sleep,
-    /// It is awaited in a process with a tape, which has let it in.
+    /// It is awaited in a process with a replay log, which has admitted it.
     is_entered: bool,
 }
 
@@ -90,7 +91,7 @@ impl Future for After {
 }
 
 impl After {
-    /// Polls in a process with a tape: a replayed one does not wait for the time.
+    /// Polls in a process with a replay log: a replayed one does not wait for the time.
     #[cold]
     #[inline(never)]
     fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {

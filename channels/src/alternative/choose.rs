@@ -1,8 +1,9 @@
-//! The decision: under the locks of all places, taken in the order of their addresses.
+//! The decision: under the locks of all wait points, taken in the order of their addresses.
 //!
-//! With all of them held, what is ready is ready at one instant, so the first ready guard in the order of preference is the right one,
-//! also across cores: nobody can make a higher guard ready between the look at it and the choice. Nobody holds one lock
-//! while waiting for another against the order, so there is no deadlock; and there is no retry.
+//! All locks are held, so readiness is seen at one instant. The first ready guard in the order of
+//! preference is therefore the right one, also across cores: no other thread can make a higher
+//! guard ready between the look and the choice. No thread waits for a lock against the order while
+//! it holds another, so there is no deadlock. There is no retry.
 
 use super::guard::Attempt;
 use super::list::{MOST_GUARDS, Open};
@@ -15,13 +16,13 @@ use luna_platform::clock::Instant;
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// The locks of an alternative's places.
+/// The locks of an alternative's wait points.
 pub(super) struct Locks<'a>(
     ArrayVec<(NonNull<WaitPoint>, BiasedGuard<'a, WaitQueues>), MOST_GUARDS>,
 );
 
 impl Locks<'_> {
-    /// Locks all places of `open`, each once. O(n) locks.
+    /// Locks all wait points of `open`, each once. O(n) locks.
     pub(super) fn take(open: &Open<'_>) -> Self {
         let mut places: ArrayVec<NonNull<WaitPoint>, MOST_GUARDS> =
             open.iter().filter_map(|(_, guard)| guard.place()).collect();
@@ -29,7 +30,8 @@ impl Locks<'_> {
         let mut locks = ArrayVec::new();
         for place in places {
             if locks.last().is_none_or(|&(last, _)| last != place) {
-                // SAFETY: a place outlives its guards, and these locks do not outlive the poll of the alternative that borrows them.
+                // SAFETY: a wait point outlives its guards, and these locks do not outlive the poll
+                // of the alternative that borrows them.
                 locks.push((place, unsafe { place.as_ref() }.lock_lists()));
             }
         }
@@ -46,22 +48,24 @@ impl Locks<'_> {
     }
 }
 
-/// What the locks are ordered by.
+/// Key of the lock order.
 #[cfg(not(loom))]
 fn order(place: NonNull<WaitPoint>) -> NonNull<WaitPoint> {
     place
 }
 
-/// In a model not by address, but by age: loom repeats a run to go on from the middle of it, and addresses differ from run to run.
+/// In a model by age, not by address: loom repeats a run from the middle, and addresses differ from
+/// run to run.
 #[cfg(loom)]
 fn order(place: NonNull<WaitPoint>) -> u64 {
-    // SAFETY: a place outlives its guards.
+    // SAFETY: a wait point outlives its guards.
     unsafe { place.as_ref() }.identity.id()
 }
 
-/// What the first look at the guards came to.
+/// Result of the first look at the guards.
 pub(super) enum Choice {
-    /// Guard number `.0` has happened. PendingWake whom it says, now that the locks are released.
+    /// Guard number `.0` has happened. Wake the process of the `PendingWake` now that the locks are
+    /// released.
     Made(u32, PendingWake),
     /// None can happen now; they are not listed.
     None,
@@ -69,11 +73,13 @@ pub(super) enum Choice {
     Listed,
 }
 
-/// Chooses the first ready guard by preference; with none, lists all of them in `selection` with the `wakeup`. Without one the alternative does not wait.
+/// Chooses the first ready guard by preference; with none, lists all of them in `selection` with
+/// the `wakeup`. Without a `wakeup` the alternative does not wait.
 ///
 /// # Safety
 ///
-/// All guards are new. The selection is closed, stays where it is, and outlives their being listed.
+/// All guards are new. The select state is closed, stays where it is, and outlives their being
+/// listed.
 pub(super) unsafe fn choose(
     open: &mut Open<'_>,
     selection: &SelectState,
@@ -90,7 +96,7 @@ pub(super) unsafe fn choose(
     for &index in &preference {
         let (number, guard) = &mut open[index];
         let lists = locks.lists(guard.place());
-        // SAFETY: the lists are those of its place; the contract says that the guard is new.
+        // SAFETY: the lists are those of its wait point; by the contract the guard is new.
         if let Attempt::Ready(ready) = unsafe { guard.as_mut().attempt(lists, cx) } {
             return Choice::Made(*number, ready);
         }
@@ -99,7 +105,7 @@ pub(super) unsafe fn choose(
         return Choice::None;
     };
     let several = open.iter().any(|(_, guard)| guard.claims_several());
-    // SAFETY: the contract: this is the owner, and the selection is closed.
+    // SAFETY: by the contract this is the owner, and the select state is closed.
     unsafe { selection.open(wakeup, several, limit(open, fair)) };
     // In this order too: a partner finds the preferred one of two guards of one channel.
     for index in preference {
@@ -116,8 +122,10 @@ pub(super) unsafe fn choose(
     Choice::Listed
 }
 
-/// From when on which guards are too late, since a delay that is preferred to them has passed: the earliest delay counts. Without this, a partner
-/// that comes after the instant and before the owner has woken would find a guard that is not to be chosen any more.
+/// The instant from which on guards are too late, and the first of those guards: a delay that is
+/// preferred to them has passed then, and the earliest delay counts. Without this, a partner that
+/// comes after the instant and before the owner has woken would find a guard that must not be
+/// chosen any more.
 fn limit(open: &Open<'_>, fair: bool) -> Option<(Instant, u32)> {
     let delays = open
         .iter()
@@ -128,7 +136,8 @@ fn limit(open: &Open<'_>, fair: bool) -> Option<(Instant, u32)> {
         .map(|(instant, number)| (instant, if fair { 0 } else { number + 1 }))
 }
 
-/// When the end of a guard was last chosen. A guard without memory (a time that has come) counts as never chosen.
+/// Stamp of the last choice of a guard's end. A guard without memory (a time that has come) counts
+/// as never chosen.
 fn stamp(open: &Open<'_>, index: usize) -> u64 {
     open[index].1.stamp().map_or(0, |stamp| stamp.get())
 }

@@ -9,11 +9,12 @@ use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
-/// An operation that an alternative may offer: what `recv`, `recv_extended`, `send`, `send_from`, `send_with`, `after` and `at` return, and a barrier's
-/// `sync`.
+/// An operation that an alternative may offer: what `recv`, `recv_extended`, `send`, `send_from`,
+/// `send_with`, `after` and `at` return, and a barrier's `sync`.
 ///
-/// Sealed: a guard is decided under the locks of all that is offered, so that exactly one happens. Any other future as a guard would either
-/// lose what it had done when another was chosen, or have to be polled on.
+/// Sealed: a guard is decided under the locks of all that is offered, so that exactly one happens.
+/// Any other future as a guard would either lose what it had done when another was chosen, or have
+/// to be polled on.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a guard",
     label = "an alternative takes `recv()`, `send(..)`, `sync()` or `luna::after(..)`, not any future",
@@ -21,14 +22,16 @@ use std::task::{Context, Poll};
     note = "put other work in the body, or in a process of its own that answers over a channel"
 )]
 pub trait Guard: RawGuard {
-    /// What the guard gives when it is chosen.
+    /// Output of the guard when it is chosen.
     type Output;
 
-    /// Whether a guard that was not chosen and is listed nowhere, or that has given its output, has anything to drop.
+    /// Whether a guard that was not chosen and is listed nowhere, or that has given its output, has
+    /// anything to drop.
     #[doc(hidden)]
     const DROPS: bool = true;
 
-    /// What the guard is made of: as small as can be, since it is moved until the alternative is polled.
+    /// What the guard is made of: as small as can be, since it is moved until the alternative is
+    /// polled.
     #[doc(hidden)]
     type Seed;
 
@@ -40,25 +43,26 @@ pub trait Guard: RawGuard {
     #[doc(hidden)]
     fn from_seed(seed: Self::Seed) -> Self;
 
-    /// Takes what the guard gives.
+    /// Takes the guard's output.
     ///
     /// # Safety
     ///
-    /// The guard was chosen, [`poll_chosen`](RawGuard::poll_chosen) was ready, and this is called once.
+    /// The guard was chosen, [`poll_chosen`](RawGuard::poll_chosen) was ready, and this is called
+    /// once.
     #[doc(hidden)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output;
 }
 
-/// What an attempt came to.
+/// Result of an attempt.
 #[derive(Debug)]
 pub enum Attempt {
     /// The guard cannot happen now.
     NotReady,
-    /// It has happened; this is whom to ready when the locks are released.
+    /// It has happened. The `PendingWake` is to be woken when the locks are released.
     Ready(PendingWake),
 }
 
-/// What a look at a guard at home came to.
+/// Result of a look at a guard on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
     /// It cannot be had that way: the place is not locked.
@@ -69,8 +73,8 @@ pub enum Look {
     Ready,
 }
 
-/// The steps of an alternative that do not depend on what the guard gives. They are unsafe to call, since `Guard` brings them wherever it is a
-/// bound: an alternative calls them in their order.
+/// The steps of an alternative that do not depend on the guard's output. They are unsafe to call,
+/// since `Guard` brings them wherever it is a bound: an alternative calls them in their order.
 pub trait RawGuard {
     /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
     fn place(&self) -> Option<NonNull<WaitPoint>>;
@@ -90,12 +94,12 @@ pub trait RawGuard {
         None
     }
 
-    /// Whether somebody may claim several alternatives at once to make it happen.
+    /// Whether a partner may claim several alternatives at once to make it happen.
     fn claims_several(&self) -> bool {
         false
     }
 
-    /// Makes the guard happen at once, if that can be. O(1) for channels.
+    /// Makes the guard happen at once, if possible. O(1) for channels.
     ///
     /// # Safety
     ///
@@ -106,7 +110,7 @@ pub trait RawGuard {
         cx: &mut Context<'_>,
     ) -> Attempt;
 
-    /// WaitQueues the guard in its place, as number `guard` of `selection`.
+    /// Lists the guard at its wait point, as number `guard` of `selection`.
     ///
     /// # Safety
     ///
@@ -135,15 +139,17 @@ pub trait RawGuard {
     /// Called when the lock of its place was released after `attempt` or `list`.
     fn released(&self) {}
 
-    /// The current process, which has a tape, is about to look at it.
+    /// The current process, which has a replay log, is about to look at it.
     fn note_taped(&self) {}
 
-    /// The stamp of what a chosen guard that was listed has come to, of a process with a tape; 0 if it has none.
+    /// The stamp of a chosen guard that was listed, of a process with a replay log; 0 if it has
+    /// none.
     fn order(&self) -> u64 {
         0
     }
 
-    /// Whether the guard's time has come, for one that has no place; arranges for a wake at that time.
+    /// Whether the guard's time has come, for one that has no place; arranges for a wake at that
+    /// time.
     ///
     /// # Safety
     ///
@@ -152,25 +158,27 @@ pub trait RawGuard {
         Poll::Pending
     }
 
-    /// Locks the guard's place if that favours this home, and says whether the guard can happen. Unless the answer is [`No`](Look::No), the lock is kept until
-    /// [`leave_home`](Self::leave_home), [`take_fast`](Self::take_fast) or [`list_fast`](Self::list_fast). For the ways that nearly all
-    /// guards are: a guard need not know this way.
+    /// Locks the guard's wait point if it is biased to this executor, and reports whether the guard
+    /// can happen. Unless the answer is [`No`](Look::No), the lock is kept until
+    /// [`leave_home`](Self::leave_home), [`take_fast`](Self::take_fast) or
+    /// [`list_fast`](Self::list_fast). This is the fast path of the common kinds of guards. Support
+    /// is optional.
     ///
     /// # Safety
     ///
-    /// As for `attempt`; and this thread is the home of that number.
+    /// As for `attempt`; and this thread is the executor of that number.
     unsafe fn look_fast(self: Pin<&mut Self>, _home: u64) -> Look {
         Look::No
     }
 
-    /// Releases the place's lock.
+    /// Releases the wait point's lock.
     ///
     /// # Safety
     ///
-    /// The look at this home has kept it.
+    /// The look on this executor has kept the lock.
     unsafe fn leave_home(self: Pin<&mut Self>, _home: u64) {}
 
-    /// Makes the guard happen, and releases the lock. Gives whom to ready.
+    /// Makes the guard happen, and releases the lock. Returns the process to wake.
     ///
     /// # Safety
     ///
@@ -179,11 +187,12 @@ pub trait RawGuard {
         None
     }
 
-    /// WaitQueues the guard as number `guard` of `selection`, and releases the lock.
+    /// Lists the guard as number `guard` of `selection`, and releases the lock.
     ///
     /// # Safety
     ///
-    /// The look has kept the lock, and said that the guard is not ready. `process` has its plain turn. `selection` outlives the guard's being listed.
+    /// The look has kept the lock, and said that the guard is not ready. `process` has its plain
+    /// turn. `selection` outlives the guard's being listed.
     unsafe fn list_fast(
         self: Pin<&mut Self>,
         _process: &Process,
@@ -196,23 +205,24 @@ pub trait RawGuard {
     ///
     /// # Safety
     ///
-    /// As for `withdraw`; and this thread is the home of that number.
+    /// As for `withdraw`; and this thread is the executor of that number.
     unsafe fn withdraw_fast(self: Pin<&mut Self>, _home: u64) {
         // SAFETY: the contract.
         unsafe { self.withdraw() };
     }
 
-    /// Whether the guard, which was chosen, is over, so that [`output`](Guard::output) can be called at once.
+    /// Whether the guard, which was chosen, is over, so that [`output`](Guard::output) can be
+    /// called at once.
     fn is_over(&self) -> bool {
         false
     }
 
-    /// Whether the guard has an error to give.
+    /// Whether the guard has an error to return.
     fn can_fail(&self) -> bool {
         false
     }
 
-    /// Makes the guard fail as poisoned. Says whether it can.
+    /// Makes the guard fail as poisoned. Returns whether it can.
     ///
     /// # Safety
     ///

@@ -1,4 +1,4 @@
-//! The guards of one alternative, as a list whose type knows each of them.
+//! The guards of one alternative, as a list with static types.
 
 use super::guard::{Guard, Look, RawGuard};
 use crate::select_state::SelectState;
@@ -8,13 +8,14 @@ use luna_core::current::{PlainPendingWake, Process};
 use std::pin::Pin;
 use std::ptr::NonNull;
 
-/// How many guards one `alt!` can have. More are for an [`Alternative`](crate::Alternative), which also costs less for many.
+/// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
+/// which also costs less for many.
 pub(super) const MOST_GUARDS: usize = 32;
 
-/// The guards whose preconditions hold, with their numbers in the order written.
+/// The guards with a true precondition, and their numbers in the order written.
 pub(super) type Open<'a> = ArrayVec<(u32, Pin<&'a mut (dyn RawGuard + 'a)>), MOST_GUARDS>;
 
-/// What the first guard gave, or what one of the rest gave.
+/// Output of the first guard, or of one of the rest.
 #[derive(Debug)]
 pub enum Either<L, R> {
     /// The first.
@@ -23,7 +24,7 @@ pub enum Either<L, R> {
     R(R),
 }
 
-/// What no guard gives.
+/// The output of no guard.
 #[derive(Debug)]
 pub enum Never {}
 
@@ -86,8 +87,8 @@ impl<G: Guard, R: Seeds> Seeds for Cons<Seed<G>, R> {
 
     #[inline(always)]
     unsafe fn grow(self, place: *mut Self::Guards) {
-        // Each where it is to stay: a whole that is made and then moved is copied once for each of its parts.
-        // SAFETY: the contract.
+        // Each where it is to stay: a whole that is made and then moved is copied once for each of
+        // its parts. SAFETY: the contract.
         unsafe {
             (&raw mut (*place).0).write(self.0.map(|seed| G::from_seed(seed.0)));
             self.1.grow(&raw mut (*place).1);
@@ -97,7 +98,7 @@ impl<G: Guard, R: Seeds> Seeds for Cons<Seed<G>, R> {
 
 /// A list of guards.
 pub trait Guards {
-    /// What the chosen one gives.
+    /// Output of the chosen guard.
     type Output;
     /// How many there are.
     const LEN: usize;
@@ -106,23 +107,25 @@ pub trait Guards {
     /// Whether `skip` stands at the end.
     const SKIP: bool;
 
-    /// Adds the guards that can happen; the others go when this is called for the `first` time, before any is listed.
+    /// Adds the guards that can happen; the others go when this is called for the `first` time,
+    /// before any is listed.
     fn collect<'a>(self: Pin<&'a mut Self>, first: bool, number: u32, into: &mut Collected<'a>);
 
-    /// Looks at the guards that can happen, the first of which has this number; the others go. `false` if one of them cannot be had
-    /// that way.
+    /// Looks at the guards that can happen, the first of which has this number; the others go.
+    /// `false` if one of them cannot be had that way.
     ///
     /// # Safety
     ///
-    /// All guards are new, and this thread is the home that `looks` says.
+    /// All guards are new, and this thread is the executor in `looks`.
     unsafe fn look_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
 
-    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number `end`; the first has this number. Puts whom to
-    /// ready into `ready`.
+    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number
+    /// `end`; the first has this number. Puts the processes to wake into `ready`.
     ///
     /// # Safety
     ///
-    /// The looks up to there have kept the locks, and said that the chosen guard is ready. `process` has its plain turn.
+    /// The looks up to there have kept the locks, and said that the chosen guard is ready.
+    /// `process` has its plain turn.
     unsafe fn leave_home(
         self: Pin<&mut Self>,
         number: u32,
@@ -132,11 +135,12 @@ pub trait Guards {
         ready: &mut Option<PlainPendingWake>,
     );
 
-    /// WaitQueues the guards, the first of which has this number, and releases the locks.
+    /// Lists the guards, the first of which has this number, and releases the locks.
     ///
     /// # Safety
     ///
-    /// The looks have kept the locks, and said of none that it is ready. `process` has its plain turn. `selection` outlives the guards' being listed.
+    /// The looks have kept the locks, and said of none that it is ready. `process` has its plain
+    /// turn. `selection` outlives the guards' being listed.
     unsafe fn list_fast(
         self: Pin<&mut Self>,
         number: u32,
@@ -144,11 +148,13 @@ pub trait Guards {
         selection: NonNull<SelectState>,
     );
 
-    /// Takes the guards off their lists that were not chosen, and notes in `looks` what was; the first has this number.
+    /// Takes the guards off their lists that were not chosen, and notes in `looks` what was; the
+    /// first has this number.
     ///
     /// # Safety
     ///
-    /// The guards were listed, this thread is the home that `looks` says, and `looks` says which was chosen.
+    /// The guards were listed, this thread is the executor in `looks`, and `looks` has the number
+    /// of the chosen guard.
     unsafe fn withdraw_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks);
 
     /// What guard `index` gives, or `skip` if that many it has.
@@ -159,7 +165,7 @@ pub trait Guards {
     unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output;
 }
 
-/// What looks at guards at home came to.
+/// Result of the looks at guards on the fast path.
 #[derive(Debug)]
 pub struct Looks {
     pub(super) home: u64,
@@ -172,7 +178,7 @@ pub struct Looks {
     stamped: Option<NonNull<Stamp>>,
     /// When an end was last chosen.
     greatest: u64,
-    /// The number behind that of the last guard whose place is locked.
+    /// One more than the number of the last guard with a locked wait point.
     pub(super) end: u32,
     /// Whether the chosen guard is over.
     pub(super) is_over: bool,
@@ -195,7 +201,8 @@ impl Looks {
         }
     }
 
-    /// Notes a guard: whether it can happen, and when its end was last chosen. `true` if no other need be looked at.
+    /// Notes a guard: whether it can happen, and when its end was last chosen. `true` if no other
+    /// need be looked at.
     #[inline]
     fn note(&mut self, number: u32, is_ready: bool, end: Option<&Stamp>) -> bool {
         self.end = number + 1;

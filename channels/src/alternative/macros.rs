@@ -1,6 +1,7 @@
 //! `alt!` and `pri_alt!`.
 
-/// Offers several operations, of which exactly one happens: fair, so of those that are ready the one whose end was chosen least recently.
+/// Offers several operations, of which exactly one happens. The choice is fair: of the ready
+/// guards, it takes the one with the least recently chosen channel end.
 ///
 /// ```text
 /// alt! {
@@ -10,22 +11,31 @@
 /// }
 /// ```
 ///
-/// A *guard* is a `recv()`, `recv_extended()`, `send(..)`, `send_from(..)`, `send_with(..)`, a barrier's `sync()`, a delay ([`after`](crate::after),
-/// [`at`](crate::at)), or `skip`. The value of the alternative is that of the body that runs. Bodies run after all guards are gone, so they
+/// A *guard* is a `recv()`, `recv_extended()`, `send(..)`, `send_from(..)`, `send_with(..)`, a
+/// barrier's `sync()`, a delay ([`after`](crate::after), [`at`](crate::at)), or `skip`. The value
+/// of the alternative is that of the body that runs. Bodies run after all guards are gone, so they
 /// may use what the guards borrowed; `?`, `return`, `break` and `.await` work in them.
 ///
-/// - A guard whose precondition is false is not even evaluated. With no guard open and no `skip` an alternative is STOP: it waits for ever.
+/// - A guard is not evaluated if its precondition is false. With no guard open and no `skip` an
+///   alternative is STOP: it waits for ever.
 /// - A channel that has ended is ready, and gives its error.
-/// - Fair are the ends of channels, the barriers, ticks and watchdogs. A delay (`after`, `at`) that has passed has no memory of having been chosen, and
-///   comes first; before the instant of its deadline it is not ready.
-/// - All preconditions are evaluated first, then the guards that are open, each in the order written.
-/// - Input guards are `recv()`, `recv_extended()` and a server's `accept()`. A client's `call(..)` is chosen when a server accepts it: a delay beside it
-///   bounds the wait for the server, not for the reply.
-/// - A value offered with `send(value)` that is not chosen is dropped; `send_from` keeps it in its slot, `send_with` makes it only when chosen.
-/// - One channel may stand in several guards: an alternative never communicates with itself. Two that offer each other opposite ends do.
+/// - Fair are the ends of channels, the barriers, ticks and watchdogs. A delay (`after`, `at`) that
+///   has passed has no memory of having been chosen, and comes first; before the instant of its
+///   deadline it is not ready.
+/// - All preconditions are evaluated first, then the guards that are open, each in the order
+///   written.
+/// - Input guards are `recv()`, `recv_extended()` and a server's `accept()`. A client's `call(..)`
+///   is chosen when a server accepts it: a delay beside it bounds the wait for the server, not for
+///   the reply.
+/// - A value offered with `send(value)` that is not chosen is dropped; `send_from` keeps it in its
+///   slot, `send_with` makes it only when chosen.
+/// - One channel may stand in several guards: an alternative never communicates with itself. Two
+///   that offer each other opposite ends do.
 ///
-/// Cancel-safe: dropped while it waits it leaves no trace. Real-time path: yes; no allocation; for n guards, at most 32, n locks and
-/// O(n log n) steps, to wait also each waiting list's O(those of lower priority), and one step for each stale offer of another alternative. The choice is made under the locks of all channels, taken in the order of their addresses.
+/// Cancel-safe: dropped while it waits it leaves no trace. Real-time path: yes; no allocation; for
+/// n guards, at most 32, n locks and O(n log n) steps, to wait also each waiting list's O(those of
+/// lower priority), and one step for each stale offer of another alternative. The choice is made
+/// under the locks of all channels, taken in the order of their addresses.
 ///
 /// ```
 /// use luna_channels::{alt, channel};
@@ -46,9 +56,10 @@ macro_rules! alt {
     ($($branches:tt)*) => { $crate::__alternative!(@parse true [] $($branches)*) };
 }
 
-/// Like [`alt!`], but of the guards that are ready the first in the order written happens.
+/// Like [`alt!`], but of the ready guards the first in the order written happens.
 ///
-/// Exact, also across cores: if a guard was ready strictly before a lower one, it is the one that happens.
+/// Exact, also across cores: if a guard was ready strictly before a lower one, it is the one that
+/// happens.
 ///
 /// ```
 /// use luna_channels::{Buffer, buffered, pri_alt};
@@ -74,12 +85,14 @@ macro_rules! pri_alt {
     ($($branches:tt)*) => { $crate::__alternative!(@parse false [] $($branches)*) };
 }
 
-/// Takes the branches one by one off its input, each to `{[pattern] [guard] [precondition] [body]}`, then makes of them a list of guards to
-/// choose from, and a match on what was chosen.
+/// Takes the branches one by one off its input, each to
+/// `{[pattern] [guard] [precondition] [body]}`, then makes of them a list of guards to choose from,
+/// and a match on what was chosen.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __alternative {
-    // `skip` comes last. (A path of one segment called `skip` would be a pattern without a guard anyway.)
+    // `skip` comes last. (A path of one segment called `skip` would be a pattern without a guard
+    // anyway.)
     (@parse $fair:tt [$($done:tt)*] skip => $body:block $(,)?) => {
         $crate::__alternative!(@emit $fair [$($done)*] [{$body}])
     };

@@ -1,15 +1,17 @@
 //! Which channels of an `Alternative` are ready, in its order of preference.
 //!
-//! Each member has a *position*; the ready member at the lowest position is next. A fair set moves a member that was chosen behind all
-//! others, so positions grow; when they run out, all members are numbered anew. That takes O(n) steps once in at least n choices; everything
-//! else takes as many steps as there are levels of 64 positions: two for 4 096, three for 262 144.
+//! Each member has a *position*; the ready member at the lowest position is next. A fair set moves
+//! a member that was chosen behind all others, so positions grow; when they run out, all members
+//! are numbered anew. That takes O(n) steps once in at least n choices; everything else takes as
+//! many steps as there are levels of 64 positions: two for 4 096, three for 262 144.
 
 use arrayvec::ArrayVec;
 
 /// No position, no member.
 const NONE: u32 = u32::MAX;
 
-/// A set of positions that knows its least: a tree of words, each bit of which says whether the word below it is empty.
+/// A set of positions with a fast minimum: a tree of words. Each bit of a word records whether the
+/// word below it is empty.
 #[derive(Debug)]
 struct Positions {
     /// All levels, the lowest first; the last has one word.
@@ -139,13 +141,13 @@ impl ReadySet {
         self.members -= 1;
     }
 
-    /// Says that a member is ready. O(levels).
+    /// Marks a member as ready. O(levels).
     #[inline]
     pub(super) fn set(&mut self, member: usize) {
         self.ready.insert(self.position[member]);
     }
 
-    /// Says that a member is not ready. O(levels).
+    /// Marks a member as not ready. O(levels).
     #[inline]
     pub(super) fn clear(&mut self, member: usize) {
         self.ready.remove(self.position[member]);
@@ -157,13 +159,14 @@ impl ReadySet {
         Some(self.at[self.ready.first()? as usize] as usize)
     }
 
-    /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many calls.
+    /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many
+    /// calls.
     pub(super) fn put_behind(&mut self, member: usize) {
         let is_ready = self.ready.contains(self.position[member]);
         self.choose(member, is_ready);
     }
 
-    /// As [`put_behind`](Self::put_behind), and says whether it is ready.
+    /// As [`put_behind`](Self::put_behind), and returns whether it is ready.
     #[inline]
     pub(super) fn choose(&mut self, member: usize, is_ready: bool) {
         self.clear(member);

@@ -1,18 +1,21 @@
 //! An alternative over any number of channels that stays registered between its selections.
 //!
-//! Each channel keeps a node of the alternative in its list of those who are *registered*. While the alternative waits, its selection is open,
-//! and a sender that comes claims it through the node and hands its value over, as to any receiver. While it does not wait, a claim fails,
-//! and the node stays: who makes the channel ready (a sender that lists itself, a value in the buffer, the channel's end) pushes the node onto the alternative's
-//! stack of ready channels, under the channel's lock, once until the alternative has looked. So a selection costs nothing for the channels
-//! where nothing happened.
+//! Each channel keeps a node of the alternative in its list of *registered* nodes. While the
+//! alternative waits, its select state is open. A sender that comes claims it through the node and
+//! hands its value over, as to any receiver. While it does not wait, a claim fails and the node
+//! stays. The operation that makes the channel ready (a sender that lists itself, a value in the
+//! buffer, the channel's end) pushes the node onto the alternative's stack of ready channels, under
+//! the channel's lock, once until the alternative has looked. So a selection costs nothing for
+//! channels without activity.
 //!
 //! ```text
 //!   sender, under the lock:  claim? no --> list itself; in the gate: push the node, was it open? ring;  release;  rung for: close it, ready its owner
 //!   owner:                   drain the stack; choose; nothing?  in the gate: is the stack still empty? open the selection
 //! ```
 //!
-//! The selection's gate is held around both, so one of both sees the other. It is a lock that favours a home: where senders and owner are processes of
-//! one, none of this takes a read-modify-write. It is held for O(1) steps.
+//! Both steps hold the commit lock of the select state, so one of the two sees the other. It is a
+//! biased lock: if the senders and the owner are processes of one executor, no step takes a
+//! read-modify-write. It is held for O(1) steps.
 
 mod entry;
 mod fast_path;
@@ -37,13 +40,16 @@ use std::task::{Context, Poll, RawWakerVTable};
 
 /// Receives from any number of channels, whichever is ready: fair, or by priority.
 ///
-/// What `alt!` is for a few different guards, this is for many channels of one type: it stays registered with all of them between its
-/// selections, so that [`recv`](Self::recv) costs the same for two channels and for two thousand. Channels can be [added](Self::add) and
-/// [removed](Self::remove) while it lives.
+/// `alt!` is for a few different guards, this is for many channels of one type: it stays registered
+/// with all of them between its selections, so that [`recv`](Self::recv) costs the same for two
+/// channels and for two thousand. Channels can be [added](Self::add) and [removed](Self::remove)
+/// while it lives.
 ///
-/// A channel that has ended (closed, and nothing left in it; or poisoned) says so once, and is left out from then on: the others are chosen among
-/// as before, by priority too. When all have ended there is nothing left to wait for, and each selection gives the error of one of them: by priority of the
-/// first, fairly in turn. So a server that counts the ends, or stops at the first, needs no [`remove`](Self::remove).
+/// A channel that has ended (closed and empty; or poisoned) reports that once, and is left out from
+/// then on: the choice among the others is as before, by priority too. When all have ended there is
+/// nothing left to wait for, and each selection returns the error of one of them: by priority of
+/// the first, fairly in turn. So a server that counts the ends, or stops at the first, needs no
+/// [`remove`](Self::remove).
 ///
 /// ```
 /// use luna_channels::{Alternative, channel};
@@ -62,9 +68,10 @@ pub struct Alternative<'a, T> {
     is_fair: bool,
     /// How many channels there are.
     count: usize,
-    /// How many of them have said that they have ended. Once all have, all are ready.
+    /// Number of entries that have reported their end. Once all have, all are ready.
     ended: usize,
-    /// How many of the entries are listed in their channels: those before, since that happens with the first `recv`.
+    /// Number of entries that are listed in their channels: a prefix, since listing happens in the
+    /// first `recv`.
     listed: usize,
     state: State,
     polled_by: (*const (), *const RawWakerVTable),
@@ -73,7 +80,7 @@ pub struct Alternative<'a, T> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// Nobody can claim the selection.
+    /// The select state cannot be claimed.
     Closed,
     /// It was opened: look whether it was claimed.
     Open,
@@ -81,29 +88,32 @@ enum State {
     Holds(usize),
     /// The error of this entry's channel was not handed on yet.
     Fails(usize, RecvError),
-    /// As `Closed`, and the process' tape has not let it in.
+    /// As `Closed`, and the process' replay log has not admitted it.
     Entering,
 }
 
-// SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection; values pass between threads anyway.
+// SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection;
+// values pass between threads anyway.
 unsafe impl<T: Send> Send for Alternative<'_, T> {}
 // SAFETY: `&Alternative` gives access to nothing.
 unsafe impl<T: Send> Sync for Alternative<'_, T> {}
 
 impl<'a, T> Alternative<'a, T> {
-    /// Over `inputs`, choosing of those that are ready the least recently chosen. Allocates; not for the real-time path. O(n).
+    /// Over `inputs`: chooses the least recently chosen of the ready channels. Allocates; not for
+    /// the real-time path. O(n).
     pub fn fair(inputs: &'a [Receiver<T>]) -> Self {
         Self::new(inputs, true)
     }
 
-    /// Over `inputs`, choosing of those that are ready the first in this order. Allocates; not for the real-time path. O(n).
+    /// Over `inputs`: chooses the first ready channel in this order. Allocates; not for the
+    /// real-time path. O(n).
     pub fn prioritized(inputs: &'a [Receiver<T>]) -> Self {
         Self::new(inputs, false)
     }
 
     fn new(inputs: &'a [Receiver<T>], is_fair: bool) -> Self {
         let mut selection = SelectState::new();
-        // Who tells of something closes it for its owner.
+        // A sender that reports a ready channel closes the select state for its owner.
         selection.set_gated();
         let hub = Box::new(Hub {
             selection,
@@ -127,8 +137,8 @@ impl<'a, T> Alternative<'a, T> {
         alternative
     }
 
-    /// Adds a channel, behind all others in order of preference, and gives its index: a free one, so perhaps that of one that was
-    /// removed. Allocates; not for the real-time path.
+    /// Adds a channel, behind all others in order of preference, and returns its index, perhaps the
+    /// index of a removed channel. Allocates; not for the real-time path.
     ///
     /// ```
     /// use luna_channels::{Alternative, Buffer, buffered};
@@ -167,14 +177,15 @@ impl<'a, T> Alternative<'a, T> {
             ended: None,
         });
         if self.all_ended() {
-            // They have said so, and now there is one to wait for.
+            // They have reported their end, and now there is one to wait for.
             (0..self.entries.len())
                 .filter(|&other| self.entries[other].is_some())
                 .for_each(|other| self.ready.clear(other));
         }
         self.count += 1;
         let entry = NonNull::from(Box::leak(entry));
-        // SAFETY: the hub lives as long as this alternative. The new entry is known to nobody else; its waiter is its first field.
+        // SAFETY: the hub lives as long as this alternative. No other thread knows the new entry;
+        // its waiter is its first field.
         unsafe {
             let selection = NonNull::new_unchecked(&raw mut (*self.hub.as_ptr()).selection);
             Waiter::begin(
@@ -192,8 +203,8 @@ impl<'a, T> Alternative<'a, T> {
         index
     }
 
-    /// Removes a channel; says whether it was there. A value that was received from it and not handed on goes back to its head. Frees; not for
-    /// the real-time path. O(1).
+    /// Removes a channel; returns whether it was there. A value that was received from it and not
+    /// handed on goes back to its head. Frees; not for the real-time path. O(1).
     pub fn remove(&mut self, index: usize) -> bool {
         let Some(entry) = self.entries.get_mut(index).and_then(Option::take) else {
             return false;
@@ -207,7 +218,8 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: it is listed.
             unsafe { channel.unregister(entry) };
         }
-        // Nobody pushes it any more; whoever was pushed before is known now, and this one is not on the stack.
+        // No thread pushes it from here on. All entries pushed before are known now, and this one
+        // is not on the stack.
         self.drain();
         self.ready.remove(index);
         let had_all_ended = self.all_ended();
@@ -224,7 +236,7 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: the selection was chosen through it, and this is the owner.
             unsafe { Self::settled(entry) }
         });
-        // SAFETY: it is known to nobody else any more.
+        // SAFETY: no other thread knows it any more.
         drop(unsafe { Box::from_raw(entry.as_ptr()) });
         if let Some(Ok(value)) = held {
             channel.give_back(value);
@@ -232,7 +244,7 @@ impl<'a, T> Alternative<'a, T> {
         true
     }
 
-    /// How many channels there are, those that have ended too.
+    /// Number of channels, ended ones included.
     pub fn len(&self) -> usize {
         self.count
     }
@@ -242,16 +254,20 @@ impl<'a, T> Alternative<'a, T> {
         self.count == 0
     }
 
-    /// Waits until a channel is ready, and receives from it: which one, and what it gave, or that it has ended, which each says once, and all say again and
-    /// again when none is left that could give anything.
+    /// Waits until a channel is ready, and receives from it. Returns the channel's index, and its
+    /// value or its end. Each channel reports its end once. When all have ended, every call reports
+    /// an end.
     ///
-    /// In a branch of a parallel construct one of whose siblings has failed, it fails as poisoned instead of waiting; over no channels the branch ends there.
+    /// In a branch of a parallel construct, after a sibling has failed, it fails as poisoned
+    /// instead of waiting; over no channels the branch ends there.
     ///
-    /// It is no guard itself: a server that waits for a tick or a stop too has them come over a channel that is one of its inputs.
-    /// Cancel-safe: a value that was received and not handed on is what the next call gives first. Real-time path: yes, but for the first
-    /// call, which registers with all channels, at the priority of the process that makes it: O(n). After that O(1) a selection (the levels
-    /// of a tree with 64 branches; a fair one renumbers its n channels once in at least n selections), and O(1) for each channel
-    /// that has become ready and was emptied by others since. The selection that tells of the last channel's end is O(n).
+    /// It is not itself a guard: a server that also waits for a tick or a stop receives them over
+    /// one of its input channels. Cancel-safe: a value that was received and not handed on is the
+    /// result of the next call. Real-time path: yes, but for the first call, which registers with
+    /// all channels, at the priority of the process that makes it: O(n). After that O(1) a
+    /// selection (the levels of a tree with 64 branches; a fair one renumbers its n channels once
+    /// in at least n selections), and O(1) for each channel that has become ready and was emptied
+    /// by other receivers since. The selection that reports the last channel's end is O(n).
     ///
     /// ```
     /// use luna_channels::{Alternative, Buffer, buffered};
@@ -303,7 +319,8 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: the entry is this alternative's.
             && unsafe { (*entry.as_ptr()).ended }.is_none()
         {
-            // SAFETY: the entry is this alternative's and stays where it is until it is unregistered; its channel is borrowed.
+            // SAFETY: the entry is this alternative's and stays where it is until it is
+            // unregistered; its channel is borrowed.
             let channel = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
             if current::is_taped() {
                 channel.note_alternative();
@@ -316,21 +333,22 @@ impl<'a, T> Alternative<'a, T> {
         }
     }
 
-    /// Takes all that have become ready off the stack. O(those). Says whether there were any.
+    /// Takes all entries that have become ready off the stack. O(their number). Returns whether
+    /// there were any.
     fn drain(&mut self) -> bool {
         let hub = self.hub();
         if !hub.has_news() {
             return false;
         }
         let gate = hub.selection.gate();
-        // SAFETY: the gate is held.
+        // SAFETY: the commit lock is held.
         let taken = unsafe { hub.take_stack() };
         drop(gate);
         self.note_ready(taken);
         true
     }
 
-    /// Notes who was on the stack. O(those).
+    /// Notes the entries that were on the stack. O(their number).
     fn note_ready(&mut self, taken: *mut Entry<T>) {
         let mut next = taken;
         while let Some(entry) = NonNull::new(next) {
@@ -356,8 +374,8 @@ impl<'a, T> Alternative<'a, T> {
     /// Hands on what an entry holds.
     fn take_held(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
-        // SAFETY: the selection was chosen through this entry, so it was claimed; its settled value is the owner's. Who claims holds the
-        // channel's lock until it has settled.
+        // SAFETY: the selection was chosen through this entry, so it was claimed; its settled value
+        // is the owner's. The claiming thread holds the channel's lock until it has settled.
         let received = unsafe { Self::settled(entry) };
         self.state = State::Closed;
         self.note_choice(index);
@@ -367,12 +385,12 @@ impl<'a, T> Alternative<'a, T> {
         Some(received)
     }
 
-    /// Whether none is left that could give a value.
+    /// Whether no channel is left that could give a value.
     fn all_ended(&self) -> bool {
         self.ended != 0 && self.ended == self.count
     }
 
-    /// Once all have ended, each is ready to say so again. O(n) then.
+    /// Once all have ended, each is ready to report that again. O(n) then.
     fn ready_if_all_ended(&mut self) {
         if self.all_ended() {
             (0..self.entries.len())
@@ -381,13 +399,15 @@ impl<'a, T> Alternative<'a, T> {
         }
     }
 
-    /// Notes that the owner is told of a channel's end: it is waited for no more. O(1), and O(n) for the last one.
+    /// Notes that the owner has the report of a channel's end: the channel is not waited for any
+    /// more. O(1), and O(n) for the last one.
     #[cold]
     fn leave_out(&mut self, index: usize, error: RecvError) {
         let Some(entry) = self.entries[index] else {
             return;
         };
-        // SAFETY: the entry is this alternative's, and its channel is borrowed; what is said of its end is the owner's.
+        // SAFETY: the entry is this alternative's, and its channel is borrowed; the field for its
+        // end is the owner's.
         unsafe {
             if (*entry.as_ptr()).ended.replace(error).is_some() {
                 return;
@@ -396,7 +416,7 @@ impl<'a, T> Alternative<'a, T> {
                 (*(*entry.as_ptr()).channel.as_ptr()).unregister(entry);
             }
         }
-        // Nobody pushes it any more; whoever was pushed before is known now.
+        // No thread pushes it from here on. All entries pushed before are known now.
         self.drain();
         self.ready.clear(index);
         self.ended += 1;
@@ -427,17 +447,19 @@ impl<'a, T> Alternative<'a, T> {
         first_open.or_else(|| self.entries.iter().position(Option::is_some))
     }
 
-    /// What the entry came to through which the selection was chosen. It can be chosen again afterwards.
+    /// Takes the result of the entry through which the selection was chosen. The entry can be
+    /// chosen again afterwards.
     ///
     /// # Safety
     ///
     /// It was, and this is the owner.
     unsafe fn settled(entry: NonNull<Entry<T>>) -> Result<T, RecvError> {
         let node = entry.cast::<Waiter<T>>();
-        // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed node are looked at.
+        // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed
+        // node are looked at.
         unsafe {
             if Waiter::outcome(node) == Outcome::Waiting {
-                // Who claims holds the channel's lock until it has settled.
+                // The claiming thread holds the channel's lock until it has settled.
                 drop((*(*entry.as_ptr()).channel.as_ptr()).lock());
             }
             let received = match Waiter::outcome(node) {
@@ -462,11 +484,12 @@ impl<T> Drop for Alternative<'_, T> {
         if closed.is_some() {
             self.state = State::Closed;
         }
-        // Given back when nothing leads here any more, since that readies others.
+        // Given back when nothing leads here any more, since that wakes others.
         let held = self.holds().and_then(|index| self.entries[index]);
         let held = held.map(|entry| {
             self.state = State::Closed;
-            // SAFETY: the selection was chosen through the entry, and this is the owner. Its channel is borrowed.
+            // SAFETY: the selection was chosen through the entry, and this is the owner. Its
+            // channel is borrowed.
             unsafe {
                 let channel: &Channel<T> = &*(*entry.as_ptr()).channel.as_ptr();
                 (channel, Self::settled(entry))

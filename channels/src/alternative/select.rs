@@ -24,7 +24,7 @@ type Identity = (*const (), *const RawWakerVTable);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     New,
-    /// As `New`, and the process' tape has not let it in.
+    /// As `New`, and the process' replay log has not admitted it.
     Entering,
     /// The guards are listed, and the selection was opened.
     Listed,
@@ -32,7 +32,7 @@ enum State {
     Failed,
     /// This guard was chosen; the others are withdrawn.
     Chosen(u32),
-    /// Like `Chosen`, and the process lets others run before it goes on.
+    /// Like `Chosen`, and the process lets others run before it continues.
     GaveWay(u32),
     Over,
 }
@@ -41,8 +41,9 @@ enum State {
 ///
 /// # Invariants
 ///
-/// `seeds` is there until the first poll, and `guards` from then on; then it is pinned. In `Listed`, and until their drop afterwards, guards may be listed and
-/// lead to `selection`, which is dropped after them.
+/// `seeds` is there until the first poll, and `guards` from then on; then it is pinned. In
+/// `Listed`, and until their drop afterwards, guards may be listed and lead to `selection`, which
+/// is dropped after them.
 #[must_use = "an alternative does nothing unless awaited"]
 pub struct Select<S: Seeds> {
     seeds: Option<S>,
@@ -55,7 +56,8 @@ pub struct Select<S: Seeds> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is only compared.
+// SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is
+// only compared.
 unsafe impl<S: Seeds<Guards: Send> + Send> Send for Select<S> {}
 // SAFETY: `&Select` gives access to nothing.
 unsafe impl<S: Seeds<Guards: Sync> + Sync> Sync for Select<S> {}
@@ -116,11 +118,13 @@ impl<S: Seeds> Select<S> {
         }
     }
 
-    /// Polls a new or listed alternative in the plain turn of `process`, if its guards are operations on plain channels whose locks favour the process'
-    /// home. `None`: the general way is to be gone.
+    /// Polls a new or listed alternative in the plain turn of `process`, if its guards are
+    /// operations on plain channels with locks biased to the process' executor. `None`: take the
+    /// slow path.
     ///
-    /// It is decided as in [`choose`]: under the locks of all places whose guards are looked at. They are not taken in an order, and need not be. Who
-    /// wants a lock that this thread is inside waits until it is left, and this thread waits for nobody in between.
+    /// It is decided as in [`choose`]: under the locks of all wait points of the inspected guards.
+    /// They are not taken in an order, and need not be. A thread that wants a lock which this
+    /// thread is inside waits until it is left, and this thread waits for no other in between.
     #[inline]
     fn poll_fast(
         self: Pin<&mut Self>,
@@ -135,7 +139,8 @@ impl<S: Seeds> Select<S> {
         if this.state == State::Listed {
             let number = this.selection.chosen()?;
             let mut looks = Looks::new(home, this.fair, number);
-            // SAFETY: the guards were listed, and this is the thread of the process' home. The chosen one is not withdrawn.
+            // SAFETY: the guards were listed, and this is the thread of the process' executor. The
+            // chosen one is not withdrawn.
             unsafe {
                 guards.as_mut().withdraw_fast(0, &mut looks);
                 looks.stamp();
@@ -150,8 +155,8 @@ impl<S: Seeds> Select<S> {
             return Some(Poll::Ready(unsafe { guards.output(number) }));
         }
         let mut looks = Looks::new(home, this.fair, Looks::NONE);
-        // SAFETY: the guards are new, and this is the thread of the process' home. Nothing between the looks and the leaving can panic or
-        // calls anybody.
+        // SAFETY: the guards are new, and this is the thread of the process' executor. Nothing
+        // between the looks and the leaving can panic or call user code.
         unsafe {
             let is_all = guards.as_mut().look_fast(0, &mut looks);
             let mut ready = None;
@@ -168,7 +173,7 @@ impl<S: Seeds> Select<S> {
                 looks.stamp();
                 chosen.min(S::Guards::LEN as u32)
             } else {
-                // Before anybody finds a node that leads to it.
+                // Before another thread can find a node that leads to it.
                 this.selection.open_fast(process);
                 guards
                     .as_mut()
@@ -230,7 +235,7 @@ impl<S: Seeds> Select<S> {
     }
 }
 
-/// Tells that the current process goes on with guard `number`.
+/// Records that the current process goes on with guard `number`.
 #[inline(always)]
 fn tell<G: Guards>(guards: Pin<&mut G>, number: u32) {
     if events::is_on() {
@@ -255,7 +260,7 @@ fn tell_choice<G: Guards>(guards: Pin<&mut G>, number: u32) {
 /// The locks of these guards' places were released.
 fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {
     if let Some(((_, first), others)) = open.split_first() {
-        // Whoever is readied: the others must not depend on that going well.
+        // A wake may panic: the remaining wakes must still be done.
         let _others = Finally::new(|| released(others));
         first.released();
     }
@@ -310,7 +315,7 @@ impl Polled<'_> {
         }
     }
 
-    /// As [`poll`](Self::poll), as the process' tape says, which is told what comes of it.
+    /// As [`poll`](Self::poll), as the process' replay log says; the result is recorded in it.
     #[cold]
     fn poll_taped(&mut self, mut skip: Option<u32>, cx: &mut Context<'_>) -> Poll<u32> {
         if let State::GaveWay(_) = *self.state
@@ -336,7 +341,7 @@ impl Polled<'_> {
             self.open.retain(|(number, _)| *number == choice);
             let waits_for = self.open.first().map(|(_, guard)| guard.place());
             match waits_for {
-                // The time had come, or none was ready: there is nobody to wait for.
+                // The time had come, or none was ready: there is no partner to wait for.
                 Some(None) => *self.state = State::Chosen(choice),
                 None if skip == Some(choice) => *self.state = State::Chosen(choice),
                 None => {
@@ -378,11 +383,12 @@ impl Polled<'_> {
     fn first_look(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<Option<u32>> {
         // Made before the locks are taken; dropped last, if a guard is chosen.
         let mut wakeup = skip.is_none().then(|| WakeHandle::of(cx));
-        // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and outlives its guards.
+        // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and
+        // outlives its guards.
         let choice = unsafe { choose(&mut self.open, self.selection, self.fair, &mut wakeup, cx) };
         match (choice, skip) {
             (Choice::Made(number, ready), _) => {
-                // Before a waker, which may be anybody's, can panic.
+                // Before a foreign waker can panic.
                 *self.state = State::Chosen(number);
                 self.note(number);
                 let _released = Finally::new(|| released(&self.open));
@@ -420,7 +426,8 @@ impl Polled<'_> {
                     // SAFETY: this is the guard's alternative.
                     && unsafe { guard.as_mut().poll_time(cx) }.is_ready()
                 {
-                    // Whoever claims it, it is chosen now; this process need not be readied.
+                    // Committed here, by a partner or by this claim; this process need not be
+                    // woken.
                     _former = self.selection.claim_own(*number);
                     break;
                 }
@@ -440,7 +447,8 @@ impl Polled<'_> {
         }
     }
 
-    /// Sees to it that who polls now is readied. Rare: only combinators with wakers of their own come here. O(n) locks.
+    /// Replaces the wake handle by that of the current poll. Rare: only combinators with wakers of
+    /// their own come here. O(n) locks.
     #[cold]
     fn rewake(&mut self, cx: &mut Context<'_>) {
         let wakeup = WakeHandle::of(cx);
@@ -449,7 +457,7 @@ impl Polled<'_> {
         if self.selection.chosen().is_some() {
             return;
         }
-        // SAFETY: with all locks held nobody can claim the selection.
+        // SAFETY: with all locks held no thread can claim the select state.
         _former = unsafe { self.selection.replace_wakeup(wakeup) };
         *self.polled_by = identity(cx);
     }
@@ -477,16 +485,18 @@ impl Polled<'_> {
         self.open.iter().any(|(_, guard)| guard.can_fail())
     }
 
-    /// Whether it waits for somebody, or for nothing at all, and has no error to give if that one never comes.
+    /// Whether it waits for a partner, or for nothing at all, and has no error to return if the
+    /// partner never comes.
     fn is_stuck(&self) -> bool {
         !self.can_fail()
             && (self.open.is_empty() || self.open.iter().any(|(_, guard)| guard.place().is_some()))
     }
 
-    /// A sibling in a parallel construct has failed: the first guard that can fail does, as poisoned. None is listed.
+    /// A sibling in a parallel construct has failed: the first guard that can fail does, as
+    /// poisoned. None is listed.
     fn fail(&mut self) -> Option<u32> {
         let number = self.open.iter_mut().find_map(|(number, guard)| {
-            // SAFETY: this is the guard's alternative, none of whose guards is listed.
+            // SAFETY: this is the guard's alternative, and none of its guards is listed.
             unsafe { guard.as_mut().fail() }.then_some(*number)
         })?;
         current::stay_in_branch();
@@ -513,8 +523,9 @@ impl<S: Seeds> Drop for Select<S> {
             if current::is_taped() {
                 taped::abandoned();
             }
-            // From here on nobody claims it; the guards then take themselves off their lists. One that was chosen already keeps what it
-            // came to, and deals with it as any operation that is dropped.
+            // From here on no thread can claim it; the guards then take themselves off their lists.
+            // A guard that was chosen already keeps its result, and handles it as any operation
+            // that is dropped.
             _former = self.selection.close();
         }
         if self.seeds.is_none() && (S::Guards::DROPS || self.state != State::Over) {

@@ -16,13 +16,13 @@ mod list {
 
     static STOPPED: PiLock<WaitList> = PiLock::new(WaitList::new());
 
-    /// Calls `f` with those who have stopped, under the lock that guards them.
+    /// Calls `f` with the list of stopped processes, under its lock.
     pub(crate) fn with_stopped<R>(f: impl FnOnce(&mut WaitList) -> R) -> R {
         f(&mut STOPPED.lock())
     }
 }
 
-/// A node in the list of those who have stopped.
+/// A node in the list of stopped processes.
 ///
 /// # Invariants
 ///
@@ -48,7 +48,7 @@ impl Stop {
         unsafe { NonNull::new_unchecked(self.node.get()) }
     }
 
-    /// WaitQueues the current process. O(1), or O(those who have stopped at lower priority).
+    /// Lists the current process. O(1), or O(stopped processes of lower priority).
     ///
     /// # Safety
     ///

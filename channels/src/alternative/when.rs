@@ -21,11 +21,12 @@ pub trait Due {
     /// What it gives when it is served.
     type Output;
 
-    /// When it is due, as known at `now`; not after `now` if it is due already, [`Instant::NEVER`] if it cannot be. While somebody waits it may
-    /// only become later. Called under locks: O(1), and never panics.
+    /// When it is due, as known at `now`; not after `now` if it is due already, [`Instant::NEVER`]
+    /// if it cannot be. While a process waits for it, it may only become later. Called under locks:
+    /// O(1), and never panics.
     fn due_at(&self, now: Instant) -> Instant;
 
-    /// When it was last chosen by a fair alternative, if it remembers that.
+    /// Stamp of its last choice by a fair alternative, if it remembers that.
     fn stamp(&self) -> Option<&Stamp> {
         None
     }
@@ -34,9 +35,11 @@ pub trait Due {
     fn serve(&mut self, now: Instant) -> Self::Output;
 }
 
-/// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an alternative.
+/// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an
+/// alternative.
 ///
-/// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was not chosen stays due.
+/// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was
+/// not chosen stays due.
 ///
 /// # Panics
 ///
@@ -47,7 +50,7 @@ pub struct When<D> {
     sleep: Sleep,
     /// Whether `sleep` is to be set before it is used again.
     is_set: bool,
-    /// The process' tape has let it in, and it is due.
+    /// The process' replay log has admitted it, and it is due.
     is_served: bool,
 }
 
@@ -86,7 +89,8 @@ impl<D: Due> When<D> {
                 sleep.as_mut().reset(due_at);
                 this.is_set = true;
             }
-            // A sleep that ends before what has been put off ends sooner than it should: then on with the new time.
+            // A sleep that ends before what has been put off ends sooner than it should: then on
+            // with the new time.
             if sleep.poll(cx).is_pending() {
                 return Poll::Pending;
             }
@@ -121,7 +125,7 @@ impl<D: Due> Future for When<D> {
 }
 
 impl<D: Due> When<D> {
-    /// Polls in a process with a tape: a replayed one does not wait for the time.
+    /// Polls in a process with a replay log: a replayed one does not wait for the time.
     #[cold]
     fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
         if !self.is_served {

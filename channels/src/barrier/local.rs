@@ -5,9 +5,9 @@
 //! complete any more, and its coming is withdrawn, unless the barrier's round is over already.
 //!
 //! Wakers are user code: their clones, wakes and drops may poll and drop members of the same group.
-//! So none of that happens between two steps of one change. A round of the barrier that is complete
-//! is complete for the group too before the first waker is woken: a member that is dropped from
-//! there on has come, and one that is polled first from there on is of the next round.
+//! So none of that happens between two steps of one change. When a round of the barrier is
+//! complete, it is also complete for the group before the first waker is woken. From there on, a
+//! member that is dropped has come, and a member that is polled first belongs to the next round.
 
 use super::{Barrier, SyncOp};
 use luna_core::current::{self, Home, WakeHandle};
@@ -24,8 +24,8 @@ use std::task::{Context, Poll};
 
 /// A group of processes of one executor that is one party of a barrier: see [`Barrier::local`].
 ///
-/// Among themselves the members use no atomics. The group belongs to the thread that syncs first; its handles may be cloned and sent before
-/// that.
+/// Among themselves the members use no atomics. The group belongs to the thread that syncs first;
+/// its handles may be cloned and sent before that.
 #[derive(Clone)]
 pub struct LocalBarrier {
     group: Shared<Group>,
@@ -33,8 +33,9 @@ pub struct LocalBarrier {
 
 /// # Invariants
 ///
-/// `state` and `global` are accessed by the thread of `home` alone, once that is set. Nodes in the lists are those of pinned [`LocalSync`]s, which
-/// stay on that thread. `global` borrows `barrier`, and stays where it is while it is there.
+/// `state` and `global` are accessed by the thread of executor `home` alone, once that is set.
+/// Nodes in the lists are those of pinned [`LocalSync`]s, which stay on that thread. `global`
+/// borrows `barrier`, and stays where it is while it is there.
 struct Group {
     /// Dropped before what it borrows.
     global: UnsafeCell<Option<SyncOp<'static>>>,
@@ -48,9 +49,9 @@ struct State {
     /// How many are in `waiting`.
     arrived: usize,
     waiting: WaitList,
-    /// Those whose round is complete, while they are readied.
+    /// Members of a completed round, while they are woken.
     releasing: WaitList,
-    /// Counts the rounds that were completed.
+    /// Number of completed rounds.
     number: u32,
 }
 
@@ -77,15 +78,18 @@ impl LocalBarrier {
         }
     }
 
-    /// Comes to the barrier as one of the group, and waits until all of the group and all other parties have come.
+    /// Comes to the barrier as a member of the group, and waits until all members and all other
+    /// parties have come.
     ///
-    /// The future is not `Send`: a process that awaits it is built where it runs, by a closure. In a branch of a parallel construct one of whose
-    /// siblings has failed, it does not wait: the branch ends there. Cancel-safe, as [`Barrier::sync`]. Real-time path: yes; O(1), and O(parties
-    /// of the group) for the last one, who also pays for the barrier's own `sync`.
+    /// The future is not `Send`: a process that awaits it is built where it runs, by a closure. In
+    /// a branch of a parallel construct, after a sibling has failed, it does not wait: the branch
+    /// ends there. Cancel-safe, as [`Barrier::sync`]. Real-time path: yes; O(1), and O(parties of
+    /// the group) for the last one, which also pays for the barrier's own `sync`.
     ///
     /// # Panics
     ///
-    /// When first polled on another thread than that of the group, or where no process of LUNA runs.
+    /// When first polled on another thread than that of the group, or where no process of LUNA
+    /// runs.
     pub fn sync(&self) -> LocalSync<'_> {
         LocalSync {
             group: &self.group,
@@ -122,8 +126,9 @@ impl Group {
     /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, when the
     /// group is complete. Runs no user code.
     fn come(&self, wakeup: WakeHandle) -> After<'_> {
-        // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the group's own allocation and is dropped after
-        // it; it is not moved while it is there, and is taken out as soon as its round is complete.
+        // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the
+        // group's own allocation and is dropped after it; it is not moved while it is there, and is
+        // taken out as soon as its round is complete.
         let came = unsafe {
             let global = &mut *self.global.get();
             let sync = global.get_or_insert_with(|| {
@@ -143,11 +148,11 @@ impl Group {
         }
     }
 
-    /// Completes the round: all that wait are to be readied. Called on the group's thread. Runs no
+    /// Completes the round: all that wait are to be woken. Called on the group's thread. Runs no
     /// user code.
     fn complete(&self) {
-        // SAFETY: this is the group's thread. The operation is over, so that it has no wakeup any
-        // more that its drop could drop.
+        // SAFETY: this is the group's thread. The operation is over, so that it has no wake handle
+        // any more that its drop could drop.
         unsafe {
             *self.global.get() = None;
             let state = self.state();
@@ -168,7 +173,7 @@ impl Group {
                 (*node).is_listed = false;
                 (*node).wait.wakeup_mut().take()
             };
-            // Whoever is readied: the others must not depend on that going well.
+            // A wake may panic: the remaining wakes must still be done.
             let rest = Rest(self);
             if let Some(wakeup) = wakeup {
                 wakeup.take().wake();
@@ -177,8 +182,8 @@ impl Group {
         }
     }
 
-    /// A member that waits is about to leave: so the group is not complete, and has not come,
-    /// unless the barrier's round is over. Runs no user code.
+    /// Called before a waiting member leaves: the group is not complete, and has not come, unless
+    /// the barrier's round is over. Runs no user code.
     fn withdraw(&self) -> After<'_> {
         // SAFETY: this is the group's thread, and the borrow ends before `complete`.
         let taken_back = unsafe { &mut *self.global.get() }
@@ -188,8 +193,8 @@ impl Group {
         if is_complete {
             self.complete();
         } else {
-            // SAFETY: this is the group's thread. What was taken back has no wakeup any more that
-            // its drop could drop.
+            // SAFETY: this is the group's thread. What was taken back has no wake handle any more
+            // that its drop could drop.
             unsafe { *self.global.get() = None };
         }
         After {
@@ -207,19 +212,19 @@ impl Group {
     }
 }
 
-/// What is left to be done after a change of the group: all that may run user code.
+/// Remaining work after a change of the group: all that may run user code.
 #[must_use]
 struct After<'a> {
     group: &'a Group,
     /// The barrier's other parties are to be released.
     completes: bool,
-    /// The members whose round is complete are to be readied.
+    /// The round is complete; its members are to be woken.
     is_complete: bool,
     former: [Option<WakeHandle>; 2],
 }
 
 impl After<'_> {
-    /// Also if a waker panics, all are readied.
+    /// Also if a waker panics, all are woken.
     fn carry_out(self) {
         let members = self.is_complete.then(|| Rest(self.group));
         if self.completes {
@@ -230,7 +235,7 @@ impl After<'_> {
     }
 }
 
-/// The members that are still to be readied: when this is dropped, they are, also after a waker has
+/// The members that are still to be woken: when this is dropped, they are, also after a waker has
 /// panicked.
 struct Rest<'a>(&'a Group);
 
@@ -246,7 +251,7 @@ enum Phase {
     /// In one of the group's lists, or released.
     Waiting,
     /// The round is complete, and this member has completed the barrier's; the process lets others
-    /// run before it goes on.
+    /// run before it continues.
     GaveWay,
     Over,
 }
@@ -282,8 +287,8 @@ impl LocalSync<'_> {
         unsafe { (*self.node().as_ptr()).round != (*self.group.state()).number }
     }
 
-    /// Takes one that waits back, if its round is not complete. Says whether it is. Runs no user
-    /// code.
+    /// Takes a waiting member back, if its round is not complete. Returns whether the round is
+    /// complete. Runs no user code.
     fn leave(&mut self) -> (bool, After<'_>) {
         let mut after = match self.is_through() {
             false => self.group.withdraw(),
@@ -312,14 +317,14 @@ impl LocalSync<'_> {
         (is_through, after)
     }
 
-    /// Goes to the barrier for the group, if that is complete. Says whether this member has
+    /// Goes to the barrier for the group, if the group is complete. Returns whether this member has
     /// completed the barrier's round.
     fn come_for_all(&self, cx: &Context<'_>) -> bool {
         let is_due = || !self.is_through() && self.group.is_complete();
         if !is_due() {
             return false;
         }
-        // Cloning a waker is user code: what it did is looked at afterwards.
+        // Cloning a waker is user code: its effects are looked at afterwards.
         let wakeup = WakeHandle::of(cx);
         if !is_due() {
             return false;
@@ -403,7 +408,7 @@ impl Future for LocalSync<'_> {
             this.group.barrier.shared().place.waits();
             return Poll::Pending;
         }
-        // It may be on its way to being readied.
+        // It may be on its way to being woken.
         this.phase = Phase::Over;
         this.leave().1.carry_out();
         if completes && crate::gives_way(cx) {

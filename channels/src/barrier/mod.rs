@@ -1,14 +1,19 @@
 //! Barriers: several processes wait until all of them have come.
 //!
-//! Who comes last completes the round: under the barrier's lock it counts the round up and moves all who wait to the list of those to
-//! release, both in O(1); then it releases them one by one, each in a lock section of its own: the most urgent first, then those that
-//! offered the barrier in alternatives. A party that is polled before its turn sees by the round's number that it may go, and takes itself off.
+//! The last party completes the round. Under the barrier's lock it counts the round up and moves
+//! all waiting parties to the list of those to release, both in O(1). Then it releases them one by
+//! one, each in a lock section of its own: the most urgent first, then those that offered the
+//! barrier in alternatives. A party that is polled before its turn sees by the round's number that
+//! it may go, and takes itself off.
 //!
-//! An alternative that offers the barrier is a party that may change its mind. Who comes last therefore enters the gates of all such parties, in
-//! the order of their selections' addresses, so that none can choose another guard meanwhile; takes those off the list that have
-//! chosen already; and completes the round only if there are enough without them. O(parties), and no retry: a party that is missing now comes
-//! back itself, and then is the last. (JCSP coordinates its alting barriers under one lock for the whole program:
-//! P. H. Welch et al., "Alting Barriers: synchronisation with choice in Java using JCSP", 2010. Here unrelated barriers do not meet.)
+//! An alternative that offers the barrier is a party that may change its mind. The last party
+//! therefore takes the commit locks of all such parties, in the order of the addresses of their
+//! select states, so that none can choose another guard meanwhile. It takes those off the list that
+//! have chosen already, and completes the round only if there are enough without them. O(parties),
+//! and no retry: a party that is missing now comes back itself, and then is the last. (JCSP
+//! coordinates its alting barriers under one lock for the whole program: P. H. Welch et al.,
+//! "Alting Barriers: synchronisation with choice in Java using JCSP", 2010. Here unrelated barriers
+//! do not meet.)
 
 mod local;
 mod party;
@@ -34,13 +39,15 @@ use std::ptr::NonNull;
 /// How far a barrier is. Guarded by its lock.
 #[derive(Debug)]
 struct Round {
-    /// How many must come.
+    /// Number of parties that must come.
     parties: usize,
-    /// How many have come, and wait in the list of senders.
+    /// Number of parties that have come, and wait in the list of senders.
     arrived: usize,
-    /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their selections.
+    /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their
+    /// selections.
     offering: usize,
-    /// Counts the rounds that were completed. Who waits with another number may go, and is in the list of those who are held.
+    /// Number of completed rounds. A party that waits with another number may go, and is in the
+    /// list `held`.
     number: u32,
 }
 
@@ -48,8 +55,9 @@ struct Round {
 ///
 /// # Invariants
 ///
-/// `round` is accessed under the lock of `place` alone. All nodes in its lists are waiters of `()`; those of alternatives lead to selections that
-/// were opened for several, each to another one. A node's `ticket` is the round that it waits in.
+/// `round` is accessed under the lock of `place` alone. All nodes in its lists are waiters of `()`;
+/// those of alternatives lead to select states that were opened for several claims, each to another
+/// one. A node's `ticket` is the round that it waits in.
 #[repr(C)]
 struct Shared {
     /// First, so that it leads back to this.
@@ -61,9 +69,10 @@ struct Shared {
 
 /// A meeting point of several processes: each `sync` waits until all parties have come.
 ///
-/// Clones are handles to the same barrier, not parties: how many must come is said by [`new`](Self::new), and changed by
-/// [`enroll`](Self::enroll) and [`resign`](Self::resign). Parties may be processes of any executor, OS threads, and tasks of other runtimes.
-/// For many parties on one executor, [`local`](Self::local) makes a second level that costs no atomics.
+/// Clones are handles to the same barrier, not parties: [`new`](Self::new) sets how many must come,
+/// and [`enroll`](Self::enroll) and [`resign`](Self::resign) change it. Parties may be processes of
+/// any executor, OS threads, and tasks of other runtimes. For many parties on one executor,
+/// [`local`](Self::local) makes a second level that costs no atomics.
 ///
 /// ```
 /// use luna_channels::Barrier;
@@ -87,7 +96,8 @@ impl std::panic::UnwindSafe for Barrier {}
 impl std::panic::RefUnwindSafe for Barrier {}
 
 impl Barrier {
-    /// A barrier of `parties`. With none, a `sync` returns at once until somebody enrolls. Allocates; not for the real-time path.
+    /// A barrier of `parties`. With none, a `sync` returns at once until a party enrolls.
+    /// Allocates; not for the real-time path.
     #[track_caller]
     pub fn new(parties: usize) -> Barrier {
         let shared = Box::new(Shared {
@@ -119,37 +129,42 @@ impl Barrier {
         unsafe { self.shared.as_ref() }
     }
 
-    /// Comes to the barrier, and waits until all parties have come. As a guard, comes only if all others have come.
+    /// Comes to the barrier, and waits until all parties have come. As a guard, comes only if all
+    /// others have come.
     ///
-    /// In a branch of a parallel construct one of whose siblings has failed, it does not wait: the branch ends there as poisoned.
-    /// Cancel-safe: dropped while it waits, the party has not come; after the round was completed, it has. Real-time path: yes; no allocation,
-    /// O(1) to wait (O(waiting parties of lower priority)), O(parties) for the last one, each in a lock section of its own. Parties that offer
-    /// the barrier in alternatives cost each who comes O(their number) more under one lock.
+    /// In a branch of a parallel construct, after a sibling has failed, it does not wait: the
+    /// branch ends there as poisoned. Cancel-safe: dropped while it waits, the party has not come;
+    /// after the round was completed, it has. Real-time path: yes; no allocation, O(1) to wait
+    /// (O(waiting parties of lower priority)), O(parties) for the last one, each in a lock section
+    /// of its own. Parties that offer the barrier in alternatives cost each arriving party O(their
+    /// number) more under one lock.
     #[inline]
     pub fn sync(&self) -> SyncOp<'_> {
         SyncOp::new(self)
     }
 
-    /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round, that round waits for it too.
+    /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round,
+    /// that round waits for it too.
     pub fn enroll(&self) -> Party {
         self.shared().enroll();
         Party::new(self.clone())
     }
 
-    /// One party less: for one of those that [`new`](Self::new) counted. If all others have come, the round is complete. O(parties) then. A barrier
-    /// without parties stays one.
+    /// Removes one of the parties that [`new`](Self::new) counted. If all others have come, the
+    /// round is complete. O(parties) then. A barrier without parties stays one.
     pub fn resign(&self) {
         self.shared().resign();
     }
 
-    /// How many must come: for display, since it may have changed already.
+    /// Number of parties that must come: for display, since it may have changed already.
     pub fn parties(&self) -> usize {
         let lists = self.shared().place.lock();
         // SAFETY: the lists are the barrier's own.
         unsafe { self.shared().round(&lists, |round| round.parties) }
     }
 
-    /// A second level: a group of `parties` processes of one executor that is one party of this barrier. Allocates.
+    /// A second level: a group of `parties` processes of one executor that is one party of this
+    /// barrier. Allocates.
     ///
     /// ```
     /// use luna_channels::Barrier;
@@ -172,8 +187,10 @@ impl Barrier {
         LocalBarrier::new(self.clone(), parties)
     }
 
-    /// Says that somebody outside of the system is a party too: a plain thread, or a process of another system. A process that waits here is then never
-    /// part of a deadlock. A barrier that a thread outside has come to already, also one that runs a body by `luna::run`, is known to be one. Does nothing else.
+    /// Declares that a party is outside of the system: a plain thread, or a process of another
+    /// system. A process that waits here is then never part of a deadlock. A barrier that an
+    /// outside thread has used already, also one that runs a body by `luna::run`, is known to have
+    /// such a party. Has no other effect.
     ///
     /// ```
     /// let barrier = luna_channels::Barrier::new(2).external().named("start");
@@ -237,11 +254,12 @@ impl Shared {
     /// `lists` are those of this barrier.
     #[inline]
     unsafe fn round<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut Round) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
+        // gets no lists.
         self.round.with_mut(|round| f(unsafe { &mut *round }))
     }
 
-    /// Remembers that somebody takes part whom no system knows: from outside, or a thread of its own.
+    /// Remembers that a party is unknown to every system: from outside, or a thread of its own.
     fn note_user(&self) {
         if current::user() == User::Outside {
             self.place.identity.set_external();
@@ -271,8 +289,9 @@ impl Shared {
         }
     }
 
-    /// Completes the round if enough have come together with `more`, who are not listed. Who waited is then to be
-    /// [released](Self::release), without the lock. O(parties that are alternatives).
+    /// Completes the round if enough have come together with `more` unlisted parties. The waiting
+    /// parties are then to be [released](Self::release), without the lock. O(parties that are
+    /// alternatives).
     ///
     /// # Safety
     ///
@@ -312,14 +331,15 @@ impl Shared {
         true
     }
 
-    /// Chooses the barrier in all alternatives that offer it, if they are enough together with those who have come and `more`. Those that have
-    /// chosen another guard go off the list.
+    /// Chooses the barrier in all alternatives that offer it, if they are enough together with the
+    /// parties that have come and `more`. Those that have chosen another guard go off the list.
     ///
     /// # Safety
     ///
     /// `lists` are those of this barrier.
     unsafe fn claim_offering(&self, lists: &mut WaitQueues, more: usize) -> bool {
-        // SAFETY: the contract; nodes in the list are live waiters of alternatives, whose selections the invariant speaks of.
+        // SAFETY: by the contract, nodes in the list are live waiters of alternatives, and the
+        // invariant holds for their select states.
         unsafe {
             let mut open = 0;
             let mut next = lists.receivers.first();
@@ -334,7 +354,7 @@ impl Shared {
                 } else {
                     selection.as_ref().leave(None);
                     lists.receivers.remove(node);
-                    // An alternative's node holds no wakeup until it is chosen.
+                    // An alternative's node holds no wake handle until it is chosen.
                     Waiter::settle_stale(waiter);
                 }
             }
@@ -360,7 +380,7 @@ impl Shared {
         }
     }
 
-    /// Releases those whose round is complete. O(them), in lock sections of O(1).
+    /// Releases the members of completed rounds. O(their number), in lock sections of O(1).
     fn release(&self) {
         loop {
             let mut lists = self.place.lock();
@@ -370,7 +390,7 @@ impl Shared {
             // SAFETY: it was in the list, so it is a live waiter, and the lock is held.
             let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
             drop(lists);
-            // Whoever is readied: the others must not depend on that going well.
+            // A wake may panic: the remaining wakes must still be done.
             let rest = Finally::new(|| self.release());
             ready.wake();
             rest.cancel();

@@ -4,8 +4,8 @@ use super::{Barrier, SyncOp};
 
 /// One party of a barrier, until it is dropped: see [`Barrier::enroll`].
 ///
-/// A process that ends, fails or panics takes its party with it, so that the others do not wait for it for ever. Dropping it is O(1), and O(parties)
-/// if that completes the round.
+/// A process that ends, fails or panics takes its party with it, so that the others do not wait for
+/// it for ever. Dropping it is O(1), and O(parties) if that completes the round.
 ///
 /// ```
 /// use luna_channels::Barrier;

@@ -23,7 +23,7 @@ enum Phase {
     Listed,
     /// It came last, in an alternative, and the others are to be released.
     Completed,
-    /// All have come; the process lets others run before it goes on.
+    /// All have come; the process lets others run before it continues.
     GaveWay,
     Over,
 }
@@ -77,13 +77,14 @@ impl<'a> SyncOp<'a> {
         unsafe { NonNull::new_unchecked(self.node.get()) }
     }
 
-    /// What has become of a listed one.
+    /// The outcome of a listed party.
     fn outcome(&self) -> Outcome {
         // SAFETY: the node lies in this future, and was begun before it was listed.
         unsafe { Waiter::outcome(self.node()) }
     }
 
-    /// Whether the round is complete, for a listed one; if so, it is in no list any more. Otherwise who polls with `cx` is readied then.
+    /// For a listed party: whether the round is complete; if so, it is in no list any more.
+    /// Otherwise the poller's waker from `cx` is woken then.
     fn poll_round(&mut self, cx: &Context<'_>) -> Poll<()> {
         if self.outcome() == Outcome::Done {
             return Poll::Ready(());
@@ -92,7 +93,8 @@ impl<'a> SyncOp<'a> {
         let mut _former = None;
         let polled = renewal.put(|renewal| {
             let mut lists = self.shared().place.lock();
-            // SAFETY: under the lock a waiting node may be changed, and is in the list that the round's number says.
+            // SAFETY: under the lock a waiting node may be changed, and the round's number
+            // determines its list.
             unsafe {
                 if self.outcome() == Outcome::Done {
                     return Poll::Ready(());
@@ -143,8 +145,8 @@ impl<'a> SyncOp<'a> {
         }
         let mut lists = shared.place.lock();
         // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
-        // contract, and its drop takes it off. Under the lock a listed one may be changed, and is
-        // in the list that the round's number says.
+        // contract, and its drop takes it off. Under the lock a listed node may be changed, and the
+        // round's number determines its list.
         unsafe {
             if is_new {
                 if shared.complete_with(&mut lists, 1) {
@@ -185,7 +187,8 @@ impl<'a> SyncOp<'a> {
         }
     }
 
-    /// Takes a listed one back, if the round is not complete. Says whether it is.
+    /// Takes a listed party back, if the round is not complete. Returns whether the round is
+    /// complete.
     pub(super) fn leave(&mut self) -> bool {
         let (is_complete, former) = self.take_back();
         // Dropping a waker can run anything, so at the end.
@@ -193,7 +196,7 @@ impl<'a> SyncOp<'a> {
         is_complete
     }
 
-    /// As [`leave`](Self::leave), without user code: gives what is to be dropped.
+    /// As [`leave`](Self::leave), without user code: returns the handle to drop.
     pub(super) fn take_back(&mut self) -> (bool, Option<WakeHandle>) {
         match self.phase {
             Phase::Listed => {}
@@ -241,7 +244,7 @@ impl Future for SyncOp<'_> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
         if current::branch_failed() && matches!(this.phase, Phase::New | Phase::Listed) {
-            // Those who are to come may never do so, and there is no error to return.
+            // The missing parties may never come, and there is no error to return.
             let has_come = this.leave();
             this.phase = if has_come { Phase::Over } else { Phase::New };
             if has_come {
@@ -270,7 +273,8 @@ impl Future for SyncOp<'_> {
         let mut renewal = Renewal::of(cx);
         renewal.put(|renewal| {
             let mut lists = shared.place.lock();
-            // SAFETY: the lists are the barrier's; the node is in none of them, the future is pinned, and its drop takes it off.
+            // SAFETY: the lists are the barrier's; the node is in none of them, the future is
+            // pinned, and its drop takes it off.
             unsafe {
                 if shared.complete_with(&mut lists, 1) {
                     this.phase = Phase::Completed;
@@ -343,8 +347,8 @@ impl RawGuard for SyncOp<'_> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: the lists are this barrier's, whose alternatives' nodes all lead to selections; the node is in none of them, and
-        // is taken off before it goes.
+        // SAFETY: by the contract, the lists are this barrier's; all nodes of its alternatives lead
+        // to select states; the node is in none of the lists, and is taken off before it goes.
         unsafe {
             let mut before = None;
             let mut next = lists.receivers.first();
@@ -354,7 +358,8 @@ impl RawGuard for SyncOp<'_> {
                     break;
                 };
                 if of_other == selection {
-                    // The barrier stands in another guard of this alternative already, and one is enough.
+                    // The barrier stands in another guard of this alternative already, and one is
+                    // enough.
                     return;
                 }
                 if SelectState::order(of_other) > SelectState::order(selection) {

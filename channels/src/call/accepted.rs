@@ -8,13 +8,14 @@ use luna_core::current::Inheritor;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
-/// A call that was accepted: the request, and the duty to reply. Dropped without a reply, its client's call fails as
-/// [`Unanswered`](crate::CallError::Unanswered).
+/// A call that was accepted: the request, and the duty to reply. Dropped without a reply, its
+/// client's call fails as [`Unanswered`](crate::CallError::Unanswered).
 ///
-/// It may be kept, and be moved to another process or thread to be answered there; the process that accepted it inherits the client's
-/// priority until then. One that is forgotten holds its client until the channel ends, and keeps the priority lent. Dropping it is
-/// for the real-time path: O(calls that are accepted and not answered on this channel), and a system call if a thread's OS priority is
-/// set back.
+/// It may be kept, and be moved to another process or thread to be answered there; the process that
+/// accepted it inherits the client's priority until then. A forgotten call holds its client until
+/// the channel ends, and the boost stays. Dropping it is for the real-time path: O(calls that are
+/// accepted and not answered on this channel), and a system call if a thread's OS priority is set
+/// back.
 ///
 /// ```
 /// # use futures_lite::future::{block_on, zip};
@@ -46,8 +47,9 @@ impl<'a, Q, A> Call<'a, Q, A> {
         Call { request, reply }
     }
 
-    /// Lets the client go on with `answer`; the priority that was inherited from it is given back then, and the request is dropped last. Real-time
-    /// path: as for dropping it. A reply is no scheduling point: the client runs at the next await, if it shares the executor.
+    /// Lets the client go on with `answer`; the priority that was inherited from it is given back
+    /// then, and the request is dropped last. Real-time path: as for dropping it. A reply is no
+    /// scheduling point: the client runs at the next await, if it shares the executor.
     ///
     /// # Errors
     ///
@@ -95,16 +97,18 @@ impl<Q: fmt::Debug, A> fmt::Debug for Call<'_, Q, A> {
     }
 }
 
-/// The duty to reply to a call, without its request: see [`Call::into_parts`]. All that is said of [`Call`] holds for it.
+/// The duty to reply to a call, without its request: see [`Call::into_parts`]. All statements about
+/// [`Call`] hold for it.
 ///
 /// # Invariants
 ///
-/// `ticket` is that of the client, as long as it was not let go; then 0. Nobody is held by 0.
+/// `ticket` is that of the client, as long as it was not let go; then 0. Ticket 0 holds no client.
 #[must_use = "the client gets no reply when this is dropped"]
 pub struct Reply<'a, Q, A> {
     receiver: &'a Receiver<Message<Q, A>>,
     ticket: u32,
-    /// Gives back what it was lent after the client was readied: before, others could come between.
+    /// Gives the boost back after the client was woken: before, other processes could run in
+    /// between.
     inheritor: Option<Inheritor>,
 }
 

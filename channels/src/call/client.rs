@@ -15,11 +15,12 @@ use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
-/// The calling end of a [`call_channel`](crate::call_channel). Any number of clones, on any threads, may call at the same time.
+/// The calling end of a [`call_channel`](crate::call_channel). Any number of clones, on any
+/// threads, may call at the same time.
 ///
-/// Dropping the last one closes the channel: calls that were accepted are still answered, then servers get
-/// [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time path; dropping is O(1), and O(waiting servers) for the
-/// last one.
+/// Dropping the last one closes the channel: calls that were accepted are still answered, then
+/// servers get [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time
+/// path; dropping is O(1), and O(waiting servers) for the last one.
 pub struct Client<Q, A> {
     sender: Sender<Message<Q, A>>,
 }
@@ -29,17 +30,19 @@ impl<Q, A> Client<Q, A> {
         Self { sender }
     }
 
-    /// Sends `request` and waits for the reply. Works as a guard of an alternative, which chooses it when a server takes the request, and is
-    /// over with the reply: a delay beside it bounds the wait for a server, not for the reply. To bound both, drop the future (a race with
+    /// Sends `request` and waits for the reply. Works as a guard of an alternative, which chooses
+    /// it when a server takes the request, and is over with the reply: a delay beside it bounds the
+    /// wait for a server, not for the reply. To bound both, drop the future (a race with
     /// [`after`](crate::after)): that is safe.
     ///
-    /// Of several that wait the one of highest priority is served first, of equal ones the one that came first. While it waits and while it is
-    /// served, the server inherits the caller's priority as it was when the call was first polled: see [`Server`](crate::Server). Real-time path:
-    /// yes; no allocation, O(1), O(waiting clients of lower priority) to wait, and a system call where a server on a thread of lower OS priority
-    /// inherits, and one to withdraw then.
+    /// Of several that wait the one of highest priority is served first, of equal ones the one that
+    /// came first. While it waits and while it is served, the server inherits the caller's priority
+    /// as it was when the call was first polled: see [`Server`](crate::Server). Real-time path:
+    /// yes; no allocation, O(1), O(waiting clients of lower priority) to wait, and a system call
+    /// where a server on a thread of lower OS priority inherits, and one to withdraw then.
     ///
-    /// Cancel-safe: a future that is dropped before a server has taken the request leaves no trace. After that the server keeps
-    /// the request, and its reply comes back to it.
+    /// Cancel-safe: a future that is dropped before a server has taken the request leaves no trace.
+    /// After that the server keeps the request, and its reply comes back to it.
     ///
     /// # Errors
     ///
@@ -89,8 +92,9 @@ impl<Q, A> Client<Q, A> {
         luna_core::park::block_on(self.call(request))
     }
 
-    /// Poisons the channel: all calls and accepts that wait, and all that come to it later, fail as poisoned; so do calls that were accepted
-    /// and not answered. May be called more than once. Real-time path: yes; O(those who wait).
+    /// Poisons the channel: all calls and accepts that wait, and all that come to it later, fail as
+    /// poisoned; so do calls that were accepted and not answered. May be called more than once.
+    /// Real-time path: yes; O(waiting operations).
     ///
     /// ```
     /// let (client, server) = luna_channels::call_channel::<u32, u32>();
@@ -114,7 +118,7 @@ impl<Q, A> Client<Q, A> {
         Self::new(self.sender.named(name))
     }
 
-    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`].
+    /// Declares that a user of the channel is outside of the system: see [`Sender::external`].
     ///
     /// ```
     /// let (client, _server) = luna_channels::call_channel::<u32, u32>();

@@ -20,7 +20,8 @@ pub enum CallError<Q> {
     Poisoned(Q),
     /// A server took the request and did not reply: it has dropped the call, or panicked.
     Unanswered,
-    /// A server took the request, and the channel, or the branch that called, was poisoned before the reply.
+    /// A server took the request, and the channel, or the branch that called, was poisoned before
+    /// the reply.
     Interrupted,
 }
 

@@ -1,6 +1,7 @@
 //! Calls: request and reply in one, built on the extended rendezvous.
 //!
-//! A call is a send whose sender is held until it is answered, and the answer comes back in the sender's own node:
+//! A call is a send that holds its sender until the reply. The reply comes back in the sender's own
+//! node:
 //!
 //! ```text
 //!   client's node:  WAITING(request) --accept--> HELD() --reply------> ANSWERED(answer)
@@ -8,8 +9,9 @@
 //!                          '--accept was dropped---' '---poison------> DONE()
 //! ```
 //!
-//! Each step happens under the channel's lock, and the reply looks for the client there: one whose future was dropped meanwhile is not
-//! found, and never written to. There is no second channel, and nothing is allocated.
+//! Each step happens under the channel's lock, and the reply looks for the client there: a client
+//! with a dropped future is not found, and never written to. There is no second channel, and no
+//! allocation.
 
 mod accepted;
 mod client;
@@ -35,11 +37,12 @@ pub(crate) enum Message<Q, A> {
     NoAnswer,
 }
 
-/// Makes a channel for calls: a request and its reply are one operation of the [`Client`]. Allocates the channel; not for the real-time
-/// path.
+/// Makes a channel for calls: a request and its reply are one operation of the [`Client`].
+/// Allocates the channel; not for the real-time path.
 ///
-/// While a client waits for a server that has accepted here before, and from when its request is taken to the reply, the server *inherits* the
-/// client's priority, if that is higher than its own: what is between them does not delay the client (see [`Server`]).
+/// While a client waits for a server that has accepted here before, and from when its request is
+/// taken to the reply, the server *inherits* the client's priority, if that is higher than its own:
+/// what is between them does not delay the client (see [`Server`]).
 ///
 /// ```
 /// # use futures_lite::future::{block_on, zip};

@@ -18,32 +18,38 @@ use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
-/// The answering end of a [`call_channel`](crate::call_channel). Any number of clones, on any threads, may accept at the same time; each
-/// call goes to one. One server may have accepted several calls, and answers them in any order.
+/// The answering end of a [`call_channel`](crate::call_channel). Any number of clones, on any
+/// threads, may accept at the same time; each call goes to one. One server may have accepted
+/// several calls, and answers them in any order.
 ///
 /// # Priority
 ///
-/// From the moment when a call is handed to a server until its [`reply`](Call::reply), or until the [`Call`] is dropped, the process
-/// that accepted it runs at the client's priority, if that is above its own; with several calls, at the highest. Compared is the OS
-/// priority first, then the level:
+/// From the moment when a call is handed to a server until its [`reply`](Call::reply), or until the
+/// [`Call`] is dropped, the process that accepted it runs at the client's priority, if that is
+/// above its own; with several calls, at the highest. Compared is the OS priority first, then the
+/// level:
 ///
-/// - A client of the same OS priority and a higher level raises the server's level on its executor, also before the server is woken.
-/// - A client of a higher OS priority raises the server to the highest level of its executor and boosts the executor's OS thread
-///   to that priority (`sched_setscheduler`), which is set back with the reply. The processes that share the executor run at
-///   that priority too when the server waits. Where the system refuses, the server works at its own OS priority, and
-///   `luna_core::current::refused_boosts` tells.
-/// - A client outside of any process has the lowest priority, and a server outside inherits nothing.
+/// - A client of the same OS priority and a higher level raises the server's level on its executor,
+///   also before the server is woken.
+/// - A client of a higher OS priority raises the server to the highest level of its executor and
+///   boosts the executor's OS thread to that priority (`sched_setscheduler`), which is set back
+///   with the reply. The processes that share the executor run at that priority too when the server
+///   waits. Where the system refuses, the server works at its own OS priority, and
+///   `luna_core::current::refused_boosts` counts it.
+/// - A client outside of any process has the lowest priority, and a server outside inherits
+///   nothing.
 ///
 /// It is passed on: a server that calls another one calls at the priority that it has inherited.
 ///
-/// A client that waits since nobody accepts lends its priority too, in the same way: to the process that last came to accept, be it busy
-/// with another one's call or on its way back. That one is known from its first `accept` on, also from one that was dropped, and until
-/// another process accepts. It is lent the priority of the most urgent client that waits, until none does.
-/// What is not inherited: by a server that was never there; by several servers that are all busy, but for the last; and what a server is
-/// lent while it waits itself, for the reply of another one or for a mutex, is not passed on to that one.
+/// A client that waits for an `accept` boosts the process that last came to accept in the same way,
+/// be it busy with another call or on its way back. That process is known from its first `accept`
+/// on, also from a dropped one, and until another process accepts. It inherits the priority of the
+/// most urgent waiting client, until none waits. Not inherited: by a server that never accepted; by
+/// several servers that are all busy, but for the last; and a server's boost is not passed on while
+/// it waits itself, for a reply of another server or for a mutex.
 ///
-/// Dropping the last one closes the channel: clients get their requests back. Cloning is not for the real-time path; dropping is O(1), and
-/// O(waiting clients) for the last one.
+/// Dropping the last one closes the channel: clients get their requests back. Cloning is not for
+/// the real-time path; dropping is O(1), and O(waiting clients) for the last one.
 pub struct Server<Q, A> {
     receiver: Receiver<Message<Q, A>>,
 }
@@ -55,10 +61,12 @@ impl<Q, A> Server<Q, A> {
 
     /// Waits for a call. Works as a guard of an alternative.
     ///
-    /// Of several servers that wait the one of highest priority gets it, of equal ones the one that came first. Cancel-safe: a future
-    /// that is dropped while it waits leaves no trace; one that is dropped when it was given a call hands it to the next server, or lets its
-    /// client wait again, before those of its priority. Real-time path: yes; no allocation, O(1), O(waiting servers of lower priority) to wait, and a
-    /// system call if this thread inherits an OS priority.
+    /// Of several servers that wait the one of highest priority gets it, of equal ones the one that
+    /// came first. Cancel-safe: a future that is dropped while it waits leaves no trace; one that
+    /// is dropped when it was given a call hands it to the next server, or lets its client wait
+    /// again, before those of its priority. Real-time path: yes; no allocation, O(1), O(waiting
+    /// servers of lower priority) to wait, and a system call if this thread inherits an OS
+    /// priority.
     ///
     /// # Errors
     ///
@@ -131,7 +139,8 @@ impl<Q, A> Server<Q, A> {
         }
     }
 
-    /// Like [`accept`](Self::accept), blocking this thread. For plain threads and OS-thread processes.
+    /// Like [`accept`](Self::accept), blocking this thread. For plain threads and OS-thread
+    /// processes.
     ///
     /// # Errors
     ///
@@ -152,7 +161,8 @@ impl<Q, A> Server<Q, A> {
         luna_core::park::block_on(self.accept())
     }
 
-    /// Poisons the channel: see [`Client::poison`](crate::Client::poison). A reply to a call that was accepted before comes back.
+    /// Poisons the channel: see [`Client::poison`](crate::Client::poison). A reply to a call that
+    /// was accepted before comes back.
     ///
     /// ```
     /// let (client, server) = luna_channels::call_channel::<u32, u32>();
@@ -175,7 +185,8 @@ impl<Q, A> Server<Q, A> {
         Self::new(self.receiver.named(name))
     }
 
-    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`](crate::Sender::external).
+    /// Declares that a user of the channel is outside of the system: see
+    /// [`Sender::external`](crate::Sender::external).
     ///
     /// ```
     /// let (_client, server) = luna_channels::call_channel::<u32, u32>();

@@ -1,4 +1,5 @@
-//! How a server receives: it holds its client, works at its priority, and gives a call back that it did not come to know of.
+//! The mode of a server's receive: it holds its client, inherits its priority, and gives a call
+//! back that was not handed on.
 
 use crate::core::Channel;
 use crate::extended::{Mode, Noted};
@@ -13,7 +14,7 @@ use std::ptr::NonNull;
 #[derive(Debug)]
 pub(super) struct Serving;
 
-/// A value whose sender is held by ticket, with what the server was lent for it.
+/// A value with its sender held by ticket, and the server's boost for it.
 #[derive(Debug)]
 pub(super) struct Accepted<'a, T> {
     pub(super) receiver: &'a Receiver<T>,
@@ -58,14 +59,15 @@ impl Mode for Serving {
     }
 }
 
-/// Lends the receiver the priority of the sender that it holds, if it inherits.
+/// The receiver inherits the priority of the sender that it holds, if it is an inheritor.
 ///
 /// # Safety
 ///
 /// `receiver` was listed in this channel, and was claimed under the lock that is still held.
 #[inline]
 pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
-    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that inherits is noted with an inheritor.
+    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that
+    // inherits is noted with an inheritor.
     unsafe {
         if (*Waiter::link(receiver)).inherits {
             let noted = receiver.cast::<Noted<T, Option<Inheritor>>>().as_ptr();
@@ -77,8 +79,9 @@ pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: 
 }
 
 impl<T> Channel<T> {
-    /// Takes a value back whose sender is held, if it still is: the most urgent receiver that waits gets it, or the sender waits again, before
-    /// those of its priority. Otherwise the value is dropped. O(those who are held), and O(waiting senders of higher priority).
+    /// Takes a value back from a receiver that holds its sender, if it still does: the most urgent
+    /// waiting receiver gets it, or the sender waits again, before those of its priority. Otherwise
+    /// the value is dropped. O(held senders), and O(waiting senders of higher priority).
     fn wait_again(&self, value: T, ticket: u32) {
         let mut section = self.lock();
         let mut next = section.lists.held.first();
@@ -97,7 +100,8 @@ impl<T> Channel<T> {
             }
         };
         debug_assert!(section.lists.ending != Ending::Poisoned);
-        // SAFETY: the sender was found, and the receiver is claimed here; a held sender holds no value, nor does a receiver before it is done.
+        // SAFETY: the sender was found, and the receiver is claimed here; a held sender holds no
+        // value, nor does a receiver before it is done.
         unsafe {
             if let Some(receiver) = section.claim_receiver(true) {
                 receiver.as_ref().put_value(value);
@@ -112,7 +116,7 @@ impl<T> Channel<T> {
             let waiter = sender.cast::<Waiter<T>>();
             let link = Waiter::link(waiter);
             waiter.as_ref().put_value(value);
-            // Its alternative has chosen it for good: nobody is to ask that again.
+            // Its alternative has chosen it for good: no partner may claim that again.
             Waiter::leave_selection(waiter);
             (*link)
                 .outcome

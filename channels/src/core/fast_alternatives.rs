@@ -1,7 +1,10 @@
-//! What an alternative and its partners do at home: the steps of [`fast_path`](super::fast_path), where an alternative is on one side.
+//! Fast path of an alternative and its partners: the steps of [`fast_path`](super::fast_path), with
+//! an alternative on one side.
 //!
-//! An alternative takes the locks of all its places here too, by plain stores, and holds them until it has chosen or is listed everywhere: what is said of
-//! its decision in general holds for the same reason. Its selection is decided in its gate, which favours the same home.
+//! An alternative takes the locks of all its wait points here too, by plain stores, and holds them
+//! until it has chosen or is listed everywhere. So the argument for its decision on the slow path
+//! holds here for the same reason. Its choice is committed under its commit lock, which is biased
+//! to the same executor.
 
 use super::fast_path::{give_to_first, take_from_first};
 use super::{Channel, FastPath};
@@ -14,14 +17,15 @@ use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PlainPendingWake, Process};
 use std::ptr::NonNull;
 
-/// A partner at home.
+/// A partner on the fast path.
 impl<T> Channel<T> {
-    /// Sends to the alternative that is registered here, or lists the sender and says so.
+    /// Sends to the alternative that is registered here, or lists the sender and reports the
+    /// channel to it.
     ///
     /// # Safety
     ///
-    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are this channel's, and plain but for one
-    /// registered alternative.
+    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
+    /// this channel's, and plain but for one registered alternative.
     pub(super) unsafe fn send_to_registered<S: Source<T>, const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, WaitQueues>,
@@ -40,7 +44,8 @@ impl<T> Channel<T> {
         let claimed = unsafe { Entry::claim_or_announce(entry, process.home_number()) };
         match claimed {
             None => FastPath::No,
-            // SAFETY: the contract; the entry was just claimed, and holds no value before it is done.
+            // SAFETY: the contract; the entry was just claimed, and holds no value before it is
+            // done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
                 if RECORDED {
@@ -52,16 +57,18 @@ impl<T> Channel<T> {
                 drop(lists);
                 go_on(ready, process)
             },
-            // SAFETY: the contract; nobody is listed.
+            // SAFETY: by the contract on `offered` and the lock; no other node is listed.
             Some(None) => unsafe { wait_as_sender(&mut lists, offered, process) },
         }
     }
 
-    /// Sends to the first alternative that has listed a guard here and waits, and takes those off the list that do not; or lists the sender.
+    /// Sends to the first waiting alternative with a listed guard here, and takes the guards of
+    /// others off the list; or lists the sender.
     ///
     /// # Safety
     ///
-    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are this channel's, and plain.
+    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
+    /// this channel's, and plain.
     #[inline(never)]
     pub(super) unsafe fn send_to_guard<S: Source<T>, const RECORDED: bool>(
         &self,
@@ -71,7 +78,8 @@ impl<T> Channel<T> {
     ) -> FastPath {
         while let Some(first) = lists.receivers.first() {
             let receiver = first.cast::<Waiter<T>>();
-            // SAFETY: the node is listed, and guarded by the lock; its selection is live. A receiver holds no value before it is done.
+            // SAFETY: the node is listed, and guarded by the lock; its select state is live. A
+            // receiver holds no value before it is done.
             unsafe {
                 let Some((selection, guard)) = Waiter::selection(receiver) else {
                     return FastPath::No;
@@ -96,7 +104,7 @@ impl<T> Channel<T> {
                     drop(lists);
                     return go_on(ready, process);
                 }
-                // A claim would fail, as it will for who comes the general way.
+                // A claim would fail, as it will on the slow path.
                 lists.receivers.remove_first(first);
                 Waiter::settle_stale(receiver);
             }
@@ -104,15 +112,17 @@ impl<T> Channel<T> {
         if !lists.senders.is_empty() {
             return FastPath::No;
         }
-        // SAFETY: the contract; nobody is listed.
+        // SAFETY: by the contract on `offered` and the lock; no other node is listed.
         unsafe { wait_as_sender(&mut lists, offered, process) }
     }
 
-    /// Receives from the first alternative that offers to send here and waits, and takes those off the list that do not; or lists the receiver.
+    /// Receives from the first waiting alternative that offers to send here, and takes the guards
+    /// of others off the list; or lists the receiver.
     ///
     /// # Safety
     ///
-    /// As for [`recv_fast`](Self::recv_fast), where `process` has its plain turn. The lists are this channel's, and plain, and nothing is stored.
+    /// As for [`recv_fast`](Self::recv_fast), where `process` has its plain turn. The lists are
+    /// this channel's, and plain, and nothing is stored.
     #[inline(never)]
     pub(super) unsafe fn recv_from_guard<const RECORDED: bool>(
         &self,
@@ -122,8 +132,8 @@ impl<T> Channel<T> {
     ) -> FastPath {
         while let Some(first) = lists.senders.first() {
             let sender = first.cast::<Waiter<T>>();
-            // SAFETY: the node is listed, and guarded by the lock; its selection is live. One that was opened plainly is that of guards at home
-            // alone, which hold their values.
+            // SAFETY: the node is listed, and guarded by the lock; its select state is live. A
+            // plainly opened one belongs to guards on the fast path only, which hold their values.
             unsafe {
                 let Some((selection, guard)) = Waiter::selection(sender) else {
                     return FastPath::No;
@@ -156,7 +166,7 @@ impl<T> Channel<T> {
             return FastPath::No;
         }
         lists.receiver = LastUser::process(process.id());
-        // SAFETY: the contract; nobody is listed.
+        // SAFETY: by the contract on `node` and the lock; no other node is listed.
         unsafe {
             Waiter::begin_plain(node, process);
             lists.receivers.insert_alone(node.cast());
@@ -165,13 +175,15 @@ impl<T> Channel<T> {
     }
 }
 
-/// An alternative at home, for one of its guards. The guards at home are those of plain channels alone, whose partners are plain operations.
+/// An alternative on the fast path, for one of its guards. Fast-path guards are those of plain
+/// channels only, with plain operations as partners.
 impl<T> Channel<T> {
-    /// Locks, and says whether a receive would not have to wait. Unless it says [`No`](Look::No), the lock is kept.
+    /// Locks, and returns whether a receive would not have to wait. Unless the result is
+    /// [`No`](Look::No), the lock is kept.
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn look_for_sender(&self, home: u64) -> Look {
         // SAFETY: the contract; under the lock the store and the nodes in the lists are accessible.
@@ -209,19 +221,20 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// A look by this home, this thread, has kept it.
+    /// A look by this executor, on this thread, has kept the lock.
     #[inline(always)]
     pub(crate) unsafe fn leave_home(&self, home: u64) {
         // SAFETY: the contract.
         drop(unsafe { self.place.kept(home) });
     }
 
-    /// Receives for a registered alternative, where a plain sender waits first; then says under the lock whether no other does. `None`: it
-    /// cannot be done here, or `still` says, under the lock, that it is not to be, and nothing has changed.
+    /// Receives for a registered alternative from a plain sender, if that is the first to wait;
+    /// then reports under the lock whether no other waits. `None`: not possible here, or `still`
+    /// returned false under the lock; no state changed.
     ///
     /// # Safety
     ///
-    /// This is the thread of the process' home.
+    /// This is the thread of the process' executor.
     #[inline(always)]
     pub(crate) unsafe fn take_sender_if<const RECORDED: bool>(
         &self,
@@ -229,7 +242,8 @@ impl<T> Channel<T> {
         still: impl FnOnce() -> bool,
         note: impl FnOnce(bool),
     ) -> Option<(T, PlainPendingWake)> {
-        // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a sender's holds its value.
+        // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a
+        // sender's holds its value.
         unsafe {
             let mut lists = self.place.lock_if_favoured(process.home_number())?;
             if !lists.is_plain_but_registered || lists.is_storing || !still() {
@@ -246,14 +260,16 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`leave_home`](Self::leave_home), and the look said that it is ready. The node is not listed, holds no value, and nobody else accesses it.
+    /// As for [`leave_home`](Self::leave_home), and the look reported that it is ready. The node is
+    /// not listed, holds no value, and no other thread accesses it.
     #[inline(always)]
     pub(crate) unsafe fn take_sender(
         &self,
         node: NonNull<Waiter<T>>,
         process: &Process,
     ) -> Option<PlainPendingWake> {
-        // SAFETY: the contract; under the lock a listed node is one of this channel's, and a sender's holds its value.
+        // SAFETY: the contract; under the lock a listed node is one of this channel's, and a
+        // sender's holds its value.
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.senders.first()?;
@@ -283,12 +299,14 @@ impl<T> Channel<T> {
         }
     }
 
-    /// WaitQueues the node of a guard, on the side that `of_sender` says, and releases the lock that was kept.
+    /// Lists the node of a guard, on the side given by `of_sender`, and releases the lock that was
+    /// kept.
     ///
     /// # Safety
     ///
-    /// As for [`leave_home`](Self::leave_home), and the look said that it is not ready. The node is not listed, nobody else accesses it, and it holds a value
-    /// if it is a sender's. It stays where it is until it is settled or withdrawn, and the selection outlives that.
+    /// As for [`leave_home`](Self::leave_home), and the look reported that it is not ready. The
+    /// node is not listed, no other thread accesses it, and it holds a value if it is a sender's.
+    /// It stays where it is until it is settled or withdrawn, and the select state outlives that.
     #[inline(always)]
     pub(crate) unsafe fn list_guard(
         &self,
@@ -314,11 +332,12 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Takes the node of a guard off its list that was not chosen, if it is still there.
+    /// Takes the node of a guard that was not chosen off its list, if it is still there.
     ///
     /// # Safety
     ///
-    /// `node` was listed in this channel, on the side that `of_sender` says. This thread is the home of that number.
+    /// `node` was listed in this channel, on the side given by `of_sender`. This thread is the
+    /// executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn withdraw_guard(
         &self,
@@ -333,7 +352,7 @@ impl<T> Channel<T> {
             }
             let lists = self.place.lock_if_favoured(home);
             match lists {
-                // One that is plain serves no call, so nobody is lent anything for those who wait here.
+                // A plain channel serves no call, so waiters here boost no server.
                 Some(mut lists)
                     if lists.is_plain_rendezvous() && Waiter::outcome(node) == Outcome::Waiting =>
                 {
@@ -352,7 +371,7 @@ impl<T> Channel<T> {
     }
 }
 
-/// What the first partner who waits comes to. Keeps the lock unless it is [`No`](Look::No).
+/// Handles the first waiting partner. Keeps the lock unless the result is [`No`](Look::No).
 ///
 /// # Safety
 ///
@@ -373,11 +392,11 @@ unsafe fn look_at<T>(
     look
 }
 
-/// WaitQueues a sender.
+/// Lists a sender.
 ///
 /// # Safety
 ///
-/// As for [`send_fast`](Channel::send_fast); and nobody is listed on either side.
+/// As for [`send_fast`](Channel::send_fast); and no node is listed on either side.
 #[inline(always)]
 unsafe fn wait_as_sender<T, S: Source<T>>(
     lists: &mut WaitQueues,
@@ -398,10 +417,10 @@ unsafe fn wait_as_sender<T, S: Source<T>>(
 ///
 /// # Safety
 ///
-/// The wakeup was made on this thread, where this is the plain turn of `process`.
+/// The wake handle was made on this thread, where this is the plain turn of `process`.
 #[inline(always)]
 unsafe fn go_on(ready: PlainPendingWake, process: &Process) -> FastPath {
-    // SAFETY: by the contract the wakeup was made here, and `process` is the current one, in a
+    // SAFETY: by the contract the wake handle was made here, and `process` is the current one, in a
     // plain turn.
     unsafe {
         ready.wake();

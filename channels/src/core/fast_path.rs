@@ -1,13 +1,18 @@
-//! What two processes of one executor do, when nothing is asked of their channel but to send and to receive: nearly every communication.
+//! Communication between two processes of one executor, over a channel that is used for plain sends
+//! and receives only: nearly every communication.
 //!
-//! It comes to what [`ChannelGuard`](super::ChannelGuard) comes to, on a way without branches for what is not there: the lock favours the executor, so it is
-//! taken and left by plain stores; no waker is cloned or called; nobody is registered, no call is served, no buffer overwrites. Whenever one of these
-//! does not hold, nothing has been changed, and the general way is gone.
+//! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
+//! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
+//! is cloned or called; no alternative is registered, no call is served, no buffer overwrites.
+//! Whenever one of these conditions does not hold, no state has changed, and the operation takes
+//! the slow path.
 //!
-//! A node that was listed here says so ([`Waiter::begin_plain`]), and whoever finds it here knows that its process is of this very home: only the home
-//! that a lock favours comes here, and a lock favours no second one.
+//! A node that was listed here is marked so ([`Waiter::begin_plain`]). An operation that finds it
+//! here knows that its process belongs to this very executor: only the executor that owns the bias
+//! comes here, and a lock is biased to no second one.
 //!
-//! A process that is recorded goes a way of its own, which is the same but for the events: so the others need not ask at each of them whether anybody records.
+//! A recorded process has a path of its own, which is the same but for the events. So the others
+//! need not test at each event whether it is recorded.
 
 use super::Channel;
 use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, part_from_sender};
@@ -20,16 +25,16 @@ use luna_core::wait_list::WaitNode;
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// What an operation at home came to.
+/// Result of an operation on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FastPath {
-    /// The general way is to be gone: nothing has changed.
+    /// Fast path unavailable; no state changed. Take the slow path.
     No,
     /// The node is listed.
     Waits,
-    /// It is done, and the partner readied.
+    /// It is done, and the partner woken.
     Done,
-    /// It is done, and the process is ready again: it lets others run first.
+    /// It is done, and the process is queued again: others run first.
     GaveWay,
 }
 
@@ -47,12 +52,13 @@ impl FastPath {
     }
 }
 
-/// Gives the value of `offered` to the receiver that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has
-/// changed.
+/// Gives the value of `offered` to the first waiting receiver, if that is a plain operation's. The
+/// caller wakes it when the lock is released. `None`: no state changed.
 ///
 /// # Safety
 ///
-/// `first` is the first of the receivers, in a channel of values of this type whose lock this home has. `offered` holds a value, and nobody else accesses it.
+/// `first` is the first of the receivers, in a channel of values of this type; this executor holds
+/// its lock. `offered` holds a value, and no other thread accesses it.
 #[inline(always)]
 pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
     place: &WaitPoint,
@@ -76,11 +82,13 @@ pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
     }
 }
 
-/// Takes the value of the sender that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has changed.
+/// Takes the value of the first waiting sender, if that is a plain operation's. The caller wakes it
+/// when the lock is released. `None`: no state changed.
 ///
 /// # Safety
 ///
-/// `first` is the first of the senders, in a channel of values of this type whose lock this home has.
+/// `first` is the first of the senders, in a channel of values of this type; this executor holds
+/// its lock.
 #[inline(always)]
 pub(super) unsafe fn take_from_first<T, const RECORDED: bool>(
     place: &WaitPoint,
@@ -108,7 +116,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
+    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
+    /// stays where it is until it is settled or withdrawn.
     #[inline(always)]
     pub(crate) unsafe fn send_fast<S: Source<T>>(
         &self,
@@ -131,7 +140,8 @@ impl<T> Channel<T> {
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
     ) -> FastPath {
-        // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible while the lock is held.
+        // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible
+        // while the lock is held.
         unsafe {
             match come_to_send::<RECORDED>(&self.place, offered.cast(), cx) {
                 Found::Partner(receiver) => {
@@ -146,7 +156,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// As [`send_fast`](Self::send_fast), for a process that is recorded. What it waits for is noted.
+    /// As [`send_fast`](Self::send_fast), for a recorded process. Its waiting is noted.
     ///
     /// # Safety
     ///
@@ -165,7 +175,8 @@ impl<T> Channel<T> {
         came_to
     }
 
-    /// Sends where an alternative may be met, or for a process that is recorded; or says that the general way is to be gone.
+    /// Sends where an alternative may be met, or for a recorded process; or returns
+    /// [`No`](FastPath::No) for the slow path.
     ///
     /// # Safety
     ///
@@ -179,7 +190,7 @@ impl<T> Channel<T> {
     ) -> FastPath {
         if found != Found::More {
             return match !RECORDED && events::is_on() {
-                // SAFETY: the contract: nothing has changed.
+                // SAFETY: the contract: no state has changed.
                 true => unsafe { self.send_recorded(offered, cx) },
                 false => FastPath::No,
             };
@@ -198,7 +209,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Stores the value of a sender who has found nobody but a [buffer](Found::Buffer), or lists the sender.
+    /// Stores the value of a sender that has found only a [buffer](Found::Buffer), or lists the
+    /// sender.
     ///
     /// # Safety
     ///
@@ -234,7 +246,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
+    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
+    /// is until it is settled or withdrawn.
     #[inline(always)]
     pub(crate) unsafe fn recv_fast(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
         // SAFETY: the contract.
@@ -250,7 +263,8 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         cx: &Context<'_>,
     ) -> FastPath {
-        // SAFETY: the contract. A sender that is found holds its value, and its node is accessible while the lock is held.
+        // SAFETY: the contract. A sender that is found holds its value, and its node is accessible
+        // while the lock is held.
         unsafe {
             match come_to_receive::<RECORDED>(&self.place, node.cast(), cx) {
                 Found::Partner(sender) => {
@@ -265,7 +279,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// As [`recv_fast`](Self::recv_fast), for a process that is recorded. What it waits for is noted.
+    /// As [`recv_fast`](Self::recv_fast), for a recorded process. Its waiting is noted.
     ///
     /// # Safety
     ///
@@ -280,7 +294,7 @@ impl<T> Channel<T> {
         came_to
     }
 
-    /// As [`send_otherwise`](Self::send_otherwise), for who receives.
+    /// As [`send_otherwise`](Self::send_otherwise), for a receiver.
     ///
     /// # Safety
     ///
@@ -294,7 +308,7 @@ impl<T> Channel<T> {
     ) -> FastPath {
         if found != Found::More {
             return match !RECORDED && events::is_on() {
-                // SAFETY: the contract: nothing has changed.
+                // SAFETY: the contract: no state has changed.
                 true => unsafe { self.recv_recorded(node, cx) },
                 false => FastPath::No,
             };
@@ -310,19 +324,21 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Receives what is stored; a sender that waits moves up.
+    /// Receives a stored value; a waiting sender moves up.
     ///
     /// # Safety
     ///
-    /// As for [`recv_fast`](Self::recv_fast), by who has found a [buffer](Found::Buffer).
+    /// As for [`recv_fast`](Self::recv_fast), by a receiver that has found a
+    /// [buffer](Found::Buffer).
     #[inline(never)]
     unsafe fn recv_stored<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> FastPath {
-        // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the store too.
+        // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the
+        // store too.
         unsafe {
             let process = current::this_process();
             let mut lists = self.place.kept(process.home_number());
             let stored = self.store.with(|store| (*store).len());
-            // More than there is room for is what came back from futures that were dropped.
+            // Values given back by dropped futures may exceed the capacity.
             if stored > self.capacity() {
                 return FastPath::No;
             }

@@ -1,4 +1,4 @@
-//! What can happen to a channel while its lock is held.
+//! The steps on a channel under its lock.
 
 use super::{Channel, Ending};
 use crate::alternative::Entry;
@@ -17,36 +17,37 @@ use std::collections::VecDeque;
 use std::ops::{Deref, DerefMut};
 use std::ptr::NonNull;
 use std::task::Context;
-/// A send under the lock came to this.
+/// Result of a send under the lock.
 pub(crate) enum Sent<T> {
-    /// A receiver has it, or the buffer. PendingWake the receiver; drop what was overwritten.
+    /// A receiver has it, or the buffer. Wake the receiver; drop what was overwritten.
     Done(PendingWake, Option<T>),
-    /// A receiver has it, and holds the sender, whose node is listed for that. PendingWake the receiver, and [give](Channel::update_wakeup) the node a wakeup if it has none.
+    /// A receiver has it, and holds the sender; the sender's node is listed as held. Wake the
+    /// receiver, and [give](Channel::update_wakeup) the node a wake handle if it has none.
     Held(PendingWake),
-    /// Nobody takes it now.
+    /// No receiver takes it now.
     Full,
-    /// Nobody will ever take it.
+    /// No receiver will ever take it.
     Ended(Ending),
-    /// The value could not be made. PendingWake who was to receive it, and poison the channel.
+    /// The value could not be made. Wake the receiver that was to have it, and poison the channel.
     Broken(PendingWake),
 }
 
-/// A receive under the lock came to this.
+/// Result of a receive under the lock.
 pub(crate) enum Received<T> {
-    /// A value, whom to ready, and who is held.
+    /// A value, the process to wake, and the held sender.
     Done(T, PendingWake, Holding),
     Empty,
     Ended(Ending),
-    /// The sender's value could not be made. PendingWake it, and poison the channel.
+    /// The sender's value could not be made. Wake the sender, and poison the channel.
     Broken(PendingWake),
 }
 
 /// The sender that is held in an extended rendezvous.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Holding {
-    /// Which rendezvous it is; 0 if nobody is held.
+    /// Number of the rendezvous; 0 if no sender is held.
     pub(crate) ticket: u32,
-    /// How urgent the sender is.
+    /// Priority of the sender.
     pub(crate) priority: Priority,
 }
 
@@ -63,11 +64,11 @@ impl Holding {
 /// The channel with its lock held.
 pub(crate) struct ChannelGuard<'a, T, L> {
     pub(super) channel: &'a Channel<T>,
-    /// Those of `channel`.
+    /// The lists of `channel`.
     pub(crate) lists: L,
 }
 
-/// A section that holds the lock itself.
+/// A channel guard that holds the lock itself.
 pub(crate) type Locked<'a, T> = ChannelGuard<'a, T, BiasedGuard<'a, WaitQueues>>;
 
 impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
@@ -75,7 +76,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
         let lists = &mut *self.lists;
         self.channel.store.with_mut(|store| {
-            // SAFETY: the lock is held for as long as this section is, and the section is borrowed exclusively.
+            // SAFETY: the lock is held for as long as this guard is, and the guard is borrowed
+            // exclusively.
             let store = unsafe { &mut *store };
             let done = f(store);
             lists.is_storing = !store.is_empty();
@@ -83,13 +85,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         })
     }
 
-    /// Whether a receive would not have to wait. A sender that has chosen otherwise may still count.
+    /// Whether a receive would not have to wait. A sender that has chosen another guard may still
+    /// count.
     pub(crate) fn is_ready(&mut self) -> bool {
         self.lists.ending != Ending::Open || !self.lists.senders.is_empty() || self.lists.is_storing
     }
 
-    /// Tells the registered alternatives that the channel is ready. They are then to be [rung](Channel::ring) for. O(those who do not
-    /// know).
+    /// Reports to the registered alternatives that the channel is ready. They are then to be
+    /// [rung](Channel::ring) for. O(those without the report).
     #[inline]
     pub(super) fn announce(&mut self) {
         if !self.lists.registered.is_empty() {
@@ -111,7 +114,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Claims the first alternative that is registered here, waits, and is accepted for its priority. Its node stays listed.
+    /// Claims the first registered alternative that waits and that `accepts` admits for its
+    /// priority. Its node stays listed.
     #[cold]
     fn claim_registered(
         &mut self,
@@ -119,7 +123,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ) -> Option<NonNull<Waiter<T>>> {
         let mut next = self.lists.registered.first();
         while let Some(node) = next {
-            // SAFETY: a node in the list is that of a live entry, whose waiter is its first field.
+            // SAFETY: a node in the list is that of a live entry, and an entry's first field is its
+            // waiter.
             unsafe {
                 let waiter = node.cast::<Waiter<T>>();
                 if accepts(node.as_ref().priority())
@@ -134,7 +139,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         None
     }
 
-    /// Takes the most urgent receiver out that can still be had. It is to be settled.
+    /// Takes out the most urgent receiver that can still be claimed. The caller settles it.
     #[inline]
     pub(crate) fn claim_receiver(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
         if self.lists.registered.is_empty() {
@@ -164,7 +169,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         unsafe { claim_first::<T>(&mut self.lists.receivers, accepts) }
     }
 
-    /// Takes a sender's value that waits, and its node out of the list: settled, or held for rendezvous `ticket`.
+    /// Takes a waiting sender's value, and its node out of the list: settled, or held for
+    /// rendezvous `ticket`.
     #[inline]
     fn take_waiting_sender<const TAPED: bool>(
         &mut self,
@@ -192,7 +198,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 return Some(Received::Done(value, ready, Holding::NOBODY));
             }
             let ticket = self.next_ticket();
-            // It waits on, and its wakeup with it.
+            // The sender waits on, and keeps its wake handle.
             self.lists.held.insert_again(sender.cast());
             Self::hold(sender, ticket);
             let holding = Holding {
@@ -203,7 +209,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Tells that the current process gives its value to this receiver.
+    /// Records that the current process gives its value to this receiver.
     ///
     /// # Safety
     ///
@@ -222,8 +228,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
 
     /// # Safety
     ///
-    /// `node` is a claimed sender's whose value was taken. It is in the list of those who are held, and stays where it is until it is settled or
-    /// withdrawn.
+    /// `node` is that of a claimed sender after its value was taken. It is in the list of held
+    /// senders, and stays where it is until it is settled or withdrawn.
     unsafe fn hold(node: NonNull<Waiter<T>>, ticket: u32) {
         // SAFETY: the contract; the lock is held.
         unsafe {
@@ -235,12 +241,13 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Sends at once, if that can be. O(1). If a receiver holds its sender and `cx` says whom to wake then, the node is listed for that.
+    /// Sends at once, if possible. O(1). If a receiver holds its sender and `cx` has the waker for
+    /// the release, the node is listed as held.
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, nobody else accesses it, and it holds its value or can make it. With `cx`, it stays where it is until it is settled or
-    /// withdrawn.
+    /// `offered` is not listed, no other thread accesses it, and it holds its value or can make it.
+    /// With `cx`, it stays where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn send_now<S: Source<T>>(
         &mut self,
@@ -251,7 +258,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         unsafe { self.send_inline(offered, cx) }
     }
 
-    /// As [`send_now`](Self::send_now), inlined wherever it is called: for a call that does little else.
+    /// As [`send_now`](Self::send_now), inlined at each call: for callers that do little else.
     ///
     /// # Safety
     ///
@@ -304,7 +311,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         cx: Option<&Context<'_>>,
     ) -> Sent<T> {
         let buffer = self.channel.buffer();
-        // A buffer takes the value from its sender as soon as it has it, and holds nobody: any send finds any receiver there.
+        // A buffer takes the value from its sender as soon as it has it, and holds no sender: any
+        // send finds any receiver there.
         let may_hold = cx.is_some() || buffer.capacity != 0;
         if self.lists.extends
             && buffer.capacity == 0
@@ -314,7 +322,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             return unsafe { self.send_or_be_held(offered, cx) };
         }
         if let Some(receiver) = self.claim_receiver(may_hold) {
-            // SAFETY: the contract; the receiver was just claimed, and holds no value before it is done.
+            // SAFETY: the contract; the receiver was just claimed, and holds no value before it is
+            // done.
             return unsafe {
                 match Offered::take(offered) {
                     Some(value) => {
@@ -332,7 +341,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         if buffer.capacity == 0 {
             return Sent::Full;
         }
-        // A replayed sender that got through did so: whoever made room then may take several values at once later.
+        // A replayed sender got through in the record too: the receiver that made room then may
+        // take several values at once later.
         let is_replayed = TAPED && taped::is_replayed();
         let is_full = !is_replayed && self.with_store(|store| store.len() >= buffer.capacity);
         if is_full && buffer.when_full == WhenFull::Wait {
@@ -378,7 +388,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         let Some(receiver) = self.claim_receiver(true) else {
             return Sent::Full;
         };
-        // SAFETY: the contract; the receiver was just claimed, and holds no value before it is done.
+        // SAFETY: the contract; the receiver was just claimed, and holds no value before it is
+        // done.
         unsafe {
             let Some(value) = Offered::take(offered) else {
                 return Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned));
@@ -397,23 +408,24 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             let ticket = self.next_ticket();
             (*Waiter::link(receiver)).ticket = ticket;
             let priority = current::priority();
-            // A waker is not cloned under the lock: the future, which then finds none, brings it.
+            // A waker is not cloned under the lock: the future finds no wake handle, and brings
+            // one.
             let wakeup = WakeHandle::without_waker(cx);
             self.lists.held.insert(node.cast(), priority, wakeup);
             Self::hold(node, ticket);
-            // Before it is readied.
+            // Before it is woken.
             boost_to_receiver(receiver, priority);
             Sent::Held(Waiter::settle(receiver, Outcome::Done))
         }
     }
 
-    /// Receives at once, if that can be. O(1).
+    /// Receives at once, if possible. O(1).
     #[inline]
     pub(crate) fn recv_now(&mut self, extended: bool) -> Received<T> {
         self.recv_inline(extended)
     }
 
-    /// As [`recv_now`](Self::recv_now), inlined wherever it is called: for a call that does little else.
+    /// As [`recv_now`](Self::recv_now), inlined at each call: for callers that do little else.
     #[inline(always)]
     pub(crate) fn recv_inline(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
@@ -435,7 +447,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         self.recv_as::<true>(extended)
     }
 
-    /// Receives from a channel that is not poisoned, where recorded processes come, or which is closed, or neither.
+    /// Receives from a channel that is not poisoned. It may be closed, and recorded processes may
+    /// come.
     #[inline(always)]
     fn recv_as<const TAPED: bool>(&mut self, extended: bool) -> Received<T> {
         let capacity = self.channel.capacity();
@@ -452,7 +465,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             }
             let place = &self.channel.place;
             place.tell(|| [0, events::current_process()]);
-            // A sender that waited for room moves up.
+            // A waiting sender moves up.
             let moved_up = if has_room {
                 self.take_waiting_sender::<TAPED>(false, true)
             } else {
@@ -463,7 +476,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                     self.with_store(|store| store.push_back(next));
                     ready
                 }
-                // What was received is received; the next one finds the sender gone and the channel as it is.
+                // The value counts as received; the next receive finds the sender gone and the
+                // channel as it is.
                 Some(Received::Broken(ready)) => ready,
                 _ => PendingWake::NOBODY,
             };
@@ -471,13 +485,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
         match self.take_waiting_sender::<TAPED>(extended, false) {
             Some(received) => received,
-            // Only there is it asked whether it has ended.
+            // The end of the channel is tested only there.
             None if TAPED && self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),
             None => Received::Empty,
         }
     }
 
-    /// In a replay: takes out what the buffer had overwritten when the recorded receive with this stamp came.
+    /// In a replay: takes out the values that the buffer had overwritten when the recorded receive
+    /// with this stamp came.
     #[cold]
     pub(crate) fn take_overwritten(&mut self, stamp: u64) -> Vec<T> {
         let buffer = self.channel.buffer();
@@ -496,7 +511,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `node` is a sender's that was begun, holds or can make its value, is not listed, and stays where it is until it is settled or withdrawn.
+    /// `node` is a sender's that was begun, holds or can make its value, is not listed, and stays
+    /// where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn list_sender(
         &mut self,
@@ -510,7 +526,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         self.announce();
     }
 
-    /// The current process accepts calls here: from now on it is who clients wait for.
+    /// The current process accepts calls here: from now on clients that wait boost it.
     #[inline]
     pub(crate) fn note_server(&mut self) {
         let is_known = self
@@ -525,8 +541,9 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Lends the server the priority of the most urgent client that waits. To be called when others wait than before. O(1), and a system call if
-    /// the priority of the server's thread changes by that.
+    /// The server inherits the priority of the most urgent waiting client. To be called when the
+    /// waiting clients have changed. O(1), and a system call if the priority of the server's thread
+    /// changes by that.
     #[inline]
     pub(crate) fn boost_while_they_wait(&mut self) {
         if self.lists.server.is_some() {
@@ -558,7 +575,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `node` is a receiver's that was begun, holds no value, is not listed, and stays where it is until it is settled or withdrawn.
+    /// `node` is a receiver's that was begun, holds no value, is not listed, and stays where it is
+    /// until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn list_receiver(
         &mut self,
@@ -578,7 +596,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
 }
 
 impl<T> Locked<'_, T> {
-    /// Releases the lock, and readies the registered alternatives that were told of something under it.
+    /// Releases the lock, and wakes the registered alternatives with a report made under it.
     #[inline]
     pub(crate) fn release(self) {
         let channel = self.channel;
@@ -587,7 +605,8 @@ impl<T> Locked<'_, T> {
     }
 }
 
-/// Takes the first node out that is accepted and can still be claimed, and settles the stale ones before it.
+/// Takes out the first accepted node that can still be claimed, and settles the stale ones before
+/// it.
 ///
 /// # Safety
 ///
@@ -600,7 +619,7 @@ unsafe fn claim_first<T>(
     let node = list.first()?;
     // SAFETY: the contract.
     unsafe {
-        // The one that is there most often: a plain operation, which is accepted, and needs no claim.
+        // The most frequent case: a plain operation, which is accepted, and needs no claim.
         let waiter = node.cast::<Waiter<T>>();
         if Waiter::selection(waiter).is_none() && accepts(node) {
             list.remove(node);
@@ -632,7 +651,7 @@ unsafe fn claim_first_of_many<T>(
             if is_claimed {
                 return Some(waiter);
             }
-            // One that is stale holds no wakeup.
+            // A stale node holds no wake handle.
             Waiter::settle_stale(waiter);
         }
     }

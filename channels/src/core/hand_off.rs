@@ -1,4 +1,5 @@
-//! What two do who are awake at the same time, on different threads: see [`hand_off_slots`](crate::hand_off_slots).
+//! Hand-off between two operations that are awake at the same time, on different threads: see
+//! [`hand_off_slots`](crate::hand_off_slots).
 
 use super::{Channel, ChannelGuard, Locked};
 use crate::hand_off_slots::{Side, has_room};
@@ -11,13 +12,13 @@ use luna_core::spin;
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// What an operation has come to that has looked at the hand_off_slots.
+/// Result of an operation at the hand-off slots.
 pub(crate) enum HandOff<'a, T, R> {
-    /// It is done. Nobody is to be readied.
+    /// It is done. There is no process to wake.
     Done(R),
-    /// It waits on its hand_off_slot, and is to [look](Channel::look_from_spot).
+    /// It waits on its hand-off slot, and is to [look](Channel::look_from_spot).
     Waits,
-    /// Nothing has happened. The lock is held, and nobody waits on a hand_off_slot.
+    /// Nothing has happened. The lock is held, and no operation waits on a hand-off slot.
     No(Locked<'a, T>),
 }
 
@@ -31,11 +32,12 @@ impl Drop for AbortOnDrop {
 }
 
 impl<T> Channel<T> {
-    /// Sends to who waits on a hand_off_slot, or waits on one. O(1).
+    /// Sends to the receiver that waits on a hand-off slot, or waits on one. O(1).
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
+    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
+    /// stays where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn send_on_spots<S: Source<T>>(
         &self,
@@ -44,8 +46,9 @@ impl<T> Channel<T> {
         let hand_off_slots = &self.place.hand_off_slots;
         let node = offered.cast::<Waiter<T>>();
         let mut lists = self.place.lock();
-        // SAFETY: the contract: the value lies in the node, unless it is made. On a hand_off_slot a receiver's node holds no value, and its future looks at the hand_off_slot alone. The
-        // lock is held.
+        // SAFETY: the contract: the value lies in the node, unless it is made. On a hand-off slot a
+        // receiver's node holds no value, and its future looks at the hand-off slot alone. The lock
+        // is held.
         unsafe {
             if S::MAKE.is_none() && lists.may_meet_on_spots() {
                 if hand_off_slots.is_waiting(Side::Receiver)
@@ -68,7 +71,8 @@ impl<T> Channel<T> {
                     Waiter::begin_on_spot(node);
                     lists.hand_off.note(Side::Sender, node.cast());
                     if has_room::<T>() {
-                        // It stays in the node too: where it is taken from, if the node is listed.
+                        // The value stays in the node too: it is taken from there if the node is
+                        // listed.
                         hand_off_slots.put(Side::Sender, Waiter::take_value_of(node));
                     }
                     hand_off_slots.occupy(Side::Sender);
@@ -83,18 +87,19 @@ impl<T> Channel<T> {
         })
     }
 
-    /// Receives from who waits on a hand_off_slot, or waits on one. O(1).
+    /// Receives from the sender that waits on a hand-off slot, or waits on one. O(1).
     ///
     /// # Safety
     ///
-    /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
+    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
+    /// is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn recv_on_spots(&self, node: NonNull<Waiter<T>>) -> HandOff<'_, T, T> {
         let hand_off_slots = &self.place.hand_off_slots;
         let mut lists = self.place.lock();
-        // SAFETY: as above; a sender's node holds its value, and with room the hand_off_slot does.
+        // SAFETY: as above; a sender's node holds its value, and with room the hand-off slot does.
         unsafe {
-            // What came back from a receive that was dropped comes first.
+            // Values given back by dropped receives come first.
             if lists.may_meet_on_spots() && !lists.is_storing {
                 if hand_off_slots.is_waiting(Side::Sender)
                     && let Some(sender) = lists.hand_off.get(Side::Sender)
@@ -125,11 +130,12 @@ impl<T> Channel<T> {
         })
     }
 
-    /// Looks for the partner of an operation that waits on a hand_off_slot; if none comes, or somebody has listed it, it waits in its list. Says what it has come to.
+    /// Looks for the partner of an operation that waits on a hand-off slot; if none comes, or
+    /// another operation has listed it, it waits in its list. Returns its result.
     ///
     /// # Safety
     ///
-    /// The operation waits on the hand_off_slot of this side, with this node, and this is its poll.
+    /// The operation waits on the hand-off slot of this side, with this node, and this is its poll.
     #[inline]
     pub(crate) unsafe fn look_from_spot(
         &self,
@@ -138,7 +144,8 @@ impl<T> Channel<T> {
         cx: &Context<'_>,
     ) -> Outcome {
         let hand_off_slots = &self.place.hand_off_slots;
-        // Who looks must come to leave the hand_off_slot: what would drop the operation on the way (a panic of who is asked whether the thread is called) ends the program.
+        // The looking operation must leave the hand-off slot itself. A panic that would drop it on
+        // the way (in the test for attention of its thread) ends the program.
         let stays = AbortOnDrop;
         spin::look(|| !hand_off_slots.is_waiting(side));
         std::mem::forget(stays);
@@ -158,7 +165,8 @@ impl<T> Channel<T> {
     #[inline]
     unsafe fn leave_done(&self, node: NonNull<Waiter<T>>, side: Side) {
         let hand_off_slots = &self.place.hand_off_slots;
-        // SAFETY: the contract; who is done is known to its future alone, and so is its hand_off_slot's value.
+        // SAFETY: by the contract; a finished operation is known to its future alone, and so is the
+        // value in its hand-off slot.
         unsafe {
             if side == Side::Receiver && has_room::<T>() {
                 Waiter::put_value_of(node, hand_off_slots.take(side));
@@ -177,9 +185,9 @@ impl<T> Channel<T> {
         side: Side,
         cx: &Context<'_>,
     ) -> Outcome {
-        // Who still waits on a hand_off_slot is listed by that.
+        // Taking the lock lists an operation that still waits on a hand-off slot.
         let section = self.lock();
-        // SAFETY: the contract; who is not done was listed here.
+        // SAFETY: by the contract; an unfinished operation was listed here.
         unsafe {
             if self.place.hand_off_slots.is_done(side) {
                 drop(section);

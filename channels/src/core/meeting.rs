@@ -1,7 +1,10 @@
-//! How two processes of one executor meet: the part of [`fast_path`](super::fast_path) that does not depend on what is communicated.
+//! How two processes of one executor meet: the part of [`fast_path`](super::fast_path) that does
+//! not depend on the type of the value.
 //!
-//! The channels of all types share one copy of it. A system has processes of many kinds, and its channels many types: with a copy for each, the code of a cycle is longer than the first
-//! cache of a processor, and a loop that sleeps between its cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
+//! The channels of all types share one copy of it. A system has processes of many kinds, and its
+//! channels many types: with a copy for each, the code of a cycle exceeds the first-level cache,
+//! and a loop that sleeps between its cycles waits for its code more than it computes
+//! (docs/performance.md, "After a sleep").
 //!
 //! ```text
 //!   come_to_send, come_to_receive --> nobody: listed, the lock is free
@@ -19,22 +22,23 @@ use std::hint::{assert_unchecked, cold_path};
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// What a process finds that comes to a channel at home.
+/// What a process finds on the fast path of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Found {
-    /// The general way is to be gone: nothing has changed.
+    /// Fast path unavailable; no state changed. Take the slow path.
     No,
-    /// Nobody: the node is listed.
+    /// No partner: the node is listed.
     Nobody,
-    /// This partner, who waits in a plain operation. The lock is kept until the two have parted.
+    /// This partner waits in a plain operation. The lock is kept until the two have parted.
     Partner(NonNull<WaitNode>),
-    /// Nobody, and a buffer: for who sends one that may have room, for who receives one that holds something. The lock is kept.
+    /// No partner, but a buffer: a sender may find room in it, a receiver finds a value. The lock
+    /// is kept.
     Buffer,
     /// Something else: an alternative. The lock is kept.
     More,
 }
 
-/// The process whose plain turn this is: one that is recorded, or one that is not.
+/// The process in its plain turn, recorded or not.
 #[inline(always)]
 fn turn<'a, const RECORDED: bool>(cx: &'a Context<'_>) -> Option<&'a Process> {
     match RECORDED {
@@ -43,7 +47,8 @@ fn turn<'a, const RECORDED: bool>(cx: &'a Context<'_>) -> Option<&'a Process> {
     }
 }
 
-/// The process whose plain turn this is, and who waits in the place, if its lock favours the home of that process.
+/// The process in its plain turn, and the partner that waits at the wait point, if its lock is
+/// biased to the executor of that process.
 #[inline(always)]
 fn enter<'a, const RECORDED: bool>(
     place: &'a WaitPoint,
@@ -53,7 +58,7 @@ fn enter<'a, const RECORDED: bool>(
         cold_path();
         return None;
     };
-    // SAFETY: this is the thread of the process' home.
+    // SAFETY: this is the thread of the process' executor.
     let Some(lists) = (unsafe { place.lock_if_favoured(process.home_number()) }) else {
         cold_path();
         return None;
@@ -61,11 +66,12 @@ fn enter<'a, const RECORDED: bool>(
     Some((process, lists))
 }
 
-/// Looks for the receiver that waits, and lists the sender if there is none. O(1).
+/// Looks for a waiting receiver, and lists the sender if there is none. O(1).
 ///
 /// # Safety
 ///
-/// `node` is that of a send to the channel around `place` that is not listed. Nobody else accesses it, and it stays where it is until it is settled or withdrawn.
+/// `node` is that of a send to the channel around `place` that is not listed. No other thread
+/// accesses it, and it stays where it is until it is settled or withdrawn.
 #[inline(never)]
 pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     place: &WaitPoint,
@@ -75,7 +81,8 @@ pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     let Some((process, mut lists)) = enter::<RECORDED>(place, cx) else {
         return Found::No;
     };
-    // SAFETY: under the lock a listed node may be looked at. How a node is listed does not depend on its value.
+    // SAFETY: under the lock a listed node may be read. The way in which a node is listed does not
+    // depend on its value.
     unsafe {
         if lists.is_plain {
             if let Some(first) = lists.receivers.first() {
@@ -102,7 +109,7 @@ pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     }
 }
 
-/// Looks for the sender that waits, and lists the receiver if there is none. O(1).
+/// Looks for a waiting sender, and lists the receiver if there is none. O(1).
 ///
 /// # Safety
 ///
@@ -144,17 +151,19 @@ pub(super) unsafe fn come_to_receive<const RECORDED: bool>(
     }
 }
 
-/// Lets go of the receiver that has been given its value: it is ready from here on.
+/// Lets the receiver go after it has been given its value: it is ready from here on.
 ///
 /// # Safety
 ///
-/// It is the [partner](Found::Partner) that the process whose turn this is has found in `place`, whose lock it has kept.
+/// It is the [partner](Found::Partner) that the process in its plain turn has found in `place`; the
+/// process has kept the lock.
 #[inline(never)]
 pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
     place: &WaitPoint,
     receiver: NonNull<WaitNode>,
 ) -> FastPath {
-    // SAFETY: the contract: the partner was found by its plain wakeup, and under the lock nobody has taken that.
+    // SAFETY: by the contract, the partner was found by its plain wake handle, and under the lock
+    // no other thread has taken that.
     unsafe {
         let process = current::this_process();
         let mut lists = place.kept(process.home_number());
@@ -173,7 +182,7 @@ pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
     }
 }
 
-/// Lets go of the sender whose value has been taken: it is ready from here on.
+/// Lets the sender go after its value has been taken: it is ready from here on.
 ///
 /// # Safety
 ///

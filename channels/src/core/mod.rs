@@ -1,9 +1,10 @@
-//! The channel itself: what both ends share, and the steps of the protocol that happen under its lock.
+//! The channel itself: the state shared by both ends, and the steps of the protocol under its lock.
 //!
-//! Whoever arrives second does the work: it takes the partner off the waiting list, moves the value, settles the partner's
-//! outcome, releases the lock, and readies the partner, in this order. Settling the outcome gives the partner's node up: its
-//! future may be polled and dropped at that very moment on another core, so nothing of it is touched afterwards (invariant 3
-//! of the protocol), and whom to wake was taken out before.
+//! The operation that arrives second does the work: it takes the partner off the waiting list,
+//! moves the value, settles the partner's outcome, releases the lock, and wakes the partner, in
+//! this order. Settling the outcome gives the partner's node up: its future may be polled and
+//! dropped at that very moment on another core, so nothing of it is touched afterwards (invariant 3
+//! of the protocol), and its wake handle was taken out before.
 //!
 //! ```text
 //!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
@@ -12,8 +13,9 @@
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```
 //!
-//! A partner that finds an alternative's node claims its [`SelectState`](crate::select_state::SelectState) first. One whose alternative has chosen
-//! another guard is taken off the list and passed over: each such node costs one step, once.
+//! A partner that finds an alternative's node claims its
+//! [`SelectState`](crate::select_state::SelectState) first. If the alternative has chosen another
+//! guard, the node is taken off the list and passed over: each such node costs one step, once.
 
 mod fast_alternatives;
 mod fast_path;
@@ -43,10 +45,11 @@ use std::collections::VecDeque;
 use std::mem::offset_of;
 use std::ptr::NonNull;
 use std::task::Context;
-/// How many received values can come back from dropped futures before room for more must be made: see [`Channel::give_back`].
+/// Number of received values that can come back from dropped futures before more memory must be
+/// allocated: see [`Channel::give_back`].
 const SPARE: usize = 2;
 
-/// What both kinds of ends share.
+/// The state shared by both kinds of ends.
 ///
 /// # Invariants
 ///
@@ -58,14 +61,15 @@ pub(crate) struct Channel<T> {
     retired: Retired,
     senders: AtomicU32,
     receivers: AtomicU32,
-    /// Short of four bytes for its size. More values than it can count have no room in memory, unless they take none.
+    /// A `u32`, four bytes smaller than a `usize`. A larger number of values does not fit in
+    /// memory, unless they take no room.
     capacity: u32,
     when_full: WhenFull,
-    /// 2 kinds of ends, 1, then the channel goes.
+    /// Number of kinds of ends that live: 2, 1, then the channel goes.
     kinds: AtomicU8,
-    /// Whether alternatives that are registered here are yet to be readied. Changed under the lock.
+    /// Whether alternatives that are registered here are yet to be woken. Changed under the lock.
     rings: AtomicBool,
-    /// Buffered values, and before them those that came back from futures dropped after their receive.
+    /// Buffered values, after values given back by futures that were dropped after their receive.
     store: UnsafeCell<VecDeque<T>>,
 }
 
@@ -75,7 +79,7 @@ impl<T> Channel<T> {
         let mut place = WaitPoint::new(identity);
         place.with_mut(|lists| {
             lists.is_rendezvous = buffer.capacity == 0;
-            // One that drops, or grows, has more to do.
+            // A buffer that drops values, or grows, needs the slow path.
             lists.may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.order.is_ordered = !lists.may_be_plain;
             lists.find_whether_plain();
@@ -94,8 +98,8 @@ impl<T> Channel<T> {
             )),
         });
         let channel = NonNull::from(Box::leak(channel));
-        // SAFETY: the channel is live, and leaves the register in `free`. The function is its own. The pointer is made of that to the whole, so
-        // that it leads back to it.
+        // SAFETY: the channel is live, and leaves the register in `free`. The function is its own.
+        // The pointer is made of that to the whole, so that it leads back to it.
         unsafe {
             crate::inspect::register(channel.cast(), Self::stored);
         }
@@ -111,11 +115,12 @@ impl<T> Channel<T> {
         }
     }
 
-    /// How many values are buffered in the channel around `place`, and how many can be.
+    /// Number of buffered values in the channel around `place`, and the capacity.
     ///
     /// # Safety
     ///
-    /// `place` is that of a live channel of values of this type, by a pointer to the whole, and its lock is held.
+    /// `place` is that of a live channel of values of this type, by a pointer to the whole, and its
+    /// lock is held.
     unsafe fn stored(place: NonNull<WaitPoint>) -> Stored {
         // SAFETY: the contract; the place is the channel's first field.
         let channel = unsafe { place.cast::<Channel<T>>().as_ref() };
@@ -131,7 +136,7 @@ impl<T> Channel<T> {
         self.capacity as usize
     }
 
-    /// What it holds, and what it does when it is full.
+    /// The stored values, and the buffer's behaviour when it is full.
     #[inline]
     fn buffer(&self) -> Buffer {
         Buffer {
@@ -153,7 +158,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// The section that `lists` stand for.
+    /// The channel guard over `lists`.
     ///
     /// # Safety
     ///
@@ -169,11 +174,12 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Takes a waiting operation off its list, if it has not been settled; says which. The handle that it was to be woken by is to be dropped when all else is done.
+    /// Takes a waiting operation off its list, if it has not been settled; returns which. Its wake
+    /// handle is to be dropped when all else is done.
     ///
     /// # Safety
     ///
-    /// `node` was listed in this channel, on the side that `of_sender` says.
+    /// `node` was listed in this channel, on the side given by `of_sender`.
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     pub(crate) unsafe fn withdraw(
         &self,
@@ -196,7 +202,7 @@ impl<T> Channel<T> {
             let link = Waiter::link(node);
             let former = (*link).wait.wakeup_mut().take();
             let now = if outcome == Outcome::Held {
-                // The value was received: the receiver finds nobody to release.
+                // The value was received: the receiver finds no sender to release.
                 Outcome::Done
             } else {
                 Outcome::Stale
@@ -206,7 +212,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Sees to it that a waiting operation wakes who polled it last.
+    /// Makes a waiting operation wake its latest poller.
     ///
     /// # Safety
     ///
@@ -221,7 +227,8 @@ impl<T> Channel<T> {
         unsafe { self.renew_wakeup(None, node, &mut renewal) }
     }
 
-    /// As [`update_wakeup`](Self::update_wakeup); a `section` that was taken already is used, and released.
+    /// As [`update_wakeup`](Self::update_wakeup); a `section` that was taken already is used, and
+    /// released.
     ///
     /// # Safety
     ///
@@ -245,7 +252,8 @@ impl<T> Channel<T> {
         })
     }
 
-    /// Gives a node that was listed without a wakeup one, if there is no partner yet; says what it has come to. Whoever polls it now `looks` for a partner before.
+    /// Gives a node that was listed without a wake handle one, if there is no partner yet; returns
+    /// its result. The current poll `looks` for a partner before.
     ///
     /// # Safety
     ///
@@ -262,15 +270,16 @@ impl<T> Channel<T> {
             return outcome();
         }
         let mut renewal = Renewal::made(cx);
-        // Under the lock: a partner comes before it, and has settled the node, or finds the wakeup.
-        // SAFETY: the contract.
+        // Under the lock: a partner comes before it, and has settled the node, or finds the wake
+        // handle. SAFETY: the contract.
         unsafe { self.renew_wakeup(None, node, &mut renewal) }
     }
 
-    /// Takes back a value that was received by a future which was dropped before it could hand it on: the value goes to the next
-    /// receiver, before all others; nobody receives it from a poisoned channel, where it is dropped. An overwriting buffer that has become
-    /// full in the meantime drops what it would have dropped had the value never left. Allocates only if more than [`SPARE`] values, or
-    /// one for each receiver, are back at once.
+    /// Takes back a value that was received by a future which was dropped before it could hand it
+    /// on: the value goes to the next receiver, before all others. It cannot be received from a
+    /// poisoned channel, where it is dropped. An overwriting buffer that has become full in the
+    /// meantime drops what it would have dropped had the value never left. Allocates only if more
+    /// than [`SPARE`] values, or one for each receiver, are back at once.
     pub(crate) fn give_back(&self, value: T) {
         let mut section = self.lock();
         if section.lists.ending == Ending::Poisoned {
@@ -278,7 +287,7 @@ impl<T> Channel<T> {
             drop(value);
             return;
         }
-        // Also by an extended rendezvous, which finds nobody to hold: the sender has gone on.
+        // Also by an extended rendezvous, which finds no sender to hold: the sender has gone on.
         if let Some(receiver) = section.claim_receiver(true) {
             // SAFETY: it was just claimed; a receiver's node holds no value before it is done.
             let ready = unsafe {
@@ -295,22 +304,24 @@ impl<T> Channel<T> {
             let length = store.len();
             match buffer.when_full {
                 WhenFull::DropOldest if length > buffer.capacity => store.pop_front(),
-                // The newest stays, which has replaced the one before it.
+                // The newest stays: it has replaced the one before it.
                 WhenFull::DropNewest if length > buffer.capacity => store.remove(length - 2),
                 _ => None,
             }
         });
         section.announce();
         section.release();
-        // The user's code, so not under the lock.
+        // Drop of the user's value: not under the lock.
         drop(overwritten);
     }
 
-    /// WaitQueues an alternative's entry for this channel; says whether the channel is ready, in which case the entry counts as announced.
+    /// Lists an alternative's entry for this channel; returns whether the channel is ready, in
+    /// which case the entry counts as announced.
     ///
     /// # Safety
     ///
-    /// The entry is for this channel, is listed nowhere, and stays where it is until [`unregister`](Self::unregister).
+    /// The entry is for this channel, is listed nowhere, and stays where it is until
+    /// [`unregister`](Self::unregister).
     pub(crate) unsafe fn register(&self, entry: NonNull<Entry<T>>) -> bool {
         let mut section = self.lock();
         // SAFETY: the contract; the wait node is the first field.
@@ -340,7 +351,7 @@ impl<T> Channel<T> {
         section.lists.find_whether_plain();
     }
 
-    /// Readies the registered alternatives that were told of something, without the lock. O(those).
+    /// Wakes the registered alternatives that have a report, without the lock. O(their number).
     #[inline]
     pub(crate) fn ring(&self) {
         if self.rings.load(Ordering::Relaxed) {
@@ -376,7 +387,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Lets the sender go on that was held in rendezvous `ticket`, if it has not gone already. O(those who are held).
+    /// Lets the sender go on that was held in rendezvous `ticket`, if it has not gone already.
+    /// O(held senders).
     pub(crate) fn release_held(&self, ticket: u32) {
         if ticket == 0 {
             return;
@@ -384,8 +396,9 @@ impl<T> Channel<T> {
         self.finish_held(ticket, |_| Outcome::Done);
     }
 
-    /// Lets the sender go on that was held in rendezvous `ticket`; if it is still there, calls `last` with it before, under the lock, for what it
-    /// comes to. Says whether it was. O(those who are held).
+    /// Lets the sender go on that was held in rendezvous `ticket`; if it is still there, calls
+    /// `last` with it before, under the lock, to set its result. Returns whether it was there.
+    /// O(held senders).
     pub(crate) fn finish_held(
         &self,
         ticket: u32,
@@ -411,14 +424,16 @@ impl<T> Channel<T> {
         false
     }
 
-    /// Poisons the channel: all who wait and all who come fail. O(those who wait + what is stored), one lock section each.
+    /// Poisons the channel: all operations that wait and all that come fail. O(waiting operations +
+    /// stored values), one lock section each.
     pub(crate) fn poison(&self) {
         let _stored = Finally::new(|| self.drop_stored());
         self.end(Ending::Poisoned);
     }
 
-    /// Drops what nobody will receive. At once and not with the channel, since a value may be what somebody waits for (the way back to a
-    /// client, say), and may borrow what the channel's memory outlives until it is reclaimed.
+    /// Drops values that can no longer be received. At once and not with the channel: a process may
+    /// wait for the drop of a value (the way back to a client, say), and a value may borrow what
+    /// the channel's memory outlives until its deferred free.
     ///
     /// To be called when the channel has ended for receivers: nothing is stored after that.
     fn drop_stored(&self) {
@@ -439,7 +454,7 @@ impl<T> Channel<T> {
             return;
         }
         section.lists.ending = ending;
-        // Nobody waits for it any more; it may still answer what it has accepted.
+        // No client waits for it any more; it may still answer the calls that it has accepted.
         let server = section.lists.server.take();
         section.lists.find_whether_plain();
         section.announce();
@@ -454,19 +469,21 @@ impl<T> Channel<T> {
             _ => Outcome::Closed,
         };
         let mut section = self.lock();
-        // Who comes from now on sees the ending, so the lists only get shorter. One by one, so that the lock is held for few steps.
+        // Operations that come from now on see the ending, so the lists only get shorter. One by
+        // one, so that the lock is held for few steps.
         loop {
             let lists = &mut *section.lists;
             let ready = if let Some(node) = lists.senders.pop().or_else(|| lists.receivers.pop()) {
                 let node = node.cast::<Waiter<T>>();
-                // SAFETY: the node was listed, and the lock is held. A sender keeps its value, a receiver has none.
+                // SAFETY: the node was listed, and the lock is held. A sender keeps its value, a
+                // receiver has none.
                 unsafe {
                     let is_claimed = Waiter::claim(node);
                     Waiter::settle(node, if is_claimed { outcome } else { Outcome::Stale })
                 }
             } else if let Some(node) = lists.held.pop() {
-                // It has communicated, whatever comes after (invariant 2); who poisons wakes all.
-                // SAFETY: the node was in the list, and the lock is held.
+                // It has communicated, whatever comes after (invariant 2); poisoning wakes every
+                // waiter. SAFETY: the node was in the list, and the lock is held.
                 unsafe { Waiter::release(node.cast::<Waiter<T>>()) }
             } else if let Some(ready) = take_watcher(lists) {
                 ready
@@ -474,7 +491,7 @@ impl<T> Channel<T> {
                 break;
             };
             drop(section);
-            // Whoever is readied: the others must not depend on that going well.
+            // A wake may panic: the remaining wakes must still be done.
             let rest = Finally::new(|| self.end_those_who_wait(ending));
             ready.wake();
             rest.cancel();
@@ -534,7 +551,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Poisons the channel if one of its ends goes with a process that was ended for cause.
+    /// Poisons the channel if one of its ends is dropped by a process that is ended for cause.
     fn poison_if_told(&self) {
         if current::dropped_ends_poison() {
             self.poison();
@@ -542,7 +559,8 @@ impl<T> Channel<T> {
     }
 
     unsafe fn drop_kind(channel: NonNull<Self>) {
-        // SAFETY: the last one to get here is the last user; what it frees may be freed on any thread, since the values are `Send`.
+        // SAFETY: the last one to get here is the last user; what it frees may be freed on any
+        // thread, since the values are `Send`.
         unsafe {
             if channel.as_ref().kinds.fetch_sub(1, Ordering::AcqRel) == 1 {
                 reclaim::retire(NonNull::new_unchecked(&raw mut (*channel.as_ptr()).retired));
@@ -550,17 +568,17 @@ impl<T> Channel<T> {
         }
     }
 
-    /// How many values are buffered. For display: it may have changed already.
+    /// Number of buffered values. For display: it may have changed already.
     pub(crate) fn buffered(&self) -> usize {
         self.lock().with_store(|store| store.len())
     }
 }
 
-/// Counts an end; says how many there are. Relaxed: who clones an end has one.
+/// Counts an end; returns how many there are. Relaxed: a clone is made from a live end.
 fn count_one_more(ends: &AtomicU32) -> u32 {
     let before = ends.fetch_add(1, Ordering::Relaxed);
     if before > i32::MAX as u32 {
-        // So many were leaked: to wrap would be to free what is used.
+        // Leaked ends only can reach this: a wrap of the counter would free memory in use.
         std::process::abort();
     }
     before + 1

@@ -26,9 +26,9 @@ enum Phase {
     GaveWay,
     /// The node is in the semaphore's list, or was settled.
     Listed,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
-    /// It has its permits. By its process' tape it may not go on yet.
+    /// It has its permits. By its process' replay log it must not continue yet.
     Keeps,
     Over,
 }
@@ -71,7 +71,7 @@ impl<'a> AcquireOp<'a> {
         unsafe { NonNull::new_unchecked(self.node.get()) }
     }
 
-    /// What has become of a listed one.
+    /// The outcome of a listed acquire.
     fn outcome(&self) -> Outcome {
         // SAFETY: the node lies in this future, and was begun before it was listed.
         unsafe { Waiter::outcome(self.node()) }
@@ -144,7 +144,7 @@ impl<'a> AcquireOp<'a> {
         };
         drop(lists);
         self.phase = Phase::Over;
-        // Those behind it may want less than it did.
+        // Waiters behind it may want fewer permits.
         self.semaphore.shared().serve();
         false
     }
@@ -180,7 +180,7 @@ impl AcquireOp<'_> {
             return Poll::Ready(Err(AcquireError));
         }
         let polled = match self.phase {
-            // Lets others run before it has anything that they could wait for.
+            // Lets others run before it holds permits that they could wait for.
             Phase::New if crate::gives_way(cx) => {
                 self.phase = Phase::GaveWay;
                 return Poll::Pending;
@@ -193,7 +193,7 @@ impl AcquireOp<'_> {
         polled.map(Ok)
     }
 
-    /// As [`poll_untaped`](Self::poll_untaped), as its process' tape says.
+    /// As [`poll_untaped`](Self::poll_untaped), as its process' replay log says.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), AcquireError>> {
         if self.phase != Phase::Keeps {
@@ -292,7 +292,7 @@ impl<'a> Future for AcquireTimeout<'a> {
         if let Poll::Ready(acquired) = acquire.as_mut().poll(cx) {
             return Poll::Ready(acquired.map_err(AcquireTimeoutError::from));
         }
-        // One that lets others run has not tried yet.
+        // An operation that lets others run has not tried yet.
         if acquire.phase == Phase::GaveWay {
             return Poll::Pending;
         }
@@ -303,7 +303,7 @@ impl<'a> Future for AcquireTimeout<'a> {
     }
 }
 
-/// As a process' tape says: see that of a lock.
+/// As a process' replay log says: see that of a lock.
 #[cold]
 fn poll_taped<'a>(
     mut acquire: Pin<&mut AcquireOp<'a>>,

@@ -1,4 +1,4 @@
-//! Passing a priority on: from who holds a mutex to who holds what that one waits for.
+//! Passes a priority on: from the holder of a mutex to the holder of the mutex that it waits for.
 
 use super::core::CoreRef;
 use super::entry::Entry;
@@ -11,14 +11,15 @@ pub(super) const HOLDERS: usize = 8;
 /// How many places are looked at in all, since a process may wait for several: one in each branch.
 pub(super) const STEPS: usize = 32;
 
-/// A holder that is lent another priority than before.
+/// A holder with a changed boost.
 #[derive(Debug)]
 pub(super) struct Changed {
     pub(super) inheritor: Inheritor,
     pub(super) is_more: bool,
 }
 
-/// Lets what a holder waits for know that it is as urgent as it is now, and so on. Each on the way is let run, if it was lent more: one that really waits is polled
+/// Reports the holder's new priority to the mutex that it waits for, and so on along the chain.
+/// Each holder on the way with a higher boost is queued to run: one that really waits is polled
 /// once for nothing. Called without any lock.
 pub(super) fn follow(changed: Option<Changed>) {
     let Some(Changed { inheritor, is_more }) = changed else {
@@ -31,7 +32,8 @@ pub(super) fn follow(changed: Option<Changed>) {
         let Some((inheritor, above)) = way.last_mut() else {
             return;
         };
-        // Also one that has a wait listed: it may have been handed what it waited for and be queued, or another branch of it may be.
+        // Also one that has a wait listed: it may have been handed what it waited for and be
+        // queued, or another branch of it may be.
         if *above == 0 && is_more {
             inheritor.move_up();
         }

@@ -21,8 +21,9 @@ use std::time::Duration;
 ///
 /// # Invariants
 ///
-/// Who waits is in the place's list of senders, and has the number `tickets`; or was notified together with all others, has an earlier number, and is in the list of
-/// those who are held until it is moved on. All nodes are entries that were begun.
+/// A waiting entry is in the wait point's list of senders, and has the number `tickets`; or it was
+/// notified together with all others, has an earlier number, and is in the list `held` until it is
+/// moved on. All nodes are entries that were begun.
 #[repr(C)]
 pub(super) struct Shared {
     /// First, so that it leads back to this.
@@ -31,15 +32,18 @@ pub(super) struct Shared {
     pub(super) place: PlaceApart,
 }
 
-/// What those wait for who hold a [`Mutex`](super::Mutex) and find that they cannot go on yet: until somebody has changed what it guards, and says so.
+/// Holders of a [`Mutex`](super::Mutex) that cannot go on yet wait here, until another process has
+/// changed what the mutex guards, and notifies.
 ///
-/// Clones are handles to the same condition. Waiting unlocks the mutex, and locks it again before it returns; both in one step, so that no notification is
-/// lost in between. Who is notified is not woken to find the mutex locked, but moves to those who wait for it, by priority; it is woken when it holds
-/// the mutex. There are no wakes for nothing: a wait returns when it was notified, or its time ran out. What was true when it was notified may still be false again when
-/// it holds the mutex, if another one was before it: use [`wait_while`](Self::wait_while).
+/// Clones are handles to the same condition. Waiting unlocks the mutex, and locks it again before
+/// it returns; both in one step, so that no notification is lost in between. A notified waiter is
+/// not woken to find the mutex locked, but moves to the waiters of the mutex, by priority; it is
+/// woken when it holds the mutex. There are no spurious wakes: a wait returns when it was notified,
+/// or its time ran out. A predicate that was true at the notification may be false again when the
+/// waiter holds the mutex, if another holder was before it: use [`wait_while`](Self::wait_while).
 ///
-/// Those who wait may hold different mutexes. Somebody outside of the system who notifies and has not used the condition yet is to be said by
-/// [`external`](Self::external).
+/// Waiters may hold different mutexes. A notifier outside of the system that has not used the
+/// condition yet is to be declared by [`external`](Self::external).
 ///
 /// ```
 /// use luna_channels::lock_sync::{Condition, Mutex};
@@ -70,7 +74,7 @@ impl std::panic::UnwindSafe for Condition {}
 impl std::panic::RefUnwindSafe for Condition {}
 
 impl Condition {
-    /// A condition for which nobody waits. Allocates; not for the real-time path.
+    /// A condition without waiters. Allocates; not for the real-time path.
     #[track_caller]
     #[expect(
         clippy::new_without_default,
@@ -98,18 +102,22 @@ impl Condition {
 
     /// Unlocks, waits to be notified, and locks again.
     ///
-    /// Cancel-safe: dropped while it waits, it has not been notified, and does not hold the mutex. One that was notified alone passes the notification on to the next who
-    /// waits. Real-time path: yes; no allocation, O(those of lower priority who wait), and unlocking as when the [guard](MutexGuard) is dropped. It is listed at its priority of
-    /// now; as it moves to the mutex, at that of then.
+    /// Cancel-safe: dropped while it waits, it has not been notified, and does not hold the mutex.
+    /// One that was notified alone passes the notification on to the next waiter. Real-time path:
+    /// yes; no allocation, O(waiters of lower priority), and unlocking as when the
+    /// [guard](MutexGuard) is dropped. It is listed at its present priority; when it moves to the
+    /// mutex, at its priority then.
     ///
     /// # Errors
     ///
-    /// As for [`Mutex::lock`](super::Mutex::lock). With [`LockError::Poisoned`] it does not hold the mutex.
+    /// As for [`Mutex::lock`](super::Mutex::lock). With [`LockError::Poisoned`] it does not hold
+    /// the mutex.
     pub fn wait<'a, T>(&self, guard: MutexGuard<'a, T>) -> WaitOp<'_, 'a, T> {
         WaitOp::new(self, guard, false)
     }
 
-    /// As [`wait`](Self::wait), as often as `holds_up` says; that is asked first, so it may not wait at all.
+    /// As [`wait`](Self::wait), repeated while `holds_up` returns true; that is asked first, so it
+    /// may not wait at all.
     ///
     /// # Errors
     ///
@@ -125,8 +133,9 @@ impl Condition {
         Ok(guard)
     }
 
-    /// As [`wait`](Self::wait), for at most `timeout`; then it locks again all the same, however long that takes. What it says is exact: one that was notified, though
-    /// it has not locked yet, has not timed out.
+    /// As [`wait`](Self::wait), for at most `timeout`; then it locks again all the same, however
+    /// long that takes. The result is exact: a wait that was notified, though it has not locked
+    /// yet, has not timed out.
     ///
     /// # Errors
     ///
@@ -181,7 +190,8 @@ impl Condition {
         luna_core::park::block_on(WaitOp::new(self, guard, true))
     }
 
-    /// As [`blocking_wait`](Self::blocking_wait), for at most `timeout`: see [`wait_timeout`](Self::wait_timeout).
+    /// As [`blocking_wait`](Self::blocking_wait), for at most `timeout`: see
+    /// [`wait_timeout`](Self::wait_timeout).
     ///
     /// # Errors
     ///
@@ -215,9 +225,11 @@ impl Condition {
         Ok((block_on(wait)?, result))
     }
 
-    /// Lets the most urgent who waits go on, as soon as it holds its mutex; the first of these. Does nothing if nobody waits.
+    /// Lets the most urgent waiter go on, as soon as it holds its mutex; of equals the first. Does
+    /// nothing if there are no waiters.
     ///
-    /// With or without the mutex locked. Real-time path: yes; O(those of lower priority who wait for that mutex), a system call if the mutex is free and the thread of who is notified sleeps, or
+    /// With or without the mutex locked. Real-time path: yes; O(waiters of lower priority for that
+    /// mutex), a system call if the mutex is free and the thread of the notified waiter sleeps, or
     /// if the priority of a thread changes.
     pub fn notify_one(&self) {
         let mut lists = self.shared().place.lock();
@@ -225,7 +237,8 @@ impl Condition {
         let admitted = lists
             .senders
             .pop()
-            // SAFETY: it was just taken off this condition's list, whose lock is held.
+            // SAFETY: it was just taken off this condition's list; this thread holds the list's
+            // lock.
             .and_then(|node| unsafe { move_on(node, Cause::NotifiedAlone) });
         drop(lists);
         if let Some((admitted, _mutex)) = admitted {
@@ -233,9 +246,10 @@ impl Condition {
         }
     }
 
-    /// Lets all go on who wait now, each as soon as it holds its mutex.
+    /// Lets all present waiters go on, each as soon as it holds its mutex.
     ///
-    /// Real-time path: yes; O(1) to settle who they are, and then for each as for [`notify_one`](Self::notify_one), in a lock section of its own. The most urgent are moved on
+    /// Real-time path: yes; O(1) to fix the set of notified waiters, and then for each as for
+    /// [`notify_one`](Self::notify_one), in a lock section of its own. The most urgent are moved on
     /// first.
     pub fn notify_all(&self) {
         let mut guard = self.shared().place.lock();
@@ -247,7 +261,7 @@ impl Condition {
         self.release();
     }
 
-    /// Moves those on who were notified together.
+    /// Moves on the waiters that were notified together.
     fn release(&self) {
         loop {
             let mut lists = self.shared().place.lock();
@@ -257,7 +271,7 @@ impl Condition {
             // SAFETY: as in `notify_one`.
             let admitted = unsafe { move_on(node, Cause::NotifiedWithAll) };
             drop(lists);
-            // Whoever is readied: the others must not depend on that going well.
+            // A wake may panic: the remaining wakes must still be done.
             let rest = Finally::new(|| self.release());
             if let Some((admitted, _mutex)) = admitted {
                 admitted.carry_out();
@@ -272,15 +286,16 @@ impl Condition {
         self.note_user(user);
     }
 
-    /// Remembers that somebody outside takes part.
+    /// Remembers that a user is outside of the system.
     pub(super) fn note_user(&self, user: User) {
         if user == User::Outside {
             self.shared().place.identity.set_external();
         }
     }
 
-    /// Says that somebody outside of the system notifies too: a plain thread, say. A process that waits here is then never part of a
-    /// deadlock. A condition that a thread outside has used already is known to be one.
+    /// Declares that a notifier is outside of the system: a plain thread, say. A process that waits
+    /// here is then never part of a deadlock. A condition that an outside thread has used already
+    /// is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
         self.shared().place.identity.set_external();
@@ -295,14 +310,16 @@ impl Condition {
     }
 }
 
-/// Moves one who waited to its mutex. The reference is to be dropped without the condition's lock: it may be the last, and then does what takes other locks.
+/// Moves a waiter to its mutex. The reference is to be dropped without the condition's lock: it may
+/// be the last, and then its drop takes other locks.
 ///
 /// # Safety
 ///
-/// `node` was just taken off a condition's list, whose lock is held.
+/// `node` was just taken off a condition's list, and this thread holds the list's lock.
 unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<(Admitted, CoreRef)> {
-    // SAFETY: the contract: its future cannot go without the condition's lock before it is settled, and keeps its mutex. After that it may, so that the
-    // reference keeps the mutex while its lock is held here.
+    // SAFETY: the contract: its future cannot go without the condition's lock before it is settled,
+    // and keeps its mutex. After that it may, so that the reference keeps the mutex while its lock
+    // is held here.
     unsafe {
         let entry = Entry::of(node);
         Entry::set_cause(entry, cause);
@@ -315,7 +332,7 @@ unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<(Admitted, Co
 impl Shared {
     /// # Safety
     ///
-    /// As [`Retired`] says.
+    /// As [`Retired`] requires.
     unsafe fn free(head: NonNull<Retired>) {
         // SAFETY: `Condition::new` made it of a box, and the head is its first field.
         unsafe {

@@ -1,4 +1,5 @@
-//! The part of a mutex that does not depend on the type of its value: who holds it, who waits, and who inherits.
+//! The part of a mutex that does not depend on the type of its value: holder, waiters, and priority
+//! inheritance.
 
 use super::chain::{self, Changed};
 use super::entry::Entry;
@@ -15,19 +16,21 @@ use std::ptr::NonNull;
 use std::sync::atomic::AtomicBool;
 use std::task::{Context, Poll};
 
-/// Whether it is held, and who inherits for it.
+/// Whether it is held, and the holder's inheritor.
 struct State {
     is_held: bool,
-    /// The holder, lent the priority of the first who waits. None if it is a task of another runtime.
+    /// The holder, boosted by the first waiter. None if it is a task of another runtime.
     inheritor: Option<Inheritor>,
 }
 
-/// What all handles of a mutex share, but for its value.
+/// Shared by all handles of a mutex, but for its value.
 ///
 /// # Invariants
 ///
-/// `state` is accessed under the lock of `place` alone. Who waits is in its list of senders, and all its nodes are entries. If somebody waits, it is
-/// held. Its last user as a receiver is who holds it. `has_died` is written by the holder, or under the lock as it ceases to be.
+/// `state` is accessed under the lock of `place` alone. Waiters are in its list of senders, and all
+/// its nodes are entries. If there is a waiter, the mutex is held. Its last user as a receiver is
+/// the holder. `has_died` is written by the holder, or under the lock as it ceases to hold the
+/// mutex.
 #[repr(C)]
 pub(super) struct Core {
     /// First, so that it leads back to the whole.
@@ -39,7 +42,7 @@ pub(super) struct Core {
     has_died: AtomicBool,
 }
 
-// SAFETY: the state is guarded by the place's lock.
+// SAFETY: the state is guarded by the wait point's lock.
 unsafe impl Sync for Core {}
 // SAFETY: as above; what it holds may go to other threads.
 unsafe impl Send for Core {}
@@ -79,7 +82,7 @@ impl Drop for CoreRef {
     }
 }
 
-/// What is due after one became the holder, or waits to.
+/// Work that is due after an entry became the holder, or waits to.
 #[must_use = "the process stays asleep, and the chain as it was"]
 pub(super) struct Admitted {
     ready: PendingWake,
@@ -87,7 +90,7 @@ pub(super) struct Admitted {
 }
 
 impl Admitted {
-    /// Wakes whom it concerns. Called without any lock.
+    /// Wakes the new holder and follows the chain. Called without any lock.
     pub(super) fn carry_out(self) {
         let mut changed = self.changed;
         let _chain = Finally::new(|| chain::follow(changed.take()));
@@ -114,9 +117,10 @@ impl Core {
     ///
     /// # Safety
     ///
-    /// It is the caller's, who does not use it any more.
+    /// The reference is the caller's, and the caller does not use it any more.
     pub(super) unsafe fn let_go(core: NonNull<Core>) {
-        // SAFETY: the contract; after the last one nobody uses it.
+        // SAFETY: by the contract, each reference is let go once; after the last one the core is
+        // not used any more.
         unsafe {
             if core.as_ref().references.fetch_sub(1, Ordering::AcqRel) == 1 {
                 reclaim::retire(core.cast());
@@ -125,11 +129,12 @@ impl Core {
     }
 
     fn state<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut State) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
+        // gets no lists.
         self.state.with_mut(|state| f(unsafe { &mut *state }))
     }
 
-    /// Whether the one who held it before left it in the middle. Asked by the holder.
+    /// Whether the former holder died while it held the mutex. Asked by the holder.
     pub(super) fn has_died(&self) -> bool {
         // Relaxed: the lock, or the outcome of a node, came in between.
         self.has_died.load(std::sync::atomic::Ordering::Relaxed)
@@ -141,7 +146,7 @@ impl Core {
             .store(has_died, std::sync::atomic::Ordering::Relaxed);
     }
 
-    /// Locks it for the caller, if nobody holds it; else gives the inheritor back.
+    /// Locks it for the caller, if it is free; else gives the inheritor back.
     pub(super) fn take(&self, inheritor: Option<Inheritor>) -> Result<(), Option<Inheritor>> {
         let mut lists = self.place.lock();
         self.take_locked(&mut lists, inheritor, current::user())
@@ -165,12 +170,13 @@ impl Core {
         Ok(())
     }
 
-    /// Locks it for the caller, if nobody holds it; else lists the entry. The caller drops the renewal when it has noted which.
+    /// Locks it for the caller, if it is free; else lists the entry. The caller drops the renewal
+    /// when it has noted which.
     ///
     /// # Safety
     ///
-    /// `entry` is the caller's, pinned and not begun. If it is pending, it is taken back by [`withdraw`](Self::withdraw) or has become `Done` before it
-    /// goes, and then ended.
+    /// `entry` is the caller's, pinned and not begun. If it is pending, it is taken back by
+    /// [`withdraw`](Self::withdraw) or has become `Done` before it goes, and then ended.
     pub(super) unsafe fn take_or_list(
         &self,
         entry: NonNull<Entry>,
@@ -188,7 +194,8 @@ impl Core {
             let Some(wakeup) = renewal.take() else {
                 return Poll::Pending;
             };
-            // SAFETY: the contract. Listed with its process before the priority is read, and in the list of this place's lock.
+            // SAFETY: the contract. Listed with its process before the priority is read, and in the
+            // list of this wait point's lock.
             changed = unsafe {
                 Entry::begin(entry, NonNull::from(self), inheritor.take());
                 let node = Entry::node(entry);
@@ -207,7 +214,8 @@ impl Core {
         Poll::Pending
     }
 
-    /// Whether the mutex was handed to a listed one; otherwise, who polls with `cx` is woken then.
+    /// Whether the mutex was handed to a listed entry; otherwise the poller's waker from `cx` is
+    /// woken then.
     ///
     /// # Safety
     ///
@@ -234,7 +242,8 @@ impl Core {
         }
     }
 
-    /// Takes a listed one back, unless the mutex was handed to it: `true`. The handle that it was to be woken by is to be dropped when the entry was ended.
+    /// Takes a listed entry back, unless the mutex was handed to it: `true`. Its wake handle is to
+    /// be dropped when the entry was ended.
     ///
     /// # Safety
     ///
@@ -258,7 +267,8 @@ impl Core {
         (false, former)
     }
 
-    /// Ceases to hold it: whoever waits first holds it from now on. `died`: it was left in the middle.
+    /// Ceases to hold it: the first waiter holds it from now on. `died`: the holder left it in the
+    /// middle.
     pub(super) fn unlock(&self, died: bool) {
         let mut lists = self.place.lock();
         if died {
@@ -280,11 +290,12 @@ impl Core {
         next.carry_out();
     }
 
-    /// Makes `entry`, which was just taken off its list, the holder. It is not to be touched after this.
+    /// Makes `entry`, which was just taken off its list, the holder. It is not to be touched after
+    /// this.
     ///
     /// # Safety
     ///
-    /// `lists` are this mutex's, which nobody holds; `entry` is in none.
+    /// `lists` are those of this mutex, which is free; `entry` is in none.
     unsafe fn hand_over(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) -> Admitted {
         // SAFETY: the contract: the node is live until it is settled.
         unsafe {
@@ -301,11 +312,12 @@ impl Core {
         }
     }
 
-    /// Takes in one who waited at a condition: it holds the mutex, or waits for it.
+    /// Takes in an entry that waited at a condition: it holds the mutex, or waits for it.
     ///
     /// # Safety
     ///
-    /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's lock.
+    /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's
+    /// lock.
     pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
         let mut lists = self.place.lock();
         // SAFETY: the contract.
@@ -323,8 +335,8 @@ impl Core {
         }
     }
 
-    /// Puts `entry`, if it still waits here, where its process' priority belongs now. Gives the holder, if that is lent another priority by it.
-    /// O(those who wait).
+    /// Moves `entry`, if it still waits here, to where its process' priority belongs now. Returns
+    /// the holder, if its boost changes by that. O(waiters).
     pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
         let mut lists = self.place.lock();
         let mut next = lists.senders.first();
@@ -341,7 +353,8 @@ impl Core {
         None
     }
 
-    /// Puts a listed entry where its priority now belongs. O(1) if it stands there, else O(those who wait at lower priority).
+    /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
+    /// O(waiters of lower priority).
     ///
     /// # Safety
     ///
@@ -358,11 +371,13 @@ impl Core {
         }
     }
 
-    /// Lends the holder the priority of the first other one who waits. O(1), and O(those before who are branches of the holder itself).
+    /// Boosts the holder to the priority of the first other waiter. O(1), and O(waiters before that
+    /// are branches of the holder itself).
     fn relend(&self, lists: &WaitQueues) -> Option<Changed> {
         self.state(lists, |state| {
             let inheritor = state.inheritor.as_mut()?;
-            // As a whole: what waits may be another branch of the same process. Its own priority is not lent to it, since it may be one that it has inherited.
+            // As a whole: the waiter may be another branch of the same process. The process does
+            // not inherit its own priority, since it may be an inherited one.
             let change = inheritor.boost_whole(first_other(lists, inheritor));
             change.is_ne().then(|| Changed {
                 inheritor: inheritor.copy(),
@@ -372,7 +387,7 @@ impl Core {
     }
 }
 
-/// Takes back what a former holder was lent.
+/// Ends the boost of a former holder.
 fn give_back(former: Option<Inheritor>) {
     if let Some(mut inheritor) = former
         && inheritor.give_back()
@@ -382,7 +397,7 @@ fn give_back(former: Option<Inheritor>) {
     }
 }
 
-/// The priority of the first who waits and is not the holder itself.
+/// The priority of the first waiter that is not the holder itself.
 fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
     let mut next = lists.senders.first();
     while let Some(node) = next {

@@ -1,4 +1,4 @@
-//! The node of one who waits for a mutex, or for a condition and then its mutex.
+//! The node of a waiter for a mutex, or for a condition and then its mutex.
 
 use super::core::{Core, CoreRef};
 use crate::waiter::{Outcome, Waiter};
@@ -7,7 +7,7 @@ use luna_core::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
-/// Why one who waited at a condition is in the mutex's hands.
+/// Why an entry that waited at a condition was moved to its mutex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cause {
     /// It is not: it waits at the condition, or never did.
@@ -17,7 +17,7 @@ pub(super) enum Cause {
     TimedOut,
 }
 
-/// What is listed with the process (or thread) that waits, so that a chain finds it.
+/// The node listed with the process (or thread) that waits, so that a chain finds it.
 #[repr(C)]
 struct Listed {
     /// First, so that it leads back to this.
@@ -31,17 +31,19 @@ struct Listed {
 ///
 /// # Invariants
 ///
-/// While it is in a place's list, that place's lock guards `waiter` and `inheritor`; a settled one belongs to its future. `cause` is guarded by the condition's
-/// lock. `listed` is there while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the inheritor's home, and the
-/// mutex lives.
+/// While it is in a wait point's list, that wait point's lock guards `waiter` and `inheritor`; a
+/// settled one belongs to its future. `cause` is guarded by the condition's lock. `listed` is there
+/// while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the
+/// inheritor's executor, and the mutex lives.
 #[repr(C)]
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
     waiter: Waiter<()>,
-    /// Who inherits when the mutex is its own.
+    /// Inherits when the entry holds the mutex.
     inheritor: Option<Inheritor>,
     cause: Cause,
-    /// Which mutex it is to lock, from its begin to its end. It keeps that one's memory, also if its future is leaked: the chain may still find it.
+    /// The mutex that it is to lock, from its begin to its end. It keeps that mutex's memory, also
+    /// if its future is leaked: the chain may still find it.
     core: Option<CoreRef>,
     is_listed: bool,
     listed: MaybeUninit<Listed>,
@@ -72,12 +74,13 @@ impl Entry {
         entry.cast()
     }
 
-    /// Prepares the node for being listed by its own process, and lists it with that process as one that waits for `core`. O(1).
+    /// Prepares the node for being listed by its own process, and lists it with that process as one
+    /// that waits for `core`. O(1).
     ///
     /// # Safety
     ///
-    /// `entry` is live, pinned, nobody else accesses it, and it was not begun before; `core` is live; [`end`](Self::end) is called before the
-    /// entry goes, or the entry stays for ever.
+    /// `entry` is live, pinned, not accessed by another thread, and was not begun before; `core` is
+    /// live; [`end`](Self::end) is called before the entry goes, or the entry stays for ever.
     pub(super) unsafe fn begin(
         entry: NonNull<Entry>,
         core: NonNull<Core>,
@@ -106,9 +109,10 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `entry` is live, in no place's list, and nobody else accesses it.
+    /// `entry` is live, in no wait point's list, and no other thread accesses it.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
-        // SAFETY: the contract. Until it is taken out, others may access the node of `listed` under its home's lock, so only the inheritor is referred to.
+        // SAFETY: by the contract. Until it is taken out, others may access the node of `listed`
+        // under its executor's lock, so only the inheritor is referred to.
         unsafe {
             let this = entry.as_ptr();
             if std::mem::take(&mut (*this).is_listed) {
@@ -122,11 +126,12 @@ impl Entry {
         }
     }
 
-    /// What `node`, which is listed with a process, waits for: the entry, to be compared only, and its mutex, which is live.
+    /// What `node`, which is listed with a process, waits for: the entry, to be compared only, and
+    /// its mutex, which is live.
     ///
     /// # Safety
     ///
-    /// `node` was listed by [`begin`](Self::begin), and the lock of the process' home is held.
+    /// `node` was listed by [`begin`](Self::begin), and the lock of the process' executor is held.
     pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> (NonNull<Entry>, NonNull<Core>) {
         // SAFETY: the contract.
         unsafe {
@@ -172,7 +177,7 @@ impl Entry {
             .is_some_and(|inheritor| inheritor.is_same(holder))
     }
 
-    /// Takes out who inherits.
+    /// Takes the inheritor out.
     ///
     /// # Safety
     ///
@@ -182,7 +187,7 @@ impl Entry {
         unsafe { (*entry.as_ptr()).inheritor.take() }
     }
 
-    /// Which mutex it is to lock.
+    /// The mutex that it is to lock.
     ///
     /// # Safety
     ///
@@ -228,7 +233,7 @@ impl Entry {
         unsafe { (*Waiter::link(Self::waiter(entry))).ticket = ticket };
     }
 
-    /// Takes out whom to wake.
+    /// Takes the wake handle out.
     ///
     /// # Safety
     ///
@@ -239,7 +244,7 @@ impl Entry {
         unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() }.take()
     }
 
-    /// Lets it wake who polls.
+    /// Makes it wake the present poller.
     ///
     /// # Safety
     ///
@@ -250,7 +255,8 @@ impl Entry {
     }
 }
 
-/// Who inherits what is locked by the caller: its process; a thread that is none's, if it is the `thread` itself that holds it.
+/// The inheritor for a lock taken by the caller: its process; or the thread, if it runs no process
+/// and the `thread` itself holds the lock.
 pub(super) fn inheritor(thread: bool) -> Option<Inheritor> {
     if thread {
         Inheritor::current_or_thread()

@@ -11,17 +11,18 @@ const TIMEOUT: &str = "the time ran out";
 
 /// Why [`lock`](super::Mutex::lock) or a [`wait`](super::Condition::wait) did not simply lock.
 pub enum LockError<'a, T> {
-    /// Who held it before has died with it. The error holds the mutex.
+    /// The former holder died while it held the mutex. The error holds the mutex.
     OwnerDied(OwnerDied<'a, T>),
-    /// A sibling of this branch of a parallel construct has failed, so that its operations fail as poisoned. It does not hold the mutex.
+    /// A sibling of this branch of a parallel construct has failed, so that its operations fail as
+    /// poisoned. It does not hold the mutex.
     Poisoned,
 }
 
 /// Why [`try_lock`](super::Mutex::try_lock) did not simply lock.
 pub enum TryLockError<'a, T> {
-    /// Somebody holds it.
+    /// The mutex is held.
     Locked,
-    /// Who held it before has died with it. The error holds the mutex.
+    /// The former holder died while it held the mutex. The error holds the mutex.
     OwnerDied(OwnerDied<'a, T>),
 }
 
@@ -29,13 +30,14 @@ pub enum TryLockError<'a, T> {
 pub enum LockTimeoutError<'a, T> {
     /// The time ran out. It does not hold the mutex.
     Timeout,
-    /// Who held it before has died with it. The error holds the mutex.
+    /// The former holder died while it held the mutex. The error holds the mutex.
     OwnerDied(OwnerDied<'a, T>),
     /// As [`LockError::Poisoned`].
     Poisoned,
 }
 
-/// Why [`acquire`](super::Semaphore::acquire) failed: a sibling of this branch of a parallel construct has failed, so that its operations fail as poisoned.
+/// Why [`acquire`](super::Semaphore::acquire) failed: a sibling of this branch of a parallel
+/// construct has failed, so that its operations fail as poisoned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AcquireError;
 
@@ -49,7 +51,7 @@ pub enum AcquireTimeoutError {
 }
 
 impl<'a, T> LockError<'a, T> {
-    /// Whether the one who held it before has died with it.
+    /// Whether the former holder died while it held the mutex.
     pub fn is_owner_died(&self) -> bool {
         matches!(self, LockError::OwnerDied(_))
     }
@@ -64,7 +66,7 @@ impl<'a, T> LockError<'a, T> {
 }
 
 impl<T> TryLockError<'_, T> {
-    /// Whether somebody holds it.
+    /// Whether the mutex is held.
     pub fn is_locked(&self) -> bool {
         matches!(self, TryLockError::Locked)
     }

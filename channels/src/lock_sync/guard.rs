@@ -6,18 +6,22 @@ use std::fmt;
 use std::mem::ManuallyDrop;
 use std::ops::{Deref, DerefMut};
 
-/// Whether what is done now is done while something ends that has not come to its end.
+/// Whether this runs during the end of a process or branch that is cancelled, has failed or panics.
 fn is_dying() -> bool {
     current::is_abandoned() || std::thread::panicking()
 }
 
 /// Holds a [`Mutex`], and leads to its value. Dropping it unlocks.
 ///
-/// It may be kept across awaits, and be sent to another process or thread, which then unlocks; who locked inherits until then. Dropped while a panic unwinds, or with the body of a process (or a branch
-/// of a parallel construct) that was cancelled or has failed, it marks the mutex: the next one to lock it learns of it by [`OwnerDied`]. A future that the process itself drops (the loser of a race, say)
-/// unlocks as by scope: who dropped it lives, and can be asked.
+/// It may be kept across awaits, and be sent to another process or thread, which then unlocks; the
+/// process that locked inherits until then. Dropped while a panic unwinds, or with the body of a
+/// process (or a branch of a parallel construct) that was cancelled or has failed, it marks the
+/// mutex: the next process to lock it learns of it by [`OwnerDied`]. A future that the process
+/// itself drops (the loser of a race, say) unlocks as by scope: the process that dropped it lives,
+/// and can be asked.
 ///
-/// Real-time path: yes; O(1), and a system call if the next holder's thread sleeps, and if a thread's OS priority is set back. Unlocking is no scheduling point: a more urgent process that
+/// Real-time path: yes; O(1), and a system call if the next holder's thread sleeps, and if a
+/// thread's OS priority is set back. Unlocking is no scheduling point: a more urgent process that
 /// waited on the same executor runs at the next await.
 ///
 /// ```
@@ -32,7 +36,8 @@ fn is_dying() -> bool {
 #[must_use = "the mutex is unlocked when this is dropped"]
 pub struct MutexGuard<'a, T> {
     mutex: &'a Mutex<T>,
-    /// It was locked by something that was dying already: by a destructor, say. That is then no reason to mark the mutex.
+    /// It was locked by something that was dying already: by a destructor, say. That is then no
+    /// reason to mark the mutex.
     was_dying: bool,
 }
 
@@ -81,7 +86,7 @@ impl<T> Deref for MutexGuard<'_, T> {
     type Target = T;
     #[inline]
     fn deref(&self) -> &T {
-        // SAFETY: this guard exists, so nobody else accesses the value.
+        // SAFETY: this guard exists, so no other thread accesses the value.
         self.mutex.value().with(|value| unsafe { &*value })
     }
 }
@@ -100,11 +105,12 @@ impl<T: fmt::Debug> fmt::Debug for MutexGuard<'_, T> {
     }
 }
 
-/// The mutex is locked, and the one who held it before has died with it: it panicked, was cancelled, or its branch has failed. What the mutex guards may be half done. (POSIX: a robust mutex's
-/// `EOWNERDEAD`.)
+/// The mutex is locked, and its former holder has died while it held it: it panicked, was
+/// cancelled, or its branch has failed. The guarded value may be half changed. (POSIX: a robust
+/// mutex's `EOWNERDEAD`.)
 ///
-/// It holds the mutex. [`recover`](Self::recover) says that all is well again; [`into_guard`](Self::into_guard) leaves the mark, so that the next one to lock learns of it
-/// too, and so does dropping this.
+/// It holds the mutex. [`recover`](Self::recover) clears the mark; [`into_guard`](Self::into_guard)
+/// leaves it, so that the next process to lock learns of it too, and so does dropping this.
 ///
 /// ```
 /// use luna_channels::lock_sync::{LockError, Mutex};

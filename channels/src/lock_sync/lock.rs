@@ -25,9 +25,9 @@ enum Phase {
     GaveWay,
     /// The entry is in the mutex's list, or was settled.
     Listed,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
-    /// It holds the mutex, and has no entry. By its process' tape it may not go on yet.
+    /// It holds the mutex, and has no entry. By its process' replay log it must not continue yet.
     Keeps,
     Over,
 }
@@ -47,7 +47,8 @@ pub struct LockOp<'a, T> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: a listed entry is guarded by the mutex's lock wherever the future is; it leads to the value as `&mut T` does.
+// SAFETY: a listed entry is guarded by the mutex's lock wherever the future is; it leads to the
+// value as `&mut T` does.
 unsafe impl<T: Send> Send for LockOp<'_, T> {}
 // SAFETY: `&LockOp` gives access to nothing.
 unsafe impl<T: Send> Sync for LockOp<'_, T> {}
@@ -70,7 +71,8 @@ impl<'a, T> LockOp<'a, T> {
 
     #[inline(always)]
     fn poll_lock(&mut self, cx: &Context<'_>) -> Poll<()> {
-        // Uncontended, nobody need be woken, and a thread need not ask the system for its priority.
+        // Uncontended, there is no process to wake, and a thread need not ask the system for its
+        // priority.
         match self.mutex.core().take(inheritor(self.of_thread)) {
             Ok(()) => Poll::Ready(()),
             Err(inheritor) => self.poll_contended(inheritor, cx),
@@ -86,7 +88,8 @@ impl<'a, T> LockOp<'a, T> {
             inheritor.priority_before_blocking();
         }
         let mut renewal = Renewal::of(cx);
-        // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and ended when it goes.
+        // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and
+        // ended when it goes.
         let polled = unsafe {
             let core = self.mutex.core();
             core.take_or_list(self.entry(), inheritor, &mut renewal)
@@ -155,7 +158,7 @@ impl<'a, T> LockOp<'a, T> {
             return Poll::Ready(Err(LockError::Poisoned));
         }
         let polled = match self.phase {
-            // Lets others run before it holds anything that they could wait for.
+            // Lets others run before it holds a mutex that they could wait for.
             Phase::New if crate::gives_way(cx) => {
                 self.phase = Phase::GaveWay;
                 return Poll::Pending;
@@ -169,7 +172,7 @@ impl<'a, T> LockOp<'a, T> {
         polled.map(Ok)
     }
 
-    /// As [`poll_untaped`](Self::poll_untaped), as its process' tape says.
+    /// As [`poll_untaped`](Self::poll_untaped), as its process' replay log says.
     #[cold]
     #[inline(never)]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
@@ -228,7 +231,7 @@ impl<T> LockOp<'_, T> {
         let holds = self.withdraw();
         self.end();
         if holds {
-            // It has not come to touch the value.
+            // The value was not touched.
             self.mutex.core().unlock(false);
         }
     }
@@ -277,7 +280,7 @@ impl<'a, T> Future for LockTimeout<'a, T> {
         if let Poll::Ready(locked) = lock.as_mut().poll(cx) {
             return Poll::Ready(locked.map_err(LockTimeoutError::from));
         }
-        // One that lets others run has not tried yet.
+        // An operation that lets others run has not tried yet.
         if lock.phase == Phase::GaveWay {
             return Poll::Pending;
         }
@@ -288,7 +291,8 @@ impl<'a, T> Future for LockTimeout<'a, T> {
     }
 }
 
-/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is, and is let in here, and not by what it waits for.
+/// As the process' replay log says: a replayed lock gives up when the recorded one did, whatever
+/// the time is, and is admitted here, and not by a partner.
 #[cold]
 fn poll_taped<'a, T>(
     mut lock: Pin<&mut LockOp<'a, T>>,

@@ -21,7 +21,8 @@ use std::time::Duration;
 ///
 /// # Invariants
 ///
-/// `value` is accessed by who holds the mutex, and dropped with the last handle. The memory goes with the core's last reference.
+/// `value` is accessed by the holder of the mutex, and dropped with the last handle. The memory
+/// goes with the core's last reference.
 #[repr(C)]
 struct Shared<T> {
     /// First, so that it leads back to this.
@@ -30,19 +31,28 @@ struct Shared<T> {
     value: UnsafeCell<ManuallyDrop<T>>,
 }
 
-/// A value that one at a time may use: a process of an executor, an OS-thread process, a task of another runtime, or a plain thread.
+/// A value for use by one process or thread at a time: a process of an executor, an OS-thread
+/// process, a task of another runtime, or a plain thread.
 ///
-/// Clones are handles to the same mutex, so it needs no `Arc`; the value is dropped with the last one. [`lock`](Self::lock) suspends a process, not its executor; the [`MutexGuard`] unlocks by scope, and may be
-/// held across awaits. The mutex is handed over directly to the most urgent who waits, and to the first of these: nobody barges in.
+/// Clones are handles to the same mutex, so it needs no `Arc`; the value is dropped with the last
+/// one. [`lock`](Self::lock) suspends a process, not its executor; the [`MutexGuard`] unlocks by
+/// scope, and may be held across awaits. The mutex is handed over directly to the most urgent
+/// waiter, of equals to the first: no process barges in.
 ///
-/// **Priority inheritance.** Whoever waits lends its priority to the holder until that unlocks: the level on its executor, and the OS priority of its thread, if that is
-/// above. A holder that waits for another mutex passes it on, along up to 8 holders. One that holds several falls to the highest of what remains. A plain thread that locks by [`blocking_lock`](Self::blocking_lock) or
-/// [`try_lock`](Self::try_lock) is boosted by the kernel, and set back; a task of another runtime that awaits [`lock`](Self::lock) is not, since it has no thread of its own. A process lent a level while it is
-/// ready is moved up in its executor's queue. A branch of `pri_par!` that holds a mutex runs as far below its process as it ever does.
+/// **Priority inheritance.** The holder inherits the priority of its waiters until it unlocks: the
+/// level on its executor, and the OS priority of its thread, if that is above. A holder that waits
+/// for another mutex passes it on, along up to 8 holders. One that holds several falls to the
+/// highest of what remains. A plain thread that locks by [`blocking_lock`](Self::blocking_lock) or
+/// [`try_lock`](Self::try_lock) is boosted by the kernel, and set back; a task of another runtime
+/// that awaits [`lock`](Self::lock) is not, since it has no thread of its own. A process that is
+/// boosted while it is ready is moved up in its executor's queue. A branch of `pri_par!` that holds
+/// a mutex runs as far below its process as it ever does.
 ///
-/// **Robust.** If its holder panics or is cancelled in the middle, the next one learns of it: [`OwnerDied`].
+/// **Robust.** If its holder panics or is cancelled in the middle, the next one learns of it:
+/// [`OwnerDied`].
 ///
-/// A process that locks a mutex which it holds already waits for ever. It is not refused: another of its branches, or whoever it sent the guard to, may be the one to unlock. The deadlock
+/// A process that locks a mutex which it holds already waits for ever. It is not refused: another
+/// of its branches, or a process that it sent the guard to, may be the one to unlock. The deadlock
 /// report names it.
 ///
 /// For what goes from one process to another, use a channel.
@@ -62,7 +72,8 @@ pub struct Mutex<T> {
     _owns: PhantomData<Shared<T>>,
 }
 
-// SAFETY: handles share a value that one at a time accesses, on whichever thread; all else is guarded by a lock, or atomic.
+// SAFETY: handles share a value that one at a time accesses, on whichever thread; all else is
+// guarded by a lock, or atomic.
 unsafe impl<T: Send> Send for Mutex<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send> Sync for Mutex<T> {}
@@ -111,21 +122,25 @@ impl<T> Mutex<T> {
         &self.shared().value
     }
 
-    /// Locks, waiting until all have unlocked who hold it or are more urgent.
+    /// Locks, waiting until the holder and all more urgent waiters have unlocked.
     ///
-    /// A scheduling point: more urgent processes that are ready on the executor run first. Cancel-safe: dropped while it waits, it
-    /// has not locked; one that was just handed the mutex passes it on. Real-time path: yes; no allocation, O(1) if nobody holds it, else
-    /// O(those of lower priority who wait), a system call if that raises a thread's OS priority, and the chain as [above](Mutex).
+    /// A scheduling point: more urgent processes that are ready on the executor run first.
+    /// Cancel-safe: dropped while it waits, it has not locked; one that was just handed the mutex
+    /// passes it on. Real-time path: yes; no allocation, O(1) if the mutex is free, else O(waiters
+    /// of lower priority), a system call if that raises a thread's OS priority, and the chain as
+    /// [above](Mutex).
     ///
     /// # Errors
     ///
-    /// [`LockError::OwnerDied`], which holds the mutex; [`LockError::Poisoned`] in a branch of a parallel construct one of whose siblings has failed.
+    /// [`LockError::OwnerDied`], which holds the mutex; [`LockError::Poisoned`] in a branch of a
+    /// parallel construct after a sibling has failed.
     #[inline]
     pub fn lock(&self) -> LockOp<'_, T> {
         LockOp::new(self, false)
     }
 
-    /// Locks, if nobody holds it. O(1), for the real-time path. On a plain thread, the first call allocates what is known of the thread.
+    /// Locks, if the mutex is free. O(1), for the real-time path. On a plain thread, the first call
+    /// allocates the thread's record.
     ///
     /// # Errors
     ///
@@ -153,7 +168,8 @@ impl<T> Mutex<T> {
         unsafe { self.held() }.map_err(TryLockError::OwnerDied)
     }
 
-    /// Like [`lock`](Self::lock), for at most `timeout`. Exact: it times out only if it has not locked.
+    /// Like [`lock`](Self::lock), for at most `timeout`. Exact: it times out only if it has not
+    /// locked.
     ///
     /// # Panics
     ///
@@ -178,8 +194,9 @@ impl<T> Mutex<T> {
         LockTimeout::new(self, deadline)
     }
 
-    /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes. A plain thread waits at its own OS priority, which takes two
-    /// system calls to learn; its first call allocates what is known of the thread.
+    /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes.
+    /// A plain thread waits at its own OS priority, which takes two system calls to learn; its
+    /// first call allocates what is known of the thread.
     ///
     /// # Errors
     ///
@@ -225,7 +242,7 @@ impl<T> Mutex<T> {
         }
     }
 
-    /// What the caller, who was just made the holder, gets.
+    /// The result for the caller, which was just made the holder.
     ///
     /// # Safety
     ///
@@ -251,7 +268,7 @@ impl<T> Mutex<T> {
 impl<T> Shared<T> {
     /// # Safety
     ///
-    /// `head` begins a whole that nobody uses any more, and whose value is dropped.
+    /// `head` begins a whole that is not used any more; its value is dropped.
     unsafe fn free(head: NonNull<Retired>) {
         // SAFETY: `Mutex::new` made it of a box, and the head is its first field's first.
         unsafe {
@@ -285,7 +302,8 @@ impl<T> Drop for Mutex<T> {
             }
         }
         let _let_go = LetGo(self.core_pointer());
-        // SAFETY: this was the last handle, so nobody holds the mutex, or ever will: the value is dropped once.
+        // SAFETY: this was the last handle, so the mutex is free, and can never be locked again:
+        // the value is dropped once.
         self.value()
             .with_mut(|value| unsafe { ManuallyDrop::drop(&mut *value) });
     }

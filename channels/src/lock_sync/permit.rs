@@ -3,7 +3,8 @@
 use super::semaphore::Semaphore;
 use std::mem::ManuallyDrop;
 
-/// Permits of a [`Semaphore`], which are given back when this is dropped: O(those who are served by them), for the real-time path.
+/// Permits of a [`Semaphore`], which are given back when this is dropped: O(waiters served by
+/// them), for the real-time path.
 ///
 /// They may be kept across awaits, and be sent to another process or thread.
 ///

@@ -21,8 +21,8 @@ use std::time::Duration;
 ///
 /// # Invariants
 ///
-/// `permits` is accessed under the lock of `place` alone. Who waits is in its list of senders; all its nodes are waiters of `()`, whose ticket is how many
-/// permits they want.
+/// `permits` is accessed under the lock of `place` alone. Waiters are in its list of senders; all
+/// its nodes are waiters of `()`, with the number of wanted permits as the ticket.
 #[repr(C)]
 pub(super) struct Shared {
     /// First, so that it leads back to this.
@@ -32,13 +32,16 @@ pub(super) struct Shared {
     permits: UnsafeCell<u64>,
 }
 
-/// A number of permits: who has one may do what only so many may do at a time. For processes of all kinds and plain threads.
+/// A number of permits, to limit how many processes do something at a time. For processes of all
+/// kinds and plain threads.
 ///
-/// Clones are handles to the same semaphore. The most urgent who waits is served first, then the first; who wants more permits than are there is waited for by those behind it, so that nobody
-/// starves by wanting much. Somebody who comes takes permits past those who wait only if it is more urgent than all of them.
+/// Clones are handles to the same semaphore. The most urgent waiter is served first, of equals the
+/// first. A waiter that wants more permits than are there blocks those behind it, so that a large
+/// request does not starve. A newcomer takes permits past the waiters only if it is more urgent
+/// than all of them.
 ///
-/// A semaphore has no owner, so no priority is inherited: whoever may add permits need not be one who has any. Where that matters use a
-/// [`Mutex`](super::Mutex).
+/// A semaphore has no owner, so no priority is inherited: a process that may add permits need not
+/// hold any. Where that matters use a [`Mutex`](super::Mutex).
 ///
 /// ```
 /// use luna_channels::lock_sync::Semaphore;
@@ -89,19 +92,21 @@ impl Semaphore {
 
     /// Takes a permit, waiting until there is one for the caller.
     ///
-    /// A scheduling point: more urgent processes that are ready on the executor run first. Cancel-safe: dropped while it waits, it has taken none; one that was just
-    /// given its permit gives it back. Real-time path: yes; no allocation, O(1), or O(those of lower priority who wait) to wait.
+    /// A scheduling point: more urgent processes that are ready on the executor run first.
+    /// Cancel-safe: dropped while it waits, it has taken none; one that was just given its permit
+    /// gives it back. Real-time path: yes; no allocation, O(1), or O(waiters of lower priority) to
+    /// wait.
     ///
     /// # Errors
     ///
-    /// [`AcquireError`] in a branch of a parallel construct one of whose siblings has failed.
+    /// [`AcquireError`] in a branch of a parallel construct after a sibling has failed.
     #[inline]
     pub fn acquire(&self) -> AcquireOp<'_> {
         self.acquire_many(1)
     }
 
-    /// Takes `count` permits at once, waiting until there are so many for the caller. If there never are, it waits for ever, and so do those behind it. See
-    /// [`acquire`](Self::acquire).
+    /// Takes `count` permits at once, waiting until there are so many for the caller. If there
+    /// never are, it waits for ever, and so do those behind it. See [`acquire`](Self::acquire).
     ///
     /// ```
     /// # use luna_channels::lock_sync::Semaphore;
@@ -117,12 +122,13 @@ impl Semaphore {
         AcquireOp::new(self, count, false)
     }
 
-    /// Takes a permit, if there is one and nobody waits who is as urgent. O(1), for the real-time path.
+    /// Takes a permit, if there is one and no waiter is as urgent. O(1), for the real-time path.
     pub fn try_acquire(&self) -> Option<Permit<'_>> {
         self.try_acquire_many(1)
     }
 
-    /// Takes `count` permits, if there are so many and nobody waits who is as urgent. O(1), for the real-time path.
+    /// Takes `count` permits, if there are so many and no waiter is as urgent. O(1), for the
+    /// real-time path.
     pub fn try_acquire_many(&self, count: u32) -> Option<Permit<'_>> {
         let take = || {
             self.shared().note_user(current::user());
@@ -130,7 +136,7 @@ impl Semaphore {
             self.shared().take(&mut lists, count, current::priority())
         };
         let has_taken = match current::is_taped() {
-            // Without a stamp: a replay need not wait for who makes room.
+            // Without a stamp: a replay need not wait for the process that makes room.
             true => taped::call(
                 false,
                 || match current::is_replayed() {
@@ -146,7 +152,8 @@ impl Semaphore {
         has_taken.then(|| unsafe { Permit::new(self, count) })
     }
 
-    /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has taken none.
+    /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has
+    /// taken none.
     ///
     /// # Panics
     ///
@@ -168,7 +175,8 @@ impl Semaphore {
         AcquireTimeout::new(self, deadline)
     }
 
-    /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread processes. A plain thread waits at its own OS priority, as with
+    /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread
+    /// processes. A plain thread waits at its own OS priority, as with
     /// [`Mutex::blocking_lock`](super::Mutex::blocking_lock).
     ///
     /// # Errors
@@ -213,8 +221,8 @@ impl Semaphore {
         }
     }
 
-    /// Makes `count` more permits. Real-time path: yes; O(those who are served by them), each in a lock section of its own, and a system call for each
-    /// whose thread sleeps.
+    /// Makes `count` more permits. Real-time path: yes; O(waiters served by them), each in a lock
+    /// section of its own, and a system call for each with a sleeping thread.
     ///
     /// ```
     /// let semaphore = luna_channels::lock_sync::Semaphore::new(0);
@@ -226,7 +234,7 @@ impl Semaphore {
         self.shared().add(count);
     }
 
-    /// How many permits nobody has: for display, since it may have changed already.
+    /// Number of free permits: for display, since it may have changed already.
     pub fn available(&self) -> u64 {
         let look = || {
             let lists = self.shared().place.lock();
@@ -238,8 +246,9 @@ impl Semaphore {
         }
     }
 
-    /// Says that somebody outside of the system adds permits too: a plain thread, say. A process that waits here is then never part of a
-    /// deadlock. A semaphore that a thread outside has used already is known to be one.
+    /// Declares that permits are also added from outside of the system: by a plain thread, say. A
+    /// process that waits here is then never part of a deadlock. A semaphore that an outside thread
+    /// has used already is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
         self.shared().place.identity.set_external();
@@ -256,18 +265,20 @@ impl Semaphore {
 
 impl Shared {
     fn permits<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut u64) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
+        // gets no lists.
         self.permits.with_mut(|permits| f(unsafe { &mut *permits }))
     }
 
-    /// Remembers that somebody outside takes part.
+    /// Remembers that a user is outside of the system.
     pub(super) fn note_user(&self, user: User) {
         if user == User::Outside {
             self.place.identity.set_external();
         }
     }
 
-    /// Takes permits for somebody of this priority, unless they are not there, or somebody waits who is as urgent.
+    /// Takes permits for a caller of this priority, unless they are not there, or a waiter is as
+    /// urgent.
     pub(super) fn take(&self, lists: &mut WaitQueues, count: u32, priority: Priority) -> bool {
         let first = lists.senders.first();
         // SAFETY: a listed node is live, and the lock is held.
@@ -283,8 +294,9 @@ impl Shared {
         taken
     }
 
-    /// Takes permits in a replay, where the recorded process got some. Whoever made room for them may do so a little later, since what its process does at once after
-    /// that may have to wait; so nobody looks how many there are, and the number may be below 0 for a while.
+    /// Takes permits in a replay, where the recorded process got some. The process that made room
+    /// for them may do so a little later, since what it does at once after that may have to wait;
+    /// so their number is not tested, and may be below 0 for a while.
     #[cold]
     pub(super) fn take_given(&self, count: u32) -> bool {
         let lists = self.place.lock();
@@ -294,7 +306,7 @@ impl Shared {
         true
     }
 
-    /// Makes more permits, and serves those who wait.
+    /// Makes more permits, and serves the waiters.
     pub(super) fn add(&self, count: u32) {
         let mut lists = self.place.lock();
         self.permits(&lists, |permits| {
@@ -308,18 +320,19 @@ impl Shared {
         }
     }
 
-    /// Serves those who wait, as far as the permits go.
+    /// Serves waiters, as far as the permits go.
     pub(super) fn serve(&self) {
         while self.serve_first(self.place.lock()) {}
     }
 
-    /// Serves the first who waits, if there are enough permits.
+    /// Serves the first waiter, if there are enough permits.
     fn serve_first(&self, mut lists: luna_core::biased_lock::BiasedGuard<'_, WaitQueues>) -> bool {
         let Some(node) = lists.senders.first() else {
             return false;
         };
         let waiter = node.cast::<Waiter<()>>();
-        // SAFETY: a listed node is a live waiter, and the lock is held; it is settled as it leaves the list.
+        // SAFETY: a listed node is a live waiter, and the lock is held; it is settled as it leaves
+        // the list.
         let ready = unsafe {
             let wanted = u64::from((*Waiter::link(waiter)).ticket);
             let left = self.permits(&lists, |permits| permits.checked_sub(wanted));
@@ -332,7 +345,7 @@ impl Shared {
             Waiter::settle(waiter, Outcome::Done)
         };
         drop(lists);
-        // Whoever is readied: the others must not depend on that going well.
+        // A wake may panic: the remaining wakes must still be done.
         let rest = Finally::new(|| self.serve());
         ready.wake();
         rest.cancel();
@@ -341,7 +354,7 @@ impl Shared {
 
     /// # Safety
     ///
-    /// As [`Retired`] says.
+    /// As [`Retired`] requires.
     unsafe fn free(head: NonNull<Retired>) {
         // SAFETY: `Semaphore::new` made it of a box, and the head is its first field.
         unsafe {

@@ -27,9 +27,11 @@ enum Phase<'a, T> {
     New(MutexGuard<'a, T>),
     /// The entry is in a list of the condition, or of the mutex, or was settled.
     Listed,
-    /// It is replayed, and has unlocked: nobody notifies it, but the recording says when it has locked again.
+    /// It is replayed, and has unlocked: it is never notified, but the replay log has when it
+    /// locked again.
     Replayed,
-    /// It holds the mutex, and is not to go on yet, by its process' tape. The entry was never begun.
+    /// It holds the mutex, and by its process' replay log must not continue yet. The entry was
+    /// never begun.
     Keeps,
     Over,
 }
@@ -38,7 +40,8 @@ enum Phase<'a, T> {
 ///
 /// # Invariants
 ///
-/// In `Listed` it is pinned, and the entry was begun. Under the condition's lock its cause says which of the two locks guards the rest of it.
+/// In `Listed` it is pinned, and the entry was begun. Under the condition's lock its cause
+/// determines which of the two locks guards the rest of it.
 #[must_use = "an operation does nothing unless awaited, but that the mutex is unlocked when this is dropped"]
 pub struct WaitOp<'c, 'a, T> {
     condition: &'c Condition,
@@ -52,7 +55,8 @@ pub struct WaitOp<'c, 'a, T> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: a listed entry is guarded by locks wherever the future is; it leads to the value as `&mut T` does.
+// SAFETY: a listed entry is guarded by locks wherever the future is; it leads to the value as
+// `&mut T` does.
 unsafe impl<T: Send> Send for WaitOp<'_, '_, T> {}
 // SAFETY: `&WaitOp` gives access to nothing.
 unsafe impl<T: Send> Sync for WaitOp<'_, '_, T> {}
@@ -75,7 +79,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         unsafe { NonNull::new_unchecked(self.entry.get()) }
     }
 
-    /// WaitQueues it, and unlocks the mutex after: whoever notifies from then on finds it.
+    /// Lists it, and unlocks the mutex after: every notifier from then on finds it.
     fn begin(&mut self, guard: MutexGuard<'a, T>, cx: &Context<'_>) {
         let inheritor = inheritor(self.of_thread);
         let priority = inheritor
@@ -84,7 +88,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let wakeup = WakeHandle::of(cx);
         let entry = self.entry();
         self.condition.note_user(current::user());
-        // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and keeps the mutex by its handle.
+        // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and
+        // keeps the mutex by its handle.
         unsafe {
             Entry::begin(entry, self.mutex.core_pointer(), inheritor);
             let mut lists = self.condition.shared().place.lock();
@@ -108,7 +113,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let mut renewal = Renewal::of(cx);
         let waits_here = renewal.put(|renewal| {
             let _lists = self.condition.shared().place.lock();
-            // SAFETY: the lock is held; without a cause the entry is in one of the condition's lists, else it was moved to the mutex.
+            // SAFETY: the lock is held; without a cause the entry is in one of the condition's
+            // lists, else it was moved to the mutex.
             unsafe {
                 let waits_here = Entry::cause(entry) == Cause::None;
                 if waits_here {
@@ -125,7 +131,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         Poll::Pending
     }
 
-    /// Takes one that waits at the condition off its lists; says whether it had been notified together with all others.
+    /// Takes an entry that waits at the condition off its lists; returns whether it had been
+    /// notified together with all others.
     ///
     /// # Safety
     ///
@@ -148,7 +155,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         let mut lists = this.condition.shared().place.lock();
-        // SAFETY: the lock is held, under which the entry is where its cause says.
+        // SAFETY: the lock is held, and under it the entry's cause determines its list.
         let admitted = unsafe {
             if Entry::cause(this.entry()) != Cause::None {
                 return WaitTimeoutResult::NOTIFIED;
@@ -181,12 +188,13 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         self.phase = Phase::Over;
     }
 
-    /// Gives up, wherever it is. A notification that was for it alone is passed on; a mutex that it was handed is too.
+    /// Gives up in any state. A notification that was for it alone is passed on; a mutex that it
+    /// was handed is too.
     fn cancel(&mut self) {
         let entry = self.entry();
         self.condition.shared().place.waits_no_more();
         let mut lists = self.condition.shared().place.lock();
-        // SAFETY: the lock is held; the entry is where its cause says.
+        // SAFETY: the lock is held; the entry's cause determines its list.
         unsafe {
             let cause = Entry::cause(entry);
             if cause == Cause::None {
@@ -205,7 +213,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
                 }
             });
             if holds {
-                // It has not come to touch the value again.
+                // The value was not touched again.
                 self.mutex.core().unlock(false);
             }
         }
@@ -243,8 +251,8 @@ impl<'a, T> WaitOp<'_, 'a, T> {
         }
     }
 
-    /// Polls as its process' tape says. A recorded one has a stamp of its having locked again; a replayed one locks when that comes, and whoever notified it then need not
-    /// do so again.
+    /// Polls as its process' replay log says. A recorded wait has a stamp of its locking again; a
+    /// replayed one locks when that comes, and its former notifier need not notify again.
     #[cold]
     fn poll_taped(
         &mut self,
@@ -294,7 +302,7 @@ impl<'a, T> WaitOp<'_, 'a, T> {
         Poll::Ready(polled)
     }
 
-    /// Tells that it has locked again.
+    /// Records that it has locked again.
     fn tell(&self) {
         let stamp = self
             .mutex

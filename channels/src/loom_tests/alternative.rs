@@ -1,4 +1,5 @@
-//! Alternatives: exactly one guard happens, the others leave no trace, whoever comes, and whenever.
+//! Alternatives: exactly one guard happens, and the others leave no trace, for every partner and
+//! every order of arrival.
 
 use super::{Drops, Token, check, check_within, poll, recv_id};
 use crate::{Receiver, RecvError, Sender, alt, channel, pri_alt};
@@ -6,7 +7,7 @@ use loom::future::block_on;
 use loom::thread;
 use std::task::Poll;
 
-/// Waits for either, and says which channel it was and what it gave.
+/// Waits for either, and returns the channel and its result.
 async fn either(one: &Receiver<Token>, two: &Receiver<Token>) -> (usize, Result<usize, RecvError>) {
     pri_alt! {
         token = one.recv() => (1, token.map(|token| token.id)),
@@ -14,7 +15,7 @@ async fn either(one: &Receiver<Token>, two: &Receiver<Token>) -> (usize, Result<
     }
 }
 
-/// Offers to both; says which took it, or 0 if the channel that was chosen has ended.
+/// Offers to both; returns which took it, or 0 if the chosen channel has ended.
 async fn offer(one: &Sender<Token>, two: &Sender<Token>, drops: &Drops) -> usize {
     alt! {
         sent = one.send(drops.token(1)) => usize::from(sent.is_ok()),
@@ -242,11 +243,12 @@ fn pri_alt_takes_what_was_there_first() {
         let drops = Drops::default();
         let ((to_one, one), (to_two, two)) = (channel(), channel());
         let tokens = (drops.token(1), drops.token(2));
-        // Parks on 1, then on 2: whoever looks, sees 1 when it sees 2.
+        // Parks on 1, then on 2: a thread that sees 2 also sees 1.
         let thread = thread::spawn(move || {
             let mut first = Box::pin(to_one.send(tokens.0));
             let mut second = Box::pin(to_two.send(tokens.1));
-            // Taken at once, maybe: it is listed before its waker is cloned, and looks again with that.
+            // Taken at once, maybe: it is listed before its waker is cloned, and looks again with
+            // that.
             let _ = poll(&mut first);
             let second = poll(&mut second).is_ready();
             assert!(!second, "nobody takes it");

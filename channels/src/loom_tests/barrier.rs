@@ -1,4 +1,5 @@
-//! Barriers: nobody goes before all have come, nobody is forgotten, and alternatives choose the barrier together or not at all.
+//! Barriers: no party goes before all have come, none is forgotten, and alternatives choose the
+//! barrier together or not at all.
 
 use super::{check, check_within, poll};
 use crate::{Barrier, Receiver, alt, channel, pri_alt};
@@ -68,7 +69,7 @@ fn one_is_dropped_as_the_other_comes() {
         assert!(poll(&mut gone).is_pending());
         let thread = thread::spawn(move || block_on(other.sync()));
         drop(gone);
-        // It had come, and the other has gone; or the other waits, now for nobody.
+        // It had come, and the other has gone; or the other waits, now for no party.
         barrier.resign();
         thread.join().unwrap();
         // Nothing is left behind of either.
@@ -110,7 +111,7 @@ fn an_alternative_meets_the_barrier_or_a_sender_and_never_both() {
         let party = thread::spawn(move || block_on(of_party.sync()));
         let sent = sender.try_send(1).is_ok();
         if sent {
-            // The alternative has chosen: the party waits for somebody else.
+            // The alternative has chosen: the party waits for another one.
             block_on(barrier.sync());
         }
         let (met, _receiver) = alternative.join().unwrap();

@@ -1,11 +1,12 @@
-//! Calls: whatever happens at once, the client gets the answer or an error, the server learns which, and every value ends once.
+//! Calls: whatever happens at once, the client gets the answer or an error, the server learns
+//! which, and every value ends once.
 
 use super::{Drops, Token, check, check_within, poll};
 use crate::{CallError, Client, Server, alt, call_channel, channel};
 use loom::future::block_on;
 use loom::thread;
 
-/// Answers one call; says whether the client has the answer.
+/// Answers one call; returns whether the client has the answer.
 fn serve(server: &Server<Token, Token>, drops: &Drops) -> Option<bool> {
     let call = block_on(server.accept()).ok()?;
     assert_eq!(call.id, 1);

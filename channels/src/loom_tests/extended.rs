@@ -1,4 +1,4 @@
-//! Extended rendezvous: who is held goes on, once, whatever happens meanwhile.
+//! Extended rendezvous: a held sender goes on, once, whatever happens meanwhile.
 
 use super::{Drops, check, poll, recv_id, waiting_send};
 use crate::{RecvError, alt, channel};

@@ -15,7 +15,7 @@ use std::ptr::NonNull;
 use std::rc::Rc;
 use std::task::{Context, Waker};
 
-/// How often a thread of a model is preempted at most.
+/// Upper limit of the preemptions of a thread in a model.
 const PREEMPTIONS: usize = 3;
 
 /// A process of the model's executor, with its body.
@@ -29,7 +29,7 @@ struct Task {
     bell: Arc<Bell>,
 }
 
-/// What wakes the executor's thread from another one: which of its two processes are to be readied.
+/// What wakes the executor's thread from another one: which of its two processes are to be woken.
 struct Bell {
     rung: loom::sync::Mutex<[bool; 2]>,
     changed: loom::sync::Condvar,
@@ -60,7 +60,7 @@ static METHODS: Methods = Methods {
 
 /// # Safety
 ///
-/// As [`Methods`] says; the level is the process' number.
+/// As [`Methods`] requires; the level is the process' number.
 unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     // SAFETY: the contract: the task is not freed yet.
     unsafe { owner.cast::<Task>().as_ref() }
@@ -70,7 +70,7 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
 
 /// # Safety
 ///
-/// As [`Methods`] says.
+/// As [`Methods`] requires.
 unsafe fn free(owner: NonNull<()>) {
     // SAFETY: the contract; `Executor::run` made it of a box.
     drop(unsafe { Box::from_raw(owner.cast::<Task>().as_ptr()) });
@@ -92,7 +92,7 @@ impl Executor {
         }
     }
 
-    /// A channel whose lock is biased to this thread.
+    /// A channel with its lock biased to this thread.
     fn channel<T: Send>(&self) -> (Sender<T>, Receiver<T>) {
         let (sender, receiver) = channel();
         // The first use in shared mode earns the bias.
@@ -114,8 +114,8 @@ impl Executor {
                 is_over: Cell::new(false),
                 bell: bell.clone(),
             })));
-            // SAFETY: nobody else knows it yet. It stays where it is until `free`, and is ended
-            // once, below. The waker is told apart by its address; nobody wakes by it.
+            // SAFETY: no other thread knows it yet. It stays where it is until `free`, and is ended
+            // once, below. The waker is known by its address, and its wake is never used.
             unsafe {
                 task.as_ref().process.set_waker(Waker::noop().clone());
                 task.as_ref().process.set_owner(task.cast(), &METHODS);
@@ -127,9 +127,9 @@ impl Executor {
         // SAFETY: they are freed after their end alone, which is below.
         let is_over = |task: &NonNull<Task>| unsafe { task.as_ref() }.is_over.get();
         while !tasks.iter().all(is_over) {
-            // SAFETY: whoever is taken out is given its turn at once.
+            // SAFETY: each process that is taken out is given its turn at once.
             while let Some(owner) = unsafe { current::next_ready() } {
-                // SAFETY: it was readied by its owner, which is live until its end.
+                // SAFETY: it was woken by its owner, which is live until its end.
                 unsafe { Self::give_turn(owner.cast().as_ref()) };
             }
             if tasks.iter().all(is_over) {
@@ -137,7 +137,7 @@ impl Executor {
             }
             for (number, is_rung) in bell.wait().into_iter().enumerate() {
                 if is_rung {
-                    // SAFETY: this is the home's thread, and the task is live.
+                    // SAFETY: this is the executor's thread, and the task is live.
                     unsafe {
                         tasks[number]
                             .as_ref()
@@ -148,7 +148,7 @@ impl Executor {
             }
         }
         for task in tasks {
-            // SAFETY: this is the home's thread, and it is not polled again.
+            // SAFETY: this is the executor's thread, and it is not polled again.
             unsafe { Process::end(task.cast()) };
         }
     }
@@ -195,8 +195,9 @@ async fn send_two(sender: Sender<Token>, drops: Drops, sent: Rc<RefCell<Vec<usiz
     }
 }
 
-/// A sender and a receiver on the biased thread, and `other` on another one, which says what it has
-/// received and sent. All that was sent is received once, in order, and each token is dropped once.
+/// A sender and a receiver on the biased thread, and `other` on another one, which returns what it
+/// has received and sent. All that was sent is received once, in order, and each token is dropped
+/// once.
 fn against(
     tokens: usize,
     other: impl Fn(Sender<Token>, Receiver<Token>, Drops) -> [Option<usize>; 2]

@@ -1,6 +1,8 @@
-//! Those who look for each other, and meet on the hand_off_slots; and those who come for something else meanwhile, and list them.
+//! Operations that look for each other, and meet on the hand-off slots; and operations that come
+//! for something else meanwhile, and list them.
 //!
-//! An operation looks once here, so each model has both: what a look sees, and what comes when it sees nothing.
+//! An operation looks once here, so each model has both: what a look sees, and what comes when it
+//! sees nothing.
 
 use super::{Drops, check, check_within, poll, recv_id, waiting_recv};
 use crate::{Receiver, RecvError, Sender, alt, channel};
@@ -15,7 +17,7 @@ fn looking<R>(operations: impl FnOnce() -> R) -> R {
     operations()
 }
 
-/// A value that has no room on a hand_off_slot, and is exchanged in the nodes.
+/// A value that has no room on a hand-off slot, and is exchanged in the nodes.
 #[derive(Debug, PartialEq, Eq)]
 struct Large([u64; 3]);
 
@@ -230,7 +232,7 @@ fn an_alternative_lists_a_sender_that_looks() {
     });
 }
 
-/// Who may not look gives to one who does, and takes from it, without listing it.
+/// An operation that may not look gives to one that does, and takes from it, without listing it.
 #[test]
 fn one_that_may_not_look_meets_one_that_does() {
     fn once<S, R>(send: S, recv: R)
@@ -271,7 +273,7 @@ fn a_receive_that_has_looked_is_woken() {
     });
 }
 
-/// It is not in a node, so nobody finds it who looks at the hand_off_slots alone.
+/// It is not in a node, so an operation that looks at the hand-off slots alone does not find it.
 #[test]
 fn a_receive_that_looks_finds_what_came_back() {
     check(|| {

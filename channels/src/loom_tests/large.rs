@@ -1,4 +1,5 @@
-//! Models of four to six threads, which are too many for loom: every value arrives once, nothing is lost, nobody waits for ever.
+//! Models of four to six threads, which are too many for loom: every value arrives once, nothing is
+//! lost, no thread waits for ever.
 
 use super::{Drops, Token, check, poll, recv_id};
 use crate::{
@@ -9,7 +10,7 @@ use loom::future::block_on;
 use loom::thread;
 use std::task::Poll;
 
-/// Sends a token; says whether it was sent, and it comes back otherwise.
+/// Sends a token; returns whether it was sent, and it comes back otherwise.
 fn send(sender: &Sender<Token>, token: Token) -> bool {
     let id = token.id;
     match block_on(sender.send(token)) {
@@ -21,7 +22,7 @@ fn send(sender: &Sender<Token>, token: Token) -> bool {
     }
 }
 
-/// Offers one token to both channels; says whether it was sent.
+/// Offers one token to both channels; returns whether it was sent.
 fn offer(one: &Sender<Token>, two: &Sender<Token>, drops: &Drops, id: usize) -> bool {
     let (first, second) = (drops.clone(), drops.clone());
     block_on(async {
@@ -156,7 +157,7 @@ fn three_in_a_ring_and_one_that_withdraws() {
         let chosen = threads.map(|thread| thread.join().unwrap());
         let (sent, theirs): (Vec<_>, Vec<_>) = chosen.into_iter().unzip();
         let received = sorted(theirs.into_iter().chain([received]));
-        // Nobody has told whether the fourth one's was sent.
+        // It is not known whether the fourth one's was sent.
         let of_the_fourth = received.iter().filter(|&&id| id == 4).count();
         assert!(of_the_fourth <= 1);
         let sent = sorted(sent.into_iter().chain([vec![4; of_the_fourth]]));
@@ -194,7 +195,7 @@ fn a_barrier_of_three_of_which_two_may_choose_a_sender_instead() {
                 (met, receiver)
             })
         });
-        // Who has sent comes in the place of who has received.
+        // After the send, this thread comes in the place of the receiver.
         let send_or_meet = |sender: Sender<u32>, barrier: Barrier| {
             let sent = sender.try_send(1).is_ok();
             if sent {

@@ -1,4 +1,5 @@
-//! Locks: whatever happens at once, one at a time holds a mutex, nobody is forgotten, and no notification or permit is lost or doubled.
+//! Locks: whatever happens at once, one at a time holds a mutex, no waiter is forgotten, and no
+//! notification or permit is lost or doubled.
 
 use super::{check, check_within, poll};
 use crate::lock_sync::{Condition, LockError, Mutex, MutexGuard, Semaphore};
@@ -8,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::Poll;
 
-/// Locks a mutex that nobody dies with.
+/// Locks a mutex that never has a dead owner.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     block_on(mutex.lock()).expect("nobody dies")
 }

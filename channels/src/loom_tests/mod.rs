@@ -1,14 +1,17 @@
-//! The protocol under every interleaving of two or three threads: the channel's own code over loom's lock and atomics.
+//! The protocol under every interleaving of two or three threads: the channel's own code over
+//! loom's lock and atomics.
 //!
 //! ```text
 //! RUSTFLAGS="--cfg loom" cargo test -p luna-channels --release --lib
 //! ```
 //!
-//! Explored exhaustively up to three preemptions of a thread (waiting and ending are none), or as many as `LOOM_MAX_PREEMPTIONS` says:
-//! five find nothing else and take twenty times as long. loom watches the value in each node and all atomics; the
-//! links of waiting lists are plain memory to it, guarded by the lock.
+//! Explored exhaustively up to three preemptions of a thread (waiting and ending are none), or as
+//! many as `LOOM_MAX_PREEMPTIONS` says: five find nothing else and take twenty times as long. loom
+//! watches the value in each node and all atomics; the links of waiting lists are plain memory to
+//! it, guarded by the lock.
 //!
-//! With `--cfg shuttle` beside it, the same models, and the larger ones in `large`, run under many random schedules instead: see `schedules`.
+//! With `--cfg shuttle` beside it, the same models, and the larger ones in `large`, run under many
+//! random schedules instead: see `schedules`.
 
 mod alternative;
 mod barrier;
@@ -50,7 +53,8 @@ fn check_within(_preemptions: usize, model: impl Fn() + Send + Sync + 'static) {
     schedules::check(model);
 }
 
-/// Counts its drops, with an atomic that loom does not watch, since it takes no part in the protocol.
+/// Counts its drops, with an atomic that loom does not watch, since it takes no part in the
+/// protocol.
 struct Token {
     id: usize,
     drops: Arc<AtomicUsize>,
@@ -84,7 +88,7 @@ fn poll<F: Future>(future: &mut Pin<Box<F>>) -> Poll<F::Output> {
         .poll(&mut Context::from_waker(Waker::noop()))
 }
 
-/// Receives a token and says which.
+/// Receives a token and returns its number.
 fn recv_id(receiver: &Receiver<Token>) -> Result<usize, RecvError> {
     block_on(receiver.recv()).map(|token| token.id)
 }

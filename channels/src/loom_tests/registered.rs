@@ -1,4 +1,5 @@
-//! `Alternative`, which stays registered: what becomes ready while it looks, starts to wait, or goes is not missed and not lost.
+//! `Alternative`, which stays registered: what becomes ready while it looks, starts to wait, or
+//! goes is not missed and not lost.
 
 use super::{Drops, check, check_within, poll, recv_id};
 use crate::{Alternative, Buffer, RecvError, buffered, channel};
@@ -93,7 +94,8 @@ fn another_receiver_takes_what_it_was_told_of() {
         let stolen = thief.join().unwrap();
         if stolen {
             assert!(first.is_pending());
-            // It waits for both, or has just been told of what is gone and looks again: a send finds it, or is found.
+            // It waits for both, or has just got the report of what is gone and looks again: a send
+            // finds it, or is found.
             let mut send = Box::pin(other_sender.send(second));
             let sent = poll(&mut send);
             let (index, received) = block_on(recv);

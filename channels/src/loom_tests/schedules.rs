@@ -1,15 +1,18 @@
-//! The models under shuttle: not every interleaving, but many random ones, of as many threads and steps as a model has.
+//! The models under shuttle: not every interleaving, but many random ones, of as many threads and
+//! steps as a model has.
 //!
 //! ```text
 //! RUSTFLAGS="--cfg loom --cfg shuttle" cargo test -p luna-channels --release --lib
 //! ```
 //!
-//! `LUNA_SCHEDULES` says how many schedules each model gets, 10 000 if it is not set: half of them switch threads at random at every step, the other half at
-//! two steps only (probabilistic concurrency testing), which finds what needs one thread to rest for long. All accesses are sequentially consistent here:
-//! what a weaker order allows is loom's part.
+//! `LUNA_SCHEDULES` says how many schedules each model gets, 10 000 if it is not set: half of them
+//! switch threads at random at every step, the other half at two steps only (probabilistic
+//! concurrency testing), which finds what needs one thread to rest for long. All accesses are
+//! sequentially consistent here: what a weaker order allows is loom's part.
 //!
-//! A failure prints its schedule, as a string (to be given with its line breaks), and under the first kind its seed. Either runs that failure
-//! again, and nothing else, the schedule through `shuttle::replay`:
+//! A failure prints its schedule, as a string (to be given with its line breaks), and under the
+//! first kind its seed. Either runs that failure again, and nothing else, the schedule through
+//! `shuttle::replay`:
 //!
 //! ```text
 //! LUNA_SCHEDULE=<the string> RUSTFLAGS=.. cargo test -p luna-channels --release --lib -- --exact <the test's name>

@@ -67,7 +67,8 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: the lists are this channel's; the node is new, and is withdrawn before it goes.
+        // SAFETY: the contract: the lists are this channel's; the node is new, and is withdrawn
+        // before it goes.
         unsafe {
             let node = this.begin(Some((selection, guard)));
             let mut section = this.receiver.channel().section(lists);
@@ -102,7 +103,8 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: a new receive's node holds no value, and is known to its future alone.
+        // SAFETY: the contract: a new receive's node holds no value, and is known to its future
+        // alone.
         let ready = unsafe { this.receiver.channel().take_sender(this.node(), process) };
         this.phase = Phase::Settled(Outcome::Done);
         ready
@@ -142,8 +144,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         let receiver = self.receiver;
         let mut outcome = self.outcome();
         if outcome == Outcome::Waiting {
-            // Who has claimed it holds the lock until it is settled.
-            // SAFETY: the node was listed.
+            // The claiming thread holds the lock until it is settled. SAFETY: the node was listed.
             outcome = unsafe { self.receiver.channel().update_wakeup(self.node(), cx) };
         }
         if outcome == Outcome::Broken {
@@ -160,7 +161,8 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
 
     fn order(&self) -> u64 {
         match self.phase {
-            // SAFETY: one that has a tape is listed in the general way alone; it is settled, since its alternative has chosen it.
+            // SAFETY: an operation with a replay log is listed on the slow path alone; it is
+            // settled, since its alternative has chosen it.
             Phase::Listed if self.outcome() != Outcome::Waiting => unsafe { self.order() },
             _ => 0,
         }

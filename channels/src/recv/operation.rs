@@ -24,13 +24,14 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet.
     New,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
     /// The node is in the list, or has been settled.
     Listed,
-    /// As `Listed`, and its process has a tape.
+    /// As `Listed`, and its process has a replay log.
     Taped,
-    /// Settled without having been listed: in an alternative; or failed, while the process lets others run.
+    /// Settled without having been listed: in an alternative; or failed, while the process lets
+    /// others run.
     Settled(Outcome),
     /// Received; the node holds the value while the process lets others run.
     GaveWay,
@@ -38,11 +39,12 @@ pub(super) enum Phase {
     Over,
 }
 
-/// A receive under way: see [`Receiver::recv`]. `M` says whether the sender is held.
+/// A receive under way: see [`Receiver::recv`]. `M` determines whether the sender is held.
 ///
 /// # Invariants
 ///
-/// The waiter holds a value in `GaveWay`, and in `Listed` and `Settled` if the outcome is `Done`. In `Listed` it was begun, and is pinned.
+/// The waiter holds a value in `GaveWay`, and in `Listed` and `Settled` if the outcome is `Done`.
+/// In `Listed` it was begun, and is pinned.
 ///
 /// What a plain receive touches lies together at its begin: the node ends with what is seldom used.
 #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
@@ -57,7 +59,8 @@ pub struct RecvOp<'a, T, M: Mode = Plain> {
     pub(super) _mode: PhantomData<M>,
 }
 
-// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value passes between threads anyway.
+// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value passes
+// between threads anyway.
 unsafe impl<T: Send, M: Mode> Send for RecvOp<'_, T, M> {}
 // SAFETY: `&RecvOp` gives access to nothing.
 unsafe impl<T: Send, M: Mode> Sync for RecvOp<'_, T, M> {}
@@ -98,7 +101,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         &mut self.noted.get_mut().note
     }
 
-    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    /// Takes one that waits, or is held, off its list: see
+    /// [`Channel::withdraw`](crate::core::Channel::withdraw).
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     fn take_back(&self) -> (Outcome, Option<WakeHandle>) {
         debug_assert!(self.is_listed());
@@ -106,7 +110,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         unsafe { self.receiver.channel().withdraw(self.node(), false) }
     }
 
-    /// What has become of a receive that was listed or settled.
+    /// The outcome of a receive that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
         match self.phase {
@@ -134,7 +138,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         node
     }
 
-    /// Which extended rendezvous it was that has ended.
+    /// Number of the extended rendezvous that has ended.
     #[inline]
     pub(super) fn ticket(&self) -> u32 {
         match self.phase {
@@ -151,7 +155,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         self.phase = Phase::Over;
         match outcome {
             Outcome::Done => {
-                // SAFETY: a done receive holds its value, and nobody else knows the node any more.
+                // SAFETY: a done receive holds its value, and no other thread knows the node any
+                // more.
                 let value = unsafe { self.waiter().take_value() };
                 let note = std::mem::take(self.note());
                 Ok(M::received(self.receiver, value, ticket, note))
@@ -161,10 +166,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         }
     }
 
-    /// Keeps what was received in the node.
+    /// Keeps the received value in the node.
     #[inline]
     pub(super) fn keep(&mut self, value: T, ticket: u32) {
-        // SAFETY: a receive that was not listed holds no value, and nobody else knows its node.
+        // SAFETY: a receive that was not listed holds no value, and no other thread knows its node.
         unsafe { self.waiter().put_value(value) };
         self.ticket = ticket;
     }
@@ -252,22 +257,22 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         matches!(self.phase, Phase::New | Phase::Entering)
     }
 
-    /// Whether it waits for a partner, or has met one that came later.
+    /// Whether it waits for a partner, or has met a later one.
     pub(super) fn is_listed(&self) -> bool {
         matches!(self.phase, Phase::Listed | Phase::Taped)
     }
 
-    /// The stamp of what it has come to.
+    /// The stamp of its result.
     ///
     /// # Safety
     ///
-    /// It was listed in the general way, and is settled.
+    /// It was listed on the slow path, and is settled.
     pub(super) unsafe fn order(&self) -> u64 {
         // SAFETY: the contract.
         unsafe { Waiter::order(self.node()) }
     }
 
-    /// Goes on with what did not simply come to its end at home.
+    /// Handles all that did not simply end on the fast path.
     #[inline(never)]
     fn poll_away(
         &mut self,
@@ -293,7 +298,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         self.poll_in_general(cx)
     }
 
-    /// Lets a new one of a process with a tape in, and gives how it failed if it has not to do more than that.
+    /// Admits a new receive of a process with a replay log, and returns its error if it has nothing
+    /// more to do than to fail.
     pub(super) fn enter(&mut self, cx: &mut Context<'_>) -> Poll<Option<RecvError>> {
         self.phase = Phase::Entering;
         let entered = std::task::ready!(taped::enter(cx));
@@ -313,7 +319,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         })
     }
 
-    /// Polls as the process' tape says, and tells it what comes of it.
+    /// Polls as the process' replay log says, and records the result in it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         let before = self.phase;
@@ -324,10 +330,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
             }
             Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
-            // Its tape was told when it gave way.
+            // Its replay log has the event of its giving way.
             Phase::Settled(_) => return self.poll_in_general(cx),
             Phase::Taped if self.outcome() == Outcome::Done => {
-                // SAFETY: it was listed in the general way, and is settled.
+                // SAFETY: it was listed on the slow path, and is settled.
                 taped::has_waited(unsafe { self.order() });
                 if taped::is_held(cx) {
                     return Poll::Pending;
@@ -338,8 +344,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         let polled = self.poll_in_general(cx);
         let is_done = matches!(polled, Poll::Ready(Ok(_)));
         if before == Phase::Taped && is_done {
-            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
-            // SAFETY: it was listed in the general way, and is settled.
+            // Its partner may have come between the look above and this one, which is nothing that
+            // happens in a replay. SAFETY: it was listed on the slow path, and is settled.
             taped::has_waited(unsafe { self.order() });
         } else if is_done || self.phase == Phase::GaveWay {
             current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
@@ -385,7 +391,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         let mut section = if M::HOLDS || M::INHERITS {
             this.receiver.channel().lock()
         } else {
-            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and it looks until the hand_off_slot is left.
+            // SAFETY: a new receive's node holds no value, and no other thread knows it. The future
+            // is pinned, and it looks until the hand-off slot is left.
             match unsafe { this.receiver.channel().recv_on_spots(this.node()) } {
                 HandOff::No(section) => section,
                 HandOff::Done(value) => {
@@ -403,7 +410,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
                 HandOff::Waits => {
                     this.phase = Phase::Listed;
-                    // SAFETY: the node waits on the hand_off_slot.
+                    // SAFETY: the node waits on the hand-off slot.
                     let outcome = unsafe {
                         let channel = this.receiver.channel();
                         channel.look_from_spot(this.node(), Side::Receiver, cx)
@@ -421,7 +428,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         match section.recv_now(M::HOLDS) {
             Received::Done(value, ready, holding) => {
                 if M::INHERITS {
-                    // Under the lock and in this order: a server that is between the two would not be as urgent as its client.
+                    // Under the lock and in this order: a server that is between the two would not
+                    // be as urgent as its client.
                     M::holds(this.note(), holding.priority);
                     section.boost_while_they_wait();
                 }
@@ -498,7 +506,8 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
         let this = unsafe { self.get_unchecked_mut() };
         if this.phase == Phase::New && !M::HOLDS && !M::INHERITS {
             let channel = this.receiver.channel();
-            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+            // SAFETY: a new receive's node holds no value, and no other thread knows it. The future
+            // is pinned, and its drop withdraws it.
             let fast_path = unsafe { channel.recv_fast(this.node(), cx) };
             // As for a send: the two usual ways alone.
             if fast_path == FastPath::Waits {
@@ -553,7 +562,7 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
             }
         };
         if holds_value {
-            // SAFETY: the value is here, and nobody else knows the node any more.
+            // SAFETY: the value is here, and no other thread knows the node any more.
             let value = unsafe { self.waiter().take_value() };
             let ticket = self.ticket();
             M::give_back(self.receiver, value, ticket);

@@ -17,10 +17,12 @@ use std::marker::PhantomData;
 use std::ptr::NonNull;
 use std::time::Duration;
 
-/// The receiving end of a channel. Any number of clones, on any threads, may receive at the same time; each value goes to one.
+/// The receiving end of a channel. Any number of clones, on any threads, may receive at the same
+/// time; each value goes to one.
 ///
-/// Dropping the last one closes the channel: senders get their values back, and what is buffered is dropped. Cloning is not for the
-/// real-time path; dropping is O(1), and O(waiting senders + buffered values) for the last one.
+/// Dropping the last one closes the channel: senders get their values back, and what is buffered is
+/// dropped. Cloning is not for the real-time path; dropping is O(1), and O(waiting senders +
+/// buffered values) for the last one.
 pub struct Receiver<T> {
     channel: NonNull<Channel<T>>,
     pub(super) chosen: Stamp,
@@ -56,11 +58,13 @@ impl<T> Receiver<T> {
 
     /// Waits for a value.
     ///
-    /// Of several that wait the one of highest priority gets it, of equal ones the one that came first. Fails when the last
-    /// sender is gone and nothing is left, or when the channel is poisoned. Cancel-safe: a future that is dropped while it waits leaves no
-    /// trace; one that is dropped after it was given a value puts it back at the head of the channel. One that need not wait is a
-    /// scheduling point all the same, be it that it succeeds or fails: more urgent processes of its executor run first, and after many in one go, all. Real-time path: yes;
-    /// no allocation, O(1), and O(waiting receivers of lower priority) to wait.
+    /// Of several that wait the one of highest priority gets it, of equal ones the one that came
+    /// first. Fails when the last sender is gone and nothing is left, or when the channel is
+    /// poisoned. Cancel-safe: a future that is dropped while it waits leaves no trace; one that is
+    /// dropped after it was given a value puts it back at the head of the channel. One that need
+    /// not wait is a scheduling point all the same, be it that it succeeds or fails: more urgent
+    /// processes of its executor run first, and after many in one go, all. Real-time path: yes; no
+    /// allocation, O(1), and O(waiting receivers of lower priority) to wait.
     ///
     /// ```
     /// # use futures_lite::future::block_on;
@@ -74,12 +78,15 @@ impl<T> Receiver<T> {
         RecvOp::new(self)
     }
 
-    /// Receives by *extended rendezvous*: the sender is held until what this returns is dropped or finished.
+    /// Receives by *extended rendezvous*: the sender is held until what this returns is dropped or
+    /// finished.
     ///
-    /// For work that is to be done between the communication and the sender's going on: passing the value on through a filter that the
-    /// sender is not to notice, acknowledging only what was acted upon. On a channel with a buffer nobody is held, since the buffer took the
-    /// value from its sender. A [`try_send`](crate::Sender::try_send) cannot be held, and so does not find this receiver. Works as a guard.
-    /// Cancel-safety and the real-time path: as [`recv`](Self::recv).
+    /// For work that is to be done between the communication and the sender's going on: passing the
+    /// value on through a filter that the sender is not to notice, acknowledging only what was
+    /// acted upon. On a channel with a buffer no sender is held, since the buffer took the value
+    /// from its sender. A [`try_send`](crate::Sender::try_send) cannot be held, and so does not
+    /// find this receiver. Works as a guard. Cancel-safety and the real-time path: as
+    /// [`recv`](Self::recv).
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -97,7 +104,8 @@ impl<T> Receiver<T> {
         RecvOp::new(self)
     }
 
-    /// Receives at once: only if a sender waits or something is buffered. The real-time path may call it; O(1).
+    /// Receives at once: only if a sender waits or something is buffered. The real-time path may
+    /// call it; O(1).
     ///
     /// # Errors
     ///
@@ -136,7 +144,7 @@ impl<T> Receiver<T> {
         }
     }
 
-    /// Receives at once, as the process' tape says.
+    /// Receives at once, as the process' replay log says.
     #[cold]
     #[inline(never)]
     fn try_recv_taped(&self) -> Result<T, TryRecvError> {
@@ -159,12 +167,13 @@ impl<T> Receiver<T> {
         }))
     }
 
-    /// Like [`recv`](Self::recv), for at most `timeout`. Exact: it times out only if no value was taken.
+    /// Like [`recv`](Self::recv), for at most `timeout`. Exact: it times out only if no value was
+    /// taken.
     ///
     /// # Panics
     ///
-    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a plain `recv` at your runtime's
-    /// timeout instead, which loses nothing either.
+    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a
+    /// plain `recv` at your runtime's timeout instead, which loses nothing either.
     ///
     /// ```
     /// # luna_executors::block_on(async {
@@ -177,7 +186,8 @@ impl<T> Receiver<T> {
         self.recv_deadline(Instant::now() + timeout)
     }
 
-    /// Like [`recv_timeout`](Self::recv_timeout), until an absolute deadline: so several operations can share one.
+    /// Like [`recv_timeout`](Self::recv_timeout), until an absolute deadline: so several operations
+    /// can share one.
     ///
     /// ```
     /// use luna_platform::clock::Instant;
@@ -193,11 +203,13 @@ impl<T> Receiver<T> {
         }
     }
 
-    /// Like [`recv`](Self::recv), until `stop` has ended: then it gives up, as at a deadline. Exact: it gives up only if no value was taken. The value comes first if both
-    /// are there. A recorded process gives up in a replay where it did, and `stop` is not asked.
+    /// Like [`recv`](Self::recv), until `stop` has ended: then it gives up, as at a deadline.
+    /// Exact: it gives up only if no value was taken. The value comes first if both are there. A
+    /// recorded process gives up in a replay where it did, and `stop` is not asked.
     ///
-    /// For what is to end a wait now and then, and is waited for all the time: `stop` may be a `Pin<&mut F>` of something that lives longer, so a receive costs
-    /// one poll of it, and only when it waits. Cancel-safe as `recv`. Real-time path: yes, as far as `stop` is.
+    /// For what is to end a wait now and then, and is waited for all the time: `stop` may be a
+    /// `Pin<&mut F>` of something that lives longer, so a receive costs one poll of it, and only
+    /// when it waits. Cancel-safe as `recv`. Real-time path: yes, as far as `stop` is.
     ///
     /// # Errors
     ///
@@ -280,7 +292,7 @@ impl<T> Receiver<T> {
     /// Poisons the channel: see [`Sender::poison`](crate::Sender::poison).
     pub fn poison(&self) {
         if current::is_taped() {
-            // Who still gets through before it is what a replay has to keep to.
+            // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
             let _ = taped::call(true, poison, |()| None);
         } else {
@@ -288,8 +300,9 @@ impl<T> Receiver<T> {
         }
     }
 
-    /// Waits until the channel is poisoned, and takes nothing from it: for one who does other things before it receives. If the senders go, it
-    /// waits on. All else is as for [`Sender::ended`](crate::Sender::ended).
+    /// Waits until the channel is poisoned, and takes nothing from it: for a process that does
+    /// other things before it receives. If the senders go, it waits on. All else is as for
+    /// [`Sender::ended`](crate::Sender::ended).
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -309,14 +322,16 @@ impl<T> Receiver<T> {
         self
     }
 
-    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`](crate::Sender::external).
+    /// Declares that a user of the channel is outside of the system: see
+    /// [`Sender::external`](crate::Sender::external).
     #[must_use]
     pub fn external(self) -> Self {
         self.channel().place().identity.set_external();
         self
     }
 
-    /// How many values are buffered: for display, since it may have changed already. Those of waiting senders do not count.
+    /// Number of buffered values: for display, since it may have changed already. Values of waiting
+    /// senders do not count.
     pub fn buffered(&self) -> usize {
         self.channel().buffered()
     }

@@ -11,7 +11,8 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// A receive under way that gives up when `S` has ended, which is a deadline or anything else: see [`Receiver::recv_timeout`](crate::Receiver::recv_timeout) and
+/// A receive under way that gives up when `S` has ended, which is a deadline or anything else: see
+/// [`Receiver::recv_timeout`](crate::Receiver::recv_timeout) and
 /// [`Receiver::recv_unless`](crate::Receiver::recv_unless).
 #[derive(Debug)]
 #[must_use = "an operation does nothing unless awaited"]
@@ -38,7 +39,8 @@ impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
         }
-        // One that has communicated, or failed, lets others run, and is over then, whatever the time is.
+        // One that has communicated, or failed, lets others run, and is over then, whatever the
+        // time is.
         if recv.lets_others_run() {
             return Poll::Pending;
         }
@@ -49,7 +51,8 @@ impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
     }
 }
 
-/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is or has happened, and is let in here, and not by what it waits for.
+/// As the process' replay log says: a replayed receive gives up when the recorded one did, whatever
+/// the time is or has happened, and is admitted here, and not by a partner.
 #[cold]
 fn poll_taped<T, S: Future<Output = ()>>(
     mut recv: Pin<&mut RecvOp<'_, T>>,
@@ -77,7 +80,7 @@ fn poll_taped<T, S: Future<Output = ()>>(
             taped::leave(Event::failed(taped::failure::POISONED));
         }
         Err(_) => taped::leave(Event::failed(taped::failure::CLOSED)),
-        // SAFETY: it was listed in the general way, and nobody but a partner can have completed it.
+        // SAFETY: it was listed on the slow path, and only a partner can have completed it.
         Ok(_) => taped::has_waited(unsafe { recv.order() }),
     }
     Poll::Ready(outcome)

@@ -20,7 +20,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     }
 
     fn is_open(&self) -> bool {
-        // SAFETY: asked of a new one, whose node is known to its future alone.
+        // SAFETY: called for a new send; only its future knows its node.
         unsafe { &*self.offered.get() }.source.is_open()
     }
 
@@ -47,7 +47,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
             Sent::Full => return Attempt::NotReady,
             Sent::Done(ready, overwritten) => {
                 if let Some(overwritten) = overwritten {
-                    // SAFETY: the node has given its value away, and is known to nobody else.
+                    // SAFETY: the node has given its value away, and no other thread knows it.
                     unsafe { this.offered().waiter.put_value(overwritten) };
                     this.phase = Phase::Overwrote;
                     return Attempt::Ready(ready);
@@ -74,7 +74,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: the lists are this channel's; the node is new, holds or can make its value, and is withdrawn before it goes.
+        // SAFETY: the contract: the lists are this channel's; the node is new, holds or can make
+        // its value, and is withdrawn before it goes.
         unsafe {
             let node = this.begin(Some((selection, guard)));
             let mut section = this.sender.channel().section(lists);
@@ -109,7 +110,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: a new send's node holds its value, since none is made, and is known to its future alone.
+        // SAFETY: the contract: a new send's node holds its value, since none is made, and is known
+        // to its future alone.
         let ready = unsafe { this.sender.channel().take_receiver(this.node(), process) };
         this.phase = Phase::Settled(Outcome::Done);
         ready
@@ -155,8 +157,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         if matches!(this.phase, Phase::Listed | Phase::Settled(_)) {
             let mut outcome = this.outcome();
             if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                // Who has claimed it holds the lock until it is settled.
-                // SAFETY: the node was listed.
+                // The claiming thread holds the lock until it is settled. SAFETY: the node was
+                // listed.
                 outcome = unsafe { this.sender.channel().update_wakeup(this.node(), cx) };
             }
             match outcome {
@@ -179,7 +181,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
 
     fn order(&self) -> u64 {
         match self.phase {
-            // SAFETY: one that has a tape is listed in the general way alone; it is settled, since its alternative has chosen it.
+            // SAFETY: an operation with a replay log is listed on the slow path alone; it is
+            // settled, since its alternative has chosen it.
             Phase::Listed if self.outcome() != Outcome::Waiting => unsafe { self.order() },
             _ => 0,
         }

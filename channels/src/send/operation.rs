@@ -25,29 +25,31 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet; the node holds the value.
     New,
-    /// As `New`, and its process' tape has not let it in.
+    /// As `New`, and its process' replay log has not admitted it.
     Entering,
     /// The node is in the list, or has been settled.
     Listed,
-    /// As `Listed`, and its process has a tape.
+    /// As `Listed`, and its process has a replay log.
     Taped,
-    /// Settled without having been listed: in an alternative; or failed, while the process lets others run.
+    /// Settled without having been listed: in an alternative; or failed, while the process lets
+    /// others run.
     Settled(Outcome),
-    /// Settled as done in an alternative, and the node holds the value that a full buffer dropped for it.
+    /// Settled as done in an alternative, and the node holds the value that a full buffer dropped
+    /// for it.
     Overwrote,
-    /// Sent; the process lets others run before it goes on.
+    /// Sent; the process lets others run before it continues.
     GaveWay,
     /// The outcome was returned.
     Over,
 }
 
-/// A send under way: see [`Sender::send`]. `S` says where its value comes from.
+/// A send under way: see [`Sender::send`]. `S` is the source of its value.
 ///
 /// # Invariants
 ///
-/// The waiter holds the value, or can make it, in `New`, and in `Listed` and `Settled` unless the outcome is `Done`, `Held` or `Broken`; the answer if
-/// it is `Answered`. In `Listed` it
-/// was begun, and is pinned.
+/// The waiter holds the value, or can make it, in `New`, and in `Listed` and `Settled` unless the
+/// outcome is `Done`, `Held` or `Broken`; the answer if it is `Answered`. In `Listed` it was begun,
+/// and is pinned.
 ///
 /// What a plain send touches lies together at its begin: the node ends with what is seldom used.
 #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
@@ -59,18 +61,21 @@ pub struct SendOp<'a, T, S: Source<T> = InNode> {
     pub(super) _pinned: PhantomPinned,
 }
 
-// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value, and what makes it, pass between threads anyway.
+// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value, and
+// what makes it, pass between threads anyway.
 unsafe impl<T: Send, S: Source<T> + Send> Send for SendOp<'_, T, S> {}
 // SAFETY: `&SendOp` gives access to nothing.
 unsafe impl<T: Send, S: Source<T> + Send> Sync for SendOp<'_, T, S> {}
 
 impl<'a, T> SendOp<'a, T> {
-    /// A send of `value`, which is written where it is to lie: to make the node first and move it would be to copy also what is not written before it is listed.
+    /// A send of `value`, which is written where it is to lie: to make the node first and move it
+    /// would be to copy also what is not written before it is listed.
     #[inline(always)]
     pub(super) fn of_value(sender: &'a Sender<T>, value: T) -> Self {
         let mut send = MaybeUninit::<Self>::uninit();
         let place = send.as_mut_ptr();
-        // SAFETY: the place is this function's. What is left unwritten may be: the node of a send that is not listed.
+        // SAFETY: the memory is this function's. Fields left unwritten may stay so: the node of a
+        // send that is not listed.
         unsafe {
             (&raw mut (*place).sender).write(sender);
             let offered = UnsafeCell::raw_get(&raw const (*place).offered);
@@ -111,7 +116,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         self.offered.get_mut()
     }
 
-    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    /// Takes one that waits, or is held, off its list: see
+    /// [`Channel::withdraw`](crate::core::Channel::withdraw).
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     fn take_back(&self) -> (Outcome, Option<WakeHandle>) {
         debug_assert!(self.is_listed());
@@ -119,7 +125,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         unsafe { self.sender.channel().withdraw(self.node(), true) }
     }
 
-    /// What has become of a send that was listed or settled.
+    /// The outcome of a send that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
         match self.phase {
@@ -143,7 +149,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     pub(super) fn failed(&mut self, ending: Outcome) -> SendError<S::Unsent> {
         self.phase = Phase::Over;
         SendError {
-            // SAFETY: the send failed, so the value is still here, and nobody else knows the node any more.
+            // SAFETY: the send failed, so the value is still here, and no other thread knows the
+            // node any more.
             value: unsafe { S::unsent(self.offered()) },
             poisoned: ending == Outcome::Poisoned,
         }
@@ -173,19 +180,20 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         panic!("the closure of a `send_with` panicked: its channel is poisoned")
     }
 
-    /// What a send that has succeeded was given back, if it was.
+    /// The value given back to a successful send, if any.
     pub(crate) fn take_answer(self: Pin<&mut Self>) -> Option<T> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         let is_answered = this.phase == Phase::Settled(Outcome::Answered);
         is_answered.then(|| {
             this.phase = Phase::Over;
-            // SAFETY: an answered node holds a value, and is known to nobody else.
+            // SAFETY: an answered node holds a value, and no other thread knows it.
             unsafe { this.offered().waiter.take_value() }
         })
     }
 
-    /// Waits no longer: it fails as poisoned if nobody has taken its value, and is done if somebody has. The [output](Guard::output) says which.
+    /// Waits no longer: it fails as poisoned if its value was not taken, and is done if it was. The
+    /// [output](Guard::output) says which.
     pub(crate) fn abandon(self: Pin<&mut Self>) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -197,7 +205,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         }
     }
 
-    /// Withdraws what nobody has taken: exact, since the outcome is looked at first.
+    /// Withdraws a value that was not taken: exact, since the outcome is looked at first.
     pub(super) fn give_up(self: Pin<&mut Self>) -> Result<(), SendTimeoutError<S::Unsent>> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -309,22 +317,22 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         matches!(self.phase, Phase::New | Phase::Entering)
     }
 
-    /// Whether it waits for a partner, or has met one that came later.
+    /// Whether it waits for a partner, or has met a later one.
     pub(super) fn is_listed(&self) -> bool {
         matches!(self.phase, Phase::Listed | Phase::Taped)
     }
 
-    /// The stamp of what it has come to.
+    /// The stamp of its result.
     ///
     /// # Safety
     ///
-    /// It was listed in the general way, and is settled.
+    /// It was listed on the slow path, and is settled.
     pub(super) unsafe fn order(&self) -> u64 {
         // SAFETY: the contract.
         unsafe { Waiter::order(self.node()) }
     }
 
-    /// Goes on with what did not simply come to its end at home.
+    /// Handles all that did not simply end on the fast path.
     #[inline(never)]
     fn poll_away(
         &mut self,
@@ -347,7 +355,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         self.poll_in_general(cx)
     }
 
-    /// Polls as the process' tape says, and tells it what comes of it.
+    /// Polls as the process' replay log says, and records the result in it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         let before = self.phase;
@@ -365,10 +373,10 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 self.sender.channel().note_taped(true);
             }
             Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
-            // Its tape was told when it gave way.
+            // Its replay log has the event of its giving way.
             Phase::Settled(_) => return self.poll_in_general(cx),
             Phase::Taped if self.outcome() == Outcome::Done => {
-                // SAFETY: it was listed in the general way, and is settled.
+                // SAFETY: it was listed on the slow path, and is settled.
                 taped::has_waited(unsafe { self.order() });
                 if taped::is_held(cx) {
                     return Poll::Pending;
@@ -379,8 +387,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         let polled = self.poll_in_general(cx);
         let is_done = matches!(polled, Poll::Ready(Ok(_)));
         if before == Phase::Taped && is_done {
-            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
-            // SAFETY: it was listed in the general way, and is settled.
+            // Its partner may have come between the look above and this one, which is nothing that
+            // happens in a replay. SAFETY: it was listed on the slow path, and is settled.
             taped::has_waited(unsafe { self.order() });
         } else if is_done || self.phase == Phase::GaveWay {
             current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
@@ -397,7 +405,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             if !is_poisoned && current::is_replayed() {
                 // In a replay nothing fails later than it is found to.
                 debug_assert!(polled.is_ready());
-                // Recorded is a success: it was sent before the receivers went, who never saw it.
+                // Recorded is a success: it was sent before the receivers went, but never received.
                 taped::leave(Event::done(0));
                 return Poll::Ready(Ok(()));
             }
@@ -435,14 +443,15 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         if !this.offered().source.is_open() {
             return Poll::Pending;
         }
-        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and it looks until the hand_off_slot is left.
+        // SAFETY: a new send's node holds or can make its value, and no other thread knows it. The
+        // future is pinned, and it looks until the hand-off slot is left.
         let mut section =
             match unsafe { this.sender.channel().send_on_spots(this.place_of_offer()) } {
                 HandOff::No(section) => section,
                 HandOff::Done(()) => return this.sent(cx),
                 HandOff::Waits => {
                     this.phase = Phase::Listed;
-                    // SAFETY: the node waits on the hand_off_slot.
+                    // SAFETY: the node waits on the hand-off slot.
                     let outcome = unsafe {
                         let channel = this.sender.channel();
                         channel.look_from_spot(this.node(), Side::Sender, cx)
@@ -450,7 +459,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                     return this.looked(outcome, cx);
                 }
             };
-        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+        // SAFETY: a new send's node holds or can make its value, and no other thread knows it. The
+        // future is pinned, and its drop withdraws it.
         let sent = unsafe { section.send_now(this.place_of_offer(), Some(cx)) };
         match sent {
             Sent::Done(ready, dropped) => {
@@ -469,7 +479,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                     false => WakeHandle::without_waker(cx),
                 };
                 let has_wakeup = wakeup.is_some();
-                // SAFETY: the node still holds or can make its value; the future is pinned, and its drop withdraws the node.
+                // SAFETY: the node still holds or can make its value; the future is pinned, and its
+                // drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
                     section.list_sender(node, current::priority(), wakeup);
@@ -522,9 +533,11 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
         let this = unsafe { self.get_unchecked_mut() };
         if this.phase == Phase::New && this.offered().source.is_open() {
             let channel = this.sender.channel();
-            // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+            // SAFETY: a new send's node holds or can make its value, and no other thread knows it.
+            // The future is pinned, and its drop withdraws it.
             let fast_path = unsafe { channel.send_fast(this.place_of_offer(), cx) };
-            // The two usual ways alone: with more the compiler jumps by a table, which a processor that has done something else meanwhile cannot foresee.
+            // The two usual ways alone: with more the compiler jumps by a table, which a processor
+            // that has done something else meanwhile cannot foresee.
             if fast_path == FastPath::Done {
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));
@@ -581,7 +594,7 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
                 }
             }
         }
-        // SAFETY: the value is still here, and nobody else knows the node any more.
+        // SAFETY: the value is still here, and no other thread knows the node any more.
         drop(unsafe { S::unsent(self.offered()) });
     }
 }

@@ -18,8 +18,8 @@ use std::time::Duration;
 /// The sending end of a channel. Any number of clones, on any threads, may send at the same time.
 ///
 /// Dropping the last one closes the channel: what was sent is still received, then receivers get
-/// [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time path; dropping is O(1), and O(waiting
-/// receivers) for the last one.
+/// [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time path; dropping
+/// is O(1), and O(waiting receivers) for the last one.
 pub struct Sender<T> {
     channel: NonNull<Channel<T>>,
     pub(super) chosen: Stamp,
@@ -55,10 +55,11 @@ impl<T> Sender<T> {
 
     /// Offers `value` and waits until a receiver has taken it, or the buffer.
     ///
-    /// Fails when the last receiver is gone or the channel is poisoned, and gives the value back. Cancel-safe: dropping the future
-    /// withdraws and drops a value that nobody has taken; one that was taken stays sent. One that need not wait is a scheduling point all the same, be
-    /// it that it succeeds or fails: see [`Receiver::recv`](crate::Receiver::recv). Real-time path: yes; no allocation,
-    /// O(1), and O(waiting senders of lower priority) to wait.
+    /// Fails when the last receiver is gone or the channel is poisoned, and gives the value back.
+    /// Cancel-safe: dropping the future withdraws and drops a value that was not taken; one that
+    /// was taken stays sent. A send that need not wait is a scheduling point all the same, whether
+    /// it succeeds or fails: see [`Receiver::recv`](crate::Receiver::recv). Real-time path: yes; no
+    /// allocation, O(1), and O(waiting senders of lower priority) to wait.
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -71,8 +72,9 @@ impl<T> Sender<T> {
         SendOp::of_value(self, value)
     }
 
-    /// Like [`send`](Self::send), with a value that stays in `slot` until it is taken: in an alternative that chooses another guard it is
-    /// still there afterwards. An empty slot offers nothing: as a guard it is never ready, awaited alone it waits for ever.
+    /// Like [`send`](Self::send), with a value that stays in `slot` until it is taken: in an
+    /// alternative that chooses another guard it is still there afterwards. An empty slot offers
+    /// nothing: as a guard it is never ready, awaited alone it waits for ever.
     ///
     /// ```
     /// use luna_channels::{alt, at, channel};
@@ -91,12 +93,14 @@ impl<T> Sender<T> {
         SendOp::new(self, Offered::slot(slot))
     }
 
-    /// Like [`send`](Self::send), with a value that `make` makes when it is taken, and not otherwise.
+    /// Like [`send`](Self::send), with a value that `make` makes when it is taken, and not
+    /// otherwise.
     ///
-    /// `make` runs on the side that completes the communication, under the locks of all channels that side chooses among. So it is short,
-    /// and uses and drops no end of a channel, no lock, and nothing that allocates where that matters. It borrows nothing (`move` what it needs into
-    /// it), since it may be run by another thread after this future was leaked. If it panics, the channel is poisoned, and the process that
-    /// offered panics.
+    /// `make` runs on the side that completes the communication, under the locks of all channels
+    /// that side chooses among. So it is short, and uses and drops no end of a channel, no lock,
+    /// and nothing that allocates where that matters. It borrows nothing (`move` all that it needs
+    /// into it), since it may be run by another thread after this future was leaked. If it panics,
+    /// the channel is poisoned, and the process that offered panics.
     ///
     /// ```
     /// use luna_channels::{alt, channel};
@@ -116,7 +120,8 @@ impl<T> Sender<T> {
         SendOp::new(self, Offered::made(make))
     }
 
-    /// Sends at once: only if a receiver waits or the buffer has room. The real-time path may call it; O(1).
+    /// Sends at once: only if a receiver waits or the buffer has room. The real-time path may call
+    /// it; O(1).
     ///
     /// # Errors
     ///
@@ -144,7 +149,7 @@ impl<T> Sender<T> {
 
     /// # Safety
     ///
-    /// `offered` is its call's alone, which came to this, and lives.
+    /// `offered` is live, only this call accesses it, and it has this result.
     #[inline(always)]
     unsafe fn sent_at_once(
         offered: NonNull<Offered<T, InNode>>,
@@ -158,7 +163,7 @@ impl<T> Sender<T> {
                 drop(dropped);
                 Ok(())
             }
-            // Nobody can be held by a call that does not wait, and a value that is there need not be made.
+            // A call that does not wait cannot be held, and a value that is there need not be made.
             Sent::Held(ready) | Sent::Broken(ready) => {
                 ready.wake();
                 Ok(())
@@ -169,7 +174,7 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Sends at once, as the process' tape says.
+    /// Sends at once, as the process' replay log says.
     #[cold]
     #[inline(never)]
     fn try_send_taped(&self, value: T) -> Result<(), TrySendError<T>> {
@@ -198,12 +203,13 @@ impl<T> Sender<T> {
         unsafe { Self::sent_at_once(offered, sent) }
     }
 
-    /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if nobody took the value.
+    /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if the value was
+    /// not taken.
     ///
     /// # Panics
     ///
-    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a plain `send` at your runtime's
-    /// timeout instead, which withdraws the value too.
+    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a
+    /// plain `send` at your runtime's timeout instead, which withdraws the value too.
     ///
     /// ```
     /// # luna_executors::block_on(async {
@@ -217,8 +223,9 @@ impl<T> Sender<T> {
         self.send_deadline(value, Instant::now() + timeout)
     }
 
-    /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations can share one. A sender that is held by
-    /// an extended rendezvous goes on at the deadline, and has sent.
+    /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations
+    /// can share one. A sender that is held by an extended rendezvous goes on at the deadline, and
+    /// has sent.
     ///
     /// ```
     /// use luna_platform::clock::Instant;
@@ -234,15 +241,19 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Like [`send`](Self::send), until `stop` has ended: then it gives up, as at a deadline, and gives the value back. Exact: it gives up only if nobody took the value. To send comes first if both
-    /// are possible. A recorded process gives up in a replay where it did, and `stop` is not asked.
+    /// Like [`send`](Self::send), until `stop` has ended: then it gives up, as at a deadline, and
+    /// gives the value back. Exact: it gives up only if the value was not taken. To send comes
+    /// first if both are possible. A recorded process gives up in a replay where it did, and `stop`
+    /// is not asked.
     ///
-    /// For what is to be withdrawn when something makes it wrong while nobody takes it: `stop` may be a `Pin<&mut F>` of something that lives longer, so a send costs
-    /// one poll of it, and only when it waits. Cancel-safe as `send`. Real-time path: yes, as far as `stop` is.
+    /// For an offer that is to be withdrawn when something makes it wrong before it is taken:
+    /// `stop` may be a `Pin<&mut F>` of something that lives longer, so a send costs one poll of
+    /// it, and only when it waits. Cancel-safe as `send`. Real-time path: yes, as far as `stop` is.
     ///
     /// # Errors
     ///
-    /// [`SendTimeoutError::Timeout`](crate::SendTimeoutError::Timeout) if it was given up, else as for `send`; each with the value.
+    /// [`SendTimeoutError::Timeout`](crate::SendTimeoutError::Timeout) if it was given up, else as
+    /// for `send`; each with the value.
     ///
     /// ```
     /// # luna_executors::block_on(async {
@@ -307,10 +318,11 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Poisons the channel: all operations that wait on it, and all that come to it later, on both ends, fail as poisoned.
+    /// Poisons the channel: all operations that wait on it, and all that come to it later, on both
+    /// ends, fail as poisoned.
     ///
-    /// What was communicated before stays communicated; what is still buffered is dropped. May be called more than once.
-    /// Real-time path: yes; O(those who wait + what is buffered).
+    /// What was communicated before stays communicated; what is still buffered is dropped. May be
+    /// called more than once. Real-time path: yes; O(waiting operations + buffered values).
     ///
     /// ```
     /// let (sender, receiver) = luna_channels::channel::<u32>();
@@ -319,7 +331,7 @@ impl<T> Sender<T> {
     /// ```
     pub fn poison(&self) {
         if current::is_taped() {
-            // Who still gets through before it is what a replay has to keep to.
+            // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
             let _ = taped::call(true, poison, |()| None);
         } else {
@@ -327,10 +339,12 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Waits until nothing more can be sent: the last receiver is gone, or the channel is poisoned. It offers nothing, and of no receiver is it
-    /// seen; for one who waits for other things before it sends.
+    /// Waits until nothing more can be sent: the last receiver is gone, or the channel is poisoned.
+    /// It offers nothing, and no receiver sees it; for a process that waits for other things before
+    /// it sends.
     ///
-    /// Cancel-safe. Real-time path: yes; no allocation, O(1), and O(those of lower priority who wait for the same end) to wait.
+    /// Cancel-safe. Real-time path: yes; no allocation, O(1), and O(waiters of lower priority for
+    /// the same end) to wait.
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -350,8 +364,9 @@ impl<T> Sender<T> {
         self
     }
 
-    /// Says that somebody outside of the system uses the channel too: a plain thread, a device. A process that waits on it is then never
-    /// part of a deadlock. A channel that a thread outside has used already is known to be one.
+    /// Declares that a user of the channel is outside of the system: a plain thread, a device. A
+    /// process that waits on it is then never part of a deadlock. A channel that an outside thread
+    /// has used already is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
         self.channel().place().identity.set_external();

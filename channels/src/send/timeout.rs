@@ -11,7 +11,8 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// A send under way that gives up when `S` has ended, which is a deadline or anything else: see [`Sender::send_timeout`](crate::Sender::send_timeout) and
+/// A send under way that gives up when `S` has ended, which is a deadline or anything else: see
+/// [`Sender::send_timeout`](crate::Sender::send_timeout) and
 /// [`Sender::send_unless`](crate::Sender::send_unless).
 #[derive(Debug)]
 #[must_use = "an operation does nothing unless awaited"]
@@ -38,7 +39,8 @@ impl<T, S: Future<Output = ()>> Future for SendTimeout<'_, T, S> {
         if let Poll::Ready(sent) = send.as_mut().poll(cx) {
             return Poll::Ready(sent.map_err(SendTimeoutError::from));
         }
-        // One that has communicated, or failed, lets others run, and is over then, whatever the time is.
+        // One that has communicated, or failed, lets others run, and is over then, whatever the
+        // time is.
         if send.lets_others_run() {
             return Poll::Pending;
         }
@@ -49,7 +51,7 @@ impl<T, S: Future<Output = ()>> Future for SendTimeout<'_, T, S> {
     }
 }
 
-/// As a process' tape says: see the receive's.
+/// As the process' replay log says: see the receive's.
 #[cold]
 fn poll_taped<T, S: Future<Output = ()>>(
     mut send: Pin<&mut SendOp<'_, T>>,
@@ -76,7 +78,7 @@ fn poll_taped<T, S: Future<Output = ()>>(
             taped::leave(Event::failed(taped::failure::POISONED));
         }
         Err(_) => taped::leave(Event::failed(taped::failure::CLOSED)),
-        // SAFETY: it was listed in the general way, and nobody but a partner can have completed it.
+        // SAFETY: it was listed on the slow path, and only a partner can have completed it.
         Ok(_) => taped::has_waited(unsafe { send.order() }),
     }
     Poll::Ready(outcome)

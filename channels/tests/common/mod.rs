@@ -1,4 +1,5 @@
-//! What the tests share: counted drops, counted wakes, polls by hand, random numbers with a seed, and a watchdog.
+//! What the tests share: counted drops, counted wakes, polls by hand, random numbers with a seed,
+//! and a watchdog.
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
 use std::fmt;
@@ -56,7 +57,7 @@ impl Ledger {
     }
 }
 
-/// A value whose drop is counted. On the heap too, so that a double drop shows in a memory checker.
+/// A value with a counted drop. On the heap too, so that a double drop shows in a memory checker.
 pub(crate) struct Token {
     pub(crate) id: usize,
     ledger: Ledger,
@@ -103,7 +104,7 @@ pub(crate) fn poll_with<F: Future + ?Sized>(
     future.as_mut().poll(&mut Context::from_waker(waker))
 }
 
-/// Polls once; nobody is woken.
+/// Polls once; its waker wakes no task.
 pub(crate) fn poll<F: Future + ?Sized>(future: &mut Pin<Box<F>>) -> Poll<F::Output> {
     poll_with(future, Waker::noop())
 }
@@ -162,7 +163,8 @@ impl Random {
     }
 }
 
-/// Ends the test program with a message if the test has not ended after two minutes: a hang is a failure, not a wait.
+/// Ends the test program with a message if the test has not ended after two minutes: a hang is a
+/// failure, not a wait.
 pub(crate) struct Watchdog {
     _ended: mpsc::Sender<()>,
 }

@@ -1,4 +1,5 @@
-//! Alternatives alone: preconditions, skip, STOP, delays, many guards, ended channels, priorities, failed branches, and being dropped.
+//! Alternatives alone: preconditions, skip, STOP, delays, many guards, ended channels, priorities,
+//! failed branches, and being dropped.
 
 #![cfg(not(loom))]
 
@@ -138,7 +139,8 @@ fn a_delay_against_a_partner_on_another_thread_loses_nothing() {
     .unwrap();
 }
 
-/// Thirty-two guards, and the last is chosen; one more does not compile (see the macro's documentation).
+/// Thirty-two guards, and the last is chosen; one more does not compile (see the macro's
+/// documentation).
 #[test]
 fn thirty_two_guards() {
     let ends: Vec<_> = (0..31).map(|_| channel::<usize>()).collect();
@@ -318,7 +320,8 @@ fn a_failed_branch_fails_its_alternative_unless_that_has_communicated() {
 
 #[test]
 fn dropped_at_any_await_nothing_is_lost_and_nothing_doubled() {
-    // How far it gets before it is dropped: not polled; waiting; chosen as receiver; chosen as sender; in its body.
+    // How far it gets before it is dropped: not polled; waiting; chosen as receiver; chosen as
+    // sender; in its body.
     for stage in 0..5 {
         let ledger = Ledger::new(2);
         let ((one, from_one), (two, from_two)) = (channel(), channel());

@@ -31,7 +31,7 @@ async fn merge(one: Receiver<u64>, two: Receiver<u64>) -> u64 {
     sum
 }
 
-/// Offers each number to both, whoever takes it.
+/// Offers each number to both; either may take it.
 async fn split(one: Sender<u64>, two: Sender<u64>, count: u64) {
     for n in 1..=count {
         alt! {
@@ -87,7 +87,8 @@ fn across_all_of_them() {
         .worker_threads(1)
         .build()
         .unwrap();
-    // Three who receive from both, and three who offer to both: each alternative against any other.
+    // Three processes that receive from both, and three that offer to both: each alternative
+    // against any other.
     let mut ends = (0..3).map(|_| (sums.clone(), one.clone(), two.clone()));
     let mut next = || ends.next().unwrap();
     let (s, a, b) = next();
@@ -183,7 +184,8 @@ fn a_loser_of_a_race_is_withdrawn_within_processes_and_without() {
     assert_eq!(process.wait(), Exit::Completed);
 }
 
-/// Polls children with wakers of their own, each only when that was woken, as `FuturesUnordered` does.
+/// Polls children with wakers of their own, each only when that was woken, as `FuturesUnordered`
+/// does.
 async fn each_with_its_waker<'a, T>(
     children: Vec<Pin<Box<dyn Future<Output = T> + 'a>>>,
 ) -> Vec<T> {
@@ -209,7 +211,7 @@ async fn each_with_its_waker<'a, T>(
         if children.iter().all(|child| child.0.is_none()) {
             return Poll::Ready(());
         }
-        // The children's wakers tell nobody: this looks again.
+        // The children's wakers wake no task: this looks again.
         cx.waker().wake_by_ref();
         Poll::Pending
     })
@@ -250,7 +252,8 @@ fn alternatives_with_wakers_of_their_own_within_one_process() {
 fn random_drops_under_load_lose_and_double_nothing() {
     let _watchdog = Watchdog::new();
     let mut random = Random::from_environment();
-    // One who receives from two channels, and drops each alternative after some polls; two who send to them from threads.
+    // A process that receives from two channels, and drops each alternative after some polls; two
+    // that send to them from threads.
     let ((to_one, one), (to_two, two)) = (channel::<u64>(), channel::<u64>());
     let senders = [to_one, to_two].map(|sender| {
         thread::spawn(move || {

@@ -1,4 +1,5 @@
-//! Alternatives against alternatives, plain operations, and cancellation, on two executors and plain threads: every value once.
+//! Alternatives against alternatives, plain operations, and cancellation, on two executors and
+//! plain threads: every value once.
 
 #![cfg(not(loom))]
 
@@ -10,7 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 const MESSAGES: u64 = 5_000;
 
-/// Exchanges with a partner that does the same: in each round one of them sends and the other receives.
+/// Exchanges with a partner that does the same: in each round one of them sends and the other
+/// receives.
 async fn exchange(to: Sender<u64>, from: Receiver<u64>, fair: bool, sums: Arc<[AtomicU64; 2]>) {
     let mut next = 1;
     let (mut sent, mut received) = (0, 0);
@@ -35,7 +37,8 @@ async fn exchange(to: Sender<u64>, from: Receiver<u64>, fair: bool, sums: Arc<[A
     sums[1].fetch_add(received, Ordering::Relaxed);
 }
 
-/// Invariant 6: two processes with opposite alternatives make progress; and nothing is lost or doubled on the way.
+/// Invariant 6: two processes with opposite alternatives make progress; and nothing is lost or
+/// doubled on the way.
 #[test]
 fn opposite_alternatives_on_two_executors_make_progress() {
     for (left_fair, right_fair) in [(true, true), (true, false), (false, false)] {

@@ -1,4 +1,5 @@
-//! Which auto traits the types have, and which they must not have. All of it is checked by the compiler.
+//! Which auto traits the types have, and which they must not have. All of it is checked by the
+//! compiler.
 
 #![cfg(not(loom))]
 

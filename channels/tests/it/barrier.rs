@@ -1,4 +1,5 @@
-//! Barriers: rounds, enrolling and resigning, cancelling, alternatives, groups on one executor, and all of it across threads.
+//! Barriers: rounds, enrolling and resigning, cancelling, alternatives, groups on one executor, and
+//! all of it across threads.
 
 #![cfg(not(loom))]
 
@@ -100,7 +101,7 @@ fn an_alternative_comes_only_if_all_others_have() {
     // It waits, and the alternative comes second.
     assert_eq!(block_on(choose()), None);
     assert!(!is_pending(&mut sync));
-    // The alternative waits, and is chosen by who comes.
+    // The alternative waits, and the arriving party chooses it.
     let mut alternative = Box::pin(choose());
     assert!(is_pending(&mut alternative));
     assert!(!is_pending(&mut Box::pin(barrier.sync())));
@@ -164,7 +165,8 @@ fn a_timeout_beside_a_barrier() {
     .unwrap();
 }
 
-/// In each round all have the same number, on two executors and a thread, some of them by alternatives that may choose something else.
+/// In each round all have the same number, on two executors and a thread, some of them by
+/// alternatives that may choose something else.
 #[test]
 fn rounds_across_executors_and_threads() {
     const ROUNDS: usize = 300;

@@ -53,7 +53,7 @@ fn who_waited_for_room_comes_before_who_comes_later() {
     for n in 0..3 {
         assert!(sender.try_send(99).unwrap_err().is_full());
         assert_eq!(receiver.try_recv(), Ok(n));
-        // One of those who waited has moved up, into the room there was.
+        // A waiting send has moved up, into the room there was.
         assert_eq!(ready(&mut waiting[n]), Ok(()));
         waiting[n + 1..].iter_mut().for_each(pending);
     }

@@ -1,4 +1,5 @@
-//! Calls: the reply reaches the client that called, once, or nobody; whatever is dropped, poisoned or preferred meanwhile.
+//! Calls: the reply reaches the client that called, once, or no client; whatever is dropped,
+//! poisoned or preferred meanwhile.
 
 #![cfg(not(loom))]
 
@@ -286,18 +287,19 @@ fn both_ends_are_guards() {
     }
 }
 
-/// Calls `f` in a process on whose executor another one of higher level is ready: operations that complete at once let it run.
+/// Calls `f` in a process of an executor with another ready process of higher level: operations
+/// that complete at once let it run.
 fn outranked(f: impl FnOnce()) {
     let home = current::Home::new();
     let timers = Arc::new(luna_core::timer_queue::TimerQueue::new());
     let _home = current::enter_home(home, timers, false);
     let id = current::ProcessId::new();
     let process = current::Lone::new(id, home, 0, 0, std::task::Waker::noop().clone(), 0..0);
-    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(1 << 5) };
-    // SAFETY: this thread is the home, and the process lives.
+    // SAFETY: this thread is the executor of the process, and the process lives.
     unsafe { current::with_process(&process, f) };
-    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(0) };
 }
 

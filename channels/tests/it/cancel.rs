@@ -1,4 +1,5 @@
-//! Futures that are dropped before they are done, in each state they can be in: nothing is lost, nothing doubled.
+//! Futures that are dropped before they are done, in each state they can be in: nothing is lost,
+//! nothing doubled.
 
 #![cfg(not(loom))]
 
@@ -105,7 +106,8 @@ fn a_value_that_came_back_to_a_full_buffer_takes_nobodys_place() {
     }
     drop(recv);
     assert_eq!(receiver.buffered(), 2);
-    // It is over full by one: a sender waits until it is below its capacity again, and is then moved up.
+    // It is over full by one: a sender waits until it is below its capacity again, and is then
+    // moved up.
     let mut send = Box::pin(sender.send(2));
     pending(&mut send);
     assert_eq!(receiver.try_recv(), Ok(0));
@@ -141,7 +143,7 @@ fn a_value_that_came_back_goes_to_the_next_who_waits() {
     }
     sender.try_send(7).unwrap();
     assert_eq!(wakes.count(), 1);
-    // Passed on along all who wait, as each in turn is dropped.
+    // Passed on along all waiters, as each in turn is dropped.
     drop(recvs.remove(0));
     assert_eq!(wakes.count(), 2);
     drop(recvs.remove(0));

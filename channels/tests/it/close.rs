@@ -133,7 +133,8 @@ fn what_was_sent_before_the_close_is_received_first() {
 
 #[test]
 fn what_was_communicated_is_not_reported_as_closed() {
-    // A receive that was given its value before the close, and a send whose value was taken before it.
+    // A receive that was given its value before the close, and a send that had its value taken
+    // before it.
     let (sender, receiver) = channel();
     let mut recv = Box::pin(receiver.recv());
     pending(&mut recv);
@@ -163,7 +164,8 @@ fn a_given_back_value_outlives_the_close() {
 
 #[test]
 fn what_nobody_will_receive_is_dropped_when_the_last_receiver_goes() {
-    // A request that lies in the buffer holds the way back to its client: if it stayed there, the client would wait for ever.
+    // A request that lies in the buffer holds the way back to its client: if it stayed there, the
+    // client would wait for ever.
     let _watchdog = Watchdog::new();
     let (requests, server) = buffered::<Sender<u32>>(Buffer::fifo(4));
     let (reply, answer) = channel::<u32>();

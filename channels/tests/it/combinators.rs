@@ -1,5 +1,6 @@
-//! Operations inside combinators of other crates, and of our own with wakers of their own: the waker that polled is the one that is woken,
-//! also within a process of LUNA, which would else be readied without it.
+//! Operations inside combinators of other crates, and of our own with wakers of their own: the
+//! waker that polled is the one that is woken, also within a process of LUNA, which would else be
+//! woken without it.
 
 #![cfg(not(loom))]
 
@@ -14,7 +15,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake, Waker};
 
-/// Polls each child with a waker of its own, and only when that was woken: as `FuturesUnordered` and `join_all` of many do.
+/// Polls each child with a waker of its own, and only when that was woken: as `FuturesUnordered`
+/// and `join_all` of many do.
 struct Fan<'a, T> {
     children: Vec<Option<Child<'a, T>>>,
     polls: Arc<AtomicUsize>,
@@ -26,7 +28,7 @@ struct Child<'a, T> {
     waker: Waker,
 }
 
-/// Remembers that its child was woken, and wakes who polls the whole.
+/// Remembers that its child was woken, and wakes the poller of the whole.
 struct Woken {
     woken: AtomicBool,
     parent: Mutex<Option<Waker>>,
@@ -178,7 +180,8 @@ fn a_process_that_gives_way_inside_a_combinator_is_polled_again() {
         (Exit::Completed, Exit::Completed)
     );
     let order = order.lock().unwrap();
-    // 3 and 4 are branches of one poll: the second one has nobody to send to until the process returns from it.
+    // 3 and 4 are branches of one poll: the second one has no receiver until the process returns
+    // from it.
     assert_eq!(order[..4], ["received 1", "sent 1", "received 2", "sent 2"]);
     assert_eq!(order[4], "received 3");
     assert_eq!(order.len(), 8);

@@ -1,4 +1,5 @@
-//! The condition variable: nothing lost, nobody woken for nothing, by priority; and the semaphore's permits.
+//! The condition variable: nothing lost, no spurious wake, by priority; and the semaphore's
+//! permits.
 
 #![cfg(not(loom))]
 
@@ -134,7 +135,7 @@ fn the_time_runs_out_and_the_mutex_is_locked_all_the_same() {
         drop(guard);
         let (guard, result) = wait.await.unwrap();
         assert!(!result.timed_out());
-        // A notification after the deadline is nobody's.
+        // A notification after the deadline reaches no waiter.
         let mut late = Box::pin(condition.wait_timeout(guard, ENOUGH));
         assert!(poll(&mut late).is_pending());
         let guard = mutex.try_lock().unwrap();
@@ -219,7 +220,8 @@ fn the_most_urgent_is_notified_first() {
     assert_eq!(*order.try_lock().unwrap(), [2, 1, 0, 3, 4]);
 }
 
-/// A queue with a capacity, as of the textbook: makers and takers in all places, some of which give up in between.
+/// A queue with a capacity, as of the textbook: makers and takers in all places, some of which give
+/// up in between.
 #[test]
 fn a_bounded_queue_loses_and_doubles_nothing() {
     let _watchdog = Watchdog::new();

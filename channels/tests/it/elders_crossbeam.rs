@@ -1,5 +1,6 @@
-//! Situations that crossbeam-channel's own suites of selection cover (`select.rs`, `select_macro.rs`, `same_channel.rs`, `ready.rs`), in tests of our
-//! own. Each says which one it is in crossbeam.
+//! Situations that crossbeam-channel's own suites of selection cover (`select.rs`,
+//! `select_macro.rs`, `same_channel.rs`, `ready.rs`), in tests of our own. Each says which one it
+//! is in crossbeam.
 
 #![cfg(not(loom))]
 
@@ -40,8 +41,8 @@ fn the_one_that_has_something() {
     }
 }
 
-/// crossbeam: `disconnected`, `default`, `default_when_disconnected`. An ended channel is ready, whoever else is not, and rather than `skip` or a
-/// delay; before its end it is not.
+/// crossbeam: `disconnected`, `default`, `default_when_disconnected`. An ended channel is ready,
+/// even if no other is, and rather than `skip` or a delay; before its end it is not.
 #[test]
 fn an_end_is_ready_rather_than_skip_or_a_delay() {
     let _watchdog = Watchdog::new();
@@ -73,7 +74,8 @@ fn an_end_is_ready_rather_than_skip_or_a_delay() {
     .unwrap();
 }
 
-/// crossbeam: `disconnected`, its last part, and `unblocks`. What comes, or ends, while it waits in another thread wakes it.
+/// crossbeam: `disconnected`, its last part, and `unblocks`. What comes, or ends, while it waits in
+/// another thread wakes it.
 #[test]
 fn what_comes_while_it_waits_wakes_it() {
     let _watchdog = Watchdog::new();
@@ -113,7 +115,8 @@ fn what_comes_while_it_waits_wakes_it() {
     }
 }
 
-/// crossbeam: `timeout`, `default_only`. A timeout comes when nothing else does, not before its time, and what comes later is still received.
+/// crossbeam: `timeout`, `default_only`. A timeout comes when nothing else does, not before its
+/// time, and what comes later is still received.
 #[test]
 fn a_timeout_and_what_comes_after_it() {
     let _watchdog = Watchdog::new();
@@ -138,7 +141,8 @@ fn a_timeout_and_what_comes_after_it() {
     .unwrap();
 }
 
-/// crossbeam: `both_ready`. One that receives and one that sends are done in either order, against a partner with an order of its own.
+/// crossbeam: `both_ready`. One that receives and one that sends are done in either order, against
+/// a partner with an order of its own.
 #[test]
 fn against_a_partner_with_an_order_of_its_own() {
     let _watchdog = Watchdog::new();
@@ -161,7 +165,8 @@ fn against_a_partner_with_an_order_of_its_own() {
     });
 }
 
-/// crossbeam: `loop_try`. Two who try without waiting, against one that waits for either of them.
+/// crossbeam: `loop_try`. Two processes that try without waiting, against one that waits for either
+/// of them.
 #[test]
 fn two_who_try_against_one_that_waits() {
     let _watchdog = Watchdog::new();
@@ -208,7 +213,8 @@ fn two_who_try_against_one_that_waits() {
     }
 }
 
-/// crossbeam: `cloning1`, `cloning2`. An end that is cloned and dropped while an alternative waits changes nothing.
+/// crossbeam: `cloning1`, `cloning2`. An end that is cloned and dropped while an alternative waits
+/// changes nothing.
 #[test]
 fn a_clone_that_goes_is_no_end() {
     let ((s1, r1), (s2, r2)) = (unbounded::<u8>(), unbounded::<u8>());
@@ -226,7 +232,8 @@ fn a_clone_that_goes_is_no_end() {
     assert_eq!(ready(&mut waits), (2, Ok(5)));
 }
 
-/// crossbeam: `preflight1` to `preflight3`. What was sent before the end is received before the end.
+/// crossbeam: `preflight1` to `preflight3`. What was sent before the end is received before the
+/// end.
 #[test]
 fn what_was_sent_before_the_end_comes_before_the_end() {
     let (sender, receiver) = unbounded();
@@ -252,7 +259,8 @@ fn what_was_sent_before_the_end_comes_before_the_end() {
     );
 }
 
-/// crossbeam: `duplicate_operations`, `same_channel.rs`. Each guard twice, and both ends of each channel, in two who meet each other alone.
+/// crossbeam: `duplicate_operations`, `same_channel.rs`. Each guard twice, and both ends of each
+/// channel, in two processes that meet each other alone.
 #[test]
 fn each_guard_twice() {
     let _watchdog = Watchdog::new();
@@ -304,8 +312,8 @@ fn one_in_the_body_of_another() {
     assert_eq!(reached, Ok(1));
 }
 
-/// crossbeam: `stress_mixed`, `stress_timeout`. A sends on one, B receives on another, the alternative does both; and with a delay that comes again
-/// and again.
+/// crossbeam: `stress_mixed`, `stress_timeout`. A sends on one, B receives on another, the
+/// alternative does both; and with a delay that comes again and again.
 #[test]
 fn mixed_and_with_delays_in_a_loop() {
     let _watchdog = Watchdog::new();
@@ -333,8 +341,8 @@ fn mixed_and_with_delays_in_a_loop() {
     thread.join().unwrap();
 }
 
-/// crossbeam: `matching`, `matching_with_leftover`, `sync_and_clone`. Many who offer both ends of one channel: they pair off, no one with itself, and
-/// of an odd number one is left.
+/// crossbeam: `matching`, `matching_with_leftover`, `sync_and_clone`. Many processes offer both
+/// ends of one channel: they pair off, none with itself, and of an odd number one is left.
 #[test]
 fn many_pair_off() {
     let _watchdog = Watchdog::new();
@@ -361,7 +369,8 @@ fn many_pair_off() {
     }
 }
 
-/// crossbeam: `channel_through_channel`. A channel is sent through itself, again and again, in alternatives.
+/// crossbeam: `channel_through_channel`. A channel is sent through itself, again and again, in
+/// alternatives.
 #[test]
 fn a_channel_through_a_channel() {
     type Anything = Box<dyn Any + Send>;
@@ -392,8 +401,9 @@ fn a_channel_through_a_channel() {
     }
 }
 
-/// crossbeam: `linearizable_try`, `linearizable_timeout`. One of two is ready at any time: neither `skip` nor a delay that has passed is chosen. (A
-/// fair alternative takes a delay that has passed, so the second is a `pri_alt`.)
+/// crossbeam: `linearizable_try`, `linearizable_timeout`. One of two is ready at any time: neither
+/// `skip` nor a delay that has passed is chosen. (A fair alternative takes a delay that has passed,
+/// so the second is a `pri_alt`.)
 #[test]
 fn neither_skip_nor_a_passed_delay_while_something_is_ready() {
     let _watchdog = Watchdog::new();
@@ -436,7 +446,8 @@ fn neither_skip_nor_a_passed_delay_while_something_is_ready() {
     }
 }
 
-/// crossbeam: `fairness2`, `fairness_recv`, `fairness_send`. Of a rendezvous, a buffer of one and one that grows, whichever are ready take turns.
+/// crossbeam: `fairness2`, `fairness_recv`, `fairness_send`. Of a rendezvous, a buffer of one and
+/// one that grows, whichever are ready take turns.
 #[test]
 fn rendezvous_and_buffers_take_turns() {
     let ((s1, r1), (s2, r2), (s3, r3)) = (unbounded(), buffered(Buffer::fifo(1)), channel());
@@ -454,7 +465,8 @@ fn rendezvous_and_buffers_take_turns() {
     assert_eq!(hits, [100; 3]);
 }
 
-/// crossbeam: `unfairness` of `select_biased!`. By priority the first that is ready, each time; and the next when it is empty.
+/// crossbeam: `unfairness` of `select_biased!`. By priority the first that is ready, each time; and
+/// the next when it is empty.
 #[test]
 fn by_priority_the_first_until_it_is_empty() {
     let [(s1, r1), (s2, r2), (s3, r3)] = [(); 3].map(|()| unbounded());
@@ -471,8 +483,8 @@ fn by_priority_the_first_until_it_is_empty() {
     assert_eq!(order, [[1; 10], [2; 10], [3; 10]].concat());
 }
 
-/// crossbeam: `references`, `handles_on_heap`, `once_receiver`, `infer_types`, `case_blocks`, `same_variable_name` of `select_macro.rs`. What may stand
-/// for an end, a pattern and a body.
+/// crossbeam: `references`, `handles_on_heap`, `once_receiver`, `infer_types`, `case_blocks`,
+/// `same_variable_name` of `select_macro.rs`. What may stand for an end, a pattern and a body.
 #[test]
 fn what_may_stand_for_an_end_a_pattern_and_a_body() {
     let ledger = Ledger::new(1);

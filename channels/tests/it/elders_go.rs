@@ -1,5 +1,5 @@
-//! Situations that Go's own tests cover (`runtime/chan_test.go`, `runtime/chanbarrier_test.go`, `test/chan`), in tests of our own. Each says
-//! which one it is in Go.
+//! Situations that Go's own tests cover (`runtime/chan_test.go`, `runtime/chanbarrier_test.go`,
+//! `test/chan`), in tests of our own. Each says which one it is in Go.
 
 #![cfg(not(loom))]
 
@@ -56,7 +56,7 @@ fn basic_properties_at_many_capacities() {
     }
 }
 
-/// Go: `TestChan`, four who send and four who receive.
+/// Go: `TestChan`, four senders and four receivers.
 #[test]
 fn four_who_send_and_four_who_receive() {
     let _watchdog = Watchdog::new();
@@ -87,7 +87,8 @@ fn four_who_send_and_four_who_receive() {
     }
 }
 
-/// Go: `TestNonblockRecvRace`. What was buffered before the close is there for a non-blocking receive that races with the close.
+/// Go: `TestNonblockRecvRace`. What was buffered before the close is there for a non-blocking
+/// receive that races with the close.
 #[test]
 fn a_non_blocking_receive_races_with_the_close() {
     let _watchdog = Watchdog::new();
@@ -104,8 +105,8 @@ fn a_non_blocking_receive_races_with_the_close() {
     }
 }
 
-/// Go: `TestNonblockSelectRace2`. One channel is ready until after the other one is closed, so a look at both always finds one. (The first of the two
-/// is invariant 8.)
+/// Go: `TestNonblockSelectRace2`. One channel is ready until after the other one is closed, so a
+/// look at both always finds one. (The first of the two is invariant 8.)
 #[test]
 fn a_non_blocking_choice_races_with_a_close() {
     let _watchdog = Watchdog::new();
@@ -131,7 +132,8 @@ fn a_non_blocking_choice_races_with_a_close() {
     }
 }
 
-/// Go: `TestSelfSelect`. Two processes that offer both ends of one channel, in both orders: neither receives its own value.
+/// Go: `TestSelfSelect`. Two processes that offer both ends of one channel, in both orders: neither
+/// receives its own value.
 #[test]
 fn both_ends_of_one_channel_in_two_processes() {
     let _watchdog = Watchdog::new();
@@ -165,7 +167,8 @@ fn both_ends_of_one_channel_in_two_processes() {
     }
 }
 
-/// Go: `TestSelectStress`. Plain operations and alternatives, on rendezvous and buffers, all against each other; as many sends as receives.
+/// Go: `TestSelectStress`. Plain operations and alternatives, on rendezvous and buffers, all
+/// against each other; as many sends as receives.
 #[test]
 fn plain_operations_and_alternatives_against_each_other() {
     const COUNT: usize = 1_000;
@@ -215,7 +218,8 @@ fn plain_operations_and_alternatives_against_each_other() {
     }
 }
 
-/// Go: `TestPseudoRandomSend`. Two sends on one channel: both happen. Here in turns, as each clone of an end has its own.
+/// Go: `TestPseudoRandomSend`. Two sends on one channel: both happen. Here in turns, as each clone
+/// of an end has its own.
 #[test]
 fn two_sends_on_one_channel_both_happen() {
     let _watchdog = Watchdog::new();
@@ -239,7 +243,7 @@ fn two_sends_on_one_channel_both_happen() {
     }
 }
 
-/// Go: `TestMultiConsumer`. A feeder, many workers, one who collects; closed one after the other.
+/// Go: `TestMultiConsumer`. A feeder, many workers, one collector; closed one after the other.
 #[test]
 fn a_feeder_many_workers_and_one_who_collects() {
     let _watchdog = Watchdog::new();
@@ -263,7 +267,8 @@ fn a_feeder_many_workers_and_one_who_collects() {
     feeder.join().unwrap();
 }
 
-/// Go: `TestSelectDuplicateChannel`. One waits twice on a channel, another behind it; the first is chosen elsewhere; the other must be found.
+/// Go: `TestSelectDuplicateChannel`. One waits twice on a channel, another behind it; the first is
+/// chosen elsewhere; the other must be found.
 #[test]
 fn one_channel_twice_before_another_who_waits() {
     let ((c, from_c), (d, from_d)) = (channel(), channel());
@@ -284,7 +289,8 @@ fn one_channel_twice_before_another_who_waits() {
     assert!(c.try_send(9).unwrap_err().is_full());
 }
 
-/// Go: `test/chan/select6.go` (issue 2075). A loser that is the last in a queue is taken out, and who waits after that is still found.
+/// Go: `test/chan/select6.go` (issue 2075). A loser that is the last in a queue is taken out, and a
+/// later waiter is still found.
 #[test]
 fn a_loser_at_the_end_of_a_queue() {
     let ((c, from_c), (d, from_d)) = (channel(), channel());
@@ -304,7 +310,8 @@ fn a_loser_at_the_end_of_a_queue() {
     assert_eq!((ready(&mut first), ready(&mut last)), (Ok(1), Ok(2)));
 }
 
-/// Go: `TestChanSendSelectBarrier` and `TestChanSendBarrier`: values that lie on the heap, sent from where the sender forgets them at once.
+/// Go: `TestChanSendSelectBarrier` and `TestChanSendBarrier`: values that lie on the heap, sent
+/// from where the sender forgets them at once.
 #[test]
 fn values_on_the_heap_through_many_hands() {
     let _watchdog = Watchdog::new();
@@ -342,7 +349,8 @@ fn values_on_the_heap_through_many_hands() {
     ledger.assert_all_dropped_once();
 }
 
-/// Go: `test/chan/doubleselect.go`. A counter is offered to four at once, who pass on what they get: no number comes twice, and none is missing.
+/// Go: `test/chan/doubleselect.go`. A counter is offered to four processes at once, which pass on
+/// what they get: no number comes twice, and none is missing.
 #[test]
 fn no_two_guards_of_one_alternative_happen() {
     let _watchdog = Watchdog::new();
@@ -379,7 +387,8 @@ fn no_two_guards_of_one_alternative_happen() {
     counter.join().unwrap();
 }
 
-/// Go: `test/chan/select3.go`. What is and is not ready, case by case. A nil channel there is a false precondition here.
+/// Go: `test/chan/select3.go`. What is and is not ready, case by case. A nil channel there is a
+/// false precondition here.
 #[test]
 fn what_is_ready_case_by_case() {
     let never = || channel::<u8>();
@@ -447,8 +456,8 @@ fn what_is_ready_case_by_case() {
     }));
 }
 
-/// Go: `test/chan/select5.go`. Channels and values of guards are evaluated once, in the order written, also of those that are not chosen; the
-/// preconditions, which Go has not, before them.
+/// Go: `test/chan/select5.go`. Channels and values of guards are evaluated once, in the order
+/// written, also of those that are not chosen; the preconditions, which Go has not, before them.
 #[test]
 fn guards_are_evaluated_once_in_the_order_written() {
     let order = std::cell::RefCell::new(Vec::new());
@@ -469,7 +478,8 @@ fn guards_are_evaluated_once_in_the_order_written() {
     drop(two);
 }
 
-/// Go: `test/chan/fifo.go`. A chain of processes each of which waits for its turn: first come, first served.
+/// Go: `test/chan/fifo.go`. A chain of processes each of which waits for its turn: first come,
+/// first served.
 #[test]
 fn values_come_out_in_the_order_in_which_their_senders_came() {
     let (sender, receiver) = channel();
@@ -484,7 +494,8 @@ fn values_come_out_in_the_order_in_which_their_senders_came() {
     }
 }
 
-/// Go: `test/chan/nonblock.go`. A non-blocking send and receive find a partner that waits, of values of several sizes; `test/chan/zerosize.go`.
+/// Go: `test/chan/nonblock.go`. A non-blocking send and receive find a partner that waits, of
+/// values of several sizes; `test/chan/zerosize.go`.
 #[test]
 fn values_of_any_size_find_who_waits() {
     fn one<T: Send + Clone + PartialEq + std::fmt::Debug>(value: T) {

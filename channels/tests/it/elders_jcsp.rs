@@ -1,4 +1,5 @@
-//! Situations that JCSP's own tests and demonstrations cover, in tests of our own. Each says which one it is in JCSP.
+//! Situations that JCSP's own tests and demonstrations cover, in tests of our own. Each says which
+//! one it is in JCSP.
 
 #![cfg(not(loom))]
 
@@ -12,8 +13,9 @@ use luna_platform::thread::Attributes;
 use std::thread;
 use std::time::Duration;
 
-/// JCSP: `TestExtendedRendezvous`, `testNormal…Channel` in its four shapes: one or more who write, one or more who read. A writer ends its write when
-/// the extended read of its value ends, and not before.
+/// JCSP: `TestExtendedRendezvous`, `testNormal…Channel` in its four shapes: one or more writers,
+/// one or more readers. A writer ends its write when the extended read of its value ends, and not
+/// before.
 #[test]
 fn extended_rendezvous_in_four_shapes() {
     for (writers, readers) in [(1, 1), (3, 1), (1, 3), (3, 3)] {
@@ -38,8 +40,9 @@ fn extended_rendezvous_in_four_shapes() {
     }
 }
 
-/// JCSP: `testFIFO_…Channel`. A writer into a FIFO buffer waits while that is full, and never for the extended read. (There, what is read keeps its
-/// place in the buffer until the read ends; here it leaves it at once.)
+/// JCSP: `testFIFO_…Channel`. A writer into a FIFO buffer waits while that is full, and never for
+/// the extended read. (There, what is read keeps its place in the buffer until the read ends; here
+/// it leaves it at once.)
 #[test]
 fn extended_reads_of_a_fifo_buffer() {
     for capacity in [1, 4] {
@@ -69,7 +72,8 @@ fn extended_reads_of_a_fifo_buffer() {
     }
 }
 
-/// JCSP: `testOverflowingFIFO…` and `testOverwritingOldest…`. What is being read is not overwritten by what is written meanwhile.
+/// JCSP: `testOverflowingFIFO…` and `testOverwritingOldest…`. What is being read is not overwritten
+/// by what is written meanwhile.
 #[test]
 fn extended_reads_of_overwriting_buffers() {
     for (buffer, expected) in [
@@ -87,7 +91,8 @@ fn extended_reads_of_overwriting_buffers() {
     }
 }
 
-/// JCSP: `AltTest` (extended rendezvous). Three sources pass through delays that their writers do not notice, and are merged by an alternative.
+/// JCSP: `AltTest` (extended rendezvous). Three sources pass through delays that their writers do
+/// not notice, and are merged by an alternative.
 #[test]
 fn three_sources_through_extended_delays_into_one_alternative() {
     let _watchdog = Watchdog::new();
@@ -134,7 +139,8 @@ fn three_sources_through_extended_delays_into_one_alternative() {
     assert_eq!(merge.wait(), Exit::Completed);
 }
 
-/// Eight writers, each of which always has a value, into one alternative; how often each was served in `rounds` selections.
+/// Eight writers, each of which always has a value, into one alternative; how often each was served
+/// in `rounds` selections.
 async fn stressed(rounds: usize, fair: bool) -> [usize; 8] {
     let ends: [_; 8] = std::array::from_fn(|_| buffered::<u8>(Buffer::allocating_unbounded()));
     for (sender, _) in &ends {
@@ -159,7 +165,8 @@ async fn stressed(rounds: usize, fair: bool) -> [usize; 8] {
     served
 }
 
-/// JCSP: `StressedAlt` with `fairSelect`, and with `priSelect`: each is served equally often; or the first alone.
+/// JCSP: `StressedAlt` with `fairSelect`, and with `priSelect`: each is served equally often; or
+/// the first alone.
 #[test]
 fn stressed_alternatives() {
     assert_eq!(block_on(stressed(800, true)), [100; 8]);
@@ -200,7 +207,8 @@ fn many_writers_of_many_channels() {
     assert_eq!(reader.wait(), Exit::Completed);
 }
 
-/// JCSP: `FairPlexTime`. Fair among inputs that are always ready, until a timeout, which is a guard too: it is neither starved nor early.
+/// JCSP: `FairPlexTime`. Fair among inputs that are always ready, until a timeout, which is a guard
+/// too: it is neither starved nor early.
 #[test]
 fn fair_plexing_until_a_timeout() {
     let _watchdog = Watchdog::new();
@@ -227,7 +235,8 @@ fn fair_plexing_until_a_timeout() {
     .unwrap();
 }
 
-/// JCSP: `PriPlexTime`. By priority the timeout, written first, ends it though inputs are always ready.
+/// JCSP: `PriPlexTime`. By priority the timeout, written first, ends it though inputs are always
+/// ready.
 #[test]
 fn prioritized_plexing_until_a_timeout() {
     let _watchdog = Watchdog::new();
@@ -246,7 +255,8 @@ fn prioritized_plexing_until_a_timeout() {
     .unwrap();
 }
 
-/// JCSP: `Regulate`. Inputs come when they like; the latest goes out at each tick of absolute deadlines; a reset changes the period.
+/// JCSP: `Regulate`. Inputs come when they like; the latest goes out at each tick of absolute
+/// deadlines; a reset changes the period.
 #[test]
 fn a_regulator() {
     let _watchdog = Watchdog::new();
@@ -307,7 +317,8 @@ fn a_regulator() {
     assert_eq!(user.wait(), Exit::Completed);
 }
 
-/// JCSP: `Polling`. A process polls its inputs by `priSelect` with a skip guard, and does other work in between.
+/// JCSP: `Polling`. A process polls its inputs by `priSelect` with a skip guard, and does other
+/// work in between.
 #[test]
 fn polling_with_a_skip_guard() {
     let _watchdog = Watchdog::new();
@@ -333,8 +344,8 @@ fn polling_with_a_skip_guard() {
     thread.join().unwrap();
 }
 
-/// JCSP: `CommsTimeSymmetric` and the tests of `One2OneChannelSymmetric`: both ends of a channel in alternatives, which there takes channels of
-/// their own kind.
+/// JCSP: `CommsTimeSymmetric` and the tests of `One2OneChannelSymmetric`: both ends of a channel in
+/// alternatives, which there takes channels of their own kind.
 #[test]
 fn both_ends_of_each_channel_in_alternatives() {
     let _watchdog = Watchdog::new();
@@ -372,7 +383,8 @@ fn both_ends_of_each_channel_in_alternatives() {
     luna_executors::block_on(body()).unwrap();
 }
 
-/// JCSP: `Alternative.select(boolean[])`. Preconditions choose the guards anew at each selection, here a buffer that is never over- nor underrun.
+/// JCSP: `Alternative.select(boolean[])`. Preconditions choose the guards anew at each selection,
+/// here a buffer that is never over- nor underrun.
 #[test]
 fn preconditions_of_a_bounded_buffer() {
     let _watchdog = Watchdog::new();
@@ -406,7 +418,8 @@ fn preconditions_of_a_bounded_buffer() {
     buffer.join().unwrap();
 }
 
-/// JCSP: poison (Sputh and Allen). An alternative with a poisoned channel gives the poison; passed on, it ends a network of alternatives in a ring.
+/// JCSP: poison (Sputh and Allen). An alternative with a poisoned channel gives the poison; passed
+/// on, it ends a network of alternatives in a ring.
 #[test]
 fn poison_ends_a_ring_of_alternatives() {
     let _watchdog = Watchdog::new();

@@ -67,7 +67,8 @@ fn the_end_wakes_all_who_wait_for_it_and_nobody_twice() {
     assert_eq!(two.as_mut().poll(&mut cx), poisoned);
 }
 
-/// Who waits for poison is not woken by a close, is by the poison after it, and what is buffered is still received in between.
+/// A process that waits for poison is not woken by a close, is by the poison after it, and what is
+/// buffered is still received in between.
 #[test]
 fn poison_after_a_close() {
     let (sender, receiver) = buffered::<u32>(Buffer::fifo(2));

@@ -1,4 +1,5 @@
-//! An operation that fails without having waited is a scheduling point as one that succeeds is: a loop over errors keeps nobody of its executor from running.
+//! An operation that fails without having waited is a scheduling point as one that succeeds is: a
+//! loop over errors does not keep other processes of its executor from running.
 
 #![cfg(not(loom))]
 
@@ -32,7 +33,8 @@ fn poisoned() -> (Sender<u8>, Receiver<u8>) {
     (sender, receiver)
 }
 
-/// Fails again and again beside another process of its level, and after it has readied one of a higher level.
+/// Fails again and again beside another process of its level, and after it has woken one of a
+/// higher level.
 fn check(what: &str, fails: impl AsyncFn() + Send + 'static) {
     let _watchdog = Watchdog::new();
     let executor = Executor::start(Attributes::new("errors")).unwrap();

@@ -1,4 +1,5 @@
-//! Extended rendezvous: the sender is held until the receiver is done, and is never held for longer, whatever happens meanwhile.
+//! Extended rendezvous: the sender is held until the receiver is done, and is never held for
+//! longer, whatever happens meanwhile.
 
 #![cfg(not(loom))]
 
@@ -89,7 +90,7 @@ fn poisoned_meanwhile_the_sender_is_done_and_not_poisoned() {
     assert_eq!(wakes.count(), 1);
     assert_eq!(ready(&mut send), Ok(()));
     assert!(ready(&mut waits).unwrap_err().is_poisoned());
-    // The receiver still has its value, and releases nobody else.
+    // The receiver still has its value, and releases no other sender.
     assert_eq!(extended.finish(), 5);
 }
 
@@ -171,7 +172,7 @@ fn a_try_send_does_not_find_it_on_a_rendezvous() {
     let mut extended = Box::pin(receiver.recv_extended());
     pending(&mut extended);
     assert!(sender.try_send(1).unwrap_err().is_full());
-    // But it finds who waits behind it.
+    // But it finds the waiter behind it.
     let mut plain = Box::pin(receiver.recv());
     pending(&mut plain);
     assert_eq!(sender.try_send(2), Ok(()));
@@ -233,7 +234,7 @@ fn as_a_guard_on_the_receivers_side() {
     }
 }
 
-/// What those do who wait on the channel of this name.
+/// Roles of the waiters on the channel of this name.
 fn roles(name: &str) -> Vec<Role> {
     let places = inspect::places();
     let place = places
@@ -266,7 +267,7 @@ fn an_output_guard_is_held_too() {
             assert!(poll_with(&mut alternative, &waker).is_pending());
         }
         let extended = ready(&mut recv).unwrap();
-        // It may be told what was chosen, but it is held, and offers nothing else.
+        // It may know what was chosen, but it is held, and offers nothing else.
         assert!(poll_with(&mut alternative, &waker).is_pending());
         assert_eq!(roles("an output guard that is held"), [Role::Held]);
         assert_eq!(roles("not chosen as it is held"), []);
@@ -372,7 +373,8 @@ fn who_is_held_is_known_by_name() {
 #[test]
 fn across_threads_the_sender_sees_what_the_receiver_did() {
     let _watchdog = Watchdog::new();
-    // What is done before the release is visible after the send: a plain cell, shared by a lock that nobody waits for.
+    // What is done before the release is visible after the send: a plain cell, shared by a lock
+    // without waiters.
     let (sender, receiver) = channel::<usize>();
     let done = std::sync::Mutex::new(0);
     thread::scope(|scope| {

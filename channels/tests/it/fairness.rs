@@ -1,4 +1,4 @@
-//! Fair alternatives: of the ends that are ready the least recently chosen is taken. Exact sequences.
+//! Fair alternatives: of the ready ends the least recently chosen is taken. Exact sequences.
 
 #![cfg(not(loom))]
 
@@ -89,7 +89,7 @@ fn ends_keep_their_turn_as_they_move_between_threads() {
     let mut ends = (senders, from);
     let mut order = Vec::new();
     for _ in 0..7 {
-        // A new thread each time, whose own count starts anew.
+        // A new thread each time, with a count of its own that starts anew.
         (ends, order) = thread::spawn(move || {
             order.push(block_on(choose(&ends.1, [true; 3])));
             (ends, order)
@@ -102,7 +102,8 @@ fn ends_keep_their_turn_as_they_move_between_threads() {
 
 #[test]
 fn no_open_end_that_is_ready_is_passed_over_by_another_twice() {
-    // In any thread, and whatever preconditions say: who passes it over bears the greater stamp from then on.
+    // In any thread, and whatever preconditions say: an alternative that passes it over bears the
+    // greater stamp from then on.
     let (senders, from) = full();
     let mut ends = (senders, from);
     let mut chosen_before = [0_usize; 3];

@@ -1,4 +1,5 @@
-//! Alternatives whose partners are processes of their own executor, until somebody from elsewhere comes: every value once, and in order.
+//! Alternatives with partners on their own executor, until a partner from another thread comes:
+//! every value once, and in order.
 
 #![cfg(not(loom))]
 
@@ -8,14 +9,14 @@ use luna_platform::thread::Attributes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// So many that all locks favour the executor before anybody else comes.
+/// So many that all locks are biased to the executor before any other thread comes.
 const WARM: u64 = 100;
 /// How many the process sends over each channel, and the thread.
 const EACH: u64 = 200;
 const ROUNDS: usize = 40;
 const CHANNELS: usize = 3;
 
-/// What is sent: by whom, over which channel, and the how manieth.
+/// What is sent: by which sender, over which channel, and its number.
 type Item = (bool, usize, u64);
 
 #[derive(Clone, Copy)]

@@ -11,7 +11,8 @@ use luna_executors::{Executor, Exit, OsThread, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::thread;
 
-/// A pipeline of a producer, a filter and a consumer, the end of it all, and poison: within one future.
+/// A pipeline of a producer, a filter and a consumer, the end of it all, and poison: within one
+/// future.
 async fn network() {
     for buffer in [None, Some(Buffer::fifo(1)), Some(Buffer::fifo(8))] {
         let make = || buffer.map_or_else(channel::<u64>, buffered);
@@ -38,7 +39,8 @@ async fn network() {
     assert_eq!(poisoned, Err(RecvError::Poisoned));
 }
 
-/// The same with each part a task of its own, made by `spawn`; gives what its consumer is to report.
+/// The same with each part a task of its own, made by `spawn`; gives what its consumer is to
+/// report.
 fn tasks(
     spawn: &mut dyn FnMut(std::pin::Pin<Box<dyn Future<Output = ()> + Send>>),
 ) -> Receiver<u64> {

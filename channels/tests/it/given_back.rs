@@ -1,4 +1,5 @@
-//! A value that comes back to an overwriting buffer which has become full: what would have been overwritten goes.
+//! A value that comes back to an overwriting buffer which has become full: what would have been
+//! overwritten goes.
 
 #![cfg(not(loom))]
 

@@ -1,4 +1,5 @@
-//! Others' code at its worst: wakers that panic when woken, cloned or dropped, closures that panic, futures that are forgotten.
+//! Others' code at its worst: wakers that panic when woken, cloned or dropped, closures that panic,
+//! futures that are forgotten.
 
 #![cfg(not(loom))]
 
@@ -43,7 +44,7 @@ impl Wake for Count {
     }
 }
 
-/// Wakers of a thread whose clones panic while this says so.
+/// Wakers of a thread. Their clones panic while this says so.
 mod clones {
     use super::*;
     use std::cell::Cell;

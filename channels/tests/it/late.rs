@@ -1,4 +1,5 @@
-//! A delay that has passed is chosen before what is below it, also by a partner that comes before the owner has woken.
+//! A delay that has passed is chosen before what is below it, also by a partner that comes before
+//! the owner has woken.
 
 #![cfg(not(loom))]
 
@@ -10,8 +11,8 @@ use std::time::Duration;
 
 const DELAY: Duration = Duration::from_millis(5);
 
-/// Lets a partner come after the delay of an alternative that has begun to wait before it: whether it was found, and what was chosen. `None` if the
-/// machine was too slow for that.
+/// Lets a partner come after the delay of an alternative that has begun to wait before it. Returns
+/// whether it was found, and the choice. `None` if the machine was too slow for that.
 async fn partner_comes_late(
     alternative: impl Future<Output = Option<u32>>,
     deadline: Instant,

@@ -1,4 +1,4 @@
-//! The mutex: one at a time, handed over by priority, never lost, and robust when who holds it dies.
+//! The mutex: one at a time, handed over by priority, never lost, and robust when its holder dies.
 
 #![cfg(not(loom))]
 
@@ -107,7 +107,8 @@ fn it_is_handed_over_by_priority_then_by_arrival() {
             let guard = of_director.lock().await.unwrap();
             for gate in gates {
                 gate.send(()).await.unwrap();
-                // It waits for the mutex then, and lends its level; so that this one alone runs, all the same.
+                // The other one waits for the mutex then, and this one inherits its level; so that
+                // this one alone runs, all the same.
                 yield_now().await;
             }
             drop(guard);
@@ -394,7 +395,8 @@ fn a_guard_may_be_sent_away_and_is_unlocked_there() {
     assert_eq!(*mutex.try_lock().unwrap(), 1);
 }
 
-/// All places take turns on two mutexes, with others that give up in between: nobody is lost, and nobody is inside with another.
+/// Processes of all placements take turns on two mutexes, with others that give up in between: no
+/// waiter is lost, and a holder is always alone.
 #[test]
 fn mixed_places_under_stress() {
     let _watchdog = Watchdog::new();

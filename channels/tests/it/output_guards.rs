@@ -1,4 +1,5 @@
-//! Output guards in their three forms (`send`, `send_from`, `send_with`), in every way that an offer can end.
+//! Output guards in their three forms (`send`, `send_from`, `send_with`), in every way that an
+//! offer can end.
 
 #![cfg(not(loom))]
 
@@ -21,7 +22,8 @@ enum Chosen {
     Other,
 }
 
-/// Offers token 0 by `send` on the first, 1 out of a slot on the second, 2 made on the third; or receives from the fourth.
+/// Offers token 0 by `send` on the first, 1 out of a slot on the second, 2 made on the third; or
+/// receives from the fourth.
 async fn offer(
     to: &[Sender<Token>; 3],
     slot: &mut Option<Token>,
@@ -43,8 +45,8 @@ async fn offer(
     }
 }
 
-/// Offers, and does `meanwhile` before (`false`) or after (`true`) the offer waits; gives what was chosen, which tokens were dropped by then, and
-/// what is left in the slot and how many were made.
+/// Offers, and does `meanwhile` before (`false`) or after (`true`) the offer waits; gives what was
+/// chosen, which tokens were dropped by then, and what is left in the slot and how many were made.
 fn after_each(
     waits: bool,
     meanwhile: impl Fn(&mut [Receiver<Token>; 3], &mut Vec<Token>),
@@ -272,7 +274,7 @@ fn a_maker_panics_on_its_own_side() {
         };
         assert!(catch_unwind(AssertUnwindSafe(|| poll(&mut send))).is_err());
         drop(send);
-        // Nobody hangs: the receiver fails, and so do all who come.
+        // Nothing hangs: the receiver fails, and so do all operations that come.
         assert!(ready(&mut recv).unwrap_err().is_poisoned());
         assert!(sender.try_send(1).unwrap_err().is_poisoned());
     }
@@ -301,7 +303,7 @@ fn a_maker_panics_on_its_partners_side() {
                 pending(&mut send);
                 let mut waits = Box::pin(sender.send(1));
                 pending(&mut waits);
-                // The receiver does not panic: it is told.
+                // The receiver does not panic: it gets an error.
                 let received = if receives_in_alternative {
                     block_on(async {
                         alt! {
@@ -316,7 +318,7 @@ fn a_maker_panics_on_its_partners_side() {
                 assert!(ready(&mut waits).unwrap_err().is_poisoned());
                 assert!(receiver.try_recv().unwrap_err().is_poisoned());
                 if is_polled {
-                    // Who offered panics.
+                    // The offering process panics.
                     assert!(catch_unwind(AssertUnwindSafe(|| poll(&mut send))).is_err());
                 }
                 drop(send);
@@ -372,7 +374,8 @@ fn guards_of_buffered_channels_and_the_value_that_is_overwritten() {
 #[test]
 fn across_threads_each_offer_is_taken_once_or_still_there() {
     let _watchdog = Watchdog::new();
-    // Two receivers compete for an offer of two values out of slots: one gets one, and the other slot stays full.
+    // Two receivers compete for an offer of two values out of slots: one gets one, and the other
+    // slot stays full.
     for round in 0..1_000 {
         let ((one, from_one), (two, from_two)) = (channel(), channel());
         let (mut first, mut second) = (Some(1), Some(2));

@@ -1,4 +1,5 @@
-//! The user's code panics in the middle of an operation (a waker, a value's drop): nothing is dropped twice, nothing is lost.
+//! The user's code panics in the middle of an operation (a waker, a value's drop): nothing is
+//! dropped twice, nothing is lost.
 
 #![cfg(not(loom))]
 

@@ -1,4 +1,5 @@
-//! Poison: all who wait and all who come fail; what was communicated stays communicated.
+//! Poison: all operations that wait and all that come fail; what was communicated stays
+//! communicated.
 
 #![cfg(not(loom))]
 

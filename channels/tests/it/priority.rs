@@ -1,4 +1,5 @@
-//! Who waits is served by priority, then by arrival; and a communication lets the more urgent run. Golden orders on one executor.
+//! Waiters are served by priority, then by arrival; and a communication lets the more urgent run.
+//! Golden orders on one executor.
 
 #![cfg(not(loom))]
 
@@ -24,7 +25,7 @@ impl Log {
     }
 }
 
-/// One executor whose processes start together.
+/// One executor. Its processes start together.
 struct Stage {
     executor: Executor,
     processes: Vec<ProcessHandle>,
@@ -65,9 +66,11 @@ impl Stage {
     }
 }
 
-/// Processes at these levels, one after the other, come to wait on one channel; then each is served. Gives the order of service.
+/// Processes at these levels, one after the other, come to wait on one channel; then each is
+/// served. Gives the order of service.
 ///
-/// The director is at the lowest level: each gate that it opens lets a process run until it waits on the channel.
+/// The director is at the lowest level: each gate that it opens lets a process run until it waits
+/// on the channel.
 fn order_of_service(levels: &'static [u8], they_send: bool, buffer: Option<Buffer>) -> Vec<String> {
     let mut stage = Stage::new();
     let (sender, receiver) = buffer.map_or_else(channel::<String>, buffered);
@@ -288,7 +291,8 @@ fn what_a_process_received_before_it_gave_way_goes_back_if_it_is_cancelled_there
     assert_eq!(stage.run(), ["cancelled", "again 7"]);
 }
 
-/// One whose operations always complete at once, beside others. Gives how many it had completed when the others ran.
+/// A process with operations that always complete at once, beside others. Returns how many it had
+/// completed when the others ran.
 fn hog(body: impl AsyncFn(&Sender<u32>, &Receiver<u32>) + Send + 'static) -> Vec<String> {
     let mut stage = Stage::new();
     let (sender, receiver) = buffered(Buffer::fifo(OPERATIONS_PER_POLL as usize * 4));

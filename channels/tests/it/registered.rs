@@ -1,4 +1,5 @@
-//! `Alternative`: order, fairness, adding and removing, ends of channels, cancelling, and all of it across threads.
+//! `Alternative`: order, fairness, adding and removing, ends of channels, cancelling, and all of it
+//! across threads.
 
 #![cfg(not(loom))]
 
@@ -36,7 +37,7 @@ fn fair_takes_the_least_recently_chosen_of_the_ready() {
     }
     let order: Vec<usize> = (0..9).map(|_| recv(&mut inputs).0).collect();
     assert_eq!(order, [0, 1, 2, 0, 1, 2, 0, 1, 2]);
-    // 2 was chosen last, 0 least recently; who became ready first does not matter.
+    // 2 was chosen last, 0 least recently; the order of becoming ready does not matter.
     for index in [2, 1, 0] {
         senders[index].try_send(9).unwrap();
     }
@@ -258,7 +259,8 @@ fn without_channels_it_waits() {
     assert!(waits::<u8>(&mut Alternative::fair(&[])));
 }
 
-/// Every value once, and those of one sender in order: from executors and threads, to two alternatives that share all channels.
+/// Every value once, and those of one sender in order: from executors and threads, to two
+/// alternatives that share all channels.
 #[test]
 fn many_to_two_across_executors_and_threads() {
     const CHANNELS: usize = 6;

@@ -113,7 +113,8 @@ fn the_most_urgent_is_served_first_and_may_pass_those_below() {
     }
     assert_eq!(*order.try_lock().unwrap(), [2, 1, 0, 3, 4]);
 
-    // Nobody below starves the highest: two permits are wanted, one is there, and one of lower level waits for it.
+    // The highest is not starved from below: two permits are wanted, one is there, and one of lower
+    // level waits for it.
     let semaphore = Semaphore::new(1).named("much");
     let executor = Executor::start(Attributes::new("one")).unwrap();
     let wants = semaphore.clone();

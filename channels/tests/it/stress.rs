@@ -1,4 +1,5 @@
-//! Many threads on one channel: nothing is lost, nothing doubled, and what one sender sent arrives in order.
+//! Many threads on one channel: nothing is lost, nothing doubled, and what one sender sent arrives
+//! in order.
 
 #![cfg(not(loom))]
 
@@ -20,7 +21,8 @@ fn make<T: Send>(buffer: Option<Buffer>) -> (Sender<T>, Receiver<T>) {
     buffer.map_or_else(channel, buffered)
 }
 
-/// The numbers that one receiver got rise for each sender, whose numbers are `values` apart.
+/// The numbers that one receiver got rise for each sender; the numbers of senders are `values`
+/// apart.
 #[track_caller]
 fn assert_in_order(received: &[usize], values: usize, senders: usize) {
     for sender in 0..senders {
@@ -123,7 +125,7 @@ struct Known {
     /// Reported as sent.
     sent: Vec<usize>,
     received: Vec<usize>,
-    /// Dropped with a future: sent or not, nobody can know.
+    /// Dropped with a future: it cannot be known whether it was sent.
     unknown: usize,
 }
 
@@ -154,7 +156,7 @@ fn send_somehow(sender: &Sender<Token>, random: &mut Random, token: Token, known
     known.sent.extend(sent.then_some(id));
 }
 
-/// Receives in whatever form; says whether to go on.
+/// Receives in any form; returns whether to continue.
 fn receive_somehow(receiver: &Receiver<Token>, random: &mut Random, known: &mut Known) -> bool {
     let received = match random.below(5) {
         0 => receiver.try_recv().map_err(|error| error.is_closed()),

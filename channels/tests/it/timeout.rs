@@ -1,4 +1,5 @@
-//! Timeouts are exact: an operation times out only if it did not happen, and what happened is never given back.
+//! Timeouts are exact: an operation times out only if it did not happen, and what happened is never
+//! given back.
 
 #![cfg(not(loom))]
 
@@ -69,7 +70,7 @@ fn a_send_is_given_up_for_something_else_and_was_taken_or_withdrawn() {
     let (sender, receiver) = channel();
     let (stop, stopped) = channel::<()>();
     let at_once = || std::future::ready(());
-    // Somebody waits for it: to send comes first.
+    // A receiver waits for it: to send comes first.
     let mut receive = Box::pin(receiver.recv());
     pending(&mut receive);
     assert_eq!(
@@ -77,7 +78,7 @@ fn a_send_is_given_up_for_something_else_and_was_taken_or_withdrawn() {
         Ok(())
     );
     assert_eq!(ready(&mut receive), Ok(1));
-    // Nobody does: it is given up, gives the value back, and leaves none.
+    // No receiver does: it is given up, gives the value back, and leaves none.
     assert_eq!(
         ready(&mut Box::pin(sender.send_unless(2, at_once()))),
         Err(SendTimeoutError::Timeout(2))
@@ -211,7 +212,8 @@ fn the_end_of_a_channel_comes_before_the_timeout() {
 
 #[test]
 fn the_outcome_is_looked_at_before_the_clock() {
-    // Both the partner and the deadline have come before the poll: it was sent, and it was received.
+    // Both the partner and the deadline have come before the poll: it was sent, and it was
+    // received.
     let (sender, receiver) = channel();
     // Time enough for a few steps on a busy machine.
     let time = Duration::from_millis(100);

@@ -17,8 +17,8 @@ use std::time::Duration;
 
 const HOUR: Duration = Duration::from_secs(3600);
 
-/// A waker that does something as it is dropped: here the partner's part, at the one moment between the last look at the outcome and
-/// the withdrawal.
+/// A waker that does something as it is dropped: here the partner's part, at the one moment between
+/// the last look at the outcome and the withdrawal.
 struct PartnerInBetween<F: Fn() + Send + Sync + 'static>(F);
 
 impl<F: Fn() + Send + Sync + 'static> Wake for PartnerInBetween<F> {
@@ -41,7 +41,8 @@ fn time_out_as_the_partner_comes<F: Future>(
         assert!(poll_with(&mut timed, &waker).is_pending());
         drop(waker);
         luna_core::current::timers().unwrap().expire(Instant::NEVER);
-        // Replaces the waker, which lets the partner come, finds that the deadline has come, and withdraws.
+        // Replaces the waker, which lets the partner come, finds that the deadline has come, and
+        // withdraws.
         ready(&mut timed)
     })
     .unwrap()
@@ -116,7 +117,7 @@ impl Tally {
         };
     }
 
-    /// Says whether to go on.
+    /// Returns whether to continue.
     fn received(&self, outcome: Result<common::Token, RecvTimeoutError>) -> bool {
         match outcome {
             Ok(token) => self.received.lock().unwrap().push(token.id),

@@ -1,4 +1,5 @@
-//! The wakers of waiting operations: what they do as they wake or are dropped harms nobody, and they may outlive whom they wake.
+//! The wakers of waiting operations: what they do as they wake or are dropped does no harm, and
+//! they may outlive the tasks that they wake.
 
 #![cfg(not(loom))]
 
@@ -15,7 +16,8 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::task::{Poll, Wake, Waker};
 use std::thread;
 
-/// Polls an operation once within a process of `executor`, or on a thread of its own, lets that end, and gives the operation.
+/// Polls an operation once within a process of `executor`, or on a thread of its own, lets that
+/// end, and gives the operation.
 fn polled_by_a_process_that_has_ended<F: Future + Send + 'static>(
     on_executor: bool,
     mut operation: Pin<Box<F>>,
@@ -46,7 +48,8 @@ fn polled_by_a_process_that_has_ended<F: Future + Send + 'static>(
 
 #[test]
 fn an_operation_may_outlive_the_process_that_polled_it() {
-    // Its node then names whom to wake, and that one is gone: a memory checker sees what this test alone may not.
+    // Its node then names a waker of a task that is gone: a memory checker sees what this test
+    // alone may not.
     let _watchdog = Watchdog::new();
     for on_executor in [true, false] {
         for dropped in [true, false] {
@@ -75,7 +78,7 @@ fn an_operation_may_outlive_the_process_that_polled_it() {
     }
 }
 
-/// A waker that does what it was told to as it is dropped: as the last reference to another task might.
+/// A waker that runs a closure as it is dropped: as the last reference to another task might.
 struct Last<F: FnMut() + Send + 'static>(Mutex<F>);
 
 impl<F: FnMut() + Send + 'static> Wake for Last<F> {
@@ -114,7 +117,7 @@ fn no_waker_is_dropped_under_the_lock() {
     assert_eq!(receiver.try_recv(), Err(TryRecvError::Empty));
 }
 
-/// A waker whose drop panics.
+/// A waker that panics when it is dropped.
 struct PanicsAsItIsDropped;
 
 impl Wake for PanicsAsItIsDropped {
@@ -146,7 +149,7 @@ fn an_operation_is_withdrawn_once_though_the_drop_of_its_waker_panics() {
     assert_eq!([ready(&mut recvs[0]), ready(&mut recvs[1])], [Ok(1), Ok(2)]);
 }
 
-/// A waker whose wake panics.
+/// A waker that panics when it wakes.
 struct PanicsAsItWakes;
 
 impl Wake for PanicsAsItWakes {

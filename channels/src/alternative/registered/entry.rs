@@ -1,4 +1,4 @@
-//! What an alternative that stays registered shows to its partners.
+//! The part of a registered alternative that its partners access.
 
 use crate::core::Channel;
 use crate::error::RecvError;
@@ -8,10 +8,11 @@ use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 
-/// What partners reach of an alternative.
+/// The part of an alternative that partners access.
 pub(crate) struct Hub<T> {
     pub(crate) selection: SelectState,
-    /// The entries whose channels have become ready since the owner looked. Changed within the selection's gate.
+    /// The entries with channels that have become ready since the owner looked. Changed under the
+    /// commit lock.
     pub(super) stack: AtomicPtr<Entry<T>>,
 }
 
@@ -20,7 +21,7 @@ impl<T> Hub<T> {
     ///
     /// # Safety
     ///
-    /// The gate is held, and the entry, whose lock is held too, is not on the stack.
+    /// The commit lock is held, and the entry, with its lock held too, is not on the stack.
     #[inline]
     pub(super) unsafe fn push(&self, entry: *mut Entry<T>) {
         // SAFETY: the contract.
@@ -32,7 +33,7 @@ impl<T> Hub<T> {
     ///
     /// # Safety
     ///
-    /// The gate is held.
+    /// The commit lock is held.
     #[inline]
     pub(super) unsafe fn take_stack(&self) -> *mut Entry<T> {
         let first = self.stack.load(Ordering::Relaxed);
@@ -40,7 +41,8 @@ impl<T> Hub<T> {
         first
     }
 
-    /// Whether the owner was told of something that it has not looked at. For an answer that still holds afterwards, within the gate.
+    /// Whether there is a report that the owner has not looked at. The answer still holds
+    /// afterwards only under the commit lock.
     #[inline]
     pub(super) fn has_news(&self) -> bool {
         !self.stack.load(Ordering::Acquire).is_null()
@@ -51,8 +53,10 @@ impl<T> Hub<T> {
 ///
 /// # Invariants
 ///
-/// While its node is in the channel's list, that lock guards `waiter.wait`, `is_queued`, and `rings`; the rest of `waiter` belongs to whoever claimed
-/// the selection through it, then to the owner. `next` belongs to who pushes it, then to who drains the stack.
+/// While its node is in the channel's list, that lock guards `waiter.wait`, `is_queued`, and
+/// `rings`; the rest of `waiter` belongs to the thread that claimed the selection through it, then
+/// to the owner. `next` belongs to the thread that pushes the entry, then to the thread that drains
+/// the stack.
 #[repr(C)]
 pub(crate) struct Entry<T> {
     /// First, so that the list's node leads back to this.
@@ -62,14 +66,16 @@ pub(crate) struct Entry<T> {
     pub(super) next: *mut Entry<T>,
     /// Whether it is on the stack, or known to its owner as ready.
     pub(crate) is_queued: bool,
-    /// Whether the owner is yet to be readied for it.
+    /// Whether the owner is yet to be woken for it.
     pub(crate) rings: bool,
-    /// How its channel has ended, once its owner was told: then it is not listed any more. The owner's alone.
+    /// How its channel has ended, once its owner has the report: from then on it is not listed.
+    /// Belongs to the owner alone.
     pub(super) ended: Option<RecvError>,
 }
 
 impl<T> Entry<T> {
-    /// Says that the channel is ready, unless the owner knows. Whether it is then to be rung for.
+    /// Reports that the channel is ready, unless the owner knows. Returns whether it is then to be
+    /// rung for.
     ///
     /// # Safety
     ///
@@ -91,8 +97,8 @@ impl<T> Entry<T> {
         }
     }
 
-    /// Whether its alternative was told of something that it has not looked at: then it does not wait, though it may not know yet. What came
-    /// before is to be chosen before what comes now.
+    /// Whether its alternative has a report that it has not looked at. Then it does not wait,
+    /// though it may not know yet. What came before is to be chosen before what comes now.
     ///
     /// # Safety
     ///
@@ -102,12 +108,14 @@ impl<T> Entry<T> {
         unsafe { (*entry.as_ptr()).hub.as_ref().has_news() }
     }
 
-    /// For a sender at home, where nobody else waits: claims the alternative, if it waits and knows of no other; if it does not wait, tells it of the
-    /// channel. `None` if neither can be done here.
+    /// For a sender on the fast path, with no other waiter: claims the alternative, if it waits and
+    /// has no other report; if it does not wait, reports the channel to it. `None` if neither can
+    /// be done here.
     ///
     /// # Safety
     ///
-    /// `entry` is in its channel's list, that lock is held, and this thread is the home of that number. Unless the claim succeeds, the sender waits.
+    /// `entry` is in its channel's list, that lock is held, and this thread is the executor of that
+    /// number. Unless the claim succeeds, the sender waits.
     #[inline(always)]
     pub(crate) unsafe fn claim_or_announce(
         entry: NonNull<Entry<T>>,
@@ -115,7 +123,8 @@ impl<T> Entry<T> {
     ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
-        // SAFETY: the contract; the hub outlives its entries' being listed. The gate is held around what it guards.
+        // SAFETY: the contract; the hub outlives its entries' being listed. The commit lock is held
+        // around what it guards.
         unsafe {
             let hub = (*entry).hub.as_ref();
             let _gate = hub.selection.gate_if_favoured(home)?;

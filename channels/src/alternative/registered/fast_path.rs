@@ -1,6 +1,8 @@
-//! A selection by a process of an executor whose channels connect it with processes of the same one.
+//! A selection by a process of an executor, over channels that connect it with processes of the
+//! same executor.
 //!
-//! The locks favour the home, so each step is one of plain stores. What cannot be done so is left to the general way, with nothing changed.
+//! The locks are biased to the executor, so each step consists of plain stores. Everything else is
+//! left to the slow path, with no state changed.
 
 use super::{Alternative, State};
 use crate::core::Channel;
@@ -9,7 +11,7 @@ use luna_core::current::{self, Process};
 use std::task::{Context, Poll};
 
 impl<T> Alternative<'_, T> {
-    /// Polls in the plain turn of `process`. `None`: the general way is to be gone.
+    /// Polls in the plain turn of `process`. `None`: take the slow path.
     #[inline]
     pub(super) fn poll_fast<const RECORDED: bool>(
         &mut self,
@@ -25,7 +27,8 @@ impl<T> Alternative<'_, T> {
             return None;
         }
         if self.hub().has_news() {
-            // SAFETY: the process is polled, so this is its home's thread; the gate is held around the taking.
+            // SAFETY: the process is polled, so this is its executor's thread; the commit lock is
+            // held around the taking.
             let taken = unsafe {
                 let hub = self.hub();
                 let _gate = hub.selection.gate_if_favoured(process.home_number())?;
@@ -37,7 +40,8 @@ impl<T> Alternative<'_, T> {
             return self.wait_fast(process, cx);
         };
         let entry = self.entries[index]?.as_ptr();
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
+        // alternative lives.
         let channel: &Channel<T> = unsafe { &*(*entry).channel.as_ptr() };
         let mut is_ready = false;
         // What became ready before the lock was taken may come before this one.
@@ -49,7 +53,7 @@ impl<T> Alternative<'_, T> {
                 unsafe { (*entry).is_queued = false };
             }
         };
-        // SAFETY: the process is polled, so this is its home's thread.
+        // SAFETY: the process is polled, so this is its executor's thread.
         let (value, ready) =
             unsafe { channel.take_sender_if::<RECORDED>(process, is_first, note) }?;
         match self.is_fair {
@@ -57,9 +61,9 @@ impl<T> Alternative<'_, T> {
             false if !is_ready => self.ready.clear(index),
             false => {}
         }
-        // SAFETY: the sender was listed by the home that the lock favours: this thread.
+        // SAFETY: the sender was listed by the executor to which the lock is biased: this thread.
         unsafe { ready.wake() };
-        // SAFETY: it is the process whose plain turn this is, as above.
+        // SAFETY: `process` is in its plain turn, as above.
         let gives_way = unsafe { current::gives_way(process) };
         Some(self.hand_on(index, Ok(value), gives_way))
     }
@@ -71,7 +75,8 @@ impl<T> Alternative<'_, T> {
         cx: &Context<'_>,
     ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
         let hub = self.hub();
-        // SAFETY: this is the thread of the process' home; the selection is closed, and this is its owner.
+        // SAFETY: this is the thread of the process' executor; the select state is closed, and this
+        // is its owner.
         unsafe {
             let _gate = hub.selection.gate_if_favoured(process.home_number())?;
             if hub.has_news() {

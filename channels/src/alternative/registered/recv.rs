@@ -59,7 +59,7 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Polls, and tells what comes of it.
+    /// Polls, and records the result.
     #[cold]
     #[inline(never)]
     fn poll_recorded(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
@@ -84,7 +84,7 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Polls as the process' tape says, and tells it what comes of it.
+    /// Polls as the process' replay log says, and records the result in it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         if let State::Holds(index) = self.state
@@ -127,7 +127,8 @@ impl<T> Alternative<'_, T> {
         Poll::Ready((index, received))
     }
 
-    /// Receives what the recorded one did. It is not registered anywhere: whoever sends lists itself, and is there when its stamp has come.
+    /// Receives what the recorded receive did. It is not registered anywhere: every sender lists
+    /// itself, and is there when its stamp has come.
     fn poll_replayed(
         &mut self,
         turn: Turn,
@@ -149,7 +150,8 @@ impl<T> Alternative<'_, T> {
         let event = Event::new(What::Chosen, number, stamp);
         let received = match number & 3 {
             0 => {
-                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer
+                // than this alternative lives.
                 let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
                 channel.note_alternative();
                 match channel.lock().recv_unusually(false) {
@@ -170,7 +172,7 @@ impl<T> Alternative<'_, T> {
         self.hand_on(index, received, is_held)
     }
 
-    /// The stamp of what an entry came to.
+    /// The stamp of an entry's result.
     fn order(&self, index: usize) -> u64 {
         self.entries[index].map_or(0, |entry| {
             // SAFETY: the entry is this alternative's, and was begun when it was made.
@@ -206,7 +208,7 @@ impl<T> Alternative<'_, T> {
             if !has_failed && self.polled_by == identity && self.hub().selection.is_open() {
                 return Poll::Pending;
             }
-            // What would have readied this one is dropped when its state is consistent.
+            // What would have woken this one is dropped when its state is consistent.
             let closed = self.hub().selection.close();
             match (&closed, self.holds()) {
                 (None, Some(index)) => {
@@ -222,7 +224,7 @@ impl<T> Alternative<'_, T> {
                 // As STOP, it has no error to give.
                 current::end_branch(cx);
                 if current::is_taped() {
-                    // Its drop tells the tape that it came to nothing.
+                    // Its drop records in the replay log that it came to nothing.
                     self.state = State::Entering;
                 }
                 return Poll::Pending;
@@ -237,7 +239,8 @@ impl<T> Alternative<'_, T> {
         self.choose(cx)
     }
 
-    /// Receives from the ready channel that comes first, or starts to wait. The selection is closed.
+    /// Receives from the ready channel that comes first, or starts to wait. The selection is
+    /// closed.
     fn choose(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         loop {
             self.drain();
@@ -252,24 +255,26 @@ impl<T> Alternative<'_, T> {
                 }
             }
             self.polled_by = (cx.waker().data(), cx.waker().vtable());
-            // Cloning a waker is its owner's code, so it comes before the gate.
+            // Cloning a waker is its owner's code, so it comes before the commit lock.
             let wakeup = WakeHandle::of(cx);
             let hub = self.hub();
             let gate = hub.selection.gate();
             if !hub.has_news() {
-                // SAFETY: this is the owner, the selection is closed, and its gate is held.
+                // SAFETY: this is the owner, the selection is closed, and its commit lock is held.
                 unsafe { hub.selection.open_gated(wakeup) };
                 drop(gate);
                 self.state = State::Open;
                 return Poll::Pending;
             }
-            // Something became ready meanwhile. Each channel can say so once, and the next look sees all who said it before it.
+            // A channel became ready meanwhile. Each channel can report so once, and the next look
+            // sees all that reported before it.
             drop(gate);
             drop(wakeup);
         }
     }
 
-    /// Receives from a channel that has said that it is ready; nothing if others have emptied it, or a better one turns up.
+    /// Receives from a channel that has reported that it is ready; nothing if others have emptied
+    /// it, or a better one turns up.
     fn try_recv(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
         // SAFETY: the entry is this alternative's.
@@ -308,7 +313,7 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Gives what was received, after others if it is their turn.
+    /// Returns the received value, after others have run if it is their turn.
     fn hand_on_in_turn(
         &mut self,
         index: usize,
@@ -318,14 +323,15 @@ impl<T> Alternative<'_, T> {
         let (Ok(value), Some(entry)) = (received, self.entries[index]) else {
             unreachable!("what is handed on was received")
         };
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
+        // alternative lives.
         let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
         let taken = Taken::new(channel, value, 0);
         let gives_way = crate::gives_way(cx);
         self.hand_on(index, Ok(taken.keep()), gives_way)
     }
 
-    /// Gives what was received, or keeps it for the next poll while others run.
+    /// Returns the received value, or keeps it for the next poll while others run.
     pub(super) fn hand_on(
         &mut self,
         index: usize,
@@ -336,7 +342,8 @@ impl<T> Alternative<'_, T> {
             return Poll::Ready((index, received));
         }
         if let (Ok(value), Some(entry)) = (received, self.entries[index]) {
-            // SAFETY: the selection is closed, so the entry's value is the owner's, and there is none.
+            // SAFETY: the selection is closed, so the entry's value is the owner's, and there is
+            // none.
             unsafe {
                 let node = entry.cast::<Waiter<T>>();
                 Waiter::put_value_of(node, value);
@@ -349,11 +356,12 @@ impl<T> Alternative<'_, T> {
         Poll::Pending
     }
 
-    /// Tells that the current process has received from this channel.
+    /// Records that the current process has received from this channel.
     #[cold]
     fn tell(&self, index: usize) {
         let channel = self.entries[index].map_or(0, |entry| {
-            // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+            // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than
+            // this alternative lives.
             let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
             channel.place().identity.number()
         });
@@ -384,8 +392,9 @@ impl<T> Alternative<'_, T> {
                 if current::is_taped() {
                     taped::abandoned();
                 }
-                // This one has told nobody. Of an end the next one tells; that its branch had failed is nothing to who comes later.
-                // SAFETY: the entries are this alternative's.
+                // No caller has the report of this one yet. The next call reports an end; a later
+                // caller has no use for a failure of this branch. SAFETY: the entries are this
+                // alternative's.
                 let has_ended = |entry: NonNull<Entry<T>>| unsafe { (*entry.as_ptr()).ended };
                 if self.entries[index].and_then(has_ended).is_none() {
                     self.state = State::Closed;

@@ -1,4 +1,4 @@
-//! Wakers, values and closures whose code panics, and calls operations.
+//! Wakers, values and closures with code that panics, and calls operations.
 
 use crate::hostile_futures::world::World;
 use luna_core::current;
@@ -23,7 +23,7 @@ pub(crate) fn strike() {
     }
 }
 
-/// What may be said by an operation that is polled after a panic in it, or whose closure panicked.
+/// Messages of an operation that is polled after a panic in it, or after its closure panicked.
 const EXPECTED: [&str; 4] = [
     "after it was over",
     "the closure of a `send_with` panicked",
@@ -38,7 +38,8 @@ fn is_expected(payload: &(dyn Any + Send)) -> bool {
         || text.is_some_and(|text| EXPECTED.iter().any(|expected| text.contains(expected)))
 }
 
-/// Runs a piece of the test; `None` if it has panicked as it may. Any other panic ends the program: its message was printed.
+/// Runs a piece of the test; `None` if it has panicked as it may. Any other panic ends the program:
+/// its message was printed.
 pub(crate) fn endure<R>(piece: impl FnOnce() -> R) -> Option<R> {
     match catch_unwind(AssertUnwindSafe(piece)) {
         Ok(result) => Some(result),
@@ -197,7 +198,8 @@ unsafe fn discard(plan: *const ()) {
 /// How many values there are.
 pub(crate) static VALUES: AtomicI64 = AtomicI64::new(0);
 
-/// A value that may panic in its drop. On the heap too, so that a memory checker sees a second drop.
+/// A value that may panic in its drop. On the heap too, so that a memory checker sees a second
+/// drop.
 pub(crate) struct Value {
     state: Box<u64>,
     panics: bool,

@@ -1,4 +1,5 @@
-//! Each operation with a waker that panics in each of its functions, at each point of the operation's life.
+//! Each operation with a waker that panics in each of its functions, at each point of the
+//! operation's life.
 
 use crate::hostile_futures::actors::{
     Call, Random, Temper, VALUES, WAKERS, endure, silence_expected_panics, waker,
@@ -98,7 +99,7 @@ fn live(kind: usize, temper: Temper, end: End, executor: Option<ExecutorHandle>,
     for waker in hostile {
         endure(|| drop(waker));
     }
-    // Nobody is left in a list: whoever comes now finds the world as it was.
+    // No node is left in a list: every later operation finds the world as it was.
     world.touch_all(&mut random, attempt);
     endure(|| drop(world));
 }

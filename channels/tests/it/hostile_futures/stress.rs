@@ -1,6 +1,7 @@
 //! All of it at random, from a seed: on one thread and two, on one executor and two.
 //!
-//! `LUNA_SEED` says the seed, which is printed, and `LUNA_HOSTILE_POLLS` how many polls there are in all.
+//! `LUNA_SEED` says the seed, which is printed, and `LUNA_HOSTILE_POLLS` how many polls there are
+//! in all.
 
 use crate::hostile_futures::actors::{Random, Temper, endure, silence_expected_panics, waker};
 use crate::hostile_futures::one_at_a_time;

@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex as Plain};
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-/// What an operation came to, of whatever type.
+/// The result of an operation, of any type.
 pub(crate) trait Keep: Send {}
 impl<T: Send> Keep for T {}
 
@@ -30,7 +30,7 @@ pub(crate) struct Operation {
 #[expect(dead_code, reason = "kept for their drops, in this order")]
 pub(crate) struct Kept(pub(crate) Box<dyn Keep>, pub(crate) Operation);
 
-/// Boxes what a future comes to. No async block: that could not be polled after a panic.
+/// Boxes the result of a future. No async block: that could not be polled after a panic.
 struct Boxed<F>(F);
 
 impl<F: Future<Output: Keep + 'static>> Future for Boxed<F> {
@@ -49,7 +49,8 @@ impl Operation {
         F: Future<Output: Send> + Send + 'static,
     {
         let ends = Box::into_raw(Box::new(ends));
-        // SAFETY: the future, and what it comes to, are dropped before the box, and nobody else uses that.
+        // SAFETY: the future, and what it comes to, are dropped before the box, and no other code
+        // uses that.
         let future = Box::pin(Boxed(make(unsafe { &mut *ends })));
         Some(Operation {
             future,
@@ -58,7 +59,7 @@ impl Operation {
         })
     }
 
-    /// Polls. What it comes to is to be dropped before the operation.
+    /// Polls. The result is to be dropped before the operation.
     pub(crate) fn poll(&mut self, cx: &mut Context<'_>) -> Poll<Box<dyn Keep>> {
         self.future.as_mut().poll(cx)
     }
@@ -152,7 +153,7 @@ impl World {
         self.touch_at(which, random);
     }
 
-    /// Calls all operations that do not wait, so that whoever waits goes on.
+    /// Calls all operations that do not wait, so that every waiter goes on.
     pub(crate) fn touch_all(&self, random: &mut Random, each: fn(&mut dyn FnMut())) {
         for which in 0..TOUCHES {
             each(&mut || self.touch_at(which, random));
@@ -221,9 +222,11 @@ impl World {
         let channel = &self.channels[random.below(3)];
         let rendezvous = &self.channels[0];
         let panics = self.values_panic && random.chance(40);
-        // Made only where it is used: if the drop of an unused one panicked, the compiler would forget what is returned (rust-lang/rust#47949).
+        // Made only where it is used: if the drop of an unused one panicked, the compiler would
+        // forget what is returned (rust-lang/rust#47949).
         let value = move || Value::new(panics);
-        // Where an operation that has a value beside its output is dropped with that, for the same reason.
+        // Where an operation that has a value beside its output is dropped with that, for the same
+        // reason.
         let calm = || Value::new(false);
         let time = Duration::from_micros(random.next() % 300);
         let strikes = random.chance(40);

@@ -1,4 +1,5 @@
-//! Invariants 8 and 9: a choice happens at one instant, and by priority it is exact, also across cores.
+//! Invariants 8 and 9: a choice happens at one instant, and by priority it is exact, also across
+//! cores.
 
 use super::common::{Wakes, Watchdog, pending, poll, poll_with, ready};
 use super::either;
@@ -46,7 +47,8 @@ fn invariant_9_pri_alt_is_exact_when_its_guards_become_ready_as_they_are_evaluat
         pending(&mut send);
         sends.lock().unwrap().push(send);
     };
-    // Guard 1 has been evaluated, and was not ready; a sender parks on channel 1, then another on channel 2; guard 2 is evaluated.
+    // Guard 1 has been evaluated, and was not ready; a sender parks on channel 1, then another on
+    // channel 2; guard 2 is evaluated.
     let taken = block_on(async {
         pri_alt! {
             value = from_one.recv() => value,
@@ -59,7 +61,8 @@ fn invariant_9_pri_alt_is_exact_when_its_guards_become_ready_as_they_are_evaluat
 #[test]
 fn invariant_9_pri_alt_is_exact_across_cores() {
     let _watchdog = Watchdog::new();
-    // Parked on 1 strictly before on 2: whatever the instant of the choice, 2 is never taken. In both orders of the channels' addresses.
+    // Parked on 1 strictly before on 2: whatever the instant of the choice, 2 is never taken. In
+    // both orders of the channels' addresses.
     let taken = AtomicUsize::new(0);
     for round in 0..3_000 {
         let (mut a, mut b) = (channel(), channel());

@@ -10,7 +10,8 @@ use std::pin::Pin;
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake, Waker};
 
-/// A future in memory that outlives it: it is filled when the future is gone, so that a late access shows.
+/// A future in memory that outlives it: it is filled when the future is gone, so that a late access
+/// shows.
 struct Remains<F> {
     memory: Box<MaybeUninit<F>>,
     alive: bool,
@@ -35,7 +36,7 @@ impl<F: Future> Remains<F> {
 
     fn end(&mut self) {
         assert!(std::mem::replace(&mut self.alive, false));
-        // SAFETY: the future is there, and nobody uses it again.
+        // SAFETY: the future is there, and no code uses it again.
         unsafe {
             self.memory.assume_init_drop();
             std::ptr::write_bytes(self.memory.as_mut_ptr().cast::<u8>(), GONE, size_of::<F>());
@@ -66,7 +67,8 @@ impl Wake for WhenWoken {
 #[test]
 fn invariant_3_after_waking_a_partner_its_memory_is_not_touched_again() {
     let _watchdog = Watchdog::new();
-    // The waker ends the alternative before it returns to the sender who woke it: it polls it, drops it, and overwrites what it was.
+    // The waker ends the alternative before it returns to the sender that woke it: it polls it,
+    // drops it, and overwrites what it was.
     let (one, from_one) = channel::<u64>();
     let (two, from_two) = channel::<u64>();
     let alternative = async move { either(&from_one, &from_two).await };

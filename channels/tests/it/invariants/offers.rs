@@ -1,4 +1,5 @@
-//! Invariants 4 to 7: what becomes of offers that lose, of opposite ones, and of several on one channel.
+//! Invariants 4 to 7: what becomes of offers that lose, of opposite ones, and of several on one
+//! channel.
 
 use super::common::{Ledger, Watchdog, pending, ready};
 use futures_lite::future::block_on;
@@ -8,7 +9,7 @@ use luna_channels::{
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Who waits on the channel of this name.
+/// Waiters on the channel of this name.
 fn waiting(name: &str) -> usize {
     let places = inspect::places();
     let place = places
@@ -46,7 +47,7 @@ fn invariant_4_losing_offers_are_gone_when_the_alternative_has_chosen_or_was_dro
         }
         assert_eq!([0, 1, 2].map(|n| waiting(&names[n])), [0, 0, 0]);
         assert_eq!(from_two.try_recv(), Err(TryRecvError::Empty));
-        // The room of the buffer goes to nobody.
+        // The room of the buffer goes to no sender.
         assert_eq!(from_three.try_recv(), Ok(0));
         assert_eq!(from_three.try_recv(), Err(TryRecvError::Empty));
     }
@@ -111,7 +112,7 @@ fn invariant_6_two_processes_with_opposite_alternatives_make_progress() {
         let mut left = Box::pin(offer(left_sends_first, to_right, from_right));
         let mut right = Box::pin(offer(right_sends_first, to_left, from_left));
         pending(&mut left);
-        // Who comes second decides.
+        // The second to come decides.
         let (first, second) = match ready(&mut right) {
             "sent" => ("sent", "received"),
             other => (other, "sent"),
@@ -176,7 +177,8 @@ fn invariant_7_both_ends_of_one_channel_never_communicate_with_themselves() {
         let mut alone = both(1);
         pending(&mut alone);
         pending(&mut alone);
-        // Two that offer each other both ends: one sends, the other receives, as the second prefers.
+        // Two that offer each other both ends: one sends, the other receives, as the second
+        // prefers.
         let mut opposite = both(2);
         let (first, second) = (ready(&mut opposite), ready(&mut alone));
         let expected = if starts_sending {

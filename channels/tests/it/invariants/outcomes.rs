@@ -1,4 +1,5 @@
-//! Invariants 1 and 2: nobody waits for another to get somewhere, and what was communicated stays communicated.
+//! Invariants 1 and 2: no thread waits for another to get somewhere, and what was communicated
+//! stays communicated.
 
 use super::common::{Watchdog, pending, ready};
 use super::either;
@@ -12,12 +13,14 @@ use std::time::Duration;
 #[test]
 fn invariant_1_nobody_waits_for_another_to_leave_an_intermediate_state() {
     let _watchdog = Watchdog::new();
-    // An alternative that was chosen, or has been left without an offer, and does not run: as if its thread were preempted there.
+    // An alternative that was chosen, or has been left without an offer, and does not run: as if
+    // its thread were preempted there.
     let ((one, from_one), (two, from_two)) = (channel(), channel());
     let mut preempted = Box::pin(either(&from_one, &from_two));
     pending(&mut preempted);
     assert_eq!(one.try_send(10), Ok(()));
-    // Its offer on the second channel is stale. Nobody who comes there waits for it: each poll below ends at once.
+    // Its offer on the second channel is stale. No operation that comes there waits for it: each
+    // poll below ends at once.
     assert!(two.try_send(20).unwrap_err().is_full());
     let mut behind = Box::pin(from_two.recv());
     pending(&mut behind);
@@ -40,7 +43,8 @@ fn invariant_1_nobody_waits_for_another_to_leave_an_intermediate_state() {
 fn invariant_1_a_stale_node_costs_whoever_finds_it_one_step_and_hides_nobody() {
     let _watchdog = Watchdog::new();
     let ((one, from_one), (two, from_two)) = (channel(), channel());
-    // Many that were chosen on the first channel and have not run since; behind them on the second one who really waits.
+    // Many that were chosen on the first channel and have not run since; behind them on the second
+    // one an operation that really waits.
     let mut stale: Vec<_> = (0..100)
         .map(|_| Box::pin(either(&from_one, &from_two)))
         .collect();

@@ -1,5 +1,6 @@
-//! Random sequences of operations, polled by hand on one thread, held against a sequential model of a channel: after each step the
-//! results, the wakes, what was dropped and what is buffered are as the model says.
+//! Random sequences of operations, polled by hand on one thread, held against a sequential model of
+//! a channel: after each step the results, the wakes, what was dropped and what is buffered are as
+//! the model says.
 
 #![cfg(not(loom))]
 
@@ -28,14 +29,15 @@ struct RealOp {
     waker: Waker,
 }
 
-/// Polls as a process of `priority`, as one that is outranked, or in a branch whose sibling has failed.
+/// Polls as a process of `priority`, as one that is outranked, or in a branch with a failed
+/// sibling.
 fn poll_as<T>(
     priority: Option<Priority>,
     outranked: bool,
     branch_failed: bool,
     poll: impl FnOnce() -> T,
 ) -> T {
-    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(if outranked { u32::MAX } else { 0 }) };
     let branch = || current::with_branch(branch_failed, poll);
     let result = match priority {
@@ -43,11 +45,11 @@ fn poll_as<T>(
         Some(Priority { thread, level }) => {
             // Without a waker of its own it is woken by that of the poll.
             let process = Process::new(ProcessId::new(), Home::new(), thread, level);
-            // SAFETY: nobody refers to a process without a waker, so it may be anywhere.
+            // SAFETY: a process without a waker has no references to it, so it may be anywhere.
             unsafe { current::with_process(&process, branch) }
         }
     };
-    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(0) };
     result
 }

@@ -17,7 +17,8 @@ pub(crate) enum Ending {
     Poisoned,
 }
 
-/// What an operation has come to in the model. Values are numbers; a send has its own in mind until it is done.
+/// What an operation has come to in the model. Values are numbers; a send has its own in mind until
+/// it is done.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum State {
     New,
