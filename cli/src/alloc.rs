@@ -1,4 +1,5 @@
-//! An allocator that counts what is allocated and freed where it must not be: on the real-time path.
+//! An allocator that counts what is allocated and freed where it must not be: on the real-time
+//! path.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,7 +27,8 @@ pub(crate) struct Counts {
 }
 
 impl Counting {
-    /// Counts calls from threads on which `counts` says so. It is asked inside the allocator: it must not allocate.
+    /// Counts calls from threads on which `counts` says so. It is asked inside the allocator: it
+    /// must not allocate.
     pub(crate) const fn new(counts: fn() -> bool) -> Self {
         Self {
             counts,
@@ -52,7 +54,8 @@ impl Counting {
     }
 }
 
-// SAFETY: every call goes to `System` unchanged, which keeps the contract; counting touches no memory of the caller.
+// SAFETY: every call goes to `System` unchanged, which keeps the contract; counting touches no
+// memory of the caller.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         self.count(&self.allocations);
@@ -91,7 +94,8 @@ mod tests {
     fn exercise(allocator: &Counting) {
         let layout = Layout::array::<u8>(64).unwrap();
         let larger = Layout::array::<u8>(128).unwrap();
-        // SAFETY: the layouts have a size, and each block goes back with the layout that it has by then.
+        // SAFETY: the layouts have a size, and each block goes back with the layout that it has by
+        // then.
         unsafe {
             let block = allocator.alloc(layout);
             assert!(!block.is_null());

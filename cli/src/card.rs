@@ -80,7 +80,7 @@ pub(crate) fn machine(
 
 type States = Arc<Mutex<[MotorState; 2]>>;
 
-/// A card whose threads are above those with `policy`: hardware is never late.
+/// A card with threads above those with `policy`: hardware is never late.
 fn simulate(policy: Policy) -> Result<(Server, States), Failure> {
     let states = States::default();
     let watched = states.clone();

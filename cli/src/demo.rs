@@ -130,7 +130,8 @@ fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, F
     Ok(Some(scope))
 }
 
-/// The control executor as asked for; the hardware below it, where the system likes; the operator with no promise at all.
+/// The control executor as asked for; the hardware below it, where the system likes; the operator
+/// with no promise at all.
 fn executors(system: &mut System, arguments: &args::Place) -> luna::Result<Executors> {
     let control = place::executor(system, CONTROL, arguments)?;
     // Real hardware is never late, but it must not make the measured loops late either.

@@ -60,7 +60,7 @@ pub(crate) enum Failure {
         /// Why.
         error: String,
     },
-    /// Nobody can be listened to there.
+    /// The address cannot be listened on.
     Listen {
         /// As given.
         address: String,

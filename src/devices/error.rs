@@ -16,11 +16,11 @@ pub enum DeviceError {
         /// What it was to be: "serial port".
         kind: &'static str,
     },
-    /// Somebody has it who does not share it.
+    /// The device is in use and not shared.
     Busy {
         /// The device's name.
         device: String,
-        /// Who.
+        /// The holder of the device.
         by: Holder,
     },
     /// This user may not open it.
@@ -64,7 +64,7 @@ pub enum DeviceError {
     },
 }
 
-/// Who has a device that is busy.
+/// The holder of a busy device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Holder {
@@ -74,15 +74,15 @@ pub enum Holder {
     Process {
         /// Its number.
         pid: u32,
-        /// Its name, as far as the system tells.
+        /// Its name, as far as the system gives it.
         name: String,
     },
-    /// Who is known to the kernel by a name alone.
+    /// A holder that the kernel knows by a name alone.
     Named {
         /// The name.
         name: String,
     },
-    /// Somebody whom the system does not tell, or not this user.
+    /// A holder that the system does not show, or not to this user.
     Unknown,
 }
 

@@ -108,7 +108,8 @@ pub enum SetupError {
         /// How many there is room for.
         most: usize,
     },
-    /// A callback of the timer manager in a system on a virtual clock, where there is no thread that could call it.
+    /// A callback of the timer manager in a system on a virtual clock, where there is no thread
+    /// that could call it.
     CallbackOnVirtualClock {
         /// The callback's name.
         name: String,
@@ -159,7 +160,7 @@ pub enum SetupError {
         /// The process' name.
         process: String,
     },
-    /// A stand-in was named for a process that nobody has declared.
+    /// A stand-in was named for a process that is not declared.
     NobodyToReplace {
         /// The name.
         process: String,

@@ -32,7 +32,8 @@ pub trait FromBytes: Sized {
     /// They mean nothing: then [`from_bad`](Self::from_bad) is asked.
     fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed>;
 
-    /// What stands for a record that is broken or means nothing; without one, which is the default, the link ends with the error.
+    /// What stands for a record that is broken or means nothing; without one, which is the default,
+    /// the link ends with the error.
     ///
     /// # Errors
     ///
@@ -42,7 +43,8 @@ pub trait FromBytes: Sized {
     }
 }
 
-/// A channel of results gets broken records as errors, in their order, and the link goes on with the next.
+/// A channel of results gets broken records as errors, in their order, and the link goes on with
+/// the next.
 impl<T: FromBytes> FromBytes for Result<T, BadRecord> {
     fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
         T::from_bytes(bytes).map(Ok)
@@ -149,7 +151,7 @@ pub enum Fault {
         /// That byte.
         delimiter: u8,
     },
-    /// A record to be written has no bytes, and nothing would tell the reader that it was there.
+    /// A record to be written has no bytes: the reader could not see that it was there.
     Empty,
 }
 

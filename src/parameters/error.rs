@@ -117,7 +117,7 @@ pub enum Source {
     Environment(&'static str),
     /// From the command line.
     Argument,
-    /// From the program, or who uses it: a scope.
+    /// From the program, or a tool that uses it, such as a scope.
     Program,
     /// From the recording that is replayed.
     Recording,
@@ -141,7 +141,7 @@ impl fmt::Display for Source {
 pub enum Reason {
     /// No process has declared such a parameter.
     Unknown {
-        /// Whose name is like it.
+        /// A declared name like it.
         nearest: Option<String>,
     },
     /// It lies outside of the parameter's range, or of what its type can hold.
@@ -203,11 +203,11 @@ impl fmt::Display for Reason {
     }
 }
 
-/// A value that was refused: whose, from where, and why.
+/// A refused value: its parameter, its source, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Refusal {
-    /// The parameter's name, as it was told.
+    /// The parameter's name, as it was given.
     pub name: String,
     /// The value.
     pub value: String,

@@ -4,7 +4,8 @@ use super::emergency::{FunctionOutcome, FunctionReport};
 use super::state::{Degree, SafetyState};
 use std::fmt;
 
-/// How safe a system was, and how it went with its functions, in [`Report::safety`](crate::Report::safety).
+/// How safe a system was, and how it went with its functions, in
+/// [`Report::safety`](crate::Report::safety).
 ///
 /// ```
 /// use luna::{Degree, FunctionOutcome, prelude::*};

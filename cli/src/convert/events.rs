@@ -57,7 +57,7 @@ impl Names {
         known.map_or_else(|| format!("{kind} {number}"), |(name, _)| name.clone())
     }
 
-    /// A process' name; empty for nobody.
+    /// A process' name; empty for none.
     fn process(&self, number: u64) -> String {
         match number {
             0 => String::new(),

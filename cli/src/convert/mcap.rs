@@ -1,6 +1,8 @@
-//! MCAP, for Foxglove, Lichtblick and PlotJuggler: a topic for each signal, messages as Foxglove's `Log`, events and losses as topics of their own.
+//! MCAP, for Foxglove, Lichtblick and PlotJuggler: a topic for each signal, messages as Foxglove's
+//! `Log`, events and losses as topics of their own.
 //!
-//! Messages are JSON with a schema, which all of them read. Times are those of the day where the recording tells them, else those of its clock.
+//! Messages are JSON with a schema, which all of them read. Times are those of the day where the
+//! recording has them, else those of its clock.
 
 use super::events::{Names, Words};
 use super::recording::each;

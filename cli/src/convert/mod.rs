@@ -1,6 +1,7 @@
 //! `luna convert`: a recording in formats that other programs read.
 //!
-//! `recording` reads it, `csv`, `mcap` and `perfetto` write, `events` knows what events mean. Each holds in memory what the signals are, and a bounded number of samples.
+//! `recording` reads it, `csv`, `mcap` and `perfetto` write, `events` knows what events mean. Each
+//! holds in memory what the signals are, and a bounded number of samples.
 
 mod activity;
 mod csv;

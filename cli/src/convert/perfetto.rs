@@ -1,5 +1,6 @@
-//! A trace that opens in ui.perfetto.dev: each element of a signal is a counter track, each thread a track with its messages as instants, and with events each process and
-//! executor one with what it does (`activity`).
+//! A trace that opens in ui.perfetto.dev: each element of a signal is a counter track, each thread
+//! a track with its messages as instants, and with events each process and executor one with what
+//! it does (`activity`).
 //!
 //! Field numbers are those of `perfetto_trace.proto`; they never change.
 

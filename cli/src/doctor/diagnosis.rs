@@ -1,4 +1,5 @@
-//! All findings, and what they come to. As JSON this is what `luna doctor --json` prints; its keys are stable.
+//! All findings, and what they come to. As JSON this is what `luna doctor --json` prints; its keys
+//! are stable.
 
 use super::finding::{Finding, Part, Verdict};
 use super::machine::Machine;
@@ -23,7 +24,8 @@ pub(crate) enum Fitness {
     Unfit,
     /// A self-test failed or hung.
     Broken,
-    /// Nothing is bad, but too little could be read: the preemption model, or whether SCHED_FIFO can be had.
+    /// Nothing is bad, but too little could be read: the preemption model, or whether SCHED_FIFO
+    /// can be had.
     Unknown,
 }
 

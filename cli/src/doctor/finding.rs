@@ -10,7 +10,7 @@ use serde::Serialize;
 pub(crate) enum Verdict {
     /// As it should be.
     Good,
-    /// Nobody told.
+    /// Not known.
     Unknown,
     /// A loop can be kept, and would be kept better.
     CouldBeBetter,
@@ -57,7 +57,8 @@ pub(crate) struct Finding {
     pub(crate) from: String,
     /// What it has to do with keeping time.
     pub(crate) why: &'static str,
-    /// What to do, with the command or kernel parameter; for what is unknown, how to know. Nothing for what is good.
+    /// What to do, with the command or kernel parameter; for what is unknown, how to know. Nothing
+    /// for what is good.
     pub(crate) advice: Option<String>,
     /// Of a measurement.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -124,7 +125,7 @@ impl Seen {
         }
     }
 
-    /// Not told by what was read; the advice says how to know.
+    /// What was read does not show it; the advice says how to find out.
     pub(crate) fn unknown(
         read: impl Into<String>,
         from: impl Into<String>,
@@ -144,7 +145,7 @@ pub(crate) struct Check {
     pub(crate) name: &'static str,
     /// The finding's.
     pub(crate) why: &'static str,
-    /// How to know if the files do not tell.
+    /// How to find out if the files do not show it.
     pub(crate) otherwise: &'static str,
     /// An error makes the finding an unknown one.
     pub(crate) look: fn(&Machine) -> Result<Seen, Unread>,

@@ -12,7 +12,8 @@ use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::PathBuf;
 
-/// Machines, each in one text: sections that begin with `=== `, of which those with a path are files.
+/// Machines, each in one text: sections that begin with `=== `, of which those with a path are
+/// files.
 const MACHINES: [(&str, &str); 5] = [
     ("tuned", include_str!("../../tests/machines/tuned.txt")),
     ("laptop", include_str!("../../tests/machines/laptop.txt")),
@@ -343,7 +344,8 @@ fn random_digit(word: &[u8]) -> bool {
     word.first().is_some_and(u8::is_ascii_digit)
 }
 
-/// Whatever the files hold, there are the same findings, each with a verdict and words, and a table of the right width.
+/// Whatever the files hold, there are the same findings, each with a verdict and words, and a table
+/// of the right width.
 #[test]
 fn broken_files_break_nothing() {
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
@@ -392,7 +394,7 @@ fn the_documentation_has_a_heading_for_each_finding() {
     assert_eq!(headings, names);
 }
 
-/// The steal of one second is told beside that since the start, and the worse one counts.
+/// The steal of one second is shown beside that since the start, and the worse one counts.
 #[test]
 fn steal_now_and_since_the_start() {
     let unpacked = Unpacked::new("steal", "tuned", MACHINES[0].1);

@@ -18,7 +18,7 @@ pub(super) struct Shown {
     reader: Reader<VecDeque<u8>>,
     processes: HashMap<u32, String>,
     threads: HashMap<u32, String>,
-    /// From the recording's clock to nanoseconds since 1970, if that was told.
+    /// From the recording's clock to nanoseconds since 1970, if the recording has it.
     offset: Option<i64>,
 }
 

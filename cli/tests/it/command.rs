@@ -180,7 +180,8 @@ fn demo_takes_a_recording() {
         "--joystick",
         path.to_str().expect("a path"),
     ]);
-    // Half of the ranges, 1.2 and 0.5 rad; whatever the machine's jitter, they are about there by then.
+    // Half of the ranges, 1.2 and 0.5 rad; whatever the machine's jitter, they are about there by
+    // then.
     for (axis, expected) in [(0, 34.4), (1, -14.3)] {
         let angle = demo["axes"][axis]["final_state"]["angle_deg"]
             .as_f64()

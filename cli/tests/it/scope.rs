@@ -17,7 +17,8 @@ fn luna(arguments: &[&str]) -> Command {
     command
 }
 
-/// Starts it; gives where its scope listens, with the token behind a slash and a hash if there is one.
+/// Starts it; gives where its scope listens, with the token behind a slash and a hash if there is
+/// one.
 fn served(arguments: &[&str]) -> (Child, String) {
     let mut child = luna(arguments)
         .stdout(Stdio::null())
@@ -229,7 +230,8 @@ fn once_ends_with_the_recording_and_says_whether_it_was_whole() {
     assert_eq!(code, Some(2), "{said}");
 }
 
-/// How a program ends by itself, and the last line that it says. One that does not end within a minute is ended.
+/// How a program ends by itself, and the last line that it says. One that does not end within a
+/// minute is ended.
 fn end_of(arguments: &[&str]) -> (Option<i32>, String) {
     let mut child = luna(arguments)
         .stdout(Stdio::null())

@@ -16,7 +16,8 @@ impl Store {
         self.take_file(sources::read(&file)?, given)
     }
 
-    /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read; else whatever was read is nothing.
+    /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read;
+    /// else whatever was read is nothing.
     pub(in crate::parameters) fn reload_if(
         &self,
         is_whole: impl FnOnce() -> bool,
@@ -107,7 +108,7 @@ impl Store {
                 );
             }
         }
-        // Nobody reads what a process that has ended leaves.
+        // Values of a process that has ended are not read.
         for group in state.groups.iter_mut().filter(|group| group.is_used()) {
             let Group { reader, cells, .. } = &*group;
             if !cells.iter().any(|cells| former.contains_key(&cells.entry)) {

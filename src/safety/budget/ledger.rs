@@ -11,8 +11,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// The budgets of one process, and how it keeps them. All room is there before the start; what is written on an overrun stands under a
-/// priority-inheriting lock, which the reader holds for a copy.
+/// The budgets of one process, and how it keeps them. All room is there before the start; what is
+/// written on an overrun stands under a priority-inheriting lock, which the reader holds for a
+/// copy.
 pub(crate) struct Ledger {
     poll: Option<Duration>,
     cycle: Option<Duration>,
@@ -35,7 +36,7 @@ struct Books {
     cycle: Overruns,
     /// What was decided on, if the process or the system is to end.
     offence: Option<Offence>,
-    /// Nobody has said of the last overruns yet.
+    /// The last overruns are not reported yet.
     is_unsaid: bool,
 }
 
@@ -79,7 +80,8 @@ impl Ledger {
         poll_monitor.downcast().ok()
     }
 
-    /// A cycle has ended; says whether the process has to end too. O(1); on an overrun as [`overrun`](Self::overrun).
+    /// A cycle has ended; says whether the process has to end too. O(1); on an overrun as
+    /// [`overrun`](Self::overrun).
     #[inline]
     pub(crate) fn cycle_ends(&self, of: LoopName, began: Instant, now: Instant) -> bool {
         if let Some(budget) = self.cycle
@@ -90,8 +92,8 @@ impl Ledger {
         self.sentenced.load(Ordering::Relaxed)
     }
 
-    /// O(1), no allocation. Three system calls to read what the kernel has counted; one more for a warning that is the first since the last was said,
-    /// or to trigger the emergency.
+    /// O(1), no allocation. Three system calls to read what the kernel has counted; one more for a
+    /// warning that is the first since the last was said, or to trigger the emergency.
     #[cold]
     fn overrun(
         &self,
@@ -150,17 +152,18 @@ impl Ledger {
             .filter(|_| self.on_overrun == OnOverrun::Emergency)
     }
 
-    /// Whether the process was ended for an overrun, so that the channel ends that it leaves poison their channels.
+    /// Whether the process was ended for an overrun, so that the channel ends that it leaves poison
+    /// their channels.
     pub(crate) fn is_sentenced(&self) -> bool {
         self.sentenced.load(Ordering::Relaxed)
     }
 
-    /// Whether somebody is to be told of an overrun.
+    /// Whether an overrun is to be reported.
     pub(crate) fn has_news(&self) -> bool {
         self.books.lock().is_unsaid
     }
 
-    /// They are being told: the next overrun is news.
+    /// The overruns are being reported: the next one is new.
     pub(crate) fn take_news(&self) {
         self.books.lock().is_unsaid = false;
     }

@@ -1,4 +1,5 @@
-//! The functions that bring something to safety: who runs which is the failover's; here is what runs, and how it went.
+//! The functions that bring the machine to safety. The failover sequence decides which worker runs
+//! which function; this module holds the functions and their outcomes.
 
 use crate::error::{Result, SetupError};
 use luna_core::failover::{FailoverSequence, Leg, Turn};
@@ -13,10 +14,12 @@ use std::time::Duration;
 /// How long a function may take unless stated.
 pub(crate) const LIMIT: Duration = Duration::from_millis(500);
 
-/// The most functions of a kind: room is set aside for them, so that none has to be found when one is registered late.
+/// The most functions of a kind: room is set aside for them, so that none has to be found when one
+/// is registered late.
 const MOST: usize = 256;
 
-/// How often at most who watches looks whether a function with a shorter limit has begun meanwhile.
+/// How often, at most, a watching worker checks whether a function with a shorter limit has begun
+/// meanwhile.
 const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 
 /// How it went with one function: in [`SafetyReport::functions`](crate::SafetyReport::functions).
@@ -46,7 +49,8 @@ pub enum FunctionOutcome {
     Ran,
     /// It panicked; the others ran.
     Panicked,
-    /// It took longer than its limit, or its thread crashed: another thread went on with the others. It may have come to its end later, at low priority.
+    /// It took longer than its limit, or its thread crashed: another thread went on with the
+    /// others. It may have come to its end later, at low priority.
     LeftBehind,
 }
 
@@ -86,7 +90,8 @@ struct Slot {
 
 /// A moment in the run of a function, on the thread that runs it.
 pub(super) enum Moment {
-    /// It is about to be called. If it is the first since the trigger: when somebody is to look at it.
+    /// The function is about to be called. If it is the first since the trigger: the instant at
+    /// which a worker is to check it.
     Begins(Option<Instant>),
     /// It has ended.
     Ended,
@@ -150,7 +155,7 @@ impl Functions {
             drop(slots);
             return Err(too_many().into());
         }
-        // Under the lock, so that who is told to run it finds it.
+        // Under the lock, so that the worker that gets this number finds the function.
         let Some(number) = self.failover.add() else {
             drop(slots);
             return Err(over().into());
@@ -161,14 +166,14 @@ impl Functions {
         slots.push(slot);
         drop(slots);
         if self.failover.is_under_way() {
-            // Who watches sleeps for the shortest limit that it knew of.
+            // Watching workers sleep for the shortest limit that they knew of.
             signals::announce_event();
         }
         Ok(id)
     }
 
-    /// Takes a function back; says whether it had not begun. Before any has, its place is free again. One that has run is still reported: its device is closed
-    /// behind it.
+    /// Takes a function back; says whether it had not begun. Before any has, its place is free
+    /// again. One that has run is still reported: its device is closed behind it.
     pub(super) fn withdraw(&self, id: u64) -> bool {
         // Dropped without the lock: it is the user's.
         let (is_withdrawn, _taken, _place) = {
@@ -180,7 +185,7 @@ impl Functions {
             let taken = slot.run.take();
             let is_withdrawn = taken.is_some() && slot.began.is_none();
             slot.is_withdrawn |= is_withdrawn;
-            // Under the lock, so that who is told to run one finds the right one.
+            // Under the lock, so that a worker that gets a number finds the right function.
             let is_free = is_withdrawn && self.failover.remove();
             (is_withdrawn, taken, is_free.then(|| slots.remove(number)))
         };
@@ -232,7 +237,8 @@ impl Functions {
         tell(limits.fold(Duration::ZERO, Duration::saturating_add));
     }
 
-    /// Does what there is to do for `member`. `around` is told when a function begins, and when it has ended: what the system needs of the thread meanwhile.
+    /// Does what there is to do for `member`. `around` is called when a function begins and when it
+    /// has ended: it sets up what the system needs of the thread meanwhile.
     pub(super) fn step(
         &self,
         member: u8,
@@ -263,7 +269,7 @@ impl Functions {
         };
         let is_first = !self.has_called.load(Ordering::Relaxed);
         around(Moment::Begins(is_first.then(|| began + shortest)));
-        // Behind the reading of the clock: who has looked on is later than that.
+        // After the clock is read: a worker that sees this flag reads the clock later.
         self.has_called.store(true, Ordering::Release);
         // The others must run whatever this one does.
         let outcome = match catch_unwind(AssertUnwindSafe(&mut run)) {
@@ -277,7 +283,8 @@ impl Functions {
         around(Moment::Ended);
         let mut slots = self.slots.lock();
         if slots[turn.job()].outcome == FunctionOutcome::LeftBehind {
-            // It is nobody's any more. Its drop, the user's code, is at low priority.
+            // Nothing else refers to the function now. Its drop is user code and runs at low
+            // priority.
             drop(slots);
             drop(run);
             return false;
@@ -332,7 +339,7 @@ impl Functions {
     }
 }
 
-/// When somebody is to look whether one of these takes too long, at the latest.
+/// The latest instant at which a worker is to check whether one of these takes too long.
 fn shortest(slots: &[Slot]) -> Duration {
     let shortest = slots.iter().map(|slot| slot.limit).min();
     shortest.unwrap_or(LIMIT).max(SHORTEST_LOOK)

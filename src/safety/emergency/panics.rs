@@ -48,8 +48,8 @@ pub(super) fn install_hook() {
     }));
 }
 
-/// Triggers the emergency of the system whose thread panics, and lets its functions run before what
-/// follows.
+/// Triggers the emergency of the panicking thread's system, and lets its functions run before it
+/// returns.
 fn raise() {
     if panics::are_caught() {
         return;

@@ -1,8 +1,11 @@
-//! Who wakes those that watch, when the first function may have taken too long.
+//! Wakes the watching workers when the first function may have taken too long.
 //!
-//! To wake a thread on another core takes its waker a while, 20 µs on a virtual machine, and those who are woken come for the same locks. So only one of the workers is woken, and runs the first function at once. The
-//! others have nothing to do before the shortest limit has passed; but then its thread may compute, and never come back. So it is the kernel's timer that wakes them, by a thread that does nothing else.
-//! Where the timer needs a thread of the kernel's, [below the function](wakes_beside_a_function), they are woken before.
+//! Waking a thread on another core costs its waker about 20 µs on a virtual machine, and woken
+//! threads contend for the same locks. So only one worker is woken, and it runs the first function
+//! at once. The others have nothing to do before the shortest limit has passed. By then the first
+//! worker may compute for ever. So the kernel's timer wakes the others, through a thread that does
+//! nothing else. Where the timer needs a kernel thread [of lower priority than the
+//! function](wakes_beside_a_function), they are woken beforehand.
 
 use crate::error::{Error, Result, SetupError};
 use luna_platform::clock::Instant;
@@ -14,7 +17,9 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a thread of the kernel's with priority 1 is to see to it, which waits for the function. Where it is not known, it may be so.
+/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a thread of
+/// the kernel's with priority 1 is to see to it, which waits for the function. Where it is not
+/// known, it may be so.
 pub(super) fn wakes_beside_a_function(source: &Source) -> bool {
     PreemptionModel::read(source).is_ok_and(|model| model != PreemptionModel::RealTime)
 }
@@ -50,7 +55,8 @@ pub(super) struct RouserThread {
 }
 
 impl RouserThread {
-    /// Starts it with the workers's policy; none where there are no such timers. It takes signals as the workers does: it is there also when all of those hang.
+    /// Starts it with the workers's policy; none where there are no such timers. It takes signals
+    /// as the workers does: it is there also when all of those hang.
     pub(super) fn start(policy: Policy, hears_signals: bool) -> Result<Option<Self>> {
         let timer = match TimerFd::new() {
             Ok(timer) => timer,
@@ -120,7 +126,7 @@ mod tests {
         let version = folder.join("proc/sys/kernel/version");
         fs::write(&version, "#1 SMP PREEMPT_DYNAMIC Debian\n").unwrap();
         assert!(wakes_beside_a_function(&source));
-        // Either tells.
+        // Either file is enough.
         fs::write(folder.join("sys/kernel/realtime"), "1\n").unwrap();
         assert!(!wakes_beside_a_function(&source));
         fs::write(folder.join("sys/kernel/realtime"), "0\n").unwrap();

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 /// The watch has not begun.
 const ASLEEP: u64 = 0;
-/// Set when it has bitten, beside the feed that was the last. No instant reaches it: the clock would run for 292 years.
+/// Set when it has bitten, beside the feed that was the last. No instant reaches it: the clock
+/// would run for 292 years.
 const BITTEN: u64 = 1 << 63;
 
 fn is_bitten(last: u64) -> bool {
@@ -18,10 +19,10 @@ fn time(now: Instant) -> u64 {
     now.as_nanos().min(BITTEN - 2)
 }
 
-/// When a watchdog was fed last, and whether it has bitten since.
-///
-/// One word, which each step changes by one compare-and-swap: so a bite and a feed have an order, and who bites has seen that there was
-/// no feed in time. The times in it only rise, so no two bites are the same word.
+/// When a watchdog was fed last, and whether it has expired since. One word, which each step
+/// changes by one compare-and-swap: so an expiry and a feed have an order, and the thread that
+/// marks the expiry has seen that there was no feed in time. The times in it only rise, so no two
+/// expiries are the same word.
 #[derive(Debug)]
 pub(super) struct Food {
     last: AtomicU64,
@@ -32,7 +33,7 @@ impl Food {
     pub(super) fn new(timeout: Duration) -> Self {
         Self {
             last: AtomicU64::new(ASLEEP),
-            // At least what the clock can tell apart.
+            // At least the clock's resolution.
             timeout: nanos(timeout).max(1),
         }
     }
@@ -41,19 +42,20 @@ impl Food {
         Duration::from_nanos(self.timeout)
     }
 
-    /// Its bite, if it has bitten: each is another number.
+    /// Its expiry, if it has expired: each is another number.
     pub(super) fn bite(&self) -> Option<u64> {
         let last = self.last.load(Ordering::Acquire);
         is_bitten(last).then_some(last)
     }
 
-    /// Feeds at `now`, if it is not too late. Repeats only when another feed was counted meanwhile, of a thread that had begun before.
+    /// Feeds at `now`, if it is not too late. Repeats only when another feed was counted meanwhile,
+    /// of a thread that had begun before.
     #[inline]
     pub(super) fn feed(&self, now: Instant) {
         self.change(|last| match last {
             ASLEEP => Some(time(now)),
             last if is_bitten(last) => None,
-            // A feed does not undo the silence before it, should nobody have looked yet.
+            // A feed does not undo the silence before it, even if no thread has looked yet.
             last if self.is_over(last, now) => Some(last | BITTEN),
             // Of a thread that was held up between its look at the clock and here.
             last if time(now) <= last => None,
@@ -61,7 +63,8 @@ impl Food {
         });
     }
 
-    /// Looks at `now`: when it will bite if it is not fed. `None` if it has bitten. Begins the watch.
+    /// Looks at `now`. Returns when it will expire if it is not fed; `None` if it has expired.
+    /// Begins the watch.
     pub(super) fn look(&self, now: Instant) -> Option<Instant> {
         let last = self.change(|last| match last {
             ASLEEP => Some(time(now)),
@@ -154,7 +157,8 @@ mod tests {
         assert_eq!(food.bite(), None);
     }
 
-    /// So that who was called for one is called for the next, though nobody has looked in between.
+    /// So that a waiter that was called for one expiry is called for the next, though no thread has
+    /// looked in between.
     #[test]
     fn no_two_bites_are_the_same() {
         let food = watched_from(100);
@@ -201,7 +205,8 @@ mod tests {
         assert_eq!(food.bite(), None);
     }
 
-    /// Many feed at once while one looks: with steps of the clock that never leave the time, it never bites.
+    /// Many feed at once while one looks: with steps of the clock that never leave the time, it
+    /// never bites.
     #[test]
     fn feeds_of_many_threads() {
         let food = Food::new(Duration::from_nanos(1_000_000));

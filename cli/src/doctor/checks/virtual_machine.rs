@@ -48,7 +48,7 @@ fn hypervisor(machine: &Machine) -> Result<Seen, Unread> {
     ))
 }
 
-/// Who says so itself: Xen, the firmware's vendor, the clocks that only a hypervisor has.
+/// The hypervisor's own signs: Xen, the firmware's vendor, the clocks that only a hypervisor has.
 fn hypervisor_name(machine: &Machine) -> Option<String> {
     let source = &machine.source;
     if let Ok(kind) = source.word("/sys/hypervisor/type") {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// The pairs of a large machine are not all measured, which is told.
+/// The most pairs that are measured. The finding says so if there are more.
 const MOST_PAIRS: usize = 16;
 /// An answer that takes longer ends the measurement.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -94,7 +94,7 @@ fn from_to(from: usize, to: usize, time: Duration) -> Result<Measured, String> {
                 break;
             }
         }
-        // The last call of all is told by its number.
+        // The last call has a number of its own.
         announce(&ours.called, LAST);
     })?;
     let how = format!(

@@ -13,7 +13,8 @@ use luna_platform::latency::DmaLatency;
 use luna_platform::memory;
 use std::time::Duration;
 
-/// What a measurement gives: times in nanoseconds, unsorted, and the policy under which they were taken.
+/// What a measurement gives: times in nanoseconds, unsorted, and the policy under which they were
+/// taken.
 #[derive(Debug)]
 pub(crate) struct Measured {
     times: Vec<u64>,
@@ -37,7 +38,7 @@ fn p99(times: &Times) -> u64 {
     times.p99
 }
 
-/// Of what has a price: the usual one, since whoever measures is interrupted too.
+/// Costs are given by their median, since the measuring thread is interrupted too.
 fn p50(times: &Times) -> u64 {
     times.p50
 }
@@ -65,7 +66,8 @@ pub(crate) fn all(machine: &Machine, each: Duration) -> Vec<Finding> {
     findings
 }
 
-/// The cores that this process may use, and the one that it is to use, which may be an isolated one.
+/// The cores that this process may use, and the one that it is to use, which may be an isolated
+/// one.
 fn cores(machine: &Machine) -> Vec<usize> {
     let mut cores = luna_platform::thread::available_cores();
     let isolated = machine

@@ -21,8 +21,8 @@ const BOUNDS: Bounds = Bounds {
 /// After this long no other core is begun.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// One core after the other, twice `each` in all, but at least 20 wake-ups for a core. The last cores of a very large or very busy machine are
-/// left out, which is told.
+/// One core after the other, twice `each` in all, but at least 20 wake-ups for a core. The last
+/// cores of a very large or very busy machine are left out, and the finding says so.
 pub(super) fn on_each(cores: &[usize], each: Duration) -> Vec<Finding> {
     let all = 2 * each;
     let share = all / u32::try_from(cores.len().max(1)).unwrap_or(u32::MAX);

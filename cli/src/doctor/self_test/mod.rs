@@ -1,4 +1,5 @@
-//! The library at work on this machine: a small, real check of every component, each bounded in time.
+//! The library at work on this machine: a small, real check of every component, each bounded in
+//! time.
 
 mod choice;
 mod communication;
@@ -16,7 +17,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A check that takes longer hangs: they take milliseconds, and a second or two on a machine that is very busy.
+/// A check that takes longer hangs: they take milliseconds, and a second or two on a machine that
+/// is very busy.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A check of one component. A new component is one more of these in a list of this folder.
@@ -228,7 +230,7 @@ mod tests {
             assert_ne!(finding.verdict, Verdict::Bad, "{finding:?}");
             if finding.verdict == Verdict::Unknown {
                 let text = format!("skipped: self-test {}: {}\n", finding.name, finding.read);
-                // Not by a macro, whose output the harness keeps to itself.
+                // Not by a macro: the harness captures its output.
                 let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
             }
         }

@@ -1,4 +1,4 @@
-//! What the library stands on: policies that are read back, and the lock that lends priorities.
+//! What the library relies on: policies that are read back, and the lock with priority inheritance.
 
 use super::{Outcome, Test, Trouble, ensure, same};
 use luna::Policy;
@@ -73,7 +73,7 @@ fn policy() -> Outcome {
 fn excludes() -> Outcome {
     const THREADS: u64 = 4;
     const ROUNDS: u64 = 2000;
-    // Two numbers that differ only while somebody is inside.
+    // Two numbers that differ only while the lock is held.
     let lock = Arc::new(PiLock::new((0, 0)));
     let threads: Vec<_> = (0..THREADS)
         .map(|_| {
@@ -139,7 +139,7 @@ fn boost() -> Outcome {
     Ok("10 boosted to 30, and back".to_owned())
 }
 
-/// Holds the lock until somebody lends a priority; gives the one then, and the one after.
+/// Holds the lock until it inherits a priority. Returns the inherited one, and the one after.
 fn hold(
     lock: Arc<PiLock<()>>,
     is_held: SyncSender<()>,
