@@ -1,4 +1,4 @@
-//! What events are there. `docs/logger.md` says what their subjects and numbers are.
+//! What events are there. `docs/events.md` says what their subjects and numbers are.
 
 /// A process has become ready.
 pub const READY: u16 = 1;
