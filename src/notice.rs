@@ -1,4 +1,4 @@
-//! What the framework says on standard error.
+//! The framework's messages on standard error.
 
 use std::fmt;
 use std::io::Write;

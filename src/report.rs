@@ -296,7 +296,7 @@ impl fmt::Display for Report {
             )?;
         }
         for (who, shortfall) in self.all_shortfalls() {
-            // How to get it was said at the start.
+            // The remedy was printed at the start.
             writeln!(
                 f,
                 "  best effort: {who}: no {}: {}",

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The system's allocator, counting the calls made while a predicate holds on the calling thread.
 ///
-/// Counts are relaxed: exact in sum, and meant to be read when what is measured has ended.
+/// Counts are relaxed: exact in sum, and to be read when the measured code has ended.
 #[derive(Debug)]
 pub(crate) struct Counting {
     counts: fn() -> bool,
@@ -27,7 +27,7 @@ pub(crate) struct Counts {
 }
 
 impl Counting {
-    /// Counts calls from threads on which `counts` says so. It is asked inside the allocator: it
+    /// Counts calls from threads on which `counts` is true. It is called inside the allocator: it
     /// must not allocate.
     pub(crate) const fn new(counts: fn() -> bool) -> Self {
         Self {

@@ -25,7 +25,7 @@ impl Ended {
     }
 }
 
-/// Says that the measured loop has ended, however it did.
+/// Signals that the measured loop has ended, however it did.
 #[derive(Debug)]
 pub(crate) struct EndsOnDrop(pub(crate) Ended);
 

@@ -103,7 +103,7 @@ fn simulate(policy: Policy) -> Result<(Server, States), Failure> {
 }
 
 impl Machine {
-    /// Where the joints are at the end, as far as anybody knows.
+    /// Where the joints are at the end, as far as it is known.
     pub(crate) fn states(&self) -> [MotorState; 2] {
         match self {
             Machine::Processes(states) => states

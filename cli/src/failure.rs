@@ -1,4 +1,4 @@
-//! Why a command did not do what it was asked for, and the exit code that says so.
+//! Why a command failed, and its exit code.
 
 use luna::SetupError;
 use luna::record::RecordError;

@@ -44,7 +44,7 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(played.is_err())))
 }
 
-/// The scope of what is received.
+/// The scope of received recordings.
 pub(crate) fn at(address: SocketAddr) -> Result<Scope, Failure> {
     open(Settings::default().address(address))
 }

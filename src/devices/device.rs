@@ -58,7 +58,7 @@ pub struct DeviceView {
     pub users: usize,
     /// Open, lost or closed.
     pub state: DeviceState,
-    /// By what its loss was found out, also when it is closed.
+    /// The error that showed its loss, also when it is closed.
     pub loss: Option<Error>,
 }
 
@@ -236,7 +236,7 @@ impl<D: Send + Sync + 'static> Device<D> {
         Ok(())
     }
 
-    /// Says what becomes of the system when the device is lost; all its handles share it.
+    /// Sets what becomes of the system when the device is lost; all its handles share it.
     ///
     /// ```
     /// use luna::devices::{OnLoss, Sharing};

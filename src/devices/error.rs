@@ -5,7 +5,7 @@ use crate::external::OsError;
 use std::fmt;
 use std::sync::Arc;
 
-/// Why a device cannot be opened, or was lost. Each says what to do.
+/// Why a device cannot be opened, or was lost. Each has a remedy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum DeviceError {
@@ -50,7 +50,7 @@ pub enum DeviceError {
     Refused {
         /// The device's name.
         device: String,
-        /// What the system said.
+        /// The system's error.
         error: OsError,
     },
     /// It was there, and is gone or does not answer.
@@ -59,7 +59,7 @@ pub enum DeviceError {
         device: Arc<str>,
         /// What it was: "serial port".
         kind: &'static str,
-        /// By what that was found out. Boxed, since all errors would be as large as this else.
+        /// The error that showed it. Boxed, since all errors would be as large as this else.
         error: Box<Error>,
     },
 }

@@ -231,7 +231,7 @@ impl DeviceManager {
     }
 }
 
-/// By what a device is known.
+/// The key that a device is known by.
 fn key(name: &str) -> String {
     if !name.starts_with('/') {
         return name.to_owned();

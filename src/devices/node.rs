@@ -7,8 +7,8 @@ use std::io::{self, ErrorKind};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
 
-/// What a device file must be, for drivers: it opens one, and makes of the system's refusal an
-/// error that says what to do.
+/// What a device file must be, for drivers: it opens one, and turns the system's refusal into an
+/// error with a remedy.
 ///
 /// ```
 /// use luna::devices::{DeviceError, Node};
@@ -94,7 +94,7 @@ impl Node {
     ///
     /// # Errors
     ///
-    /// A [`DeviceError`] that says why not.
+    /// A [`DeviceError`] with the reason.
     pub fn open(&self, path: &Path, exclusive: bool) -> Result<File, DeviceError> {
         self.check(path)?;
         let file = OpenOptions::new()
@@ -181,7 +181,7 @@ impl Node {
     /// Which group or udev rule lets this user open `path`.
     fn remedy(&self, path: &Path) -> String {
         let about = fs::metadata(path).ok();
-        // Read and write for the group, and a group that is meant for users.
+        // Read and write for the group, and a group that is for users.
         let group = about
             .as_ref()
             .filter(|about| about.mode() & 0o060 == 0o060 && about.gid() != 0)

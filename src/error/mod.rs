@@ -22,12 +22,11 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// What can go wrong in a process or a system. Every error of a channel turns into it with `?`.
 ///
-/// Its `Debug` is its `Display`: what a `main` that returns it prints, and what an `unwrap` says,
-/// is the text and what to do. An error of your own becomes one with
-/// `.map_err(luna::Error::other)?`.
+/// Its `Debug` is its `Display`: a `main` that returns it and an `unwrap` print the text and the
+/// remedy. An error of your own becomes one with `.map_err(luna::Error::other)?`.
 ///
-/// Two errors are equal if they say the same; but of [`Other`](Error::Other), which holds what may
-/// not be comparable, if they are the same one.
+/// Two errors are equal if they have the same content; two of [`Other`](Error::Other), which may
+/// hold what is not comparable, if they are the same one.
 #[derive(Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {

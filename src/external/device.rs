@@ -97,7 +97,7 @@ impl Device {
                     record::hold().await;
                     Ok(count)
                 }
-                // The replay has come to its end.
+                // The replay has ended.
                 None => std::future::pending().await,
             },
         }

@@ -39,7 +39,7 @@ pub enum LinkError {
         record: u64,
         /// How many of its bytes did, with those that frame it.
         written: usize,
-        /// What the system said.
+        /// The system's error.
         error: OsError,
     },
     /// The file cannot be waited for.
@@ -140,7 +140,7 @@ impl From<BadRecord> for LinkError {
     }
 }
 
-/// What the system said, kept as its number.
+/// The system's error, kept as its number.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct OsError {
     kind: io::ErrorKind,

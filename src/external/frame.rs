@@ -46,7 +46,7 @@ impl<const N: usize> Frame<N> {
         frame.append(bytes).then_some(frame)
     }
 
-    /// Appends these bytes if there is room for all of them, and says whether there was.
+    /// Appends these bytes if there is room for all of them. Returns whether there was.
     ///
     /// ```
     /// let mut frame = luna::external::Frame::<4>::EMPTY;

@@ -155,7 +155,7 @@ impl Prefix {
         (1 << (8 * self.size())) - 1
     }
 
-    /// The length that stands at the front of `bytes`, if all of it is there.
+    /// The length at the front of `bytes`, if all of it is there.
     pub(super) fn read(self, bytes: &[u8]) -> Option<u64> {
         let bytes = bytes.get(..self.size())?;
         let join = |value: u64, byte: &u8| value << 8 | u64::from(*byte);

@@ -87,7 +87,7 @@ impl<T: FromBytes + Send> Process for Input<T> {
     ///
     /// # Errors
     ///
-    /// A [`LinkError`] that says which of these failed.
+    /// A [`LinkError`] with the one that failed.
     fn pre_run(&mut self) -> Result<()> {
         self.framing.validate()?;
         if let Some(device) = &mut self.device {

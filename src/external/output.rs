@@ -77,7 +77,7 @@ impl<T: ToBytes + Send> Process for Output<T> {
     ///
     /// # Errors
     ///
-    /// A [`LinkError`] that says which of these failed.
+    /// A [`LinkError`] with the one that failed.
     fn pre_run(&mut self) -> Result<()> {
         self.framing.validate()?;
         if let Some(device) = &mut self.device {

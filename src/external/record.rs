@@ -1,4 +1,4 @@
-//! Values and the records that stand for them outside.
+//! Values and their records outside of the program.
 
 use std::fmt;
 
@@ -29,15 +29,15 @@ pub trait FromBytes: Sized {
     ///
     /// # Errors
     ///
-    /// They mean nothing: then [`from_bad`](Self::from_bad) is asked.
+    /// They mean nothing: then [`from_bad`](Self::from_bad) is called.
     fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed>;
 
-    /// What stands for a record that is broken or means nothing; without one, which is the default,
+    /// The value for a record that is broken or means nothing. Without one, which is the default,
     /// the link ends with the error.
     ///
     /// # Errors
     ///
-    /// Nothing does: the error as it came.
+    /// No value stands for it: the error as it came.
     fn from_bad(bad: BadRecord) -> Result<Self, BadRecord> {
         Err(bad)
     }

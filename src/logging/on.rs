@@ -20,7 +20,7 @@ pub use luna_logger::EventsReport;
 /// `udp://HOST:PORT`.
 const VARIABLE: &str = "LUNA_LOG";
 
-/// The variable that says for how many events there is room in each ring of such a recording.
+/// The variable with the number of events that each ring of such a recording has room for.
 #[cfg(feature = "events")]
 const EVENTS: &str = "LUNA_LOG_EVENTS";
 

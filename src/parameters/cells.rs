@@ -40,7 +40,7 @@ impl Reader {
         }
     }
 
-    /// What it comes to is recorded, or was.
+    /// Latches a set that is recorded or replayed.
     #[cold]
     fn latch_taped(&self) {
         if !record::input("parameters", || self.slots.latch()) {

@@ -144,7 +144,7 @@ pub enum Reason {
         /// A declared name like it.
         nearest: Option<String>,
     },
-    /// It lies outside of the parameter's range, or of what its type can hold.
+    /// It is outside of the parameter's range, or of its type's range.
     OutOfRange {
         /// The least that it can be.
         least: String,
@@ -167,9 +167,9 @@ pub enum Reason {
     NotFinite,
     /// A whole number that a parameter with fractions would round.
     NotExact,
-    /// None of what there is to choose from.
+    /// It is none of the choices.
     NoSuchChoice {
-        /// What there is.
+        /// The choices.
         choices: String,
         /// Which is like it.
         nearest: Option<String>,

@@ -11,8 +11,8 @@ use std::sync::Arc;
 /// [`System::parameters`](crate::System::parameters).
 ///
 /// For threads beside the processes: a console, a scope. Not for the real-time path: its functions
-/// allocate, and take a plain lock, which no process on the path waits for; a process with a thread
-/// of its own may call them. Clones are the same.
+/// allocate, and take a plain lock, which no process on the real-time path waits for; a process
+/// with a thread of its own may call them. Clones are the same.
 ///
 /// ```
 /// use luna::Parameter;
@@ -106,10 +106,10 @@ impl Parameters {
     }
 
     /// Reads the file again: then all parameters have the values that a start would give them, as
-    /// one set. What the environment and [`set_parameter`](crate::System::set_parameter) say comes
-    /// over the file, what neither names has its default, and what [`set`](Self::set) made is gone.
-    /// To change the file, write another and rename it: of a file that is written in place, a part
-    /// may be read.
+    /// one set. The environment and [`set_parameter`](crate::System::set_parameter) override the
+    /// file, a parameter in neither has its default, and what [`set`](Self::set) made is gone. To
+    /// change the file, write another and rename it: of a file that is written in place, a part may
+    /// be read.
     ///
     /// # Errors
     ///
@@ -144,7 +144,7 @@ pub struct Info {
     pub description: String,
     /// `f64`, `[f32; 3]`, `bool`, `choice`.
     pub type_name: String,
-    /// What there is to choose from; empty if it is no choice.
+    /// The choices; empty if it is no choice.
     pub choices: Vec<String>,
     /// The least that it, or each of its elements, may be.
     pub least: Option<Value>,

@@ -86,7 +86,7 @@ impl Store {
         });
     }
 
-    /// Takes `--parameters FILE` and `--set NAME=VALUE` out of these arguments; gives the others.
+    /// Takes `--parameters FILE` and `--set NAME=VALUE` out of these arguments. Returns the others.
     pub(crate) fn take_arguments(
         &self,
         arguments: impl IntoIterator<Item = String>,

@@ -130,7 +130,7 @@ impl<T: Number, const N: usize> Tunable for [T; N] {
 /// }
 /// ```
 pub trait Choice: Copy + PartialEq + Send + Sync + 'static {
-    /// What there is to choose from, with names: at least one, and each that is used as a default.
+    /// The choices, with names: at least one, and each that is used as a default.
     const CHOICES: &'static [(&'static str, Self)];
 }
 

@@ -27,7 +27,7 @@ pub(super) struct Stamp {
 /// part of it, or nothing yet.
 #[derive(Debug)]
 struct Changes {
-    /// Of what was read last.
+    /// The stamp of what was read last.
     read: Option<Stamp>,
     /// At the last look; none if there was no file.
     last: Option<Stamp>,
@@ -86,7 +86,7 @@ impl FileWatch {
     }
 }
 
-/// None if there is no such file, or nothing can be said of it.
+/// None if there is no such file, or its metadata cannot be read.
 pub(super) fn stamp(file: &Path) -> Option<Stamp> {
     let about = std::fs::metadata(file).ok()?;
     #[cfg(unix)]

@@ -230,7 +230,8 @@ impl Drop for SafeStateEntered {
         }
         let node = self.node();
         let mut lists = self.emergency.waiting.0.lock();
-        // SAFETY: the lock is held; a node that says so is in the list of its round.
+        // SAFETY: the lock is held; a node with `is_listed` set is in the list of its round, since
+        // both change under the lock only.
         let unused = unsafe {
             if !self.is_listed().load(Ordering::Relaxed) {
                 return;

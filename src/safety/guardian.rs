@@ -95,7 +95,7 @@ impl Guardian {
             std::env::current_exe()
         };
         Guardian {
-            // Where the path is unknown, the start says so.
+            // If the path is unknown, the start fails with that error.
             program: itself.unwrap_or_default().into_os_string(),
             arguments: Vec::new(),
             is_this: true,
@@ -153,7 +153,7 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
     let _memory = memory::lock_memory().ok();
     let _ = apply_to_current(&Attributes::framework("luna-guardian", policy));
     if writeln!(std::io::stdout(), "ready").is_err() {
-        // It is gone already, or does not want to know.
+        // The system's program has ended, or has closed the pipe.
         std::process::exit(1);
     }
     let mut byte = [0];
@@ -262,7 +262,8 @@ impl GuardianWatch {
     }
 }
 
-/// Reads what the guardian says: that it is ready, and then until its end. Whether it was ready.
+/// Reads the guardian's output: that it is ready, and then until its end. Returns whether it was
+/// ready.
 fn hear(mut output: BufReader<ChildStdout>, ready: &mpsc::SyncSender<()>) -> bool {
     let mut line = Vec::new();
     if !matches!(output.read_until(b'\n', &mut line), Ok(length) if length > 0) {
@@ -299,7 +300,7 @@ impl Drop for GuardianWatch {
             // One that has ended reads nothing.
             let _ = input.write_all(FAREWELL);
         }
-        // It hears of it by the end of its output, which `recv` does by the reader's end.
+        // Its end is noticed by the end of its output: the reader then drops its end of `ended`.
         if self.ended.recv_timeout(ENDS_WITHIN) == Err(mpsc::RecvTimeoutError::Timeout) {
             notice!("luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself");
             return;

@@ -256,9 +256,8 @@ pub struct SafetyFunction {
 }
 
 impl SafetyFunction {
-    /// Takes the function back, which is dropped, because what it was for is gone. Says whether it
-    /// will not run; if not, it runs at this moment, or has run. Not for the real-time path: it
-    /// frees.
+    /// Withdraws and drops the function, because what it was for is gone. Returns whether it will
+    /// not run; if false, it runs at this moment, or has run. Not for the real-time path: it frees.
     pub fn withdraw(self) -> bool {
         self.emergency.withdraw_function(self.id)
     }

@@ -96,12 +96,12 @@ impl fmt::Display for Cause {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyEvent {
-    /// What was said: how bad it is.
+    /// The degree that was reported.
     pub degree: Degree,
     /// Why.
     pub cause: Cause,
-    /// The process that said so; none if it was a plain thread, the framework, or the system
-    /// outside.
+    /// The process that reported it; none if it was a plain thread, the framework, or something
+    /// outside of the system.
     pub process: Option<ProcessId>,
     /// That process' name, if it is still known.
     pub who: Option<String>,
@@ -128,9 +128,9 @@ pub struct SafetyState {
     pub degree: Degree,
     /// What made it so; none if it is normal.
     pub latched: Option<SafetyEvent>,
-    /// All that was said, in this order: the first 64.
+    /// All reports, in order: the first 64.
     pub events: Vec<SafetyEvent>,
-    /// How much more was said.
+    /// How many more there were.
     pub more_events: u64,
 }
 
@@ -147,7 +147,7 @@ impl fmt::Display for SafetyState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ResetError {
-    /// There is an emergency: the system ends, and is made anew.
+    /// There is an emergency: the system ends, and a new one has to be made.
     Emergency,
     /// The functions of [`on_safe_state`](crate::System::on_safe_state) still run.
     FunctionsRun,
@@ -201,7 +201,7 @@ impl Level {
 pub(crate) struct Journal {
     /// A [`Level`].
     level: AtomicU32,
-    /// The first events. Each place is written once, under the lock, and then read without it.
+    /// The first events. Each slot is written once, under the lock, and then read without it.
     kept: Box<[OnceLock<SafetyEvent>]>,
     book: PiLock<Book>,
     /// The log that records changes.
@@ -213,13 +213,13 @@ pub(crate) struct Journal {
 
 #[derive(Debug)]
 struct Book {
-    /// How many places of `kept` are written.
+    /// How many slots of `kept` are written.
     kept: usize,
     more: u64,
     /// What made it a warning, a safe state and an emergency.
     latched: [Option<Latched>; 3],
-    /// Where what is latched is when the places are used up. New ones come with a reset, which is
-    /// off the path.
+    /// Holds the latched events when the slots are used up. New ones come with a reset, which is
+    /// off the real-time path.
     apart: Apart,
 }
 
@@ -249,7 +249,7 @@ impl Journal {
         }
     }
 
-    /// From now on this records that it changes.
+    /// From now on changes are recorded in `log`.
     pub(crate) fn record(&self, log: Log) {
         // A system is started once.
         let _ = self.log.set(log);
@@ -293,14 +293,15 @@ impl Journal {
         };
         let mut changes = false;
         let by = event.process;
-        // Behind the event: what is not kept is the user's, and dropped without the lock.
+        // After the event is made: an event that is not kept is user data, and dropped without the
+        // lock.
         let mut book = self.book.lock();
         if matches!(event.cause, Cause::Signal(_))
             && self.latched(&book, Degree::Emergency, |latched| {
                 latched.cause == event.cause
             }) == Some(true)
         {
-            // Another member of the workers has heard of it just before.
+            // Another worker has received it just before.
             return;
         }
         if degree > self.degree() {
@@ -333,7 +334,7 @@ impl Journal {
 
     /// It is that bad at least. Without the lock.
     pub(super) fn worsen(&self, degree: Degree) {
-        // It is if this fails.
+        // If this fails, it is that bad already.
         let _ = self
             .level
             .fetch_update(Ordering::AcqRel, Ordering::Acquire, |level| {
@@ -416,7 +417,7 @@ impl Journal {
         }
     }
 
-    /// What `look` says of what made it that bad.
+    /// The result of `look` on the event that made it that bad.
     fn latched<R>(
         &self,
         book: &Book,
@@ -427,7 +428,7 @@ impl Journal {
         self.event(book.latched[slot]?, &book.apart[slot]).map(look)
     }
 
-    /// Takes the event to a place, which it gives; leaves it if there is no room.
+    /// Moves the event to a slot and returns that; leaves it if there is no room.
     fn keep(&self, book: &mut Book, event: &mut Option<SafetyEvent>) -> Option<usize> {
         let place = book.kept;
         let Some(room) = self.kept.get(place) else {

@@ -93,7 +93,7 @@ impl<E, P: FnMut(Message) -> Result<(), E>> Packets<'_, P> {
 }
 
 impl Activity {
-    /// Puts what an event says.
+    /// Adds an event to the trace.
     pub(super) fn put<E>(
         &mut self,
         names: &Names,

@@ -156,7 +156,7 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
     Ok(converted)
 }
 
-/// Values that are ordered by nothing: what stands before them decides.
+/// Values without an order: the columns before them decide.
 struct Cells(Vec<Value>);
 
 impl PartialEq for Cells {

@@ -20,7 +20,7 @@ pub(super) struct Words {
 }
 
 impl Names {
-    /// Learns what a record says of names.
+    /// Keeps the names of a record.
     pub(super) fn take(&mut self, record: &Record<'_>) {
         match record {
             Record::Name {
@@ -75,7 +75,7 @@ impl Names {
         known.map_or(0, |(_, parent)| *parent)
     }
 
-    /// What a process waits for, as `WAITING` says it; empty if that is not known.
+    /// What a process waits for, in the words of `WAITING`; empty if that is not known.
     pub(super) fn awaited(&self, [kind, number]: [u64; 2]) -> String {
         let kinds = [
             Subject::Channel,

@@ -93,7 +93,7 @@ impl fmt::Display for Converted {
     }
 }
 
-/// Says what is damaged, and what became of it.
+/// Prints what is damaged, and what became of it.
 fn say_damage(input: &Path, converted: &Converted) -> ExitCode {
     let input = input.display();
     let Damage {

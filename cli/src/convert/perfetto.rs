@@ -39,7 +39,7 @@ pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
         names.take(record);
         let mut put = |packet: Message| {
             let packet = packet.number(10, SEQUENCE);
-            // The first says that nothing before it is needed to understand what follows.
+            // In the first packet: nothing before it is needed to understand what follows.
             let packet = if std::mem::take(&mut is_first) {
                 packet.number(13, 1)
             } else {

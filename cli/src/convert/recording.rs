@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// How many errors are said in full.
+/// How many errors are printed in full.
 const MOST_SAID: usize = 5;
 
 /// A recording that can be opened.

@@ -88,7 +88,7 @@ pub(super) fn text(recorded: Option<&Recorded>) -> String {
     })
 }
 
-/// Does the recorded run again and says whether it came out the same; gives that.
+/// Repeats the recorded run. Prints and returns whether its outputs were the same.
 pub(super) fn replay(path: &Path, arguments: &args::Demo) -> Result<bool, Failure> {
     let unusable = |error| Failure::Recording {
         path: path.to_owned(),

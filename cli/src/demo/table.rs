@@ -6,7 +6,7 @@ use luna_jiwy::network::{self, LOOP};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// A row of the table. On a virtual clock time stands while processes run: there the processing
+/// A row of the table. On a virtual clock, time stops while processes run: there the processing
 /// takes none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Row {
@@ -54,8 +54,8 @@ pub(crate) struct Switches {
     pub(crate) all: f64,
 }
 
-/// What `report` says of the run at `rate`, with the processes that control on the executor
-/// `control`; nothing if their loop never came to run.
+/// The row of `report` for the run at `rate`, with the controlling processes on the executor
+/// `control`; none if their loop never ran.
 pub(super) fn row(report: &Report, rate: u32, control: &str) -> Option<Row> {
     let timer = report.loops.get(LOOP).filter(|timer| timer.cycles > 0)?;
     let cycles = timer.cycles as f64;

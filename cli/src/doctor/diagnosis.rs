@@ -8,10 +8,10 @@ use serde::Serialize;
 /// Rises when a key changes its meaning or goes.
 const SCHEMA: u32 = 2;
 
-/// Without these nothing can be said.
+/// Without these no verdict is possible.
 const ESSENTIAL: [&str; 2] = ["preemption", "real-time-policy"];
 
-/// What the findings come to.
+/// The verdict of all findings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Fitness {

@@ -53,7 +53,7 @@ pub(crate) struct Finding {
     pub(crate) verdict: Verdict,
     /// What was read or measured, or why nothing was.
     pub(crate) read: String,
-    /// The file or the call that said so.
+    /// The file or the call that it was read from.
     pub(crate) from: String,
     /// What it has to do with keeping time.
     pub(crate) why: &'static str,
@@ -100,7 +100,7 @@ impl Seen {
         }
     }
 
-    /// Could be better, by what is advised.
+    /// Could be better: see the advice.
     pub(crate) fn better(
         read: impl Into<String>,
         from: impl Into<String>,

@@ -12,8 +12,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::PathBuf;
 
-/// Machines, each in one text: sections that begin with `=== `, of which those with a path are
-/// files.
+/// Machines, each in one text: sections that begin with `=== `. Those with a path are files.
 const MACHINES: [(&str, &str); 5] = [
     ("tuned", include_str!("../../tests/machines/tuned.txt")),
     ("laptop", include_str!("../../tests/machines/laptop.txt")),
@@ -224,7 +223,7 @@ fn an_empty_folder_makes_everything_unknown_or_told() {
         .filter(|finding| finding.verdict != Verdict::Unknown)
         .map(|finding| finding.name.as_str())
         .collect();
-    // That there is no such file is what these say.
+    // These findings rest on a file that does not exist.
     let by_absence = [
         "autogroup",
         "tickless-cores",

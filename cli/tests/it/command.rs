@@ -190,7 +190,7 @@ fn demo_takes_a_recording() {
     }
 }
 
-/// Ctrl-C ends the demo in order: there is a report, which says that the run was cut short.
+/// Ctrl-C ends the demo in order: its report has that the run was cut short.
 #[cfg(target_os = "linux")]
 #[test]
 fn interrupted_demo_still_reports() {

@@ -485,7 +485,7 @@ fn a_truncated_recording_is_converted_as_far_as_it_goes() {
     let (folder, file) = recording("truncated");
     let mut whole = bytes();
     let length = whole.len();
-    // A second block, of which the end is missing.
+    // A second block with a missing end.
     let second = whole[16..].to_vec();
     whole.extend_from_slice(&second[..second.len() - 9]);
     fs::write(&file, &whole).unwrap();

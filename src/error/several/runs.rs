@@ -54,7 +54,7 @@ impl Runs {
         }
     }
 
-    /// Room for what `branches` branches come to at worst, so that adding them allocates nothing.
+    /// Room for the most runs of `branches` branches, so that adding them allocates nothing.
     pub(super) fn with_room_for(branches: usize) -> Runs {
         if branches <= INLINE {
             Runs::new()
@@ -120,7 +120,7 @@ impl Runs {
         self.push((Kind::Open as u16) << COUNT_BITS | 1);
         for (kind, count) in nested.iter() {
             match kind {
-                // Brackets are never joined: each stands for a branch.
+                // Brackets are never joined: each is one branch.
                 Kind::Open | Kind::Close => self.push((kind as u16) << COUNT_BITS | 1),
                 _ => self.add(kind, count),
             }

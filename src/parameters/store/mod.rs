@@ -91,7 +91,7 @@ impl Group {
         set <= self.taken || !self.reader.slots.is_fresh()
     }
 
-    /// Whether anybody has a handle of it, or a loop that takes it.
+    /// Whether a handle of it is left, or a loop that takes it.
     fn is_used(&self) -> bool {
         // Its own, the list's, and one of each of its parameters.
         self.cells.iter().any(|cells| Arc::strong_count(cells) > 1)

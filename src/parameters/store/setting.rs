@@ -127,7 +127,7 @@ impl Store {
         Ok(set)
     }
 
-    /// Whether everybody reads what the set of this number made of it.
+    /// Whether every process reads what the set of this number made of it.
     pub(in crate::parameters) fn is_taken(&self, set: u64) -> bool {
         note_outside("Parameters::is_taken");
         let state = self.state();

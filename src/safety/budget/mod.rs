@@ -41,11 +41,11 @@ pub enum OnOverrun {
     /// Nothing more.
     #[default]
     Count,
-    /// The thread that runs the system says so on standard error, at most once a second for each
+    /// The thread that runs the system prints it on standard error, at most once a second for each
     /// process.
     Warn,
     /// The process is ended where it waits next, all its channel ends poison their channels, and
-    /// its error is [`Error::BudgetOverrun`]. One that ends by itself in that poll has ended.
+    /// its error is [`Error::BudgetOverrun`]. A process that ends by itself in that poll has ended.
     Poison,
     /// The emergency functions run, then the system ends: [`End::Overrun`](crate::End::Overrun).
     Emergency,
@@ -55,8 +55,8 @@ pub enum OnOverrun {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum BudgetKind {
-    /// The time from when the process is given the processor until it awaits something that is not
-    /// there yet.
+    /// The time from when the process gets the processor until it awaits something that is not
+    /// ready yet.
     Poll,
     /// The time from when a cycle of one of its loops begins until the loop asks for the next.
     Cycle,
@@ -136,7 +136,7 @@ pub(crate) struct Budgets {
 }
 
 impl Budgets {
-    /// What keeps them, if there are any.
+    /// The ledger that keeps them, if there are any.
     pub(crate) fn ledger(self, process: &str) -> Result<Option<Arc<Ledger>>> {
         let kinds = [
             (BudgetKind::Poll, self.poll),

@@ -31,14 +31,14 @@ use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
 use workers::EmergencyWorkers;
 
-/// How long at most a process that triggers looks on until the functions begin: so no other process
-/// of its core runs before.
+/// How long, at most, a triggering process waits until the functions begin, so that no other
+/// process of its core runs before.
 const LOOKS_ON: Duration = Duration::from_millis(1);
 
 /// The exit status of a program that panics.
 const PANICKED: i32 = 101;
 
-/// What the triggers share with the workers. It lives from the system's making.
+/// What the triggers share with the workers. It lives from when the system is made.
 #[derive(Debug)]
 pub(crate) struct Emergency {
     pub(crate) at_emergency: Functions,
@@ -47,10 +47,10 @@ pub(crate) struct Emergency {
     /// The tasks that wait for the safe state.
     pub(super) waiting: Waiting,
     workers: EmergencyWorkers,
-    /// The system has ended: the workers is to end, once the functions have run if there is an
+    /// The system has ended: the workers end, after the functions have run if there is an
     /// emergency.
     is_to_end: AtomicBool,
-    /// Where the processes run, if time is virtual there.
+    /// The simulation that the processes run on, if time is virtual.
     simulation: OnceLock<SimulationHandle>,
     plan: Weak<Plan>,
 }
@@ -60,23 +60,24 @@ thread_local! {
     pub(super) static OF_THREAD: RefCell<Option<Arc<Emergency>>> = const { RefCell::new(None) };
 }
 
-/// Raises an emergency with `cause`, and gives it back for the process to end with:
+/// Raises an emergency with `cause`, and returns it for the process to end with:
 /// `return Err(luna::emergency(cause))`.
 ///
-/// For what must not go on, but is no bug to panic over: a sensor that is dead, a simulated plant
-/// that cannot be stepped. The functions of [`on_emergency`](crate::System::on_emergency) run at
-/// once, on the thread of the highest priority; then all processes are cancelled, and
-/// [`System::run`](crate::System::run) returns the cause with this process' name, whatever the
-/// others return on their way out. The report says [`End::Emergency`](crate::End::Emergency). If
-/// there was an emergency before, its own cause stays. So it is too for what a process drops while
-/// it is cancelled, after a livelock or because the driver of its clock is gone.
+/// For a failure that must end the run but is no bug to panic over: a sensor that is dead, a
+/// simulated plant that cannot be stepped. The functions of
+/// [`on_emergency`](crate::System::on_emergency) run at once, on the thread of the highest
+/// priority. Then all processes are cancelled, and [`System::run`](crate::System::run) returns the
+/// cause with this process' name, whatever errors the others end with. The report has
+/// [`End::Emergency`](crate::End::Emergency). If there was an emergency before, its cause stays. It
+/// also stays for errors of a process that is dropped while it is cancelled, after a livelock or
+/// because the driver of its clock is gone.
 ///
 /// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there
 /// is no emergency to raise, and this only returns the cause: a driver's thread has an
 /// [`EmergencyTrigger`]. Real-time path: yes; O(1), at most four system calls, and a clone of the
-/// cause. On a real-time thread with a core of its own the functions take that core over. On the
-/// machine's clock it looks on until the first function begins, at most for a millisecond, so that
-/// no other process of its thread, and none of lower priority on its core, runs before.
+/// cause. On a real-time thread with a core of its own the functions preempt that core. On the
+/// machine's clock this call waits until the first function begins, at most for a millisecond, so
+/// that no other process of its thread, and none of lower priority on its core, runs before.
 ///
 /// ```
 /// use luna::{End, prelude::*};
@@ -114,14 +115,14 @@ impl Emergency {
         })
     }
 
-    /// Registers a function behind the others; gives its id.
+    /// Registers a function behind the others. Returns its id.
     pub(crate) fn add_function(&self, name: &str, limit: Duration, run: Run) -> Result<u64> {
         let id = self.at_emergency.add(name, limit, run)?;
         self.bound_crashes();
         Ok(id)
     }
 
-    /// Takes back a function that has not begun; says whether it did.
+    /// Withdraws a function that has not begun. Returns whether it did.
     pub(crate) fn withdraw_function(&self, id: u64) -> bool {
         let is_withdrawn = self.at_emergency.withdraw(id);
         self.bound_crashes();
@@ -138,7 +139,7 @@ impl Emergency {
         self.journal.record(log);
     }
 
-    /// Says on what the processes run, before they do.
+    /// Sets the simulation that the processes run on, before they run.
     pub(crate) fn simulate(&self, simulation: SimulationHandle) {
         // A system is started once.
         let _ = self.simulation.set(simulation);
@@ -202,7 +203,7 @@ impl Emergency {
 
     fn begin(&self, cause: Cause) {
         self.stop_time();
-        // What was said after the end has no effect.
+        // A trigger after the end has no effect.
         let begins = || self.at_emergency.begin(Instant::now_real()) || self.has_begun();
         self.journal
             .note(Degree::Emergency, cause, Instant::now(), begins);

@@ -17,28 +17,28 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a thread of
-/// the kernel's with priority 1 is to see to it, which waits for the function. Where it is not
-/// known, it may be so.
+/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a kernel
+/// thread of priority 1 handles it, which waits for the function. If the model is not known, it is
+/// taken for PREEMPT_RT.
 pub(super) fn wakes_beside_a_function(source: &Source) -> bool {
     PreemptionModel::read(source).is_ok_and(|model| model != PreemptionModel::RealTime)
 }
 
-/// What wakes them: what the workers sees of it.
+/// The timer, as the workers see it.
 #[derive(Debug)]
 pub(super) struct WatchdogTimer {
     timer: TimerFd,
-    /// The thread has gone, or is to go.
+    /// The thread has ended, or is to end.
     is_over: AtomicBool,
 }
 
 impl WatchdogTimer {
-    /// Wakes all of the workers at `at`; says whether it will. One system call.
+    /// Wakes all workers at `at`. Returns whether it will. One system call.
     pub(super) fn rouse(&self, at: Instant) -> bool {
         !self.is_over.load(Ordering::Acquire) && self.timer.arm_at(at).is_ok()
     }
 
-    /// The life of the thread.
+    /// The thread's body.
     fn serve(&self) {
         while self.timer.wait().is_ok() && !self.is_over.load(Ordering::Acquire) {
             signals::announce_event();
@@ -55,8 +55,8 @@ pub(super) struct RouserThread {
 }
 
 impl RouserThread {
-    /// Starts it with the workers's policy; none where there are no such timers. It takes signals
-    /// as the workers does: it is there also when all of those hang.
+    /// Starts it with the workers' policy; none where there are no such timers. It takes signals as
+    /// the workers do: it is there also when all of those hang.
     pub(super) fn start(policy: Policy, hears_signals: bool) -> Result<Option<Self>> {
         let timer = match TimerFd::new() {
             Ok(timer) => timer,
@@ -96,14 +96,14 @@ impl RouserThread {
 impl Drop for RouserThread {
     fn drop(&mut self) {
         self.watchdog_timer.is_over.store(true, Ordering::Release);
-        // It has passed. If the kernel refuses that, the thread is left to itself.
+        // The instant has passed. If the kernel refuses that, the thread is detached.
         let is_woken = self
             .watchdog_timer
             .timer
             .arm_at(Instant::from_nanos(0))
             .is_ok();
         if let Some(thread) = self.thread.take().filter(|_| is_woken) {
-            // It has nothing of the user's in it.
+            // It holds no user data.
             let _ = thread.join();
         }
     }

@@ -63,7 +63,7 @@ pub(super) struct EmergencyWorkers {
     /// How many there are.
     members: AtomicU32,
     hears_signals: AtomicBool,
-    /// The signal that was heard, 0 for none.
+    /// The signal that was received, 0 for none.
     heard: AtomicU32,
     /// The signal by which the program crashes, 0 for none.
     heard_crash: AtomicI32,
@@ -167,8 +167,8 @@ pub(crate) struct EmergencyThread {
 }
 
 impl EmergencyThread {
-    /// Starts the workers, at the highest priority if the system is a `real_time` one. It hears the
-    /// signals that ask the program to end, and of crashes. `cores` are those of real-time threads.
+    /// Starts the workers, at the highest priority if the system is a `real_time` one. They handle
+    /// crashes and the signals that ask the program to end. `cores` are those of real-time threads.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
         living: Arc<ProcessRegistry>,
@@ -280,16 +280,15 @@ impl EmergencyThread {
         first.map_or(&[], |thread| &thread.obtained().shortfalls)
     }
 
-    /// Ends the workers, which runs the functions before that if there is an emergency; gives the
-    /// signal that it has heard, if one came. From then on [`Emergency::is_safe`] says for good
-    /// whether there was one.
+    /// Ends the workers, which run the functions before that if there is an emergency. Returns the
+    /// signal that was received, if one came. From then on [`Emergency::is_safe`] is final.
     pub(crate) fn stop(mut self) -> Option<i32> {
         self.is_armed = false;
         self.join();
         self.heard()
     }
 
-    /// The signal that was heard, before the end was certain.
+    /// The signal that was received before the end was certain.
     fn heard(&self) -> Option<i32> {
         let heard = self.emergency.workers.heard.load(Ordering::Relaxed);
         (heard != 0 && self.emergency.has_begun()).then_some(heard as i32)

@@ -1,4 +1,4 @@
-//! What a watchdog knows: when it was fed last, in one word.
+//! The state of a watchdog: when it was fed last, in one word.
 
 use luna_platform::clock::{Instant, nanos};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,8 +6,8 @@ use std::time::Duration;
 
 /// The watch has not begun.
 const ASLEEP: u64 = 0;
-/// Set when it has bitten, beside the feed that was the last. No instant reaches it: the clock
-/// would run for 292 years.
+/// Set when it has expired, beside the last feed. No instant reaches it: the clock would run for
+/// 292 years.
 const BITTEN: u64 = 1 << 63;
 
 fn is_bitten(last: u64) -> bool {
@@ -57,7 +57,7 @@ impl Food {
             last if is_bitten(last) => None,
             // A feed does not undo the silence before it, even if no thread has looked yet.
             last if self.is_over(last, now) => Some(last | BITTEN),
-            // Of a thread that was held up between its look at the clock and here.
+            // The thread was preempted between its look at the clock and here.
             last if time(now) <= last => None,
             _ => Some(time(now)),
         });
@@ -80,7 +80,7 @@ impl Food {
     pub(super) fn reset(&self, now: Instant) {
         self.change(|last| match last {
             last if is_bitten(last) => Some(time(now).max((last & !BITTEN) + 1)),
-            // Of a thread that was held up since its look at the clock, a later feed stays.
+            // The thread was preempted since its look at the clock: a later feed stays.
             last => (last < time(now)).then_some(time(now)),
         });
     }
@@ -89,7 +89,7 @@ impl Food {
         now.nanos_since(Instant::from_nanos(last)) > self.timeout
     }
 
-    /// Makes one step, if `step` says one; gives what is known after it.
+    /// Makes one step, if `step` returns one. Returns the state after it.
     #[inline]
     fn change(&self, step: impl Fn(u64) -> Option<u64>) -> u64 {
         let mut last = self.last.load(Ordering::Acquire);
@@ -205,8 +205,8 @@ mod tests {
         assert_eq!(food.bite(), None);
     }
 
-    /// Many feed at once while one looks: with steps of the clock that never leave the time, it
-    /// never bites.
+    /// Many threads feed at once while one looks: if no step of the clock exceeds the timeout, it
+    /// never expires.
     #[test]
     fn feeds_of_many_threads() {
         let food = Food::new(Duration::from_nanos(1_000_000));

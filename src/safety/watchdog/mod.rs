@@ -11,7 +11,7 @@ use luna_platform::clock::Instant;
 use std::fmt;
 use std::time::Duration;
 
-/// How often at most a process looks whether its watchdog, which has bitten, was reset.
+/// How often, at most, a process checks whether its expired watchdog was reset.
 const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 
 /// Fires when it is not fed in time.
@@ -60,7 +60,7 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// A watchdog that wants to be fed at least once in each `timeout`, of at least 1 ns.
+    /// A watchdog with a `timeout` of at least 1 ns: it expects a feed in each.
     /// Allocates; not for the real-time path.
     pub fn new(timeout: Duration) -> Watchdog {
         Watchdog {
@@ -106,7 +106,7 @@ impl Watchdog {
         self.food.reset(Instant::now());
     }
 
-    /// How often it wants to be fed.
+    /// The time within which it expects a feed.
     pub fn timeout(&self) -> Duration {
         self.food.timeout()
     }

@@ -177,7 +177,7 @@ pub(super) fn mask_without(cores: &[usize], without: usize) -> String {
 fn smt(machine: &Machine) -> Result<Seen, Unread> {
     let core = machine.core;
     let from = format!("/sys/devices/system/cpu/cpu{core}/topology/thread_siblings_list");
-    // A machine with one thread a core may have no such file, but then it says so here.
+    // A machine with one thread a core may have no such file, but this file shows it.
     let active = machine.source.word("/sys/devices/system/cpu/smt/active");
     if active.as_deref() == Ok("0") {
         return Ok(Seen::good("off", "/sys/devices/system/cpu/smt/active"));

@@ -74,7 +74,7 @@ fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> 
     Ok(Measured { times, how })
 }
 
-/// What the word between the two says.
+/// The values of the word between the two.
 const NOBODY: u32 = 0;
 const HOLDS: u32 = 1;
 const OVER: u32 = 2;

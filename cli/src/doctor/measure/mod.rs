@@ -33,7 +33,7 @@ struct Bounds {
     by: fn(&Times) -> u64,
 }
 
-/// Of what may be late: how late it rarely is.
+/// Latencies are judged by their 99th percentile.
 fn p99(times: &Times) -> u64 {
     times.p99
 }
@@ -81,7 +81,7 @@ fn cores(machine: &Machine) -> Vec<usize> {
 }
 
 impl Measurement {
-    /// Judges what was measured, or says why nothing was.
+    /// Judges what was measured, or gives the reason why nothing was.
     fn finding(self, outcome: Result<Measured, String>) -> Finding {
         let (verdict, read, from, advice, ns) = match outcome {
             Ok(Measured { times, how }) => match times_of(times) {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// As a fast control loop.
 const PERIOD: Duration = Duration::from_millis(1);
-/// The fewest wake-ups from which something can be said.
+/// The fewest wake-ups that allow a verdict.
 const FEWEST: u32 = 20;
 const WHY: &str = "what every loop on this core is late by, before it has done anything";
 /// A twentieth of the period; more than the period and a slot is missed.

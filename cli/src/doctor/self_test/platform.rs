@@ -53,7 +53,7 @@ fn real_time<T: Send + 'static>(
     })
 }
 
-/// Says so if this program gets no SCHED_FIFO.
+/// Prints it if this program gets no SCHED_FIFO.
 pub(super) fn need_real_time() -> Result<(), Trouble> {
     end(real_time(1, || ())?)
 }
@@ -97,13 +97,13 @@ fn excludes() -> Outcome {
     Ok(format!("{} sections", THREADS * ROUNDS))
 }
 
-/// The priority in effect of the calling thread, as the kernel says.
+/// The priority in effect of the calling thread, as the kernel reports it.
 fn priority() -> Option<u8> {
     let stat = Source::machine().parse("/proc/thread-self/stat", task::scheduling);
     Some(stat.ok()?.real_time_priority)
 }
 
-/// Waits until the calling thread has `expected` in effect; gives what it has.
+/// Waits until the calling thread has `expected` in effect. Returns what it has.
 fn priority_becomes(expected: u8) -> Option<u8> {
     let end = Instant::now() + PATIENCE;
     // Asleep in between: a real-time thread that spins would keep the one to come from being made.

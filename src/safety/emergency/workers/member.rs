@@ -9,8 +9,8 @@ use luna_platform::{signals, thread};
 use std::sync::atomic::Ordering;
 
 impl EmergencyWorkers {
-    /// The first function is about to be called on the calling thread, of which the others may not
-    /// know. They are woken when they are to look at it; now if it cannot be then.
+    /// The first function is about to be called on the calling thread; the others may not know of
+    /// it. They are woken when they are to check it, or now if they cannot be woken then.
     fn rouse_others(&self, at: Instant) {
         if !self
             .watchdog_timer
@@ -81,7 +81,7 @@ fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<I
     }
 }
 
-/// Says once that the functions have run.
+/// Announces once that the functions have run.
 fn announce(emergency: &Emergency, living: &ProcessRegistry) {
     let workers = &emergency.workers;
     let is_first = !workers.has_announced.swap(true, Ordering::AcqRel);
@@ -98,7 +98,7 @@ fn announce(emergency: &Emergency, living: &ProcessRegistry) {
     }
 }
 
-/// Does one thing of what there is to do now; the emergency before all else.
+/// Does one thing that is to be done now; the emergency comes first.
 fn step(emergency: &Emergency, member: u8) -> Task {
     let crash = emergency.workers.crash.get();
     let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
@@ -138,8 +138,8 @@ fn step(emergency: &Emergency, member: u8) -> Task {
 }
 
 impl Emergency {
-    /// Begins if a signal has come. It has begun when this returns, also if it was another member
-    /// that heard of it first: or this one would sleep, and not watch that one.
+    /// Begins if a signal has come. It has begun when this returns, also if another worker received
+    /// the signal first: else this one would sleep, and not watch that one.
     fn hear(&self) {
         let workers = &self.workers;
         if workers.hears_signals.load(Ordering::Relaxed)
