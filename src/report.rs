@@ -69,7 +69,7 @@ pub struct Report {
     /// What became of the log of signals and messages, if there was one.
     #[cfg(feature = "logger")]
     pub logging: Option<crate::logging::LoggingReport>,
-    /// What was recorded or replayed, if that was asked for.
+    /// The recording or replay, if there was one.
     pub record: Option<RecordReport>,
 }
 
@@ -113,7 +113,7 @@ pub struct ThreadReport {
     pub policy: Policy,
     /// The core that it was pinned to.
     pub core: Option<usize>,
-    /// What it asked for and was not given.
+    /// What was requested and not granted.
     pub shortfalls: Vec<Shortfall>,
     /// Whether it did not end within the time that the end of a system is given, and was left to
     /// itself.

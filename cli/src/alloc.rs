@@ -122,7 +122,7 @@ mod tests {
             frees: 2,
         };
         assert_eq!(allocator.counts(), once);
-        // Another thread is asked for itself.
+        // Another thread decides for itself.
         std::thread::scope(|scope| {
             scope.spawn(|| exercise(&allocator));
         });

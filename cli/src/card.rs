@@ -1,4 +1,4 @@
-//! What is behind the demo's registers: processes that simulate the machine, or a card.
+//! The device behind the demo's registers: processes that simulate the machine, or a card.
 
 use crate::failure::Failure;
 use luna::{Policy, System};
@@ -25,7 +25,7 @@ pub(crate) enum Machine {
     SimulatedCard {
         states: Arc<Mutex<[MotorState; 2]>>,
         health: Arc<Health>,
-        /// Until it is looked at no more.
+        /// Dropping it ends the simulated card.
         _server: Server,
     },
     Card(Arc<Health>),

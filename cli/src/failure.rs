@@ -99,7 +99,7 @@ impl Failure {
                 | SetupError::Parameters(_),
             )) => 2,
             Self::Card(_) => 2,
-            // One that cannot be opened; what is lost later is the error of a process.
+            // A device that cannot be opened; a later loss is the error of a process.
             #[cfg(unix)]
             Self::Luna(luna::Error::Device(_)) => 2,
             Self::Luna(_) | Self::Output(_) => 1,

@@ -32,7 +32,7 @@ pub enum OnLoss {
     Fail,
 }
 
-/// How it is with a device.
+/// The state of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum DeviceState {
@@ -44,7 +44,7 @@ pub enum DeviceState {
     Closed,
 }
 
-/// How it is with a device, at one moment.
+/// A device at one instant.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct DeviceView {
@@ -115,7 +115,7 @@ pub(super) struct Open<D> {
     /// Closed by its drop; none from then on.
     device: Option<D>,
     status: Arc<Status>,
-    /// What is to run in an emergency as long as it is open.
+    /// The functions that run in an emergency while it is open.
     functions: PiLock<Vec<SafetyFunction>>,
 }
 

@@ -13,7 +13,7 @@ pub enum DeviceError {
     Missing {
         /// The device's name.
         device: String,
-        /// What it was to be: "serial port".
+        /// The expected kind: "serial port".
         kind: &'static str,
     },
     /// The device is in use and not shared.
@@ -30,13 +30,13 @@ pub enum DeviceError {
         /// Which group or udev rule allows it.
         remedy: String,
     },
-    /// It is something else.
+    /// It is of another kind.
     WrongKind {
         /// The device's name.
         device: String,
-        /// What it was to be.
+        /// The expected kind.
         expected: &'static str,
-        /// What it is.
+        /// The kind that it has.
         found: String,
     },
     /// Its settings make no sense, or the device cannot have them.

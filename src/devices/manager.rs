@@ -82,7 +82,8 @@ impl Devices {
         }
     }
 
-    /// The emergency functions, if there was an emergency, have run: closes what was kept for them.
+    /// The emergency functions, if there was an emergency, have run: closes the devices that were
+    /// kept open for them.
     pub(crate) fn let_go(&self) {
         let mut kept = self.kept.lock();
         kept.is_over = true;
@@ -187,7 +188,7 @@ impl DeviceManager {
             devices.kept.lock().open.reserve(entries.len());
             status
         };
-        // Without the lock: what is called here is the driver's, which may open what lies below it.
+        // Without the lock: the call is into the driver, which may open a device below its own.
         let forget = Forget {
             devices,
             status: &status,

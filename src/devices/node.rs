@@ -1,4 +1,4 @@
-//! Device files: opening one, and what it means when the system refuses.
+//! Device files: opening one, and the meaning of the system's refusal.
 
 use super::error::DeviceError;
 use super::holder;

@@ -114,7 +114,7 @@ pub enum Error {
     /// assert_eq!(error, luna::Error::System("no sensor answers on the bus".into())); // by its text
     /// ```
     System(String),
-    /// An error of the user's own: see [`Error::other`].
+    /// An error of user code: see [`Error::other`].
     Other(OtherError),
 }
 
@@ -268,7 +268,7 @@ impl std::error::Error for Error {
     }
 }
 
-/// An error of the user's own. Two are equal if they are the same one.
+/// An error of user code. Two are equal if they are the same one.
 #[derive(Clone)]
 pub struct OtherError(Arc<dyn std::error::Error + Send + Sync>);
 

@@ -52,7 +52,7 @@ pub enum SetupError {
         /// Which budget.
         kind: BudgetKind,
     },
-    /// What is to happen when a process overruns its budgets was stated, and no budget.
+    /// The reaction to an overrun was set, but no budget.
     NoBudget {
         /// The process' name.
         process: String,

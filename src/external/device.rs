@@ -31,7 +31,7 @@ pub(super) struct Device {
     is_terminal: bool,
     /// Calls since the process last waited.
     calls: u32,
-    /// Whether the last read took all there was, so that the next one would be in vain.
+    /// Whether the last read took all bytes that were there, so that the next one would find none.
     is_drained: bool,
     /// Whether the system cannot wait for it, because it never has to be waited for: one on a disk,
     /// `/dev/zero`.
@@ -120,7 +120,7 @@ impl Device {
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
                     self.is_drained = true;
-                    // What claims to be always ready, and is not, would be asked for ever.
+                    // A file that counts as always ready but is not would be polled for ever.
                     if self.is_always_ready {
                         return Err(LinkError::Read(error.into()).into());
                     }
@@ -253,7 +253,7 @@ fn leave_by(stop: &Stop) {
     }
 }
 
-/// Why the recorded one was not read or written.
+/// Why the recorded device was not read or written.
 fn stopped(event: Event) -> Stop {
     Stop::Ended(match event.number {
         0 => ChannelEnd::Closed,

@@ -96,7 +96,7 @@ impl Framing {
         }
     }
 
-    /// Whatever comes, as it comes, up to `most` bytes at once: where it is divided means nothing.
+    /// Bytes as they arrive, up to `most` at once: the boundaries mean nothing.
     pub const fn chunks(most: usize) -> Framing {
         Framing {
             kind: Kind::Chunks,

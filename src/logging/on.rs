@@ -30,7 +30,7 @@ impl From<RegisterError> for Error {
     }
 }
 
-/// What the user asks to be recorded.
+/// The recordings that the user asks for.
 pub(crate) type Asked = Option<Logging>;
 
 /// A system's logger.
@@ -58,7 +58,7 @@ impl Log {
         self.0.is_recording()
     }
 
-    /// What the calling thread records belongs to the system from now on, and there is room for it.
+    /// From now on, what the calling thread records belongs to the system. Makes room for it.
     #[inline]
     pub(crate) fn enter_thread(&self) {
         self.0.enter_thread();

@@ -12,7 +12,7 @@ pub enum DeclareError {
         /// The parameter's name.
         parameter: String,
     },
-    /// There is one of that name.
+    /// There is a parameter of that name.
     Duplicate {
         /// The name.
         parameter: String,
@@ -251,7 +251,7 @@ pub enum SetError {
         /// What is wrong.
         message: String,
     },
-    /// What was to be `NAME=VALUE` is not.
+    /// An assignment is not of the form `NAME=VALUE`.
     Syntax {
         /// Where it came from.
         source: Source,

@@ -12,7 +12,7 @@ mod sealed {
 /// What a [`Parameter`](super::Parameter) can be: a number (`f64`, `f32`, `i8` to `i64`, `u8` to
 /// `u64`), `bool`, an array of up to 32 numbers, or a [`Choice`].
 pub trait Tunable: Copy + Send + 'static {
-    /// What it consists of: itself, or the array's numbers.
+    /// Its element: itself, or the array's numbers.
     type Element;
 
     /// How many words it has.

@@ -71,7 +71,7 @@ impl From<f64> for Value {
 
 impl From<f32> for Value {
     fn from(number: f32) -> Value {
-        // 0.1, and not what is nearest to it in f32.
+        // 0.1, and not the f32 nearest to it.
         Value::Float(number.to_string().parse().unwrap_or(f64::from(number)))
     }
 }

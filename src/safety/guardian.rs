@@ -35,7 +35,7 @@ const ENDS_WITHIN: Duration = Duration::from_secs(2);
 /// The line that it gets at the orderly end: nothing is to be done.
 const FAREWELL: &[u8] = b"safe\n";
 
-/// By this variable of the environment a program knows that it is a guardian.
+/// A program with this environment variable knows that it is a guardian.
 const VARIABLE: &str = "LUNA_GUARDIAN";
 
 /// A program to be started with a system, that brings the machine to safety if the system's program
@@ -297,7 +297,7 @@ impl Drop for GuardianWatch {
         if let Some(mut input) = self.input.take()
             && self.is_safe
         {
-            // One that has ended reads nothing.
+            // A guardian that has ended reads nothing.
             let _ = input.write_all(FAREWELL);
         }
         // Its end is noticed by the end of its output: the reader then drops its end of `ended`.
@@ -307,7 +307,7 @@ impl Drop for GuardianWatch {
         }
         let _ = self.child.wait();
         if let Some(reader) = self.reader.take() {
-            // It has nothing of the user's in it.
+            // It holds no user data.
             let _ = reader.join();
         }
     }

@@ -60,7 +60,7 @@ impl Drop for ParentThread {
     fn drop(&mut self) {
         self.watch.stop();
         if let Some(thread) = self.thread.take() {
-            // It has nothing of the user's in it.
+            // It holds no user data.
             let _ = thread.join();
         }
     }

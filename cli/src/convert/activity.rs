@@ -25,14 +25,14 @@ enum State {
     Waiting,
 }
 
-/// What is open on the tracks.
+/// The open slices of the tracks.
 #[derive(Default)]
 pub(super) struct Activity {
     described: HashSet<u64>,
     processes: HashMap<u32, State>,
     /// The process with an open slice on an executor's track; 0 while the executor sleeps.
     executors: HashMap<u32, u32>,
-    /// The tracks of those sub-processes that live, and whether a slice is open there.
+    /// The tracks of running sub-processes, and whether a slice is open there.
     sub_processes: HashMap<u32, (Place, u64, bool)>,
     /// The tracks of ended processes, for later ones at the same place.
     free: HashMap<Place, Vec<u64>>,

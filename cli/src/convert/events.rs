@@ -11,7 +11,7 @@ pub(super) struct Names {
     threads: HashMap<u32, String>,
 }
 
-/// An event in words; what has no meaning in it is empty.
+/// An event in words; a field without meaning is empty.
 pub(super) struct Words {
     pub(super) what: String,
     pub(super) subject: String,
@@ -40,7 +40,7 @@ impl Names {
         }
     }
 
-    /// What it is called, or its kind and number.
+    /// Its name, or its kind and number.
     pub(super) fn of(&self, subject: Subject, number: u64) -> String {
         let kind = match subject {
             Subject::Process => "process",

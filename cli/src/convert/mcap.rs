@@ -282,7 +282,7 @@ fn put(
     writer.write_to_known_channel(&header, content.to_string().as_bytes())
 }
 
-/// A number as JSON has it: what is not finite is nothing there.
+/// A number as JSON has it: null if it is not finite.
 fn value(values: Values<'_>) -> Json {
     let one = |value: Value| match value {
         Value::Bool(value) => json!(value),

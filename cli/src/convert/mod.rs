@@ -28,7 +28,7 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
         .output
         .clone()
         .unwrap_or_else(|| input.with_extension(arguments.to.extension()));
-    // Also by another name: the recording would be gone before it is read.
+    // Also by another path: writing would erase the recording before it is read.
     let is_same = |one: &Path, other: &Path| {
         one == other
             || one

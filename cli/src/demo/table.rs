@@ -48,9 +48,9 @@ pub(crate) struct Processing {
 /// How often the processor went to a process, by cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Switches {
-    /// To one of those that control: what the processing time is that of.
+    /// Switches to a controlling process: the processing time is that of these.
     pub(crate) control: f64,
-    /// To any, with the simulated machine and the operator.
+    /// Switches to any process, with the simulated machine and the operator.
     pub(crate) all: f64,
 }
 

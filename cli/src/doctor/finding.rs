@@ -4,7 +4,7 @@ use super::machine::Machine;
 use luna_platform::facts::{Unread, UnreadReason};
 use serde::Serialize;
 
-/// How good it is.
+/// The verdict of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
@@ -12,7 +12,7 @@ pub(crate) enum Verdict {
     Good,
     /// Not known.
     Unknown,
-    /// A loop can be kept, and would be kept better.
+    /// A loop keeps its period, but could keep it better.
     CouldBeBetter,
     /// A loop cannot be kept, or not always.
     Bad,
@@ -55,7 +55,7 @@ pub(crate) struct Finding {
     pub(crate) read: String,
     /// The file or the call that it was read from.
     pub(crate) from: String,
-    /// What it has to do with keeping time.
+    /// How it bears on timing.
     pub(crate) why: &'static str,
     /// What to do, with the command or kernel parameter; for what is unknown, how to know. Nothing
     /// for what is good.
@@ -72,7 +72,7 @@ pub(crate) struct Times {
     pub(crate) samples: usize,
     /// The shortest.
     pub(crate) min: u64,
-    /// Half of them are at most this.
+    /// The median.
     pub(crate) p50: u64,
     /// 99 of 100 are.
     pub(crate) p99: u64,
@@ -113,7 +113,7 @@ impl Seen {
         }
     }
 
-    /// Bad, until what is advised is done.
+    /// Bad, until the advice is followed.
     pub(crate) fn bad(
         read: impl Into<String>,
         from: impl Into<String>,

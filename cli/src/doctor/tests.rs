@@ -24,7 +24,7 @@ const MACHINES: [(&str, &str); 5] = [
     ("old", include_str!("../../tests/machines/old.txt")),
 ];
 
-/// One of them, unpacked into a folder, which is gone when this is dropped.
+/// One of the machines, unpacked into a folder, which is removed when this is dropped.
 struct Unpacked {
     sections: BTreeMap<&'static str, &'static str>,
     root: PathBuf,
@@ -177,7 +177,7 @@ fn advice_is_to_be_copied() {
 #[test]
 fn what_was_read_is_told() {
     for (machine, name, part) in [
-        // The deepest one that is not switched off.
+        // The deepest state that is not switched off.
         ("laptop", "idle-states", "C8, which takes 200 us"),
         ("laptop", "irqs-on-core", "128 (xhci_hcd, 913224 times)"),
         ("laptop", "irqs-on-core", "and 1 more"),
@@ -405,7 +405,7 @@ fn steal_now_and_since_the_start() {
         (time(1000, 500), time(2000, 500), Verdict::Good),
         (time(1000, 0), time(2000, 10), Verdict::CouldBeBetter),
         (time(1000, 0), time(2000, 100), Verdict::Bad),
-        // No tick meanwhile.
+        // No tick in between.
         (time(1000, 0), time(1000, 0), Verdict::Good),
     ] {
         let mut found = look(&unpacked.machine());

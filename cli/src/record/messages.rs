@@ -35,7 +35,7 @@ impl Shown {
         }
     }
 
-    /// Shows what is in a block. What makes no sense is left out: the file has it.
+    /// Shows the messages of a block. Records that make no sense are left out: the file has them.
     pub(super) fn block(&mut self, block: &[u8]) {
         self.reader.input().extend(block);
         loop {

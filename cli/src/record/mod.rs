@@ -30,7 +30,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         error,
     };
     let (end, ends) = channel();
-    // Before any thread is made: all of them leave the signals to the one that waits for them.
+    // Before any thread is made: all threads then leave the signals to the one that waits for them.
     signals::tell(end.clone());
     let scope = arguments.scope.map(crate::scope::at).transpose()?;
     let receiver = match arguments.udp {

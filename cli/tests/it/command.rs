@@ -76,7 +76,7 @@ fn demo_prints_json() {
         (Some(1000.0), Some(500))
     );
     let mean = table["cycle_ms"]["mean"].as_f64().expect("a mean");
-    // Milliseconds: later than this no machine is, but microseconds would be.
+    // Milliseconds: no machine is later than this, but microseconds would be too strict.
     assert!((0.9..500.0).contains(&mean), "{table}");
     let switches = |of: &str| table["switches"][of].as_f64().expect("switches");
     // Each of the 44 that control has at least one turn a cycle.
@@ -264,7 +264,7 @@ fn jitter_prints_json_and_writes_its_histogram() {
 
 #[test]
 fn jitter_prints_text() {
-    // Of more loops than a system has room for unless it is asked for more.
+    // More loops than a system has room for by default.
     let output = luna(&[
         "jitter", "--loops", "50", "--policy", "other", "--others", "20",
     ]);

@@ -300,7 +300,7 @@ impl Failures {
         }
     }
 
-    /// Takes the error of the construct: the one of a branch if one alone has failed.
+    /// Returns the error of the construct: that of the branch if only one has failed.
     pub(crate) fn take_error(&mut self) -> Option<Error> {
         if self.several.runs.packed().is_empty() {
             self.first.take()

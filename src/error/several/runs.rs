@@ -1,4 +1,4 @@
-//! What came of the branches of a construct, in little room.
+//! The outcomes of the branches of a construct, in little memory.
 
 /// The outcome of one branch, if it needs no memory of its own; or a bracket around the branches of
 /// an inner construct.
@@ -178,7 +178,7 @@ mod tests {
             runs.add(Kind::Timeout, 1);
         }
         assert!(inline == heap);
-        // More than fits in place moves out of it.
+        // Runs that do not fit inline are moved to the heap.
         for n in 0..20 {
             for runs in [&mut inline, &mut heap] {
                 runs.add(if n % 2 == 0 { Kind::Full } else { Kind::Empty }, 1);

@@ -31,7 +31,7 @@ const READ_AHEAD: usize = 4096;
 pub struct Splitter {
     framing: Framing,
     buffer: Box<[u8]>,
-    /// What is held lies from here to `end`.
+    /// The held bytes lie from here to `end`.
     start: usize,
     end: usize,
     /// How many of the bytes held are known to be no delimiter.
@@ -40,7 +40,7 @@ pub struct Splitter {
     number: u64,
 }
 
-/// What is thrown away of a record that was too long.
+/// The bytes to discard of a record that was too long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Skip {
     Nothing,
@@ -150,7 +150,7 @@ impl Splitter {
     /// ```
     pub fn finish(&mut self) -> Option<Result<&[u8], BadRecord>> {
         let held = std::mem::replace(&mut self.start, self.end)..self.end;
-        // What is skipped was reported before.
+        // The skipped bytes were reported before.
         if held.is_empty() || self.skip != Skip::Nothing {
             return None;
         }

@@ -93,7 +93,7 @@ impl Group {
 
     /// Whether a handle of it is left, or a loop that takes it.
     fn is_used(&self) -> bool {
-        // Its own, the list's, and one of each of its parameters.
+        // The handle's own, the list's, and one of each of its parameters.
         self.cells.iter().any(|cells| Arc::strong_count(cells) > 1)
             || Arc::strong_count(&self.reader) > 2 + self.cells.len()
     }
@@ -128,7 +128,7 @@ impl Store {
         state.given.push(given);
     }
 
-    /// The file, and what comes over it.
+    /// The file, and the sources that override it.
     fn sources(&self) -> (Option<PathBuf>, Vec<Given>) {
         let state = self.state();
         let file = state.file.clone();

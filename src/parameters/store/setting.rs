@@ -30,7 +30,7 @@ impl Store {
         Ok(())
     }
 
-    /// The file that is to be read again, and what comes over it.
+    /// The file that is to be read again, and the sources that override it.
     fn readable(&self) -> Result<(PathBuf, Vec<Given>), SetError> {
         let (file, given) = self.sources();
         let file = file.ok_or(SetError::NoFile)?;
@@ -59,7 +59,7 @@ impl Store {
         let mut refused = Vec::new();
         let given = merge([given], &mut refused);
         let set = self.replace(given.into_values(), refused, false)?;
-        // What others have set meanwhile cannot be foreseen.
+        // Sets of other threads in between are not determined.
         Ok(crate::record::input("set of parameters", || set))
     }
 

@@ -213,7 +213,7 @@ impl Functions {
         }
         for slot in self.slots.lock().iter_mut() {
             (slot.began, slot.took) = (None, None);
-            // One that hangs is not run again.
+            // A function that hangs is not run again.
             if slot.outcome != FunctionOutcome::LeftBehind {
                 slot.outcome = FunctionOutcome::NotRun;
             }

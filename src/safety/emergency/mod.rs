@@ -241,8 +241,8 @@ impl Emergency {
         if self.simulation.get().is_some() || !self.workers.serves() {
             return;
         }
-        // On the core of a thread with a lower priority the workers has preempted it before this is
-        // reached; with a time limit all the same.
+        // On a core that runs a thread of lower priority, the workers have preempted it before this
+        // is reached; there is a time limit all the same.
         let until = Instant::now_real() + LOOKS_ON;
         while self.at_emergency.wait_for_the_first() && Instant::now_real() < until {
             std::hint::spin_loop();

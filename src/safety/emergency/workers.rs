@@ -47,14 +47,15 @@ const CRASH_MARGIN: Duration = Duration::from_millis(200);
 /// ended.
 pub(super) const LOOKS_EVERY: Duration = Duration::from_micros(200);
 
-/// What the members know of each other.
+/// What the workers know of each other.
 #[derive(Debug)]
 pub(super) struct EmergencyWorkers {
     /// Members with a lower number are on duty.
     on_duty: AtomicU32,
     /// What those of the reserve sleep in; of the others' nothing is used.
     parker: [Parker; MOST],
-    /// The core on which each of the reserve waits. None for one that would not take over a core.
+    /// The core on which each worker of the reserve waits. None for a worker that would not preempt
+    /// a core.
     cores: OnceLock<Vec<Option<usize>>>,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MOST],
@@ -132,7 +133,7 @@ impl EmergencyWorkers {
     fn call_reserve(&self, more: u32) {
         self.on_duty.fetch_add(more, Ordering::AcqRel);
         for parker in &self.parker[ON_DUTY as usize..] {
-            // One that is busy looks before it sleeps.
+            // A busy worker checks before it sleeps.
             parker.call();
         }
     }
@@ -273,7 +274,7 @@ impl EmergencyThread {
         Ok(())
     }
 
-    /// What the workers was refused.
+    /// What was refused to the workers.
     pub(crate) fn shortfalls(&self) -> &[Shortfall] {
         // The others were refused the same.
         let first = self.threads.first();
@@ -320,7 +321,8 @@ impl EmergencyThread {
         drop(self.listeners.take());
         drop(self.watchdog_timer.take());
         if let Some(signals) = self.signals.take() {
-            // One that came too late for the functions does what it does after the end.
+            // A signal that came too late for the functions has the effect that it has after the
+            // end.
             signals.give_back(self.heard().is_none());
         }
     }

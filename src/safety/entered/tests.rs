@@ -14,7 +14,7 @@ fn why(text: &str) -> Error {
 /// it goes on.
 struct Waits {
     wait: Mutex<Option<Pin<Box<SafeStateEntered>>>>,
-    /// What it does then, in the state that it finds, before it waits again.
+    /// What it does when it is woken, in the state that it finds, before it waits again.
     does: fn(&Emergency),
     emergency: Arc<Emergency>,
     wakes: AtomicUsize,

@@ -14,7 +14,7 @@ fn is_bitten(last: u64) -> bool {
     last & BITTEN != 0
 }
 
-/// An instant as it is kept.
+/// An instant in the word.
 fn time(now: Instant) -> u64 {
     now.as_nanos().min(BITTEN - 2)
 }

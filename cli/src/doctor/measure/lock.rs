@@ -52,7 +52,7 @@ fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> 
         times
     })?;
     let holder = threads::on(low, threads::PRIORITY - 1, move || {
-        // Unless the other has given up meanwhile.
+        // Unless the other thread has stopped meanwhile.
         if begun
             .word()
             .compare_exchange(NOBODY, HOLDS, Ordering::Relaxed, Ordering::Relaxed)

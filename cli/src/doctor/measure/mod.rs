@@ -1,4 +1,4 @@
-//! What is measured: each for a bounded time, under SCHED_FIFO where that is given.
+//! The measurements: each for a bounded time, under SCHED_FIFO where that is allowed.
 
 mod across;
 mod costs;
@@ -29,7 +29,7 @@ struct Bounds {
     good: u64,
     /// A bad one is more than this.
     bad: u64,
-    /// What is held against them.
+    /// The figure that is compared with them.
     by: fn(&Times) -> u64,
 }
 

@@ -28,7 +28,7 @@ pub(crate) struct Test {
     component: &'static str,
     /// What it shows.
     shows: &'static str,
-    /// Gives in a few words what was done.
+    /// Returns in a few words what was done.
     run: fn() -> Outcome,
 }
 
@@ -70,7 +70,7 @@ pub(crate) fn run_all() -> Vec<Finding> {
     all().map(|test| run_one(test, PATIENCE)).collect()
 }
 
-/// Runs one on a thread of its own, which is left to itself if it hangs.
+/// Runs one on a thread of its own, which is detached if it hangs.
 fn run_one(test: &Test, patience: Duration) -> Finding {
     let (report, reported) = mpsc::channel();
     let run = test.run;
@@ -131,7 +131,7 @@ fn same<T: PartialEq + fmt::Debug>(what: &str, got: T, expected: T) -> luna::Res
     )))
 }
 
-/// An error unless it is so.
+/// An error unless the condition holds.
 fn ensure(is_so: bool, what: &str) -> luna::Result<()> {
     same(what, is_so, true)
 }
