@@ -1,9 +1,10 @@
 //! LUNA: a hard real-time, multi-core, CSP-capable execution framework for Linux.
 //!
-//! A machine's software is written as *processes*: async functions that communicate over *channels* and nothing else. A [`System`] says
-//! in one place where each of them runs: on an *executor*, which is one OS thread, pinned to a core, with a scheduling policy of its
-//! own, that runs many processes by priority; or on an OS thread alone. Periodic loops wait for absolute slots ([`periodic`]) and
-//! keep histograms of how they kept them, which the [`Report`] tells.
+//! A machine's software is written as *processes*: async functions that communicate over *channels*
+//! and nothing else. A [`System`] defines in one place where each of them runs: on an *executor*,
+//! which is one OS thread, pinned to a core, with a scheduling policy of its own, that runs many
+//! processes by priority; or on an OS thread alone. Periodic loops wait for absolute slots
+//! ([`periodic`]) and keep histograms of their latencies, which are in the [`Report`].
 //!
 //! ```
 //! use luna::prelude::*;
@@ -34,8 +35,11 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
-//! Channels, alternatives, barriers and locks come from the crate `luna-channels`, which can be used alone, and their examples on these pages name it: read `luna` for `luna_channels` there, since what they name is
-//! here under the same name ([`sync`] is `luna_channels::lock_sync`). Signals are those of `luna-logger`; the hub and the recorder in their examples are what a [`System`] makes.
+//! Channels, alternatives, barriers and locks come from the crate `luna-channels`, which can be
+//! used alone, and their examples on these pages name it: read `luna` for `luna_channels` there,
+//! since what they name is here under the same name ([`sync`] is `luna_channels::lock_sync`).
+//! Signals are those of `luna-logger`; the hub and the recorder in their examples are what a
+//! [`System`] makes.
 
 mod csp;
 #[cfg(unix)]

@@ -1,9 +1,10 @@
-//! What the framework says on standard error.
+//! The framework's messages on standard error.
 
 use std::fmt;
 use std::io::Write;
 
-/// Writes a line, as `eprintln!` does, but never panics: standard error may be a pipe whose reader is gone, and that must not end a system without its emergency functions.
+/// Writes a line, as `eprintln!` does, but never panics: standard error may be a pipe with a closed
+/// reading end, and that must not end a system without its emergency functions.
 macro_rules! notice {
     ($($line:tt)*) => {
         $crate::notice::line(format_args!($($line)*))
@@ -13,6 +14,7 @@ pub(crate) use notice;
 
 /// See [`notice!`].
 pub(crate) fn line(line: fmt::Arguments<'_>) {
-    // In one write, so that lines of several threads stay whole. Who does not read it misses it.
+    // In one write, so that lines of several threads stay whole. An error is ignored: there is no
+    // other place to report it.
     let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
 }

@@ -1,4 +1,4 @@
-//! What a system did, told when it has ended.
+//! The report of a system that has ended.
 
 use crate::record::RecordReport;
 use crate::safety::{BudgetReport, SafetyReport};
@@ -16,7 +16,8 @@ use std::time::Duration;
 /// How many late cycles of a loop the table shows.
 const CYCLES_SHOWN: usize = 2;
 
-/// What a system did. Its `Display` is a table: a row for each thread and each loop, overruns of budgets, and the causes of the latest cycles.
+/// What a system did. Its `Display` is a table: a row for each thread and each loop, overruns of
+/// budgets, and the causes of the latest cycles.
 ///
 /// ```
 /// use luna::{End, Exit, prelude::*};
@@ -45,18 +46,21 @@ pub struct Report {
     pub really_elapsed: Duration,
     /// The executors and OS threads, in the order of their making, with what they obtained.
     pub threads: Vec<ThreadReport>,
-    /// The processes, in the order of their spawning; but those that were spawned on an executor while the system ran and ended long before its end
-    /// are only counted, in `earlier`.
+    /// The processes, in the order of their spawning; but those that were spawned on an executor
+    /// while the system ran and ended long before its end are only counted, in `earlier`.
     pub processes: Vec<ProcessReport>,
-    /// What became of the others, if there were more than the system [remembers](crate::System::remember_ended).
+    /// What became of the others, if there were more than the system
+    /// [remembers](crate::System::remember_ended).
     pub earlier: EarlierProcesses,
     /// The periodic loops, by their names.
     pub loops: BTreeMap<String, LoopReport>,
     /// The processes that others [stood in](crate::System::stand_in) for, by name.
     pub stand_ins: Vec<String>,
-    /// What the system as a whole was not given: locked memory, short wake-ups, the emergency manager's priority.
+    /// What the system as a whole was not given: locked memory, short wake-ups, the emergency
+    /// manager's priority.
     pub shortfalls: Vec<Shortfall>,
-    /// The deadlock that the system came to, if it did. A thread outside of it may have ended that later.
+    /// The deadlock that the system came to, if it did. A thread outside of it may have ended that
+    /// later.
     pub deadlock: Option<Deadlock>,
     /// What the timer manager did, if the system has one.
     pub timers: Option<TimersReport>,
@@ -65,7 +69,7 @@ pub struct Report {
     /// What became of the log of signals and messages, if there was one.
     #[cfg(feature = "logger")]
     pub logging: Option<crate::logging::LoggingReport>,
-    /// What was recorded or replayed, if that was asked for.
+    /// The recording or replay, if there was one.
     pub record: Option<RecordReport>,
 }
 
@@ -75,22 +79,27 @@ pub struct Report {
 pub enum End {
     /// All processes ended by themselves.
     Completed,
-    /// A signal came (SIGINT is 2, SIGTERM 15, SIGHUP 1): the emergency functions ran, then all processes were cancelled.
+    /// A signal came (SIGINT is 2, SIGTERM 15, SIGHUP 1): the emergency functions ran, then all
+    /// processes were cancelled.
     Signal(i32),
     /// A process panicked: the emergency functions ran, then all others were cancelled.
     Panic,
-    /// Every process waited for another, and the system was [`strict`](crate::System::strict): the emergency functions ran, then all were
-    /// cancelled.
+    /// Every process waited for another, and the system was [`strict`](crate::System::strict): the
+    /// emergency functions ran, then all were cancelled.
     Deadlock,
-    /// A process overran a budget whose policy is [`OnOverrun::Emergency`](crate::OnOverrun::Emergency): the emergency functions ran, then all were
-    /// cancelled.
+    /// A process overran a budget with the policy
+    /// [`OnOverrun::Emergency`](crate::OnOverrun::Emergency): the emergency functions ran, then all
+    /// were cancelled.
     Overrun,
-    /// A process raised it by [`luna::emergency`](crate::emergency()), a driver by its [trigger](crate::EmergencyTrigger), or the parent process died: the emergency
-    /// functions ran, then all others were cancelled.
+    /// A process raised it by [`luna::emergency`](crate::emergency()), a driver by its
+    /// [trigger](crate::EmergencyTrigger), or the parent process died: the emergency functions ran,
+    /// then all others were cancelled.
     Emergency,
-    /// The [`ClockDriver`](crate::ClockDriver) was dropped, so time would never have gone on: the processes that still lived were cancelled.
+    /// The [`ClockDriver`](crate::ClockDriver) was dropped, so time would never have gone on: the
+    /// processes that still lived were cancelled.
     Undriven,
-    /// More turns were taken at one instant of a virtual clock than [allowed](crate::System::most_turns_at_an_instant): all processes were cancelled.
+    /// More turns were taken at one instant of a virtual clock than
+    /// [allowed](crate::System::most_turns_at_an_instant): all processes were cancelled.
     Livelock,
 }
 
@@ -104,12 +113,15 @@ pub struct ThreadReport {
     pub policy: Policy,
     /// The core that it was pinned to.
     pub core: Option<usize>,
-    /// What it asked for and was not given.
+    /// What was requested and not granted.
     pub shortfalls: Vec<Shortfall>,
-    /// Whether it did not end within the time that the end of a system is given, and was left to itself.
+    /// Whether it did not end within the time that the end of a system is given, and was left to
+    /// itself.
     pub abandoned: bool,
-    /// How long it had the processor from the release of its processes to their end, as the kernel counts it: what the processes did, and what it took to dispatch them, to put the
-    /// thread to sleep and to wake it. `None` where the system does not tell, on a virtual clock, and of a thread that was left to itself.
+    /// How long it had the processor from the release of its processes to their end, as the kernel
+    /// counts it: what the processes did, and what it took to dispatch them, to put the thread to
+    /// sleep and to wake it. `None` where the system does not count it, on a virtual clock, and for
+    /// a detached thread.
     pub processor_time: Option<Duration>,
 }
 
@@ -163,7 +175,7 @@ pub struct EarlierProcesses {
     pub panicked: u64,
     /// How often all of them together were given the processor.
     pub polls: u64,
-    /// The longest that one of them kept it, of those whose polls were timed.
+    /// The longest poll of one process, of those that were timed.
     pub longest_poll: Option<Duration>,
     /// How often all of them together overran a budget.
     pub overruns: u64,
@@ -214,7 +226,7 @@ impl fmt::Display for EarlierProcesses {
 }
 
 impl Report {
-    /// Everything that was asked for and not given, with the name of who asked.
+    /// Every request that was not granted, with the name of its executor, thread or process.
     pub fn all_shortfalls(&self) -> impl Iterator<Item = (&str, &Shortfall)> {
         let system = self
             .shortfalls
@@ -284,7 +296,7 @@ impl fmt::Display for Report {
             )?;
         }
         for (who, shortfall) in self.all_shortfalls() {
-            // How to get it was said at the start.
+            // The remedy was printed at the start.
             writeln!(
                 f,
                 "  best effort: {who}: no {}: {}",

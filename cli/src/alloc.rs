@@ -1,11 +1,12 @@
-//! An allocator that counts what is allocated and freed where it must not be: on the real-time path.
+//! An allocator that counts what is allocated and freed where it must not be: on the real-time
+//! path.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The system's allocator, counting the calls made while a predicate holds on the calling thread.
 ///
-/// Counts are relaxed: exact in sum, and meant to be read when what is measured has ended.
+/// Counts are relaxed: exact in sum, and to be read when the measured code has ended.
 #[derive(Debug)]
 pub(crate) struct Counting {
     counts: fn() -> bool,
@@ -26,7 +27,8 @@ pub(crate) struct Counts {
 }
 
 impl Counting {
-    /// Counts calls from threads on which `counts` says so. It is asked inside the allocator: it must not allocate.
+    /// Counts calls from threads on which `counts` is true. It is called inside the allocator: it
+    /// must not allocate.
     pub(crate) const fn new(counts: fn() -> bool) -> Self {
         Self {
             counts,
@@ -52,7 +54,8 @@ impl Counting {
     }
 }
 
-// SAFETY: every call goes to `System` unchanged, which keeps the contract; counting touches no memory of the caller.
+// SAFETY: every call goes to `System` unchanged, which keeps the contract; counting touches no
+// memory of the caller.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         self.count(&self.allocations);
@@ -91,7 +94,8 @@ mod tests {
     fn exercise(allocator: &Counting) {
         let layout = Layout::array::<u8>(64).unwrap();
         let larger = Layout::array::<u8>(128).unwrap();
-        // SAFETY: the layouts have a size, and each block goes back with the layout that it has by then.
+        // SAFETY: the layouts have a size, and each block goes back with the layout that it has by
+        // then.
         unsafe {
             let block = allocator.alloc(layout);
             assert!(!block.is_null());
@@ -118,7 +122,7 @@ mod tests {
             frees: 2,
         };
         assert_eq!(allocator.counts(), once);
-        // Another thread is asked for itself.
+        // Another thread decides for itself.
         std::thread::scope(|scope| {
             scope.spawn(|| exercise(&allocator));
         });

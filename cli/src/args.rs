@@ -45,13 +45,14 @@ pub(crate) enum Command {
     Doctor(Doctor),
     /// Makes CSV, an MCAP file or a Perfetto trace of a recording
     Convert(Convert),
-    /// Receives what other programs record (LUNA_LOG=tcp://HOST:PORT), also of other computers, and writes a file for each
+    /// Receives what other programs record (LUNA_LOG=tcp://HOST:PORT), also of other computers, and
+    /// writes a file for each
     Record(Record),
     /// Shows a recording in the browser, as it was while it was made
     Scope(Scope),
 }
 
-/// Beside the measured one: as many as a system sets room aside for, with some to spare.
+/// Processes beside the measured one: as many as a system reserves room for, with some to spare.
 const MAX_OTHERS: i64 = 250;
 
 /// The options of `luna demo`.
@@ -65,34 +66,40 @@ pub(crate) struct Demo {
     pub(crate) rate: u32,
     #[command(flatten)]
     pub(crate) place: Place,
-    /// A recording with the columns time (s), pan and tilt (-1 to 1), or an input device (/dev/input/event0) [default: a recording within the program]
+    /// A recording with the columns time (s), pan and tilt (-1 to 1), or an input device
+    /// (/dev/input/event0) [default: a recording within the program]
     #[arg(long, value_name = "FILE")]
     pub(crate) joystick: Option<PathBuf>,
-    /// On a virtual clock: time jumps to the next cycle when all is computed, and every run is the same
+    /// On a virtual clock: time jumps to the next cycle when all is computed, and every run is the
+    /// same
     #[arg(long = "virtual")]
     pub(crate) on_virtual_clock: bool,
-    /// Record what nobody could foresee of the run, for --replay
+    /// Record what was not determined in the run, for --replay
     #[arg(long, value_name = "FILE")]
     pub(crate) record: Option<PathBuf>,
-    /// Do a recorded run again, on a virtual clock, and say whether its outputs are the same, or at which event they differ
+    /// Do a recorded run again, on a virtual clock, and say whether its outputs are the same, or at
+    /// which event they differ
     #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "seconds", "rate", "joystick", "calibrated", "core", "policy", "parameters", "set"])]
     pub(crate) replay: Option<PathBuf>,
     /// A TOML file with the controllers' parameters: kp, ki, kd and filter below [pan] and [tilt]
     #[arg(long, value_name = "FILE")]
     pub(crate) parameters: Option<PathBuf>,
-    /// The value of a parameter, over that of the file: pan/kp=2.5. Several are set by several --set
+    /// The value of a parameter, over that of the file: pan/kp=2.5. Several are set by several
+    /// --set
     #[arg(long, value_name = "NAME=VALUE")]
     pub(crate) set: Vec<String>,
     /// Do not look for the end stops first: the encoders are known to count from the middle
     #[arg(long)]
     pub(crate) calibrated: bool,
-    /// The card between the processes and the machine: mesa-sim, a simulated Mesa 7I92 in this program, or mesa:HOST[:PORT], a real one [default: none, the machine is simulated by processes]
+    /// The card between the processes and the machine: mesa-sim, a simulated Mesa 7I92 in this
+    /// program, or mesa:HOST[:PORT], a real one [default: none, the machine is simulated by
+    /// processes]
     #[arg(long, value_name = "CARD", value_parser = crate::card::parse, conflicts_with = "on_virtual_clock")]
     pub(crate) card: Option<crate::card::Choice>,
     /// Serve the live scope while it runs, for a browser on this machine; ADDR is host:port
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = SCOPE, conflicts_with = "replay")]
     pub(crate) scope: Option<SocketAddr>,
-    /// Print the scope's address with a token: who opens that may set the controllers' parameters
+    /// Print the scope's address with a token: with it a viewer may set the controllers' parameters
     #[arg(long, requires = "scope")]
     pub(crate) scope_token: bool,
 }
@@ -184,7 +191,8 @@ pub(crate) struct Convert {
     /// Where to write [default: beside the recording]
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
-    /// CSV: a signal that was not sampled at a row's time holds its last value, instead of an empty cell
+    /// CSV: a signal that was not sampled at a row's time holds its last value, instead of an empty
+    /// cell
     #[arg(long)]
     pub(crate) hold: bool,
 }
@@ -192,13 +200,15 @@ pub(crate) struct Convert {
 /// The options of `luna record`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Record {
-    /// Where to listen: HOST:PORT. Who can reach it is asked for no name, so 0.0.0.0 is for a network of friends
+    /// Where to listen: HOST:PORT. Senders are not authenticated, so use 0.0.0.0 in trusted
+    /// networks only
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7411")]
     pub(crate) listen: String,
     /// Take UDP datagrams (LUNA_LOG=udp://HOST:PORT) instead of TCP
     #[arg(long)]
     pub(crate) udp: bool,
-    /// The folder for the files, which are named by system and start; with --once, the file [default: this folder]
+    /// The folder for the files, which are named by system and start; with --once, the file
+    /// [default: this folder]
     #[arg(long, short, value_name = "PATH")]
     pub(crate) output: Option<PathBuf>,
     /// Show messages of LEVEL and what matters more: error, warn, info, debug, trace, or none
@@ -210,7 +220,7 @@ pub(crate) struct Record {
     /// The most MiB of each file; a sender is refused then
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 40), allow_negative_numbers = true)]
     pub(crate) limit: Option<u64>,
-    /// Show what comes in the browser, too: who began last. ADDR is host:port
+    /// Show what comes in the browser, too: the sender that began last. ADDR is host:port
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = SCOPE)]
     pub(crate) scope: Option<SocketAddr>,
 }
@@ -235,9 +245,11 @@ fn level(text: &str) -> Result<Messages, String> {
 /// The options of `luna scope`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Scope {
-    /// The recording, as `System::log_to` or LUNA_LOG has made it; - reads it from the standard input
+    /// The recording, as `System::log_to` or LUNA_LOG has made it; - reads it from the standard
+    /// input
     pub(crate) file: PathBuf,
-    /// Where to listen; there is no encryption, so that what is no loopback is for a network that one trusts
+    /// Where to listen; there is no encryption, so that what is no loopback is for a network that
+    /// one trusts
     #[arg(long, value_name = "ADDR", default_value = SCOPE)]
     pub(crate) listen: SocketAddr,
     /// Answer under this name too, beside localhost and the address that was reached

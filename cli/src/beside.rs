@@ -1,4 +1,5 @@
-//! What runs beside a measured loop to disturb it: other loops on its executor, and a thread below it that keeps the core busy.
+//! What runs beside a measured loop to disturb it: other loops on its executor, and a thread below
+//! it that keeps the core busy.
 
 use crate::{args, place};
 use luna::prelude::*;
@@ -9,8 +10,9 @@ use std::time::Duration;
 /// The slowest and the fastest of the other loops.
 const PERIODS: (f64, f64) = (10_000.0, 1000.0);
 
-/// What a burner leaves of the core between two bursts. The kernel gives ordinary threads some 5 % of a core that real-time threads keep busy, above all of them: taken
-/// while nobody wants the core, that time is nobody's latency.
+/// What a burner leaves of the core between two bursts. The kernel gives ordinary threads some 5 %
+/// of a core that real-time threads keep busy, above all of them. Taken while the core is idle,
+/// that time adds to no latency.
 const REST: Duration = Duration::from_millis(15);
 
 /// Whether the measured loop has ended.
@@ -23,7 +25,7 @@ impl Ended {
     }
 }
 
-/// Says that the measured loop has ended, however it did.
+/// Signals that the measured loop has ended, however it did.
 #[derive(Debug)]
 pub(crate) struct EndsOnDrop(pub(crate) Ended);
 
@@ -33,7 +35,8 @@ impl Drop for EndsOnDrop {
     }
 }
 
-/// Loops from 100 Hz to 1 kHz, each rate a little above the one before, at all levels below the highest.
+/// Loops from 100 Hz to 1 kHz, each rate a little above the one before, at all levels below the
+/// highest.
 pub(crate) fn others(executor: &luna::Executor, count: u32, until: &Ended) -> luna::Result<()> {
     for number in 0..count {
         let until = until.clone();

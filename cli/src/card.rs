@@ -1,4 +1,4 @@
-//! What is behind the demo's registers: processes that simulate the machine, or a card.
+//! The device behind the demo's registers: processes that simulate the machine, or a card.
 
 use crate::failure::Failure;
 use luna::{Policy, System};
@@ -25,7 +25,7 @@ pub(crate) enum Machine {
     SimulatedCard {
         states: Arc<Mutex<[MotorState; 2]>>,
         health: Arc<Health>,
-        /// Until it is looked at no more.
+        /// Dropping it ends the simulated card.
         _server: Server,
     },
     Card(Arc<Health>),
@@ -80,7 +80,7 @@ pub(crate) fn machine(
 
 type States = Arc<Mutex<[MotorState; 2]>>;
 
-/// A card whose threads are above those with `policy`: hardware is never late.
+/// A card with threads above those with `policy`: hardware is never late.
 fn simulate(policy: Policy) -> Result<(Server, States), Failure> {
     let states = States::default();
     let watched = states.clone();
@@ -103,7 +103,7 @@ fn simulate(policy: Policy) -> Result<(Server, States), Failure> {
 }
 
 impl Machine {
-    /// Where the joints are at the end, as far as anybody knows.
+    /// Where the joints are at the end, as far as it is known.
     pub(crate) fn states(&self) -> [MotorState; 2] {
         match self {
             Machine::Processes(states) => states

@@ -18,7 +18,7 @@ use std::io::Write;
 
 const CONTROL: &str = "control";
 
-/// Runs the demo and prints what came of it. Gives whether the run was complete.
+/// Runs the demo and prints its results. Returns whether the run was complete.
 pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
     if let Some(path) = &arguments.replay {
         return replay::replay(path, arguments);
@@ -116,7 +116,7 @@ fn set_parameters(system: &mut System, arguments: &args::Demo) -> luna::Result<(
     Ok(())
 }
 
-/// Shows the run in the browser, if that is asked for.
+/// Shows the run in the browser, on request.
 fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, Failure> {
     let Some(address) = arguments.scope else {
         return Ok(None);
@@ -130,7 +130,8 @@ fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, F
     Ok(Some(scope))
 }
 
-/// The control executor as asked for; the hardware below it, where the system likes; the operator with no promise at all.
+/// The control executor as asked for; the hardware below it, where the system likes; the operator
+/// with no promise at all.
 fn executors(system: &mut System, arguments: &args::Place) -> luna::Result<Executors> {
     let control = place::executor(system, CONTROL, arguments)?;
     // Real hardware is never late, but it must not make the measured loops late either.

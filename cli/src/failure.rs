@@ -1,4 +1,4 @@
-//! Why a command did not do what it was asked for, and the exit code that says so.
+//! Why a command failed, and its exit code.
 
 use luna::SetupError;
 use luna::record::RecordError;
@@ -60,7 +60,7 @@ pub(crate) enum Failure {
         /// Why.
         error: String,
     },
-    /// Nobody can be listened to there.
+    /// The address cannot be listened on.
     Listen {
         /// As given.
         address: String,
@@ -99,7 +99,7 @@ impl Failure {
                 | SetupError::Parameters(_),
             )) => 2,
             Self::Card(_) => 2,
-            // One that cannot be opened; what is lost later is the error of a process.
+            // A device that cannot be opened; a later loss is the error of a process.
             #[cfg(unix)]
             Self::Luna(luna::Error::Device(_)) => 2,
             Self::Luna(_) | Self::Output(_) => 1,

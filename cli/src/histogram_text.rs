@@ -4,7 +4,8 @@ use std::fmt::Write;
 
 /// The length of the longest bar.
 const BAR: u64 = 48;
-/// The bins of one power of ten begin at these tenths of it. Even on a logarithmic scale, roughly, so that a long tail stays in sight.
+/// The bins of one power of ten begin at these tenths of it. Even on a logarithmic scale, roughly,
+/// so that a long tail stays in sight.
 const STEPS: [u64; 6] = [10, 15, 20, 30, 50, 70];
 
 /// Values from `from` up to, but not including, `to`.
@@ -15,7 +16,8 @@ struct Bin {
     count: u64,
 }
 
-/// Draws durations (ns) with their counts, in any order: a line for each bin from the shortest to the longest, empty ones between too.
+/// Draws durations (ns) with their counts, in any order: a line for each bin from the shortest to
+/// the longest, empty ones between too.
 ///
 /// Bars are in proportion, but whatever happened has a mark. Nothing gives an empty text.
 pub(crate) fn draw(values: impl Iterator<Item = (u64, u64)>) -> String {

@@ -18,7 +18,8 @@ pub(crate) fn is_device(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|about| about.file_type().is_char_device())
 }
 
-/// Lets the joystick at `path` move the camera, from processes on `executor`. That it is unplugged is the safe state, in which the camera stays where it was told to be.
+/// Lets the joystick at `path` move the camera, from processes on `executor`. Unplugging it is the
+/// safe state: the camera keeps its last setpoint.
 pub(crate) fn follow(system: &mut System, executor: &Executor, path: &Path) -> luna::Result<()> {
     let Some(name) = path.to_str() else {
         return Err(Error::other("a device's name is UTF-8"));
@@ -32,7 +33,7 @@ pub(crate) fn follow(system: &mut System, executor: &Executor, path: &Path) -> l
     Ok(())
 }
 
-/// Tells both axes where the stick is, until they have ended. Away from oneself is up.
+/// Sends the stick's position to both axes, until they have ended. Away from oneself is up.
 async fn steer(controls: Receiver<Control>, Sticks(sticks): Sticks) -> luna::Result<()> {
     let mut tick = luna::periodic("joystick", PERIOD)?;
     let mut deflection = Deflection::default();

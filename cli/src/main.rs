@@ -24,7 +24,7 @@ use args::{Arguments, Command};
 use clap::Parser;
 use std::process::ExitCode;
 
-/// Counts what the real-time path must not do.
+/// Counts allocations, which the real-time path must not make.
 #[global_allocator]
 static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::on_path);
 

@@ -5,7 +5,7 @@ use crate::demo::table::Row;
 use luna_jiwy::parts::sanity::Interventions;
 use serde::Serialize;
 
-/// What every measurement says of itself.
+/// The head of every measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Measurement {
     /// As obtained: `fifo:80`, `rr:80` or `other`.

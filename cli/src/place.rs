@@ -35,7 +35,8 @@ fn quietest_here() -> Option<usize> {
     )
 }
 
-/// The last isolated one of the cores that this process may use, else the last one: interrupts tend to go to the first.
+/// The last isolated one of the cores that this process may use, else the last one: interrupts tend
+/// to go to the first.
 pub(crate) fn quietest(allowed: &[usize], isolated: &[usize]) -> Option<usize> {
     let quiet = allowed.iter().rev().find(|core| isolated.contains(core));
     quiet.or(allowed.last()).copied()

@@ -1,4 +1,5 @@
-//! From the library's report to what the commands print. All that the program knows of the report's form is in this file.
+//! From the library's report to what the commands print. All that the program knows of the report's
+//! form is in this file.
 
 use crate::alloc::Counts;
 use crate::output::{Cause, Kept, Late, Logged, Loop, Measurement, Missing, Quantiles, Spread};

@@ -44,12 +44,13 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(played.is_err())))
 }
 
-/// The scope of what is received.
+/// The scope of received recordings.
 pub(crate) fn at(address: SocketAddr) -> Result<Scope, Failure> {
     open(Settings::default().address(address))
 }
 
-/// The scope of a run of the demo, which shows its parameters. Who has the token, if there is to be one, may set them.
+/// The scope of a run of the demo, which shows its parameters. A viewer with the token, if there is
+/// one, may set them.
 pub(crate) fn of_demo(
     address: SocketAddr,
     parameters: luna::Parameters,
@@ -66,7 +67,7 @@ pub(crate) fn of_demo(
     })
 }
 
-/// A scope, whose address is said on standard error, since standard output is for results.
+/// A scope. Its address is printed on standard error, since standard output is for results.
 fn open(settings: Settings) -> Result<Scope, Failure> {
     let address = settings.listens_on();
     let scope = Scope::open(settings).map_err(|error| Failure::Scope { address, error })?;

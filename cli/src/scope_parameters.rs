@@ -60,7 +60,7 @@ fn written(value: &Value) -> Json {
     }
 }
 
-/// None of what no parameter can be.
+/// None for a value that no parameter can have.
 fn read(value: &Json) -> Option<Value> {
     Some(match value {
         Json::Bool(is) => Value::Bool(*is),

@@ -4,7 +4,7 @@ use crate::histogram_text;
 use crate::output::{Axis, Measurement};
 use std::fmt::{self, Write};
 
-/// So many of what is named: `1 signal`, `2 signals`.
+/// A count with its noun: `1 signal`, `2 signals`.
 #[derive(Debug)]
 pub(crate) struct Count(pub(crate) u64, pub(crate) &'static str);
 
@@ -70,7 +70,7 @@ pub(crate) fn memory(measurement: &Measurement) -> String {
     )
 }
 
-/// Said when a run was cut short.
+/// Printed when a run was cut short.
 pub(crate) fn ending(measurement: &Measurement) -> &'static str {
     match measurement.complete {
         true => "",

@@ -1,4 +1,4 @@
-//! An open device, and those who use it.
+//! An open device, and its users.
 
 use super::error::DeviceError;
 use super::manager::{Devices, Sharing};
@@ -17,19 +17,22 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum OnLoss {
-    /// An emergency: the functions of [`on_emergency`](crate::System::on_emergency) run, and the system ends. The default, since who drives something that
-    /// moves must not go on without it.
+    /// An emergency: the functions of [`on_emergency`](crate::System::on_emergency) run, and the
+    /// system ends. The default, since a program that drives something that moves must not go on
+    /// without it.
     #[default]
     Emergency,
-    /// The [safe state](crate::Safety::enter_safe_state): the processes run on with neutral outputs, but the link's, which fails.
+    /// The [safe state](crate::Safety::enter_safe_state): the processes run on with neutral
+    /// outputs, but the link's, which fails.
     SafeState,
-    /// A [warning](crate::Safety::warn), and the link's process fails: its channels end with it, and the others go on.
+    /// A [warning](crate::Safety::warn), and the link's process fails: its channels end with it,
+    /// and the others go on.
     Warn,
     /// The link's process fails, and nothing else.
     Fail,
 }
 
-/// How it is with a device.
+/// The state of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum DeviceState {
@@ -41,7 +44,7 @@ pub enum DeviceState {
     Closed,
 }
 
-/// How it is with a device, at one moment.
+/// A device at one instant.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct DeviceView {
@@ -55,7 +58,7 @@ pub struct DeviceView {
     pub users: usize,
     /// Open, lost or closed.
     pub state: DeviceState,
-    /// By what its loss was found out, also when it is closed.
+    /// The error that showed its loss, also when it is closed.
     pub loss: Option<Error>,
 }
 
@@ -112,7 +115,7 @@ pub(super) struct Open<D> {
     /// Closed by its drop; none from then on.
     device: Option<D>,
     status: Arc<Status>,
-    /// What is to run in an emergency as long as it is open.
+    /// The functions that run in an emergency while it is open.
     functions: PiLock<Vec<SafetyFunction>>,
 }
 
@@ -140,11 +143,14 @@ impl<D> Drop for Open<D> {
     }
 }
 
-/// A handle to an open device: one user of it. Made by [`DeviceManager::open`](super::DeviceManager::open).
+/// A handle to an open device: one user of it. Made by
+/// [`DeviceManager::open`](super::DeviceManager::open).
 ///
-/// It is cloned for each process that uses the device, and gives access to what its driver has opened. When the last handle is dropped the device is
-/// closed; never on the real-time path: what a process drops there is closed by the thread that runs the system. In an emergency it stays open until all emergency functions
-/// have run, and is closed before [`System::run`](crate::System::run) returns. A process that was left behind keeps its handle.
+/// It is cloned for each process that uses the device, and gives access to what its driver has
+/// opened. When the last handle is dropped the device is closed; never on the real-time path: what
+/// a process drops there is closed by the thread that runs the system. In an emergency it stays
+/// open until all emergency functions have run, and is closed before
+/// [`System::run`](crate::System::run) returns. A process that was left behind keeps its handle.
 pub struct Device<D: Send + Sync + 'static> {
     open: Shared<Arc<Open<D>>>,
     safety: Safety,
@@ -171,15 +177,17 @@ impl<D: Send + Sync + 'static> Device<D> {
         self.open.status.kind
     }
 
-    /// Registers a function that brings the device to safety: `what` it does, for messages. It runs as those of [`System::on_emergency`](crate::System::on_emergency) and has
-    /// as long, in the order in which all are registered, unless the device was closed before the emergency.
+    /// Registers a function that brings the device to safety: `what` it does, for messages. It runs
+    /// as those of [`System::on_emergency`](crate::System::on_emergency) and has as long, in the
+    /// order in which all are registered, unless the device was closed before the emergency.
     ///
-    /// It runs on the emergency thread while processes may be using the device: it must not wait for them longer than can be borne, and what they do
-    /// after it must not undo it.
+    /// It runs on the emergency thread while processes may be using the device: it must not wait
+    /// for them longer than can be borne, and what they do after it must not undo it.
     ///
     /// # Errors
     ///
-    /// It would never be run, since an emergency is over or the system has ended; or there are too many functions.
+    /// It would never be run, since an emergency is over or the system has ended; or there are too
+    /// many functions.
     ///
     /// ```
     /// use luna::devices::Sharing;
@@ -205,7 +213,8 @@ impl<D: Send + Sync + 'static> Device<D> {
         self.on_emergency_within(what, LIMIT, function)
     }
 
-    /// As [`on_emergency`](Self::on_emergency), with a time after which the next function does not wait for this one any more: for what waits for a bus.
+    /// As [`on_emergency`](Self::on_emergency), with a time after which the next function does not
+    /// wait for this one any more: for what waits for a bus.
     ///
     /// # Errors
     ///
@@ -227,7 +236,7 @@ impl<D: Send + Sync + 'static> Device<D> {
         Ok(())
     }
 
-    /// Says what becomes of the system when the device is lost; all its handles share it.
+    /// Sets what becomes of the system when the device is lost; all its handles share it.
     ///
     /// ```
     /// use luna::devices::{OnLoss, Sharing};
@@ -250,10 +259,12 @@ impl<D: Send + Sync + 'static> Device<D> {
             .store(policy as u8, Ordering::Release);
     }
 
-    /// Says that the device is gone or does not answer, as was found by `error`: called by its driver, whose process then ends with what this gives. From any thread.
+    /// Reports that the device is gone or does not answer, as was found by `error`. Its driver
+    /// calls this, and the driver's process then ends with the result. From any thread.
     ///
-    /// By default it raises an emergency, as [`emergency`](crate::emergency()) does; see [`on_loss`](Self::on_loss). The first loss is what the manager tells. It allocates,
-    /// off the real-time path.
+    /// By default it raises an emergency, as [`emergency`](crate::emergency()) does; see
+    /// [`on_loss`](Self::on_loss). The manager reports the first loss. It allocates, off the
+    /// real-time path.
     #[must_use = "the process is to end with it: return it as its error"]
     pub fn lost(&self, error: impl Into<Error>) -> Error {
         let status = &self.open.status;
@@ -304,7 +315,8 @@ impl<D: Send + Sync + 'static> Clone for Device<D> {
 impl<D: Send + Sync + 'static> Drop for Device<D> {
     fn drop(&mut self) {
         let users = self.open.status.users.fetch_sub(1, Ordering::AcqRel);
-        // Who ends because of the emergency must not close the device before its functions have run.
+        // A process that ends because of the emergency must not close the device before its
+        // functions have run.
         if users == 1 && self.safety.degree() == Degree::Emergency {
             self.devices.keep(Arc::clone(&*self.open) as _);
         }

@@ -5,7 +5,7 @@ use crate::external::OsError;
 use std::fmt;
 use std::sync::Arc;
 
-/// Why a device cannot be opened, or was lost. Each says what to do.
+/// Why a device cannot be opened, or was lost. Each has a remedy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum DeviceError {
@@ -13,14 +13,14 @@ pub enum DeviceError {
     Missing {
         /// The device's name.
         device: String,
-        /// What it was to be: "serial port".
+        /// The expected kind: "serial port".
         kind: &'static str,
     },
-    /// Somebody has it who does not share it.
+    /// The device is in use and not shared.
     Busy {
         /// The device's name.
         device: String,
-        /// Who.
+        /// The holder of the device.
         by: Holder,
     },
     /// This user may not open it.
@@ -30,13 +30,13 @@ pub enum DeviceError {
         /// Which group or udev rule allows it.
         remedy: String,
     },
-    /// It is something else.
+    /// It is of another kind.
     WrongKind {
         /// The device's name.
         device: String,
-        /// What it was to be.
+        /// The expected kind.
         expected: &'static str,
-        /// What it is.
+        /// The kind that it has.
         found: String,
     },
     /// Its settings make no sense, or the device cannot have them.
@@ -50,7 +50,7 @@ pub enum DeviceError {
     Refused {
         /// The device's name.
         device: String,
-        /// What the system said.
+        /// The system's error.
         error: OsError,
     },
     /// It was there, and is gone or does not answer.
@@ -59,12 +59,12 @@ pub enum DeviceError {
         device: Arc<str>,
         /// What it was: "serial port".
         kind: &'static str,
-        /// By what that was found out. Boxed, since all errors would be as large as this else.
+        /// The error that showed it. Boxed, since all errors would be as large as this else.
         error: Box<Error>,
     },
 }
 
-/// Who has a device that is busy.
+/// The holder of a busy device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Holder {
@@ -74,15 +74,15 @@ pub enum Holder {
     Process {
         /// Its number.
         pid: u32,
-        /// Its name, as far as the system tells.
+        /// Its name, as far as the system gives it.
         name: String,
     },
-    /// Who is known to the kernel by a name alone.
+    /// A holder that the kernel knows by a name alone.
     Named {
         /// The name.
         name: String,
     },
-    /// Somebody whom the system does not tell, or not this user.
+    /// A holder that the system does not show, or not to this user.
     Unknown,
 }
 

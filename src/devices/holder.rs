@@ -1,11 +1,11 @@
-//! Who has a device open, as the kernel tells it.
+//! Which process has a device open, as far as the kernel shows it.
 
 use super::error::Holder;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// Who holds a lock of the whole file (`flock`).
+/// The holder of a lock of the whole file (`flock`).
 pub(super) fn of_lock(path: &Path) -> Holder {
     let Ok(inode) = fs::metadata(path).map(|about| about.ino()) else {
         return Holder::Unknown;
@@ -17,8 +17,9 @@ pub(super) fn of_lock(path: &Path) -> Holder {
         .map_or(Holder::Unknown, named)
 }
 
-/// Whose lock a line of `/proc/locks` tells of, if it is of this inode. Their devices are not compared: those of a device file's
-/// file system are told in another way there than by `stat`.
+/// The process that holds the lock in a line of `/proc/locks`, if the lock is of this inode. The
+/// device numbers are not compared: for the file system of a device file, this file writes them in
+/// another way than `stat`.
 fn locker(line: &str, inode: u64) -> Option<u32> {
     let mut words = line.split_whitespace().skip(1);
     if words.next() != Some("FLOCK") {
@@ -79,7 +80,7 @@ mod tests {
         assert_eq!(locker(line, 106), None);
         let of_a_part = "5: POSIX  ADVISORY  WRITE 77 00:05:1063 0 EOF";
         assert_eq!(locker(of_a_part, 1063), None);
-        // Who waits for it.
+        // A process that waits for it.
         assert_eq!(
             locker("4: -> FLOCK  ADVISORY  WRITE 99 00:05:1063 0 EOF", 1063),
             None

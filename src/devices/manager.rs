@@ -1,4 +1,4 @@
-//! Who has which device.
+//! Which device is open, and by which users.
 
 use super::device::{Device, DeviceView, Open, Status};
 use super::error::{DeviceError, Holder};
@@ -9,19 +9,21 @@ use std::any::Any;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-/// Who may open a device that is open already.
+/// Whether a device that is open already may be opened again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Sharing {
-    /// Whoever opens it as shared, too, and as of the same type: all use what the first has opened.
+    /// Others that open it as shared, too, and as the same type: all use what the first has opened.
     Shared,
-    /// Nobody.
+    /// No other user.
     Exclusive,
 }
 
-/// Opens the devices of a [`System`](crate::System): see [`System::devices`](crate::System::devices).
+/// Opens the devices of a [`System`](crate::System): see
+/// [`System::devices`](crate::System::devices).
 ///
-/// Cloning it is cheap, and it does not borrow the system. Devices belong to the set-up; one may also be opened in a `pre_run`, or anew while the system runs when it was lost. Not for
-/// the real-time path: its functions take plain locks, and opening is what drivers make of it.
+/// Cloning it is cheap, and it does not borrow the system. Devices belong to the set-up; one may
+/// also be opened in a `pre_run`, or anew while the system runs when it was lost. Not for the
+/// real-time path: its functions take plain locks, and opening is what drivers make of it.
 #[derive(Clone)]
 pub struct DeviceManager {
     plan: Arc<Plan>,
@@ -33,7 +35,7 @@ pub(crate) struct Devices {
     kept: PiLock<Kept>,
 }
 
-/// Devices whose last user has gone in an emergency, perhaps before their functions have run.
+/// Devices with no handle left, dropped in an emergency, perhaps before their functions have run.
 struct Kept {
     open: Vec<Arc<dyn Any + Send + Sync>>,
     /// The functions have run: nothing is kept any more.
@@ -71,7 +73,8 @@ impl Devices {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Keeps a device open until the emergency functions have run. Allocates nothing, since there is room for each from its opening on.
+    /// Keeps a device open until the emergency functions have run. Allocates nothing, since there
+    /// is room for each from its opening on.
     pub(super) fn keep(&self, open: Arc<dyn Any + Send + Sync>) {
         let mut kept = self.kept.lock();
         if !kept.is_over {
@@ -79,7 +82,8 @@ impl Devices {
         }
     }
 
-    /// The emergency functions, if there was an emergency, have run: closes what was kept for them.
+    /// The emergency functions, if there was an emergency, have run: closes the devices that were
+    /// kept open for them.
     pub(crate) fn let_go(&self) {
         let mut kept = self.kept.lock();
         kept.is_over = true;
@@ -109,13 +113,15 @@ impl DeviceManager {
 
     /// Opens the device `name`, or shares what is open under that name already.
     ///
-    /// `open` is called only in the first case, and does all that opening means; dropping what it gives closes the device. `kind` is what the device is, in the words
-    /// of an error: "motor driver". A name that is a path is that of the file which it leads to, so a link and its target are one device.
+    /// `open` is called only in the first case, and does all that opening means; dropping what it
+    /// gives closes the device. `kind` is what the device is, in the words of an error: "motor
+    /// driver". A name that is a path is that of the file which it leads to, so a link and its
+    /// target are one device.
     ///
     /// # Errors
     ///
-    /// [`DeviceError::Busy`] if it is open in this system and not shared by both, or open as another type; and
-    /// whatever `open` fails with. Then the device may be opened again.
+    /// [`DeviceError::Busy`] if it is open in this system and not shared by both, or open as
+    /// another type; and whatever `open` fails with. Then the device may be opened again.
     ///
     /// ```
     /// use luna::devices::{DeviceError, Holder, Sharing};
@@ -182,7 +188,7 @@ impl DeviceManager {
             devices.kept.lock().open.reserve(entries.len());
             status
         };
-        // Without the lock: what is called here is the driver's, which may open what lies below it.
+        // Without the lock: the call is into the driver, which may open a device below its own.
         let forget = Forget {
             devices,
             status: &status,
@@ -226,7 +232,7 @@ impl DeviceManager {
     }
 }
 
-/// By what a device is known.
+/// The key that a device is known by.
 fn key(name: &str) -> String {
     if !name.starts_with('/') {
         return name.to_owned();

@@ -1,11 +1,15 @@
-//! The device manager: a device is opened once, by name, and closed when its last user has finished.
+//! The device manager: a device is opened once, by name, and closed when its last user has
+//! finished.
 //!
-//! A program opens its devices while it is set up (or in a `pre_run`), through [`System::devices`](crate::System::devices). Who opens a device gets a
-//! [`Device`], a handle that is cloned for each process that uses it; the manager knows all of them, so that two parts of a program that
-//! name one device share it, or the second is told that it is busy. A driver registers what brings its device to safety with
-//! [`Device::on_emergency`], and says with [`Device::lost`] that it is gone, which by default is an emergency.
+//! A program opens its devices while it is set up (or in a `pre_run`), through
+//! [`System::devices`](crate::System::devices). Opening gives a [`Device`], a handle that is cloned
+//! for each process that uses it. The manager knows all of them: two parts of a program that name
+//! one device share it, or the second gets an error that it is busy. A driver registers what brings
+//! its device to safety with [`Device::on_emergency`], and reports with [`Device::lost`] that it is
+//! gone, which by default is an emergency.
 //!
-//! [`Node`] is for drivers: it opens a device file, and makes of the system's refusal an error that says what to do.
+//! [`Node`] is for drivers: it opens a device file, and turns the system's refusal into an error
+//! with a remedy.
 
 mod device;
 mod error;

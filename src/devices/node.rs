@@ -1,4 +1,4 @@
-//! Device files: opening one, and what it means when the system refuses.
+//! Device files: opening one, and the meaning of the system's refusal.
 
 use super::error::DeviceError;
 use super::holder;
@@ -7,7 +7,8 @@ use std::io::{self, ErrorKind};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
 
-/// What a device file must be, for drivers: it opens one, and makes of the system's refusal an error that says what to do.
+/// What a device file must be, for drivers: it opens one, and turns the system's refusal into an
+/// error with a remedy.
 ///
 /// ```
 /// use luna::devices::{DeviceError, Node};
@@ -36,8 +37,8 @@ impl Node {
         }
     }
 
-    /// The subsystem of the kernel whose devices are of this kind, as its folder of `/sys/class` is called: "gpio". Where the system does not tell a device's
-    /// subsystem, it is not compared.
+    /// The subsystem of the kernel that has the devices of this kind, as its folder of `/sys/class`
+    /// is called: "gpio". Where the system does not show a device's subsystem, it is not compared.
     #[must_use]
     pub const fn subsystem(mut self, subsystem: &'static str) -> Self {
         self.subsystem = Some(subsystem);
@@ -60,7 +61,8 @@ impl Node {
     ///
     /// # Errors
     ///
-    /// [`DeviceError::Missing`] or [`DeviceError::WrongKind`], or what kept the system from looking.
+    /// [`DeviceError::Missing`] or [`DeviceError::WrongKind`], or what kept the system from
+    /// looking.
     ///
     /// ```
     /// let node = luna::devices::Node::new("terminal");
@@ -85,12 +87,14 @@ impl Node {
         }
     }
 
-    /// Checks a device file and opens it to read and write; if `exclusive`, also locks it (`flock`) against other programs that do so. Neither waits: where the driver
-    /// would (for a modem's carrier, say), open with `O_NONBLOCK` yourself, and use [`check`](Self::check), [`lock`](Self::lock) and [`explain`](Self::explain).
+    /// Checks a device file and opens it to read and write; if `exclusive`, also locks it (`flock`)
+    /// against other programs that do so. Neither waits: where the driver would (for a modem's
+    /// carrier, say), open with `O_NONBLOCK` yourself, and use [`check`](Self::check),
+    /// [`lock`](Self::lock) and [`explain`](Self::explain).
     ///
     /// # Errors
     ///
-    /// A [`DeviceError`] that says why not.
+    /// A [`DeviceError`] with the reason.
     pub fn open(&self, path: &Path, exclusive: bool) -> Result<File, DeviceError> {
         self.check(path)?;
         let file = OpenOptions::new()
@@ -104,11 +108,13 @@ impl Node {
         Ok(file)
     }
 
-    /// Locks an open device file (`flock`) against other programs that do so too; until it is closed.
+    /// Locks an open device file (`flock`) against other programs that do so too; until it is
+    /// closed.
     ///
     /// # Errors
     ///
-    /// [`DeviceError::Busy`], with whom the kernel names; or its refusal. A file system that knows no locks is no error.
+    /// [`DeviceError::Busy`], with the holder that the kernel names; or its refusal. A file system
+    /// that knows no locks is no error.
     ///
     /// ```
     /// use luna::devices::{DeviceError, Holder, Node};
@@ -175,7 +181,7 @@ impl Node {
     /// Which group or udev rule lets this user open `path`.
     fn remedy(&self, path: &Path) -> String {
         let about = fs::metadata(path).ok();
-        // Read and write for the group, and a group that is meant for users.
+        // Read and write for the group, and a group that is for users.
         let group = about
             .as_ref()
             .filter(|about| about.mode() & 0o060 == 0o060 && about.gid() != 0)
@@ -202,7 +208,7 @@ impl Node {
     }
 }
 
-/// The subsystem of a character device, where the system tells it.
+/// The subsystem of a character device, where the system shows it.
 fn subsystem(about: &Metadata) -> Option<String> {
     let number = about.rdev();
     let major = (number >> 8) & 0xfff | (number >> 32) & !0xfff;

@@ -22,10 +22,11 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// What can go wrong in a process or a system. Every error of a channel turns into it with `?`.
 ///
-/// Its `Debug` is its `Display`: what a `main` that returns it prints, and what an `unwrap` says, is the text and what to do. An error of your
-/// own becomes one with `.map_err(luna::Error::other)?`.
+/// Its `Debug` is its `Display`: a `main` that returns it and an `unwrap` print the text and the
+/// remedy. An error of your own becomes one with `.map_err(luna::Error::other)?`.
 ///
-/// Two errors are equal if they say the same; but of [`Other`](Error::Other), which holds what may not be comparable, if they are the same one.
+/// Two errors are equal if they have the same content; two of [`Other`](Error::Other), which may
+/// hold what is not comparable, if they are the same one.
 #[derive(Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {
@@ -33,7 +34,7 @@ pub enum Error {
     Poisoned,
     /// The other ends of the channel are gone.
     Closed,
-    /// Sending at once: nobody waits, and there is no room.
+    /// A send that does not wait: no receiver waits, and there is no room.
     Full,
     /// Receiving at once: nothing is there.
     Empty,
@@ -41,9 +42,9 @@ pub enum Error {
     Unanswered,
     /// The time ran out.
     Timeout,
-    /// Locking at once: somebody holds the mutex.
+    /// A lock that does not wait: the mutex is held.
     Locked,
-    /// Who held a mutex has died with it: see [`OwnerDied`](crate::sync::OwnerDied).
+    /// A mutex's owner has died while it held it: see [`OwnerDied`](crate::sync::OwnerDied).
     OwnerDied,
     /// A process failed.
     Process {
@@ -70,7 +71,8 @@ pub enum Error {
         /// How many cycles in a row were late.
         consecutive: u32,
     },
-    /// A process took longer than its budget, and was ended for it, or the system was: see [`OnOverrun`](crate::OnOverrun).
+    /// A process took longer than its budget, and was ended for it, or the system was: see
+    /// [`OnOverrun`](crate::OnOverrun).
     BudgetOverrun {
         /// Of a poll, or of a cycle.
         kind: BudgetKind,
@@ -103,8 +105,8 @@ pub enum Error {
     /// A device cannot be opened, or is lost.
     #[cfg(unix)]
     Device(Arc<crate::devices::DeviceError>),
-    /// An error of the user's own about the system, as a text. The framework never makes one: what it cannot set up is [`Setup`](Error::Setup), with
-    /// the values in fields.
+    /// An error of the user's own about the system, as a text. The framework never makes one: what
+    /// it cannot set up is [`Setup`](Error::Setup), with the values in fields.
     ///
     /// ```
     /// let error = luna::Error::System("no sensor answers on the bus".to_owned());
@@ -112,7 +114,7 @@ pub enum Error {
     /// assert_eq!(error, luna::Error::System("no sensor answers on the bus".into())); // by its text
     /// ```
     System(String),
-    /// An error of the user's own: see [`Error::other`].
+    /// An error of user code: see [`Error::other`].
     Other(OtherError),
 }
 
@@ -127,9 +129,11 @@ impl Error {
         Error::Other(OtherError(Arc::from(error.into())))
     }
 
-    /// All errors in it: those of the branches if it is [`Several`](Error::Several), in the order in which they are written, else itself.
+    /// All errors in it: those of the branches if it is [`Several`](Error::Several), in the order
+    /// in which they are written, else itself.
     ///
-    /// Real-time path: yes; O(1) a step, but O(branches) past branches that did not fail. No allocation.
+    /// Real-time path: yes; O(1) a step, but O(branches) past branches that did not fail. No
+    /// allocation.
     ///
     /// ```
     /// use luna::Error;
@@ -145,7 +149,8 @@ impl Error {
         Errors::of(self)
     }
 
-    /// Whether it comes from poison, however deep. Of several errors the first one in written order is asked.
+    /// Whether it comes from poison, however deep. Of several errors the first one in written order
+    /// is asked.
     ///
     /// ```
     /// let deep = luna::Error::Process { name: "drive".into(), source: Box::new(luna::Error::Poisoned) };
@@ -160,7 +165,8 @@ impl Error {
         }
     }
 
-    /// Whether it comes from a closed channel, however deep. Of several errors the first one in written order is asked.
+    /// Whether it comes from a closed channel, however deep. Of several errors the first one in
+    /// written order is asked.
     pub fn is_closed(&self) -> bool {
         match self {
             Error::Closed => true,
@@ -262,7 +268,7 @@ impl std::error::Error for Error {
     }
 }
 
-/// An error of the user's own. Two are equal if they are the same one.
+/// An error of user code. Two are equal if they are the same one.
 #[derive(Clone)]
 pub struct OtherError(Arc<dyn std::error::Error + Send + Sync>);
 
@@ -281,7 +287,8 @@ impl PartialEq for OtherError {
 
 impl Eq for OtherError {}
 
-// It is shared and never changed: who catches a panic finds it as it was made, whatever the user's error is.
+// It is shared and never changed: code that catches a panic finds it as it was made, whatever the
+// user's error is.
 impl UnwindSafe for OtherError {}
 impl RefUnwindSafe for OtherError {}
 

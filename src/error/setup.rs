@@ -6,7 +6,8 @@ use luna_platform::thread::AttributeError;
 use std::fmt;
 use std::time::Duration;
 
-/// What was asked for cannot be set up. Each says what failed, with which value, and what to do.
+/// What was asked for cannot be set up. Each error has what failed, with which value, and what to
+/// do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SetupError {
@@ -51,7 +52,7 @@ pub enum SetupError {
         /// Which budget.
         kind: BudgetKind,
     },
-    /// What is to happen when a process overruns its budgets was stated, and no budget.
+    /// The reaction to an overrun was set, but no budget.
     NoBudget {
         /// The process' name.
         process: String,
@@ -86,7 +87,7 @@ pub enum SetupError {
         /// The longest it may have.
         longest: Duration,
     },
-    /// A loop's name does not fit in the room that is set aside before the start.
+    /// A loop's name does not fit in the room that is reserved before the start.
     NameTooLong {
         /// The name.
         name: String,
@@ -94,21 +95,22 @@ pub enum SetupError {
         most: usize,
     },
     /// There are more loops than the system reserved room for before the start: 16, or as many as
-    /// [`System::max_loops`](crate::System::max_loops) said. Loops that have ended count.
+    /// [`System::max_loops`](crate::System::max_loops) set. Loops that have ended count.
     TooManyLoops {
         /// The loop that came last.
         name: String,
         /// How many there is room for.
         most: usize,
     },
-    /// There are more timer callbacks than room was set aside for before the start.
+    /// There are more timer callbacks than room was reserved for before the start.
     TooManyTimers {
         /// The callback that came last.
         name: String,
         /// How many there is room for.
         most: usize,
     },
-    /// A callback of the timer manager in a system on a virtual clock, where there is no thread that could call it.
+    /// A callback of the timer manager in a system on a virtual clock, where there is no thread
+    /// that could call it.
     CallbackOnVirtualClock {
         /// The callback's name.
         name: String,
@@ -159,7 +161,7 @@ pub enum SetupError {
         /// The process' name.
         process: String,
     },
-    /// A stand-in was named for a process that nobody has declared.
+    /// A stand-in was named for a process that is not declared.
     NobodyToReplace {
         /// The name.
         process: String,
@@ -171,7 +173,7 @@ pub enum SetupError {
         /// The function's name.
         name: String,
     },
-    /// There are more emergency functions than room is set aside for.
+    /// There are more emergency functions than room is reserved for.
     TooManyFunctions {
         /// The function that came last.
         name: String,
@@ -196,7 +198,7 @@ pub enum SetupError {
     },
     /// A thread could not be started.
     Thread {
-        /// What the system said.
+        /// The system's error.
         message: String,
     },
     /// Memory or signals could not be prepared.

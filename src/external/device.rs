@@ -1,7 +1,9 @@
 //! The file of a link: reads and writes that wait as processes do.
 //!
-//! Nearly the same as the `wire` of `luna-links`, which has a limit of time for writes in addition, and no recording. They are two on purpose: this is the lowest crate that knows files that
-//! are waited for, channel ends and their errors, so one for both would be a type of `luna`'s public interface that no program has a use for, with both their differences as options.
+//! Nearly the same as the `wire` of `luna-links`, which has a limit of time for writes in addition,
+//! and no recording. They are two on purpose: this is the lowest crate that knows files that are
+//! waited for, channel ends and their errors, so one for both would be a type of `luna`'s public
+//! interface that no program has a use for, with both their differences as options.
 
 use super::error::{LinkError, OsError};
 use crate::record::{self, Untaped};
@@ -18,7 +20,8 @@ use std::os::fd::OwnedFd;
 use std::pin::{Pin, pin};
 use std::task::Poll;
 
-/// How many calls are made in one go to a file that never lets its link wait. Then others have their turn.
+/// How many calls are made in one go to a file that never lets its link wait. Then others have
+/// their turn.
 const CALLS_IN_ONE_GO: u32 = 16;
 
 /// An open file in non-blocking mode.
@@ -28,9 +31,10 @@ pub(super) struct Device {
     is_terminal: bool,
     /// Calls since the process last waited.
     calls: u32,
-    /// Whether the last read took all there was, so that the next one would be in vain.
+    /// Whether the last read took all bytes that were there, so that the next one would find none.
     is_drained: bool,
-    /// Whether the system cannot wait for it, because it never has to be waited for: one on a disk, `/dev/zero`.
+    /// Whether the system cannot wait for it, because it never has to be waited for: one on a disk,
+    /// `/dev/zero`.
     is_always_ready: bool,
 }
 
@@ -65,7 +69,8 @@ impl Device {
         file::set_non_blocking(&self.file).map_err(|error| LinkError::SetUp(error.into()))
     }
 
-    /// Reads what is there, to a place that is not empty; waits for some, while the channel has not `ended`. 0 is the end of the file.
+    /// Reads what is there, to a place that is not empty; waits for some, while the channel has not
+    /// `ended`. 0 is the end of the file.
     pub(super) async fn read(
         &mut self,
         to: &mut [u8],
@@ -92,7 +97,7 @@ impl Device {
                     record::hold().await;
                     Ok(count)
                 }
-                // The replay has come to its end.
+                // The replay has ended.
                 None => std::future::pending().await,
             },
         }
@@ -115,12 +120,12 @@ impl Device {
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
                     self.is_drained = true;
-                    // What claims to be always ready, and is not, would be asked for ever.
+                    // A file that counts as always ready but is not would be polled for ever.
                     if self.is_always_ready {
                         return Err(LinkError::Read(error.into()).into());
                     }
                 }
-                // What a terminal says whose other side has hung up.
+                // A terminal reports this when its other side has hung up.
                 Err(error) if self.is_terminal && error.raw_os_error() == Some(EIO) => {
                     return Ok(0);
                 }
@@ -129,7 +134,8 @@ impl Device {
         }
     }
 
-    /// Writes all of `bytes`, the record `number`; waits for room, while the channel has not `ended`.
+    /// Writes all of `bytes`, the record `number`; waits for room, while the channel has not
+    /// `ended`.
     pub(super) async fn write(
         &mut self,
         bytes: &[u8],
@@ -247,7 +253,7 @@ fn leave_by(stop: &Stop) {
     }
 }
 
-/// Why the recorded one was not read or written.
+/// Why the recorded device was not read or written.
 fn stopped(event: Event) -> Stop {
     Stop::Ended(match event.number {
         0 => ChannelEnd::Closed,

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 /// Why a link to a file cannot be made, or has ended.
 ///
-/// A process that is one fails with [`Error::External`](crate::Error::External) of it. Making one allocates nothing, so that a link which fails on
-/// the real-time path disturbs nobody.
+/// A link's process fails with [`Error::External`](crate::Error::External) of it. Making one
+/// allocates nothing, so a link may fail on the real-time path.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum LinkError {
@@ -18,11 +18,11 @@ pub enum LinkError {
         /// The most bytes of a record.
         most: usize,
     },
-    /// The framing's prefix cannot tell the length of its longest records.
+    /// The framing's prefix is too short for the length of its longest records.
     PrefixTooSmall {
         /// The most bytes of a record.
         most: usize,
-        /// The most that the prefix can tell.
+        /// The greatest length that the prefix can hold.
         longest: u64,
     },
     /// The link was run without its `pre_run`, or a second time.
@@ -39,7 +39,7 @@ pub enum LinkError {
         record: u64,
         /// How many of its bytes did, with those that frame it.
         written: usize,
-        /// What the system said.
+        /// The system's error.
         error: OsError,
     },
     /// The file cannot be waited for.
@@ -66,7 +66,7 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// Whether writing failed because nobody reads any more: the other end of the pipe or connection is closed.
+    /// Whether writing failed because the other end of the pipe or connection is closed.
     pub fn is_far_end_closed(&self) -> bool {
         matches!(
             self,
@@ -140,7 +140,7 @@ impl From<BadRecord> for LinkError {
     }
 }
 
-/// What the system said, kept as its number.
+/// The system's error, kept as its number.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct OsError {
     kind: io::ErrorKind,

@@ -4,9 +4,11 @@ use super::record::{FromBytes, Malformed, ToBytes};
 use std::fmt;
 use std::ops::Deref;
 
-/// Up to `N` bytes with their length, in the value itself: what a channel carries without allocation when a record is not decoded.
+/// Up to `N` bytes with their length, in the value itself: what a channel carries without
+/// allocation when a record is not decoded.
 ///
-/// It moves with all its room, used or not, so take a small `N`: for long records decode to a type of your own.
+/// It moves with all its room, used or not, so take a small `N`: for long records decode to a type
+/// of your own.
 ///
 /// A slice of bytes in all uses, and `write!` appends text to it.
 ///
@@ -33,7 +35,8 @@ impl<const N: usize> Frame<N> {
         bytes: [0; N],
     };
 
-    /// These bytes, if there is room for them. O(length); it may be called on the real-time path, as all of a frame.
+    /// These bytes, if there is room for them. O(length); it may be called on the real-time path,
+    /// as all of a frame.
     ///
     /// ```
     /// assert_eq!(&*luna::external::Frame::<4>::new(b"abc").unwrap(), b"abc");
@@ -43,7 +46,7 @@ impl<const N: usize> Frame<N> {
         frame.append(bytes).then_some(frame)
     }
 
-    /// Appends these bytes if there is room for all of them, and says whether there was.
+    /// Appends these bytes if there is room for all of them. Returns whether there was.
     ///
     /// ```
     /// let mut frame = luna::external::Frame::<4>::EMPTY;

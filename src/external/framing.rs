@@ -5,7 +5,8 @@ use super::error::LinkError;
 /// The most bytes that a record may be allowed to have: a greater number is a slip.
 const LONGEST: usize = 1 << 30;
 
-/// How a file's bytes are divided into records. Its bounds, in bytes, set how much a link allocates in its `pre_run`.
+/// How a file's bytes are divided into records. Its bounds, in bytes, set how much a link allocates
+/// in its `pre_run`.
 ///
 /// ```
 /// use luna::external::{Framing, Prefix};
@@ -61,7 +62,8 @@ impl Framing {
         }
     }
 
-    /// Lines of text of at most `most` bytes, without their end: a line feed, when read also a carriage return before it.
+    /// Lines of text of at most `most` bytes, without their end: a line feed, when read also a
+    /// carriage return before it.
     pub const fn lines(most: usize) -> Framing {
         Framing {
             kind: Kind::Delimited {
@@ -73,7 +75,8 @@ impl Framing {
         }
     }
 
-    /// Records of at most `most` bytes that each end with the byte `delimiter`, which is no part of them.
+    /// Records of at most `most` bytes that each end with the byte `delimiter`, which is no part of
+    /// them.
     pub const fn delimited(delimiter: u8, most: usize) -> Framing {
         Framing {
             kind: Kind::Delimited {
@@ -93,7 +96,7 @@ impl Framing {
         }
     }
 
-    /// Whatever comes, as it comes, up to `most` bytes at once: where it is divided means nothing.
+    /// Bytes as they arrive, up to `most` at once: the boundaries mean nothing.
     pub const fn chunks(most: usize) -> Framing {
         Framing {
             kind: Kind::Chunks,
@@ -101,8 +104,8 @@ impl Framing {
         }
     }
 
-    /// One record for each packet of a device or socket that keeps them apart, of at most `most` bytes. An empty packet is the end of
-    /// the file: the system tells no difference.
+    /// One record for each packet of a device or socket that keeps them apart, of at most `most`
+    /// bytes. An empty packet is the end of the file: the system reports both alike.
     pub const fn packets(most: usize) -> Framing {
         Framing {
             kind: Kind::Packets,
@@ -110,8 +113,9 @@ impl Framing {
         }
     }
 
-    /// Also what follows the last delimiter is a record, if it has any bytes: for text whose last line may lack its end. Without this it is
-    /// reported as cut off. Framings without a delimiter stay as they are.
+    /// Makes a record of what follows the last delimiter, too, if it has any bytes: for text with a
+    /// last line that may lack its end. Without this it is reported as cut off. Framings without a
+    /// delimiter stay as they are.
     #[must_use]
     pub const fn or_end_of_file(mut self) -> Framing {
         if let Kind::Delimited { open_end, .. } = &mut self.kind {
@@ -146,12 +150,12 @@ impl Prefix {
         }
     }
 
-    /// The greatest length it can tell.
+    /// The greatest length that it can hold.
     const fn longest(self) -> u64 {
         (1 << (8 * self.size())) - 1
     }
 
-    /// The length that stands at the front of `bytes`, if all of it is there.
+    /// The length at the front of `bytes`, if all of it is there.
     pub(super) fn read(self, bytes: &[u8]) -> Option<u64> {
         let bytes = bytes.get(..self.size())?;
         let join = |value: u64, byte: &u8| value << 8 | u64::from(*byte);
@@ -161,7 +165,7 @@ impl Prefix {
         })
     }
 
-    /// Writes `length`, which it can tell, to the front of `to`.
+    /// Writes `length`, which must fit, to the front of `to`.
     pub(super) fn write(self, length: usize, to: &mut [u8]) {
         let bytes = (length as u64).to_le_bytes();
         let to = &mut to[..self.size()];

@@ -16,14 +16,18 @@ use std::pin::pin;
 
 /// Makes a process that reads records from `file` and sends them to `sender`'s channel.
 ///
-/// Spawn it where it is to run, on an executor or as an OS-thread process; it need not be the place of those who receive. It reads ahead at most
-/// 4 KiB or one record; what it has read waits in the link until the channel takes it. The end of the file, or a terminal that has hung up, ends the process, and with its
-/// sender the channel. So does a broken record (a line too long, a record that the end of the file cuts off, bytes that do not decode), with an error: unless the
-/// channel carries `Result<T, BadRecord>`, which then gets that in its place. It also ends, without an error, when the last receiver is gone;
-/// and with [`Error::Poisoned`](crate::Error::Poisoned) when the channel is poisoned. The file is closed when the process has ended.
+/// Spawn it where it is to run, on an executor or as an OS-thread process; the receivers may run
+/// elsewhere. It reads ahead at most 4 KiB or one record; what it has read waits in the link until
+/// the channel takes it. The end of the file, or a terminal that has hung up, ends the process, and
+/// with its sender the channel. So does a broken record (a line too long, a record that the end of
+/// the file cuts off, bytes that do not decode), with an error: unless the channel carries
+/// `Result<T, BadRecord>`, which then gets that in its place. It also ends, without an error, when
+/// the last receiver is gone; and with [`Error::Poisoned`](crate::Error::Poisoned) when the channel
+/// is poisoned. The file is closed when the process has ended.
 ///
-/// The file is put in non-blocking mode, for good and for all duplicates of its descriptor: give a terminal that a shell uses too as one opened
-/// anew (`/dev/tty`). One on a disk can be read, but the system holds up the whole thread for it. Nothing is allocated after
+/// The file is put in non-blocking mode, for good and for all duplicates of its descriptor: give a
+/// terminal that a shell uses too as one opened anew (`/dev/tty`). One on a disk can be read, but
+/// the system holds up the whole thread for it. Nothing is allocated after
 /// [`pre_run`](Process::pre_run).
 ///
 /// ```
@@ -66,7 +70,8 @@ pub fn input<T: FromBytes + Send>(
 
 /// A link from a file to a channel, to be spawned: see [`input`].
 ///
-/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and `link.run().await?`.
+/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and
+/// `link.run().await?`.
 #[must_use = "a link is a process: spawn it"]
 pub struct Input<T> {
     /// Until the end.
@@ -82,7 +87,7 @@ impl<T: FromBytes + Send> Process for Input<T> {
     ///
     /// # Errors
     ///
-    /// A [`LinkError`] that says which of these failed.
+    /// A [`LinkError`] with the one that failed.
     fn pre_run(&mut self) -> Result<()> {
         self.framing.validate()?;
         if let Some(device) = &mut self.device {
@@ -93,8 +98,8 @@ impl<T: FromBytes + Send> Process for Input<T> {
     }
 
     fn run(&mut self) -> impl Future<Output = Result<()>> {
-        // Now, when the body is made: off the real-time path, on its thread. If it fails, so does the first wait, which tells; a file
-        // that is never waited for does not care.
+        // Prepared when the body is made: off the real-time path, on its thread. If it fails, the
+        // first wait fails too and reports it; a file that is never waited for does not need it.
         let _ = luna_executors::prepare_files();
         async {
             // The channel ends with the body, without waiting for the clean-up.
@@ -135,7 +140,7 @@ async fn pump<T: FromBytes + Send>(
                 match device.read(splitter.room(), ended.as_mut()).await {
                     Ok(0) => is_at_end = true,
                     Ok(count) => splitter.filled(count),
-                    // Nobody reads the device any more.
+                    // No receiver of the device's data is left.
                     Err(Stop::Ended(ChannelEnd::Closed)) => return Ok(()),
                     Err(Stop::Ended(ChannelEnd::Poisoned)) => return Err(Error::Poisoned),
                     Err(Stop::Failed(error)) => return Err(error.into()),

@@ -1,13 +1,17 @@
 //! External channels: a device, pipe, socket or terminal that is read and written as a channel.
 //!
-//! A *link* is a process between a file and a channel: [`input`] reads records and sends them, [`output`] receives values and writes them. The
-//! other side is an ordinary [`Receiver`](crate::Receiver) or [`Sender`](crate::Sender), with all that these can. How records lie in the bytes is
-//! a [`Framing`]; what they mean is said by [`FromBytes`] and [`ToBytes`], which a [`Frame`] has for bytes as they are.
+//! A *link* is a process between a file and a channel: [`input`] reads records and sends them,
+//! [`output`] receives values and writes them. The other side is an ordinary
+//! [`Receiver`](crate::Receiver) or [`Sender`](crate::Sender), with all that these can. A
+//! [`Framing`] defines how records lie in the bytes; [`FromBytes`] and [`ToBytes`] define what they
+//! mean, and a [`Frame`] has both for bytes as they are.
 //!
-//! A program that reads and writes one device makes two links of it, the one with a clone of the file.
+//! A program that reads and writes one device makes two links of it, the one with a clone of the
+//! file.
 //!
-//! Links to serial ports, buses, joysticks, pins and sockets, through the [device manager](crate::devices), are the crate `luna-links`; [`Splitter`] and
-//! [`Packer`] are what such a link is made with.
+//! Links to serial ports, buses, joysticks, pins and sockets, through the [device
+//! manager](crate::devices), are the crate `luna-links`; [`Splitter`] and [`Packer`] are what such
+//! a link is made with.
 
 mod device;
 mod error;

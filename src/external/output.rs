@@ -13,12 +13,15 @@ use std::future::Future;
 use std::os::fd::OwnedFd;
 use std::pin::pin;
 
-/// Makes a process that receives values from `receiver`'s channel and writes them to `file` as records.
+/// Makes a process that receives values from `receiver`'s channel and writes them to `file` as
+/// records.
 ///
-/// Each record is written whole, with as many calls as that takes, before the next value is received: on a rendezvous a sender is at most one record ahead
-/// of the file. The process ends when the last sender is gone and all that it sent is written; with [`Error::Poisoned`](crate::Error::Poisoned)
-/// when the channel is poisoned; and with an error when nobody reads the file any more, writing fails, or a value cannot be written in this framing. Senders
-/// then find the channel closed. The file is closed when the process has ended.
+/// Each record is written whole, with as many calls as that takes, before the next value is
+/// received: on a rendezvous a sender is at most one record ahead of the file. The process ends
+/// when the last sender is gone and all that it sent is written; with
+/// [`Error::Poisoned`](crate::Error::Poisoned) when the channel is poisoned; and with an error when
+/// the reading end of the file is closed, writing fails, or a value cannot be written in this
+/// framing. Senders then find the channel closed. The file is closed when the process has ended.
 ///
 /// What it does to the file, and what it costs, is as for [`input`](super::input).
 ///
@@ -57,7 +60,8 @@ pub fn output<T: ToBytes + Send>(
 
 /// A link from a channel to a file, to be spawned: see [`output`].
 ///
-/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and `link.run().await?`.
+/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and
+/// `link.run().await?`.
 #[must_use = "a link is a process: spawn it"]
 pub struct Output<T> {
     /// Until the end.
@@ -73,7 +77,7 @@ impl<T: ToBytes + Send> Process for Output<T> {
     ///
     /// # Errors
     ///
-    /// A [`LinkError`] that says which of these failed.
+    /// A [`LinkError`] with the one that failed.
     fn pre_run(&mut self) -> Result<()> {
         self.framing.validate()?;
         if let Some(device) = &mut self.device {

@@ -4,8 +4,8 @@ use super::error::LinkError;
 use super::framing::{Framing, Kind};
 use super::record::{BadRecord, Fault, ToBytes};
 
-/// Frames one record at a time for writing: for links of your own. It allocates when it is made, and then no more; all else of it is for the
-/// real-time path.
+/// Frames one record at a time for writing: for links of your own. It allocates when it is made,
+/// and then no more; all else of it is for the real-time path.
 ///
 /// ```
 /// use luna::external::{Frame, Framing, Packer, Prefix};
@@ -66,7 +66,8 @@ impl Packer {
         Ok(self.packed())
     }
 
-    /// The bytes of the record that was packed last; none if there was none, or it could not be packed.
+    /// The bytes of the record that was packed last; none if there was none, or it could not be
+    /// packed.
     pub fn packed(&self) -> &[u8] {
         &self.buffer[..self.packed]
     }

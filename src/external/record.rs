@@ -1,4 +1,4 @@
-//! Values and the records that stand for them outside.
+//! Values and their records outside of the program.
 
 use std::fmt;
 
@@ -29,20 +29,22 @@ pub trait FromBytes: Sized {
     ///
     /// # Errors
     ///
-    /// They mean nothing: then [`from_bad`](Self::from_bad) is asked.
+    /// They mean nothing: then [`from_bad`](Self::from_bad) is called.
     fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed>;
 
-    /// What stands for a record that is broken or means nothing; without one, which is the default, the link ends with the error.
+    /// The value for a record that is broken or means nothing. Without one, which is the default,
+    /// the link ends with the error.
     ///
     /// # Errors
     ///
-    /// Nothing does: the error as it came.
+    /// No value stands for it: the error as it came.
     fn from_bad(bad: BadRecord) -> Result<Self, BadRecord> {
         Err(bad)
     }
 }
 
-/// A channel of results gets broken records as errors, in their order, and the link goes on with the next.
+/// A channel of results gets broken records as errors, in their order, and the link goes on with
+/// the next.
 impl<T: FromBytes> FromBytes for Result<T, BadRecord> {
     fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
         T::from_bytes(bytes).map(Ok)
@@ -149,7 +151,7 @@ pub enum Fault {
         /// That byte.
         delimiter: u8,
     },
-    /// A record to be written has no bytes, and nothing would tell the reader that it was there.
+    /// A record to be written has no bytes: the reader could not see that it was there.
     Empty,
 }
 

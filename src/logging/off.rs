@@ -7,7 +7,8 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::time::Duration;
 
-/// A number, a boolean or a small vector over time. This build has no logger (feature `logger`), so it is nothing: it has no size, and recording is no code.
+/// A number, a boolean or a small vector over time. This build has no logger (feature `logger`), so
+/// it is nothing: it has no size, and recording is no code.
 pub struct Signal<T>(PhantomData<fn(T)>);
 
 impl<T: Sample> Signal<T> {

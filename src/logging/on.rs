@@ -16,10 +16,11 @@ use std::time::Duration;
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;
 
-/// The variable of the environment that names where to record to: a file, `tcp://HOST:PORT` or `udp://HOST:PORT`.
+/// The variable of the environment that names where to record to: a file, `tcp://HOST:PORT` or
+/// `udp://HOST:PORT`.
 const VARIABLE: &str = "LUNA_LOG";
 
-/// The variable that says for how many events there is room in each ring of such a recording.
+/// The variable with the number of events that each ring of such a recording has room for.
 #[cfg(feature = "events")]
 const EVENTS: &str = "LUNA_LOG_EVENTS";
 
@@ -29,7 +30,7 @@ impl From<RegisterError> for Error {
     }
 }
 
-/// What the user asks to be recorded.
+/// The recordings that the user asks for.
 pub(crate) type Asked = Option<Logging>;
 
 /// A system's logger.
@@ -46,7 +47,8 @@ impl Log {
         Self(Hub::new(system, base))
     }
 
-    /// The calling thread may register signals, which belong to the system, until the guard is dropped: around each `pre_run`.
+    /// The calling thread may register signals, which belong to the system, until the guard is
+    /// dropped: around each `pre_run`.
     pub(crate) fn enter(&self) -> Entered {
         self.0.enter()
     }
@@ -56,13 +58,13 @@ impl Log {
         self.0.is_recording()
     }
 
-    /// What the calling thread records belongs to the system from now on, and there is room for it.
+    /// From now on, what the calling thread records belongs to the system. Makes room for it.
     #[inline]
     pub(crate) fn enter_thread(&self) {
         self.0.enter_thread();
     }
 
-    /// Begins to record, if that is asked for, in the program or by who started it.
+    /// Begins to record, if the program or its environment asks for it.
     pub(crate) fn start(&self, asked: Asked) -> Result<Session, SetupError> {
         let by_variable = || {
             std::env::var_os(VARIABLE)
@@ -106,7 +108,7 @@ impl Log {
         let _ = (core, stolen, within);
     }
 
-    /// The safety state has changed, by a process or by nobody (0).
+    /// Records a change of the safety state, by a process or from outside of processes (0).
     pub(crate) fn tell_safety(&self, process: u32, degree: u8) {
         #[cfg(feature = "events")]
         self.0.tell(
@@ -119,7 +121,7 @@ impl Log {
     }
 }
 
-/// With events, if who started the program asks for them.
+/// With events, if the environment asks for them.
 #[cfg(feature = "events")]
 fn with_events(recording: Logging) -> Logging {
     let room = std::env::var(EVENTS).ok();

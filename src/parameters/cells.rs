@@ -1,4 +1,5 @@
-//! What the path sees: the words of parameters, and who may change which of them when.
+//! What the real-time path sees: the words of parameters, and which thread may change which of them
+//! when.
 
 use crate::record;
 use luna_core::current;
@@ -27,7 +28,8 @@ pub(super) struct Cells {
 }
 
 impl Reader {
-    /// Takes the latest values, if it is the reader's process that asks. Wait-free; O(1), in a process that is recorded O(words).
+    /// Takes the latest values, if it is the reader's process that asks. Wait-free; O(1), in a
+    /// process that is recorded O(words).
     #[inline]
     pub(crate) fn latch(&self) {
         if is_current(self.process) {
@@ -38,14 +40,14 @@ impl Reader {
         }
     }
 
-    /// What it comes to is recorded, or was.
+    /// Latches a set that is recorded or replayed.
     #[cold]
     fn latch_taped(&self) {
         if !record::input("parameters", || self.slots.latch()) {
             return;
         }
         for cells in self.cells.get().into_iter().flatten() {
-            // They are freed when nobody can latch any more: so not here.
+            // They are freed when no process can latch any more: so not here.
             if let Some(cells) = cells.upgrade() {
                 cells.note();
             }

@@ -12,7 +12,7 @@ pub enum DeclareError {
         /// The parameter's name.
         parameter: String,
     },
-    /// There is one of that name.
+    /// There is a parameter of that name.
     Duplicate {
         /// The name.
         parameter: String,
@@ -117,7 +117,7 @@ pub enum Source {
     Environment(&'static str),
     /// From the command line.
     Argument,
-    /// From the program, or who uses it: a scope.
+    /// From the program, or a tool that uses it, such as a scope.
     Program,
     /// From the recording that is replayed.
     Recording,
@@ -141,10 +141,10 @@ impl fmt::Display for Source {
 pub enum Reason {
     /// No process has declared such a parameter.
     Unknown {
-        /// Whose name is like it.
+        /// A declared name like it.
         nearest: Option<String>,
     },
-    /// It lies outside of the parameter's range, or of what its type can hold.
+    /// It is outside of the parameter's range, or of its type's range.
     OutOfRange {
         /// The least that it can be.
         least: String,
@@ -167,9 +167,9 @@ pub enum Reason {
     NotFinite,
     /// A whole number that a parameter with fractions would round.
     NotExact,
-    /// None of what there is to choose from.
+    /// It is none of the choices.
     NoSuchChoice {
-        /// What there is.
+        /// The choices.
         choices: String,
         /// Which is like it.
         nearest: Option<String>,
@@ -203,11 +203,11 @@ impl fmt::Display for Reason {
     }
 }
 
-/// A value that was refused: whose, from where, and why.
+/// A refused value: its parameter, its source, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Refusal {
-    /// The parameter's name, as it was told.
+    /// The parameter's name, as it was given.
     pub name: String,
     /// The value.
     pub value: String,
@@ -251,7 +251,7 @@ pub enum SetError {
         /// What is wrong.
         message: String,
     },
-    /// What was to be `NAME=VALUE` is not.
+    /// An assignment is not of the form `NAME=VALUE`.
     Syntax {
         /// Where it came from.
         source: Source,

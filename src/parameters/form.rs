@@ -44,7 +44,7 @@ pub(super) struct Form {
 }
 
 impl Form {
-    /// What there is to choose from.
+    /// The choices.
     pub(super) fn choices(&self) -> Vec<String> {
         match &self.kind {
             Kind::Choice(names) => names.iter().map(|&name| name.to_owned()).collect(),
@@ -96,7 +96,7 @@ impl Form {
         values.iter().map(|value| self.element(value)).collect()
     }
 
-    /// What the words of a value say.
+    /// The value in these words.
     pub(super) fn unpack(&self, words: &[u64]) -> Value {
         let mut values = words.iter().map(|&word| self.read(word));
         match self.elements {

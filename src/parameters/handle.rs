@@ -1,4 +1,4 @@
-//! Parameters as somebody outside of the processes sees them.
+//! Parameters, as seen from outside of the processes.
 
 use super::error::{SetError, Source};
 use super::sources::{self, Given};
@@ -7,10 +7,12 @@ use super::value::Value;
 use std::fmt;
 use std::sync::Arc;
 
-/// The parameters of a system, to look at and to replace: from [`System::parameters`](crate::System::parameters).
+/// The parameters of a system, to look at and to replace: from
+/// [`System::parameters`](crate::System::parameters).
 ///
-/// For threads beside the processes: a console, a scope. Not for the real-time path: its functions allocate, and take a plain lock, which no process on the path waits for; a process with a thread
-/// of its own may call them. Clones are the same.
+/// For threads beside the processes: a console, a scope. Not for the real-time path: its functions
+/// allocate, and take a plain lock, which no process on the real-time path waits for; a process
+/// with a thread of its own may call them. Clones are the same.
 ///
 /// ```
 /// use luna::Parameter;
@@ -63,19 +65,25 @@ impl Parameters {
         Self(store)
     }
 
-    /// All parameters that were declared, by name, with their values. Empty before the start. O(parameters × processes).
+    /// All parameters that were declared, by name, with their values. Empty before the start.
+    /// O(parameters × processes).
     pub fn list(&self) -> Vec<Info> {
         self.0.infos()
     }
 
-    /// Replaces the values of these parameters, all or none; others keep theirs. Gives the number of the set, which counts from 1.
+    /// Replaces the values of these parameters, all or none; others keep theirs. Gives the number
+    /// of the set, which counts from 1.
     ///
-    /// Each process takes the set as a whole, at the next begin of a cycle of its loop, or when it [latches](super::Parameter::latch). If several come before that it takes what they
-    /// have made together: no set is lost, and none is seen by halves. O(values × processes that have parameters).
+    /// Each process takes the set as a whole, at the next begin of a cycle of its loop, or when it
+    /// [latches](super::Parameter::latch). If several come before that it takes what they have made
+    /// together: no set is lost, and none is seen by halves. O(values × processes that have
+    /// parameters).
     ///
     /// # Errors
     ///
-    /// [`SetError::Refused`] names every value that cannot be taken, and why. [`SetError::NotRunning`] before the start and after the end, [`SetError::Replayed`] in a replay.
+    /// [`SetError::Refused`] names every value that cannot be taken, and why.
+    /// [`SetError::NotRunning`] before the start and after the end, [`SetError::Replayed`] in a
+    /// replay.
     pub fn set<N: Into<String>, V: Into<Value>>(
         &self,
         values: impl IntoIterator<Item = (N, V)>,
@@ -97,9 +105,11 @@ impl Parameters {
         self.0.set(sources::assignments(text, &Source::Program)?)
     }
 
-    /// Reads the file again: then all parameters have the values that a start would give them, as one set. What the environment and
-    /// [`set_parameter`](crate::System::set_parameter) say comes over the file, what neither names has its default, and what [`set`](Self::set) made is gone.
-    /// Who changes the file writes another and renames it: of one that is written in place a part may be read.
+    /// Reads the file again: then all parameters have the values that a start would give them, as
+    /// one set. The environment and [`set_parameter`](crate::System::set_parameter) override the
+    /// file, a parameter in neither has its default, and what [`set`](Self::set) made is gone. To
+    /// change the file, write another and rename it: of a file that is written in place, a part may
+    /// be read.
     ///
     /// # Errors
     ///
@@ -108,8 +118,9 @@ impl Parameters {
         self.0.reload()
     }
 
-    /// Whether every process that has parameters reads what the set of this number made of them, or a later one. False for a set that is yet to come; once true it stays true. A process that has
-    /// ended, and whose handles and loops are gone, is not waited for.
+    /// Whether every process that has parameters reads what the set of this number made of them, or
+    /// a later one. False for a set that is yet to come; once true it stays true. Processes that
+    /// have ended, with no handles and loops left, are not waited for.
     pub fn is_taken(&self, set: u64) -> bool {
         self.0.is_taken(set)
     }
@@ -133,7 +144,7 @@ pub struct Info {
     pub description: String,
     /// `f64`, `[f32; 3]`, `bool`, `choice`.
     pub type_name: String,
-    /// What there is to choose from; empty if it is no choice.
+    /// The choices; empty if it is no choice.
     pub choices: Vec<String>,
     /// The least that it, or each of its elements, may be.
     pub least: Option<Value>,

@@ -1,11 +1,16 @@
-//! Parameters: numbers and choices that a process declares, files and people set, and the path reads.
+//! Parameters: numbers and choices that a process declares, files and people set, and the real-time
+//! path reads.
 //!
-//! A process declares its [`Parameter`]s in `pre_run`: name, default, unit, range. At the start they get their values of a TOML file ([`System::parameters_from`](crate::System::parameters_from)), the environment
-//! and the command line; while the system runs, of the file again or of anybody who has [`Parameters`]. What is set is a whole: of a set with a name that nobody has declared, or
-//! a value out of range, nothing is taken, and the error names each.
+//! A process declares its [`Parameter`]s in `pre_run`: name, default, unit, range. At the start
+//! they get their values from a TOML file
+//! ([`System::parameters_from`](crate::System::parameters_from)), the environment and the command
+//! line. While the system runs, they get them from the file again, or through [`Parameters`]. A set
+//! is taken as a whole: if it has a name that is not declared, or a value out of range, nothing of
+//! it is taken, and the error names each.
 //!
-//! A process sees one set during a whole cycle. [`Periodic::next`](crate::Periodic::next) takes the latest one for all parameters of its process at once; a process without a loop
-//! says when, by [`Parameter::latch`]. Reading is a load, without a lock. `docs/parameters.md` has the whole.
+//! A process sees one set during a whole cycle. [`Periodic::next`](crate::Periodic::next) takes the
+//! latest one for all parameters of its process at once; a process without a loop takes it with
+//! [`Parameter::latch`]. Reading is a load, without a lock. `docs/parameters.md` has more.
 //!
 //! ```
 //! use luna::Parameter;
@@ -81,7 +86,7 @@ impl Store {
         });
     }
 
-    /// Takes `--parameters FILE` and `--set NAME=VALUE` out of these arguments; gives the others.
+    /// Takes `--parameters FILE` and `--set NAME=VALUE` out of these arguments. Returns the others.
     pub(crate) fn take_arguments(
         &self,
         arguments: impl IntoIterator<Item = String>,

@@ -1,6 +1,7 @@
-//! Who is meant by a name that nobody has.
+//! Finds the declared name that is nearest to an unknown one.
 
-/// The name that is nearest to `wrong`, if one is near: fewest letters to insert, leave out, replace, or exchange for their neighbour.
+/// The name that is nearest to `wrong`, if one is near: fewest letters to insert, leave out,
+/// replace, or exchange for their neighbour.
 pub(super) fn nearest<'a>(
     wrong: &str,
     names: impl IntoIterator<Item = &'a str>,

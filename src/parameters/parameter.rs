@@ -14,8 +14,8 @@ use std::sync::atomic::Ordering;
 
 /// A value that is set from outside, and read on the real-time path: see [`parameters`](super).
 ///
-/// Declared in `pre_run`, where it has its value already. Clones are the same parameter. Elsewhere than in the process that has declared it, a handle reads what that process
-/// has taken.
+/// Declared in `pre_run`, where it has its value already. Clones are the same parameter. Elsewhere
+/// than in the process that has declared it, a handle reads what that process has taken.
 ///
 /// ```
 /// use luna::Parameter;
@@ -60,7 +60,7 @@ pub struct Parameter<T> {
 }
 
 impl<T: Tunable> Parameter<T> {
-    /// A parameter to be, with the value that it has if nobody says otherwise.
+    /// A parameter to be declared, with the value that it has unless it is set.
     pub fn with_default(name: &str, default: T) -> ParameterBuilder<T> {
         ParameterBuilder {
             name: name.into(),
@@ -74,8 +74,10 @@ impl<T: Tunable> Parameter<T> {
 
     /// The value, of the set that the process has taken last.
     ///
-    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one for each element. All elements are of one set. In another process, or on another thread, it looks again
-    /// if the process has taken a new set meanwhile: it never gives a value that the process has not taken.
+    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one for
+    /// each element. All elements are of one set. In another process, or on another thread, it
+    /// looks again if the process has taken a new set meanwhile: it never gives a value that the
+    /// process has not taken.
     #[inline]
     pub fn get(&self) -> T {
         if T::IS_ARRAY {
@@ -91,10 +93,12 @@ impl<T: Tunable> Parameter<T> {
         }
     }
 
-    /// Takes the latest set, for all parameters of the process: for a process without a [loop](crate::periodic), whose `next` does it.
+    /// Takes the latest set, for all parameters of the process: for a process without a
+    /// [loop](crate::periodic), since a loop's `next` does it.
     ///
-    /// Real-time path: yes. Wait-free, O(1), no allocation: a load, and an atomic exchange if there is a new set. While the process is recorded O(its parameters). Elsewhere than in the process that
-    /// has declared the parameter it does nothing.
+    /// Real-time path: yes. Wait-free, O(1), no allocation: a load, and an atomic exchange if there
+    /// is a new set. While the process is recorded O(its parameters). Elsewhere than in the process
+    /// that has declared the parameter it does nothing.
     #[inline]
     pub fn latch(&self) {
         self.cells.reader.latch();
@@ -159,15 +163,19 @@ impl<T: Tunable> ParameterBuilder<T> {
         self
     }
 
-    /// Declares it, for the process whose `pre_run` runs. Its name is free again when all handles of it are gone, for one that is declared alike: it goes on with its value. Its
-    /// description, and whether it is [shared](Self::shared), are then as the new one says.
+    /// Declares it, for the process that runs its `pre_run`. Its name is free again when all its
+    /// handles are gone, for a parameter that is declared alike: it goes on with the old value. Its
+    /// description, and whether it is [shared](Self::shared), are then as newly declared.
     ///
-    /// Not for the real-time path: it allocates, and takes a lock. O(processes that have parameters).
+    /// Not for the real-time path: it allocates, and takes a lock. O(processes that have
+    /// parameters).
     ///
     /// # Errors
     ///
-    /// A [`DeclareError`]: the call is outside of `pre_run`; a name that another has, or that cannot be written in a file; a text that is too long; a range or a default that makes no sense.
-    /// A value of the file that is out of range is no error of this: the start fails with all of those.
+    /// A [`DeclareError`]: the call is outside of `pre_run`; a name that another has, or that
+    /// cannot be written in a file; a text that is too long; a range or a default that makes no
+    /// sense. A value of the file that is out of range is no error of this: the start fails with
+    /// all of those.
     pub fn register(self) -> Result<Parameter<T>, DeclareError> {
         let parameter = || self.name.to_string();
         if let Some((least, most)) = &self.range

@@ -115,7 +115,7 @@ mod toml {
     use std::sync::Arc;
     use toml::de::{DeTable, DeValue};
 
-    /// On an error its line, and what it is.
+    /// On an error, its line and its text.
     pub(super) fn parse(path: &str, text: &str) -> Result<Vec<Given>, (Option<usize>, String)> {
         let line = |at: usize| 1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count();
         let table = DeTable::parse(text).map_err(|error| {

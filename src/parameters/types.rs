@@ -9,9 +9,10 @@ mod sealed {
     pub trait Sealed {}
 }
 
-/// What a [`Parameter`](super::Parameter) can be: a number (`f64`, `f32`, `i8` to `i64`, `u8` to `u64`), `bool`, an array of up to 32 numbers, or a [`Choice`].
+/// What a [`Parameter`](super::Parameter) can be: a number (`f64`, `f32`, `i8` to `i64`, `u8` to
+/// `u64`), `bool`, an array of up to 32 numbers, or a [`Choice`].
 pub trait Tunable: Copy + Send + 'static {
-    /// What it consists of: itself, or the array's numbers.
+    /// Its element: itself, or the array's numbers.
     type Element;
 
     /// How many words it has.
@@ -115,7 +116,8 @@ impl<T: Number, const N: usize> Tunable for [T; N] {
     }
 }
 
-/// One of several, which files and command lines call by name: implemented for an enumeration, which then can be a parameter.
+/// One of several, which files and command lines call by name: implemented for an enumeration,
+/// which then can be a parameter.
 ///
 /// ```
 /// use luna::parameters::Choice;
@@ -128,7 +130,7 @@ impl<T: Number, const N: usize> Tunable for [T; N] {
 /// }
 /// ```
 pub trait Choice: Copy + PartialEq + Send + Sync + 'static {
-    /// What there is to choose from, with names: at least one, and each that is used as a default.
+    /// The choices, with names: at least one, and each that is used as a default.
     const CHOICES: &'static [(&'static str, Self)];
 }
 

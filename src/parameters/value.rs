@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-/// A parameter's value, whatever its type: as it is [set](super::Parameters::set) and [listed](super::Parameters::list).
+/// A parameter's value, whatever its type: as it is [set](super::Parameters::set) and
+/// [listed](super::Parameters::list).
 ///
 /// Made by `into()` of numbers, `bool`, text, and arrays of numbers.
 ///
@@ -26,7 +27,7 @@ pub enum Value {
     Text(String),
     /// Of an array.
     List(Vec<Value>),
-    /// As somebody has written it: read as the parameter's type asks. `2.5`, `[1, 2]`, `true`, `speed`.
+    /// As it was written: read as the parameter's type asks. `2.5`, `[1, 2]`, `true`, `speed`.
     Written(String),
 }
 
@@ -70,7 +71,7 @@ impl From<f64> for Value {
 
 impl From<f32> for Value {
     fn from(number: f32) -> Value {
-        // 0.1, and not what is nearest to it in f32.
+        // 0.1, and not the f32 nearest to it.
         Value::Float(number.to_string().parse().unwrap_or(f64::from(number)))
     }
 }

@@ -23,23 +23,26 @@ pub(super) struct Stamp {
     file: u64,
 }
 
-/// When the file is to be read, by its stamps alone: a program that writes it may have written a part of it, or nothing yet.
+/// When the file is to be read, by its stamps alone: a program that writes it may have written a
+/// part of it, or nothing yet.
 #[derive(Debug)]
 struct Changes {
-    /// Of what was read last.
+    /// The stamp of what was read last.
     read: Option<Stamp>,
     /// At the last look; none if there was no file.
     last: Option<Stamp>,
 }
 
 impl Changes {
-    /// Whether what a look has found is to be read: it is not what was read last, and has not changed since the look before. One without a byte was not written yet.
+    /// Whether what a look has found is to be read: it is not what was read last, and has not
+    /// changed since the look before. One without a byte was not written yet.
     fn are_to_be_read(&mut self, found: Option<Stamp>) -> bool {
         let has_settled = std::mem::replace(&mut self.last, found) == found;
         has_settled && found.is_some_and(|found| found.length > 0) && found != self.read
     }
 
-    /// It was read. Whether that counts: it has not changed meanwhile, else the next looks go on from `now`.
+    /// It was read. Whether that counts: it has not changed meanwhile, else the next looks go on
+    /// from `now`.
     fn have_been_read(&mut self, now: Option<Stamp>) -> bool {
         let is_whole = self.last == now;
         if is_whole {
@@ -67,7 +70,8 @@ impl FileWatch {
         self.next
     }
 
-    /// Looks, if it is time to; reads the file if it is another. An error is for once: until the file changes again.
+    /// Looks, if it is time to; reads the file if it is another. An error is for once: until the
+    /// file changes again.
     pub(crate) fn look(&mut self, store: &Store) -> Result<(), SetError> {
         let now = Instant::now();
         if now < self.next {
@@ -82,7 +86,7 @@ impl FileWatch {
     }
 }
 
-/// None if there is no such file, or nothing can be said of it.
+/// None if there is no such file, or its metadata cannot be read.
 pub(super) fn stamp(file: &Path) -> Option<Stamp> {
     let about = std::fs::metadata(file).ok()?;
     #[cfg(unix)]

@@ -16,22 +16,25 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll, RawWakerVTable};
 
-/// Those who wait for a system's safe state.
+/// The tasks that wait for a system's safe state.
 #[derive(Debug)]
 pub(crate) struct Waiting(PiLock<Lists>);
 
-/// Who is listed while others are woken, since it was left again meanwhile or they have been told of it, waits for the next one: in another list than theirs, so that waking ends.
+/// Two lists, so that waking ends: a task that begins to wait while others are woken joins
+/// `waiting`, not `called`. It does so when the safe state was left again, or when it has already
+/// reported this one.
 #[derive(Debug)]
 struct Lists {
     waiting: WaitList,
-    /// Those who waited when it was entered last, and are still to be woken.
+    /// The tasks that waited when it was entered last, and are still to be woken.
     called: WaitList,
-    /// How often those who waited were called.
+    /// How often the waiting tasks were called.
     round: u32,
 }
 
 impl Lists {
-    /// Calls those who wait; gives the number of this round. O(1) if those of the round before have been woken.
+    /// Calls the waiting tasks. Returns the number of this round. O(1) if those of the round before
+    /// have been woken.
     fn call(&mut self) -> u32 {
         self.round = self.round.wrapping_add(1);
         if self.called.is_empty() {
@@ -47,7 +50,7 @@ impl Lists {
         self.round
     }
 
-    /// Where one is who was listed in this round.
+    /// The list of a task that was listed in this round.
     fn of_round(&mut self, round: u32) -> &mut WaitList {
         if round == self.round {
             &mut self.waiting
@@ -57,12 +60,13 @@ impl Lists {
     }
 }
 
-/// The node of one who waits.
+/// The node of a waiting task.
 #[repr(C)]
 struct Waiter {
-    /// First, so that the list's node leads back to this. The list's lock guards it while it is listed.
+    /// First, so that the list's node leads back to this. The list's lock guards it while it is
+    /// listed.
     wait: WaitNode,
-    /// Set and cleared under the lock. Once it is cleared nobody but the future touches this.
+    /// Set and cleared under the lock. Once it is cleared, only the future touches the node.
     is_listed: AtomicBool,
     /// In which round it was listed. The lock guards it.
     round: u32,
@@ -77,11 +81,12 @@ impl Waiting {
         }))
     }
 
-    /// Wakes all who wait, the most urgent first, but nobody who begins to wait meanwhile: the degree says by now what they wait for. O(their number); a system call for each whose thread sleeps.
+    /// Wakes all waiting tasks, the most urgent first, but none that begins to wait meanwhile:
+    /// those see the new degree. O(their number); a system call for each with a sleeping thread.
     pub(super) fn wake_all(&self) {
         let round = self.0.lock().call();
         while let Some(ready) = self.take(round) {
-            // The others are told all the same.
+            // A panic of one waker must not keep the others asleep.
             ready.wake_contained();
         }
     }
@@ -89,7 +94,7 @@ impl Waiting {
     fn take(&self, round: u32) -> Option<PendingWake> {
         let mut lists = self.0.lock();
         if lists.round != round {
-            // Who has entered it since then wakes the rest.
+            // A thread that has entered the safe state since then wakes the rest.
             return None;
         }
         let node = lists.called.first()?;
@@ -113,16 +118,17 @@ impl Waiting {
 pub struct SafeStateEntered {
     emergency: Arc<Emergency>,
     waiter: UnsafeCell<Waiter>,
-    /// It tells of each safe state once.
+    /// Whether it reports each safe state once.
     is_edge: bool,
-    /// The one it has told of.
+    /// The level that it has reported.
     told: Option<Level>,
-    /// With whose waker it was listed.
+    /// The waker with which it was listed.
     listed_for: Option<(*const (), &'static RawWakerVTable)>,
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the waiter is touched under the list's lock, or when it is in no list; the waker's address is only compared.
+// SAFETY: the waiter is touched under the list's lock, or when it is in no list; the waker's
+// address is only compared.
 unsafe impl Send for SafeStateEntered {}
 // SAFETY: `&SafeStateEntered` gives access to nothing that changes.
 unsafe impl Sync for SafeStateEntered {}
@@ -149,14 +155,14 @@ impl SafeStateEntered {
         edge
     }
 
-    /// The state that this is to tell of, if it is in one.
+    /// The level that this future is to report, if the system is in one.
     fn news(&self) -> Option<Level> {
         let level = self.emergency.journal.level();
         let is_news = !self.is_edge || self.told != Some(level);
         (level.degree() >= Degree::SafeState && is_news).then_some(level)
     }
 
-    /// Tells of it.
+    /// Reports it.
     fn tell(self: Pin<&mut Self>, news: Level) -> Poll<()> {
         // SAFETY: nothing is moved.
         unsafe { self.get_unchecked_mut() }.told = Some(news);
@@ -169,7 +175,8 @@ impl SafeStateEntered {
     }
 
     fn is_listed(&self) -> &AtomicBool {
-        // SAFETY: the flag is an atomic at a place of its own, so others may change it and the node.
+        // SAFETY: the flag is an atomic at a place of its own, so others may change it and the
+        // node.
         unsafe { &(*self.waiter.get()).is_listed }
     }
 }
@@ -189,7 +196,8 @@ impl Future for SafeStateEntered {
         let wakeup = WakeHandle::of(cx);
         let node = self.node();
         let mut lists = self.emergency.waiting.0.lock();
-        // Whoever enters it says so before it takes the lock: one of the two sees the other.
+        // A thread that enters the safe state sets the degree before it takes the lock: one of the
+        // two sees the other.
         if let Some(news) = self.news() {
             drop(lists);
             return self.tell(news);
@@ -222,7 +230,8 @@ impl Drop for SafeStateEntered {
         }
         let node = self.node();
         let mut lists = self.emergency.waiting.0.lock();
-        // SAFETY: the lock is held; a node that says so is in the list of its round.
+        // SAFETY: the lock is held; a node with `is_listed` set is in the list of its round, since
+        // both change under the lock only.
         let unused = unsafe {
             if !self.is_listed().load(Ordering::Relaxed) {
                 return;

@@ -1,9 +1,14 @@
-//! The guardian: a small program beside this one that brings the machine to safety when this one is gone, whatever killed it.
+//! The guardian: a small program beside this one that brings the machine to safety when this one is
+//! gone, whatever killed it.
 //!
-//! It is a process of its own because nothing within this one survives `kill -9`, the kernel's killer of programs that take too much memory, or a fault of the emergency functions' own memory. It is started by
-//! `exec`, not by a bare `fork`: a copy of a program with threads may only do what a handler of signals may, holds copies of all its descriptors, so that devices stay open and other pipes never end, and shares
-//! its pages until each is written, when memory may be short. And it learns of the death from the end of a pipe, not from a signal that the kernel sends at the parent's death: that one is sent at the end of
-//! the *thread* that made the child, can be lost between the start and the set-up, and is reset by a program with other privileges.
+//! It is a process of its own because nothing within this one survives `kill -9`, the kernel's
+//! killer of programs that take too much memory, or a fault of the emergency functions' own memory.
+//! It is started by `exec`, not by a bare `fork`: a copy of a program with threads may only do what
+//! a handler of signals may, holds copies of all its descriptors, so that devices stay open and
+//! other pipes never end, and shares its pages until each is written, when memory may be short. And
+//! it learns of the death from the end of a pipe, not from a signal that the kernel sends at the
+//! parent's death: that one is sent at the end of the *thread* that made the child, can be lost
+//! between the start and the set-up, and is reset by a program with other privileges.
 
 use super::emergency::Emergency;
 use super::state::{Cause, Degree};
@@ -27,21 +32,28 @@ const READY_WITHIN: Duration = Duration::from_secs(10);
 /// How long the end of a system waits for its guardian's.
 const ENDS_WITHIN: Duration = Duration::from_secs(2);
 
-/// What it is told at the orderly end, in a line: nothing is to be done.
+/// The line that it gets at the orderly end: nothing is to be done.
 const FAREWELL: &[u8] = b"safe\n";
 
-/// By this variable of the environment a program knows that it is a guardian.
+/// A program with this environment variable knows that it is a guardian.
 const VARIABLE: &str = "LUNA_GUARDIAN";
 
-/// A program to be started with a system, that brings the machine to safety if the system's program is killed: for [`System::guardian`](crate::System::guardian).
+/// A program to be started with a system, that brings the machine to safety if the system's program
+/// is killed: for [`System::guardian`](crate::System::guardian).
 ///
-/// Its standard input is a pipe that ends with the system's program, whatever killed it, kill -9 too. Within ten seconds of its start it writes a line to its standard output: it
-/// is ready. Then it reads to the end of the input. If the last line is `safe`, the system has ended in order, emergency functions and all, and nothing is to be done. If the
-/// input ends without, the guardian brings the machine to safety, as far as it can beside the hardware's own watchdog. It keeps the device open, or opens it then.
+/// Its standard input is a pipe that ends with the system's program, whatever killed it, kill -9
+/// too. Within ten seconds of its start it writes a line to its standard output: it is ready. Then
+/// it reads to the end of the input. If the last line is `safe`, the system has ended in order,
+/// emergency functions and all, and nothing is to be done. If the input ends without, the guardian
+/// brings the machine to safety, as far as it can beside the hardware's own watchdog. It keeps the
+/// device open, or opens it then.
 ///
-/// If it ends while the system runs, that is a warning ([`Cause::GuardianLost`](crate::Cause::GuardianLost)), and an emergency of a [`strict`](crate::System::strict) system.
+/// If it ends while the system runs, that is a warning
+/// ([`Cause::GuardianLost`](crate::Cause::GuardianLost)), and an emergency of a
+/// [`strict`](crate::System::strict) system.
 ///
-/// [`Guardian::this_program`] starts this program once more, which calls [`guard`](crate::guard()) first thing in `main`; [`Guardian::command`] another one, a shell's line at its simplest:
+/// [`Guardian::this_program`] starts this program once more, which calls [`guard`](crate::guard())
+/// first thing in `main`; [`Guardian::command`] another one, a shell's line at its simplest:
 ///
 /// ```
 /// use luna::{Guardian, prelude::*};
@@ -72,7 +84,8 @@ impl Guardian {
         }
     }
 
-    /// This program once more, whose `main` begins with [`guard`](crate::guard()): for a function in Rust, that knows the same devices.
+    /// This program once more, with a `main` that begins with [`guard`](crate::guard()): for a
+    /// function in Rust, that knows the same devices.
     ///
     /// On Linux it is started from the very file that runs, also if that was replaced meanwhile.
     pub fn this_program() -> Guardian {
@@ -82,7 +95,7 @@ impl Guardian {
             std::env::current_exe()
         };
         Guardian {
-            // Where the path is unknown, the start says so.
+            // If the path is unknown, the start fails with that error.
             program: itself.unwrap_or_default().into_os_string(),
             arguments: Vec::new(),
             is_this: true,
@@ -100,10 +113,13 @@ impl Guardian {
     }
 }
 
-/// Makes this program a guardian if it was started as one by [`Guardian::this_program`]: it does not return then. If not, it returns at once. To be called first thing in `main`.
+/// Makes this program a guardian if it was started as one by [`Guardian::this_program`]: it does
+/// not return then. If not, it returns at once. To be called first thing in `main`.
 ///
-/// `prepare` makes what is needed, such as a device that is opened; what it gives is handed to `neutral` when the system's program was killed. In between the guardian sleeps: in
-/// a session of its own, deaf to SIGINT, SIGTERM and SIGHUP, with its memory locked and at the priority of the emergency functions, as far as it is allowed to.
+/// `prepare` makes what is needed, such as a device that is opened; what it gives is handed to
+/// `neutral` when the system's program was killed. In between the guardian sleeps: in a session of
+/// its own, deaf to SIGINT, SIGTERM and SIGHUP, with its memory locked and at the priority of the
+/// emergency functions, as far as it is allowed to.
 ///
 /// ```no_run
 /// # fn build() -> luna::System { luna::System::new("arm") }
@@ -133,11 +149,11 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
     let mut input = std::io::stdin().lock();
     let mut last = [0; FAREWELL.len()];
     let policy = Policy::fifo(EMERGENCY_PRIORITY);
-    // Best effort, both: what is refused here was told of by the system itself.
+    // Best effort, both: the system itself has already reported a refusal.
     let _memory = memory::lock_memory().ok();
     let _ = apply_to_current(&Attributes::framework("luna-guardian", policy));
     if writeln!(std::io::stdout(), "ready").is_err() {
-        // It is gone already, or does not want to know.
+        // The system's program has ended, or has closed the pipe.
         std::process::exit(1);
     }
     let mut byte = [0];
@@ -158,9 +174,9 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
     std::process::exit(0);
 }
 
-/// A guardian that runs. Dropping it tells it that all is safe, if so, and waits for its end.
+/// A running guardian. Dropping this notifies it if all is safe, and waits for its end.
 pub(crate) struct GuardianWatch {
-    /// Whether it need not do anything when this is dropped: only if somebody has said so.
+    /// Whether it need not do anything when this is dropped: only if that was confirmed.
     is_safe: bool,
     child: Child,
     input: Option<ChildStdin>,
@@ -239,13 +255,15 @@ impl GuardianWatch {
 }
 
 impl GuardianWatch {
-    /// Ends it. What the emergency functions did not bring to safety, because one panicked or hung, is left to it.
+    /// Ends it. What the emergency functions did not bring to safety, because one panicked or hung,
+    /// is left to it.
     pub(crate) fn end(mut self, is_safe: bool) {
         self.is_safe = is_safe;
     }
 }
 
-/// Reads what the guardian says: that it is ready, and then until its end. Whether it was ready.
+/// Reads the guardian's output: that it is ready, and then until its end. Returns whether it was
+/// ready.
 fn hear(mut output: BufReader<ChildStdout>, ready: &mpsc::SyncSender<()>) -> bool {
     let mut line = Vec::new();
     if !matches!(output.read_until(b'\n', &mut line), Ok(length) if length > 0) {
@@ -254,7 +272,7 @@ fn hear(mut output: BufReader<ChildStdout>, ready: &mpsc::SyncSender<()>) -> boo
     if ready.send(()).is_err() {
         return false;
     }
-    // What else it says is nobody's concern, and must not fill the pipe.
+    // Its further output is not used, and must not fill the pipe.
     let _ = std::io::copy(&mut output, &mut std::io::sink());
     true
 }
@@ -279,17 +297,17 @@ impl Drop for GuardianWatch {
         if let Some(mut input) = self.input.take()
             && self.is_safe
         {
-            // One that has ended reads nothing.
+            // A guardian that has ended reads nothing.
             let _ = input.write_all(FAREWELL);
         }
-        // It hears of it by the end of its output, which `recv` does by the reader's end.
+        // Its end is noticed by the end of its output: the reader then drops its end of `ended`.
         if self.ended.recv_timeout(ENDS_WITHIN) == Err(mpsc::RecvTimeoutError::Timeout) {
             notice!("luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself");
             return;
         }
         let _ = self.child.wait();
         if let Some(reader) = self.reader.take() {
-            // It has nothing of the user's in it.
+            // It holds no user data.
             let _ = reader.join();
         }
     }

@@ -9,8 +9,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A system's safety state, to be read and changed from anywhere: from [`System::safety`](crate::System::safety), and in a process from [`luna::safety`](crate::safety()).
-/// Cloning it is cheap, and it may outlive the system.
+/// A system's safety state, to be read and changed from anywhere: from
+/// [`System::safety`](crate::System::safety), and in a process from
+/// [`luna::safety`](crate::safety()). Cloning it is cheap, and it may outlive the system.
 ///
 /// ```
 /// use luna::{Degree, prelude::*};
@@ -36,7 +37,8 @@ use std::time::Duration;
 #[derive(Clone)]
 pub struct Safety(Arc<Emergency>);
 
-/// The safety state of the system whose process this is called in; none outside of a system's threads. Real-time path: yes; O(1).
+/// The safety state of the system that the calling process belongs to; none outside of a system's
+/// threads. Real-time path: yes; O(1).
 ///
 /// ```
 /// assert!(luna::safety().is_none());
@@ -56,7 +58,8 @@ impl Safety {
         self.0.journal.degree()
     }
 
-    /// Whether outputs are to be neutral: in a safe state, and in an emergency too. Real-time path: yes; one atomic load.
+    /// Whether outputs are to be neutral: in a safe state, and in an emergency too. Real-time path:
+    /// yes; one atomic load.
     #[inline]
     pub fn is_safe_state(&self) -> bool {
         self.degree() >= Degree::SafeState
@@ -64,11 +67,14 @@ impl Safety {
 
     /// Waits until the system is in a safe state, or worse: at once if it is.
     ///
-    /// It is ready as long as that lasts. In a loop that awaits it again and again, as by [`Receiver::recv_unless`](crate::Receiver::recv_unless), it never waits then, and no
-    /// other process of the executor runs: there take [`safe_state_edge`](Self::safe_state_edge).
+    /// It is ready as long as that lasts. In a loop that awaits it again and again, as by
+    /// [`Receiver::recv_unless`](crate::Receiver::recv_unless), it never waits then, and no other
+    /// process of the executor runs: there take [`safe_state_edge`](Self::safe_state_edge).
     ///
-    /// If the state is left before the process runs, it waits on. An emergency that begins wakes nobody: its functions bring the machine to safety, and the processes are cancelled.
-    /// Cancel-safe. Real-time path: yes; O(1), or O(those who wait for it at lower priority) when it begins to wait, no allocation; polled again, it is two atomic loads.
+    /// If the state is left before the process runs, it waits on. An emergency that begins wakes no
+    /// waiter: its functions bring the machine to safety, and the processes are cancelled.
+    /// Cancel-safe. Real-time path: yes; O(1), or O(waiters of lower priority) when it begins to
+    /// wait, no allocation; polled again, it is two atomic loads.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -93,11 +99,14 @@ impl Safety {
         SafeStateEntered::new(self.0.clone())
     }
 
-    /// As [`safe_state_entered`](Self::safe_state_entered), but it tells of each safe state once: at once if the system is in one, and awaited again when the next one is entered.
+    /// As [`safe_state_entered`](Self::safe_state_entered), but it reports each safe state once: at
+    /// once if the system is in one, and awaited again when the next one is entered.
     ///
-    /// For a process that puts out something, and waits for its next value meanwhile ([`Receiver::recv_unless`](crate::Receiver::recv_unless)): so neutral is put out at
-    /// once, and not with the next value. Pin one for the whole body: another one tells of the same state again. Of a state that is left before the process runs it does not tell; an emergency
-    /// counts as a state of its own. Cancel-safe, cost and real-time path as there.
+    /// For a process that puts out something, and waits for its next value meanwhile
+    /// ([`Receiver::recv_unless`](crate::Receiver::recv_unless)): so neutral is put out at once,
+    /// and not with the next value. Pin one for the whole body: another one reports the same state
+    /// again. It does not report a state that is left before the process runs; an emergency counts
+    /// as a state of its own. Cancel-safe, cost and real-time path as there.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -142,8 +151,9 @@ impl Safety {
         SafeStateEntered::edge(self.0.clone())
     }
 
-    /// The state, with causes, processes' names and times. Not for the real-time path: it allocates, and takes the system's plain lock.
-    /// Nobody who says something waits for that: the state's own lock is held for a few moves only.
+    /// The state, with causes, processes' names and times. Not for the real-time path: it
+    /// allocates, and takes the system's plain lock. No thread that changes the state waits for
+    /// that: the state's own lock is held for a few moves only.
     pub fn state(&self) -> SafetyState {
         let mut state = self.0.journal.state();
         for event in state.events.iter_mut().chain(&mut state.latched) {
@@ -152,7 +162,8 @@ impl Safety {
         state
     }
 
-    /// Notes a warning: everything goes on. Real-time path: yes; O(1), no system call, no allocation.
+    /// Notes a warning: everything goes on. Real-time path: yes; O(1), no system call, no
+    /// allocation.
     pub fn warn(&self, cause: Error) {
         self.0.journal.note(
             Degree::Warning,
@@ -162,9 +173,13 @@ impl Safety {
         );
     }
 
-    /// Enters the safe state, if it is not that bad yet: the processes run on, and whoever asks [`is_safe_state`](Self::is_safe_state) from now on is told so; the
-    /// functions of [`on_safe_state`](crate::System::on_safe_state) run on the emergency manager's thread. It stays so until it is [`reset`](Self::reset).
-    /// Those who [wait for it](Self::safe_state_entered) are woken. Real-time path: yes; O(1 + those), no allocation, and one system call if there are such functions, and for each of those whose thread sleeps.
+    /// Enters the safe state, if the state is not that bad yet. The processes run on, and
+    /// [`is_safe_state`](Self::is_safe_state) is true from now on; the functions of
+    /// [`on_safe_state`](crate::System::on_safe_state) run on the emergency manager's thread. It
+    /// stays so until it is [`reset`](Self::reset). All that [wait for
+    /// it](Self::safe_state_entered) are woken. Real-time path: yes; O(1 + waiters), no allocation,
+    /// and one system call if there are such functions, and one for each waiter with a sleeping
+    /// thread.
     pub fn enter_safe_state(&self, cause: Error) {
         self.0.enter_safe_state(Cause::Raised(cause));
     }
@@ -174,27 +189,35 @@ impl Safety {
         self.0.trigger(Cause::Raised(cause));
     }
 
-    /// Leaves a warning or the safe state, for a reason that is kept with the other events. A person's decision, or that of a process that knows that what was wrong
-    /// is not any more. Real-time path: no, since it allocates, and may free what the causes hold; O(functions of the safe state).
+    /// Leaves a warning or the safe state, for a reason that is kept with the other events. A
+    /// person's decision, or that of a process that knows that what was wrong is not any more.
+    /// Real-time path: no, since it allocates, and may free what the causes hold; O(functions of
+    /// the safe state).
     ///
     /// # Errors
     ///
-    /// [`ResetError`]: an emergency is not left but by a new system, and functions of the safe state must have run.
+    /// [`ResetError`]: an emergency is not left but by a new system, and functions of the safe
+    /// state must have run.
     pub fn reset(&self, why: Error) -> Result<(), ResetError> {
         self.0
             .journal
             .reset(why, || self.0.at_safe_state.may_reset())
     }
 
-    /// Registers a function as [`System::on_emergency_within`](crate::System::on_emergency_within) does, from wherever something is set up that is to be brought to
-    /// safety: a driver that opens a device, say. Functions run in the order in which they were registered, whoever did it.
+    /// Registers a function as [`System::on_emergency_within`](crate::System::on_emergency_within)
+    /// does, from any place that sets up something to be brought to safety, such as a driver that
+    /// opens a device. Functions run in the order in which they were registered, from wherever that
+    /// was.
     ///
-    /// It may still be registered while the system runs, or while the others run in an emergency: then it runs behind them.
-    /// Not for the real-time path: it allocates, and the memory is taken before any lock.
+    /// It may still be registered while the system runs, or while the others run in an emergency:
+    /// then it runs behind them. Not for the real-time path: it allocates, and the memory is taken
+    /// before any lock.
     ///
     /// # Errors
     ///
-    /// [`SetupError::EmergencyOver`](crate::SetupError::EmergencyOver) if it would never be run: the functions have run, or the system has ended; [`SetupError::TooManyFunctions`](crate::SetupError::TooManyFunctions).
+    /// [`SetupError::EmergencyOver`](crate::SetupError::EmergencyOver) if it would never be run:
+    /// the functions have run, or the system has ended;
+    /// [`SetupError::TooManyFunctions`](crate::SetupError::TooManyFunctions).
     ///
     /// ```
     /// use luna::prelude::*;
@@ -233,8 +256,8 @@ pub struct SafetyFunction {
 }
 
 impl SafetyFunction {
-    /// Takes the function back, which is dropped, because what it was for is gone. Says whether it will not run; if not, it runs at this moment, or has run. Not for
-    /// the real-time path: it frees.
+    /// Withdraws and drops the function, because what it was for is gone. Returns whether it will
+    /// not run; if false, it runs at this moment, or has run. Not for the real-time path: it frees.
     pub fn withdraw(self) -> bool {
         self.emergency.withdraw_function(self.id)
     }

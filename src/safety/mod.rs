@@ -1,5 +1,6 @@
-//! What happens when something goes wrong: the emergency functions, run once, before anything else; how bad it is, and what is done before it is an
-//! emergency; watchdogs, which find it out; and budgets, which find out who takes too long.
+//! What happens when something goes wrong: the emergency functions, which run once, before anything
+//! else; the degrees below an emergency and their functions; watchdogs, which detect missing
+//! heartbeats; and budgets, which detect processes that take too long.
 
 mod budget;
 mod emergency;

@@ -16,7 +16,7 @@ pub(crate) struct ParentThread {
 }
 
 impl ParentThread {
-    /// Starts it; gives why it cannot be had, if the machine has it not.
+    /// Starts it. Returns the reason if the machine does not support it.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
         real_time: bool,
@@ -47,7 +47,7 @@ impl ParentThread {
         }))
     }
 
-    /// What a strict system says where it cannot be had.
+    /// The error of a strict system on a machine without it.
     pub(crate) fn refused(error: &io::Error) -> Error {
         let message = format!(
             "the parent process cannot be watched: {error}; Linux 5.3 or later can (pidfd_open(2))"
@@ -60,7 +60,7 @@ impl Drop for ParentThread {
     fn drop(&mut self) {
         self.watch.stop();
         if let Some(thread) = self.thread.take() {
-            // It has nothing of the user's in it.
+            // It holds no user data.
             let _ = thread.join();
         }
     }

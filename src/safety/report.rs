@@ -1,10 +1,11 @@
-//! What the report says of safety.
+//! The part of the report on safety.
 
 use super::emergency::{FunctionOutcome, FunctionReport};
 use super::state::{Degree, SafetyState};
 use std::fmt;
 
-/// How safe a system was, and how it went with its functions, in [`Report::safety`](crate::Report::safety).
+/// How safe a system was, and how it went with its functions, in
+/// [`Report::safety`](crate::Report::safety).
 ///
 /// ```
 /// use luna::{Degree, FunctionOutcome, prelude::*};
@@ -22,7 +23,7 @@ use std::fmt;
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct SafetyReport {
-    /// What was said, and what is latched at the end.
+    /// What was reported, and what is latched at the end.
     pub state: SafetyState,
     /// The functions of [`on_emergency`](crate::System::on_emergency), in their order.
     pub functions: Vec<FunctionReport>,
@@ -31,7 +32,7 @@ pub struct SafetyReport {
 }
 
 impl SafetyReport {
-    /// The functions of both kinds that did not come to their end as they should.
+    /// The functions of both kinds that did not run to their end as they should.
     pub fn failed(&self) -> impl Iterator<Item = &FunctionReport> {
         let all = self.functions.iter().chain(&self.safe_state_functions);
         all.filter(|one| {

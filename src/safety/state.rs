@@ -1,4 +1,5 @@
-//! How safe the machine is, as far as anybody has said: normal, warned of, in a safe state, in an emergency. Latched: it only gets worse, until somebody resets it.
+//! How safe the machine is, as far as it was reported: normal, warned of, in a safe state, in an
+//! emergency. Latched: it only gets worse, until it is reset.
 
 use crate::error::Error;
 use crate::logging::Log;
@@ -16,12 +17,13 @@ const KEPT: usize = 64;
 /// How bad it is. Each is worse than the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub enum Degree {
-    /// Nobody has said anything.
+    /// Nothing was reported.
     #[default]
     Normal,
-    /// Somebody has warned. Everything goes on.
+    /// There is a warning. Everything goes on.
     Warning,
-    /// All keeps running, and puts out what is neutral: processes ask [`is_safe_state`](crate::Safety::is_safe_state).
+    /// All keeps running, and puts out what is neutral: processes ask
+    /// [`is_safe_state`](crate::Safety::is_safe_state).
     SafeState,
     /// The emergency functions have run, or do; the system ends.
     Emergency,
@@ -53,7 +55,9 @@ impl fmt::Display for Degree {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Cause {
-    /// Somebody said so: [`luna::emergency`](crate::emergency()), [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise), [`Safety::warn`](crate::Safety::warn) and the like.
+    /// The program raised it: [`luna::emergency`](crate::emergency()),
+    /// [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise),
+    /// [`Safety::warn`](crate::Safety::warn) and the like.
     Raised(Error),
     /// A process, a timer's callback or a thread of the framework panicked.
     Panic,
@@ -62,13 +66,14 @@ pub enum Cause {
     /// Every process of a strict system waits for another.
     Deadlock,
     /// A signal came that asks the program to end (SIGINT is 2, SIGTERM 15, SIGHUP 1), or another
-    /// one whose default action ends it.
+    /// signal that ends a program by default.
     Signal(i32),
     /// The program that started this one has ended.
     ParentDied,
-    /// The guardian has ended: nobody would do anything if this program were killed.
+    /// The guardian has ended: nothing would bring the machine to safety if this program were
+    /// killed.
     GuardianLost,
-    /// Somebody has reset it, for this reason.
+    /// It was reset, for this reason.
     Reset(Error),
 }
 
@@ -87,19 +92,20 @@ impl fmt::Display for Cause {
     }
 }
 
-/// That the state changed, or that somebody said so again.
+/// The state changed, or the same degree was reported again.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyEvent {
-    /// What was said: how bad it is.
+    /// The degree that was reported.
     pub degree: Degree,
     /// Why.
     pub cause: Cause,
-    /// The process that said so; none if it was a plain thread, the framework, or the system outside.
+    /// The process that reported it; none if it was a plain thread, the framework, or something
+    /// outside of the system.
     pub process: Option<ProcessId>,
     /// That process' name, if it is still known.
     pub who: Option<String>,
-    /// When, on the clock of who said so.
+    /// When, on the clock of the reporting thread.
     pub at: Instant,
 }
 
@@ -122,9 +128,9 @@ pub struct SafetyState {
     pub degree: Degree,
     /// What made it so; none if it is normal.
     pub latched: Option<SafetyEvent>,
-    /// All that was said, in this order: the first 64.
+    /// All reports, in order: the first 64.
     pub events: Vec<SafetyEvent>,
-    /// How much more was said.
+    /// How many more there were.
     pub more_events: u64,
 }
 
@@ -141,7 +147,7 @@ impl fmt::Display for SafetyState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ResetError {
-    /// There is an emergency: the system ends, and is made anew.
+    /// There is an emergency: the system ends, and a new one has to be made.
     Emergency,
     /// The functions of [`on_safe_state`](crate::System::on_safe_state) still run.
     FunctionsRun,
@@ -162,7 +168,8 @@ impl fmt::Display for ResetError {
 
 impl std::error::Error for ResetError {}
 
-/// The degree, in the lowest two bits, and above how often a safe state was entered until then: in one word, so that nobody takes two safe states for one.
+/// The degree, in the lowest two bits, and above them how often a safe state was entered until
+/// then. Both are in one word, so that two safe states are never taken for one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Level(u32);
 
@@ -178,7 +185,7 @@ impl Level {
         Self(self.0 & !Self::DEGREE | degree as u32)
     }
 
-    /// What it becomes by somebody who says so; nothing if it is that bad already.
+    /// The level after a report of `degree`; nothing if it is that bad already.
     fn worsened(self, degree: Degree) -> Option<Self> {
         let entered = match degree {
             Degree::SafeState => Self(self.0.wrapping_add(Self::DEGREE + 1)),
@@ -188,30 +195,31 @@ impl Level {
     }
 }
 
-/// What was said, and what is latched. Who looks takes the lock for a few moves and never allocates under it, so that who says something on the real-time path waits for
-/// no reader's memory.
+/// What was reported, and what is latched. A reader takes the lock for a few moves and never
+/// allocates under it. So a report on the real-time path waits for no reader's memory.
 #[derive(Debug)]
 pub(crate) struct Journal {
     /// A [`Level`].
     level: AtomicU32,
-    /// The first events. Each place is written once, under the lock, and then read without it.
+    /// The first events. Each slot is written once, under the lock, and then read without it.
     kept: Box<[OnceLock<SafetyEvent>]>,
     book: PiLock<Book>,
-    /// Who records that it changes.
+    /// The log that records changes.
     log: OnceLock<Log>,
-    /// What was told.
+    /// The levels that were recorded.
     #[cfg(test)]
     told: std::sync::Mutex<Vec<Degree>>,
 }
 
 #[derive(Debug)]
 struct Book {
-    /// How many places of `kept` are written.
+    /// How many slots of `kept` are written.
     kept: usize,
     more: u64,
     /// What made it a warning, a safe state and an emergency.
     latched: [Option<Latched>; 3],
-    /// Where what is latched is when the places are used up. New ones come with a reset, which is off the path.
+    /// Holds the latched events when the slots are used up. New ones come with a reset, which is
+    /// off the real-time path.
     apart: Apart,
 }
 
@@ -241,14 +249,15 @@ impl Journal {
         }
     }
 
-    /// From now on this records that it changes.
+    /// From now on changes are recorded in `log`.
     pub(crate) fn record(&self, log: Log) {
         // A system is started once.
         let _ = self.log.set(log);
     }
 
-    /// Tells what it has become. The book is locked meanwhile, so that what is told last is what it is; to tell is wait-free, but for a lock that is held for a few moves on a thread that
-    /// is not recorded, and under which nobody takes another.
+    /// Records the new degree. The book is locked meanwhile, so that the last record is the current
+    /// degree. Recording is wait-free, except on a thread without a ring: there it takes a lock
+    /// that is held for a few moves, and under which no other lock is taken.
     fn tell(&self, _: &Book, degree: Degree, process: Option<ProcessId>) {
         #[cfg(test)]
         self.told.lock().unwrap().push(degree);
@@ -265,8 +274,9 @@ impl Journal {
         Level(self.level.load(Ordering::Acquire))
     }
 
-    /// Notes that somebody said so. If it was not that bad before, `admit` is asked first, so that no reset comes in between; without its consent nothing is noted.
-    /// O(1); no allocation: the cause is moved to its place.
+    /// Notes a report. If the state was not that bad before, `admit` is asked first, so that no
+    /// reset comes in between; without its consent nothing is noted. O(1); no allocation: the cause
+    /// is moved to its place.
     pub(crate) fn note(
         &self,
         degree: Degree,
@@ -283,14 +293,15 @@ impl Journal {
         };
         let mut changes = false;
         let by = event.process;
-        // Behind the event: what is not kept is the user's, and dropped without the lock.
+        // After the event is made: an event that is not kept is user data, and dropped without the
+        // lock.
         let mut book = self.book.lock();
         if matches!(event.cause, Cause::Signal(_))
             && self.latched(&book, Degree::Emergency, |latched| {
                 latched.cause == event.cause
             }) == Some(true)
         {
-            // Another member of the workers has heard of it just before.
+            // Another worker has received it just before.
             return;
         }
         if degree > self.degree() {
@@ -323,7 +334,7 @@ impl Journal {
 
     /// It is that bad at least. Without the lock.
     pub(super) fn worsen(&self, degree: Degree) {
-        // It is if this fails.
+        // If this fails, it is that bad already.
         let _ = self
             .level
             .fetch_update(Ordering::AcqRel, Ordering::Acquire, |level| {
@@ -356,7 +367,7 @@ impl Journal {
         if !may() {
             return Err(ResetError::FunctionsRun);
         }
-        // Under the lock nobody makes it worse meanwhile, but a crash.
+        // The lock is held, so only a crash can make the state worse meanwhile.
         let reset = self
             .level
             .fetch_update(Ordering::AcqRel, Ordering::Acquire, |level| {
@@ -406,7 +417,7 @@ impl Journal {
         }
     }
 
-    /// What `look` says of what made it that bad.
+    /// The result of `look` on the event that made it that bad.
     fn latched<R>(
         &self,
         book: &Book,
@@ -417,7 +428,7 @@ impl Journal {
         self.event(book.latched[slot]?, &book.apart[slot]).map(look)
     }
 
-    /// Takes the event to a place, which it gives; leaves it if there is no room.
+    /// Moves the event to a slot and returns that; leaves it if there is no room.
     fn keep(&self, book: &mut Book, event: &mut Option<SafetyEvent>) -> Option<usize> {
         let place = book.kept;
         let Some(room) = self.kept.get(place) else {

@@ -1,4 +1,5 @@
-//! Events as tracks of a Perfetto trace: what each process and each named part of one does, and whom each executor runs.
+//! Events as tracks of a Perfetto trace: what each process and each named part of one does, and
+//! what each executor runs.
 
 use super::events::Names;
 use super::perfetto::{INSTANT, PROCESS, THREADS, track};
@@ -24,22 +25,23 @@ enum State {
     Waiting,
 }
 
-/// What is open on the tracks.
+/// The open slices of the tracks.
 #[derive(Default)]
 pub(super) struct Activity {
     described: HashSet<u64>,
     processes: HashMap<u32, State>,
-    /// Whose slice is open on an executor's track: a process', or 0 while it sleeps.
+    /// The process with an open slice on an executor's track; 0 while the executor sleeps.
     executors: HashMap<u32, u32>,
-    /// The tracks of those sub-processes that live, and whether a slice is open there.
+    /// The tracks of running sub-processes, and whether a slice is open there.
     sub_processes: HashMap<u32, (Place, u64, bool)>,
-    /// The tracks of those that have ended, for who comes to the same place.
+    /// The tracks of ended processes, for later ones at the same place.
     free: HashMap<Place, Vec<u64>>,
     places: u64,
     flows: u64,
 }
 
-/// Where a sub-process stands: the track that it is below, and its name. One that begins again and again has one track.
+/// Where a sub-process stands: the track that it is below, and its name. One that begins again and
+/// again has one track.
 type Place = (u64, String);
 
 /// The packets of one event, in their order.
@@ -91,7 +93,7 @@ impl<E, P: FnMut(Message) -> Result<(), E>> Packets<'_, P> {
 }
 
 impl Activity {
-    /// Puts what an event says.
+    /// Adds an event to the trace.
     pub(super) fn put<E>(
         &mut self,
         names: &Names,
@@ -109,7 +111,7 @@ impl Activity {
         let words = names.words(event);
         match event.code {
             code::READY => {
-                // Who is told that it is ready while it runs, or once more, is what it was.
+                // A process that is woken while it runs, or once more, keeps its state.
                 let state = self.processes.get(&process);
                 if matches!(state, None | Some(State::Waiting)) {
                     turn(
@@ -223,7 +225,8 @@ impl Activity {
                     };
                     let track = packets.track(Subject::Process, process)?;
                     let name = format!("{does} {}", words.subject);
-                    // `flow_ids`, and where it ends `terminating_flow_ids`; only from one to another.
+                    // `flow_ids`, and where it ends `terminating_flow_ids`; only from one to
+                    // another.
                     packets.instant(track, &name, |event| match (a, b) {
                         (0, _) | (_, 0) => event,
                         _ if index == 0 => event.fixed(47, flow),
@@ -265,7 +268,8 @@ fn waiting(awaited: &str) -> String {
     }
 }
 
-/// A sub-process does something else now, or has ended. Of one whose begin was lost nothing is known.
+/// A sub-process does something else now, or has ended. If its begin was lost, nothing is known of
+/// it.
 fn sub_turn<E, P: FnMut(Message) -> Result<(), E>>(
     sub_processes: &mut HashMap<u32, (Place, u64, bool)>,
     packets: &mut Packets<'_, P>,
@@ -296,7 +300,7 @@ fn turn<E, P: FnMut(Message) -> Result<(), E>>(
     packets.begin(track, name)
 }
 
-/// An executor runs nobody now, or has woken.
+/// An executor runs no process now, or has woken.
 fn leave<E, P: FnMut(Message) -> Result<(), E>>(
     executors: &mut HashMap<u32, u32>,
     packets: &mut Packets<'_, P>,

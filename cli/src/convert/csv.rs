@@ -1,7 +1,9 @@
-//! CSV, as the thesis' recorder wrote it: a column of times and one for each element of each signal.
+//! CSV, as the thesis' recorder wrote it: a column of times and one for each element of each
+//! signal.
 //!
-//! Times are seconds from the first sample or message. What was sampled at one instant stands in one row; a signal that was not leaves its column empty, or, if that is asked for, holds its
-//! last value. Messages and events go to files beside it.
+//! Times are seconds from the first sample or message. What was sampled at one instant stands in
+//! one row; a signal that was not leaves its column empty, or, if that is asked for, holds its last
+//! value. Messages and events go to files beside it.
 
 use super::events::{Names, Words};
 use super::recording::{each, time};
@@ -13,7 +15,8 @@ use std::collections::{BTreeMap, BinaryHeap};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// How many samples are held back to put them in order: a recording is in order but for what a thread was interrupted in.
+/// How many samples are held back to put them in order: a recording is in order but for what a
+/// thread was interrupted in.
 const WINDOW: usize = 1 << 16;
 
 /// The columns of a signal.
@@ -153,7 +156,7 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
     Ok(converted)
 }
 
-/// Values that are ordered by nothing: what stands before them decides.
+/// Values without an order: the columns before them decide.
 struct Cells(Vec<Value>);
 
 impl PartialEq for Cells {

@@ -11,7 +11,7 @@ pub(super) struct Names {
     threads: HashMap<u32, String>,
 }
 
-/// An event in words; what has no meaning in it is empty.
+/// An event in words; a field without meaning is empty.
 pub(super) struct Words {
     pub(super) what: String,
     pub(super) subject: String,
@@ -20,7 +20,7 @@ pub(super) struct Words {
 }
 
 impl Names {
-    /// Learns what a record says of names.
+    /// Keeps the names of a record.
     pub(super) fn take(&mut self, record: &Record<'_>) {
         match record {
             Record::Name {
@@ -40,7 +40,7 @@ impl Names {
         }
     }
 
-    /// What it is called, or its kind and number.
+    /// Its name, or its kind and number.
     pub(super) fn of(&self, subject: Subject, number: u64) -> String {
         let kind = match subject {
             Subject::Process => "process",
@@ -57,7 +57,7 @@ impl Names {
         known.map_or_else(|| format!("{kind} {number}"), |(name, _)| name.clone())
     }
 
-    /// A process' name; empty for nobody.
+    /// A process' name; empty for none.
     fn process(&self, number: u64) -> String {
         match number {
             0 => String::new(),
@@ -75,7 +75,7 @@ impl Names {
         known.map_or(0, |(_, parent)| *parent)
     }
 
-    /// What a process waits for, as `WAITING` says it; empty if that is not known.
+    /// What a process waits for, in the words of `WAITING`; empty if that is not known.
     pub(super) fn awaited(&self, [kind, number]: [u64; 2]) -> String {
         let kinds = [
             Subject::Channel,

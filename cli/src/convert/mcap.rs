@@ -1,6 +1,8 @@
-//! MCAP, for Foxglove, Lichtblick and PlotJuggler: a topic for each signal, messages as Foxglove's `Log`, events and losses as topics of their own.
+//! MCAP, for Foxglove, Lichtblick and PlotJuggler: a topic for each signal, messages as Foxglove's
+//! `Log`, events and losses as topics of their own.
 //!
-//! Messages are JSON with a schema, which all of them read. Times are those of the day where the recording tells them, else those of its clock.
+//! Messages are JSON with a schema, which all of them read. Times are those of the day where the
+//! recording has them, else those of its clock.
 
 use super::events::{Names, Words};
 use super::recording::each;
@@ -280,7 +282,7 @@ fn put(
     writer.write_to_known_channel(&header, content.to_string().as_bytes())
 }
 
-/// A number as JSON has it: what is not finite is nothing there.
+/// A number as JSON has it: null if it is not finite.
 fn value(values: Values<'_>) -> Json {
     let one = |value: Value| match value {
         Value::Bool(value) => json!(value),

@@ -1,6 +1,7 @@
 //! `luna convert`: a recording in formats that other programs read.
 //!
-//! `recording` reads it, `csv`, `mcap` and `perfetto` write, `events` knows what events mean. Each holds in memory what the signals are, and a bounded number of samples.
+//! `recording` reads it, `csv`, `mcap` and `perfetto` write, `events` knows what events mean. Each
+//! holds in memory what the signals are, and a bounded number of samples.
 
 mod activity;
 mod csv;
@@ -27,7 +28,7 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
         .output
         .clone()
         .unwrap_or_else(|| input.with_extension(arguments.to.extension()));
-    // Also by another name: the recording would be gone before it is read.
+    // Also by another path: writing would erase the recording before it is read.
     let is_same = |one: &Path, other: &Path| {
         one == other
             || one
@@ -92,7 +93,7 @@ impl fmt::Display for Converted {
     }
 }
 
-/// Says what is damaged, and what became of it.
+/// Prints what is damaged, and what became of it.
 fn say_damage(input: &Path, converted: &Converted) -> ExitCode {
     let input = input.display();
     let Damage {

@@ -1,5 +1,6 @@
-//! A trace that opens in ui.perfetto.dev: each element of a signal is a counter track, each thread a track with its messages as instants, and with events each process and
-//! executor one with what it does (`activity`).
+//! A trace that opens in ui.perfetto.dev: each element of a signal is a counter track, each thread
+//! a track with its messages as instants, and with events each process and executor one with what
+//! it does (`activity`).
 //!
 //! Field numbers are those of `perfetto_trace.proto`; they never change.
 
@@ -38,7 +39,7 @@ pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
         names.take(record);
         let mut put = |packet: Message| {
             let packet = packet.number(10, SEQUENCE);
-            // The first says that nothing before it is needed to understand what follows.
+            // In the first packet: nothing before it is needed to understand what follows.
             let packet = if std::mem::take(&mut is_first) {
                 packet.number(13, 1)
             } else {

@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// How many errors are said in full.
+/// How many errors are printed in full.
 const MOST_SAID: usize = 5;
 
 /// A recording that can be opened.
@@ -48,7 +48,7 @@ pub(super) fn each(
                 if damage.found.len() < MOST_SAID {
                     damage.found.push(error);
                 }
-                // What comes behind is as good as what came before.
+                // The blocks after the damage are as good as those before.
                 match reader.resume() {
                     Ok(Some(skipped)) => damage.skipped += skipped,
                     Ok(None) | Err(_) => break,

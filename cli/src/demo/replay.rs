@@ -10,7 +10,7 @@ use luna_jiwy::{Settings, Start, hardware, network};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What the recording keeps, for the same network to be made again.
+/// The settings in the recording, which make the same network again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Kept {
     seconds: f64,
@@ -49,7 +49,7 @@ struct Replayed {
     after_events: Option<u64>,
 }
 
-/// Lets the system be recorded, if that is asked for.
+/// Records the system, on request.
 pub(super) fn record(system: &mut System, arguments: &args::Demo) {
     let Some(path) = &arguments.record else {
         return;
@@ -88,13 +88,13 @@ pub(super) fn text(recorded: Option<&Recorded>) -> String {
     })
 }
 
-/// Does the recorded run again and says whether it came out the same; gives that.
+/// Repeats the recorded run. Prints and returns whether its outputs were the same.
 pub(super) fn replay(path: &Path, arguments: &args::Demo) -> Result<bool, Failure> {
     let unusable = |error| Failure::Recording {
         path: path.to_owned(),
         error: Box::new(error),
     };
-    // One that lost events is good up to there; a damaged one is not to be trusted.
+    // A recording that lost events is good up to there; a damaged one is not to be trusted.
     let recording = Recording::open(path).map_err(unusable)?;
     let kept: Kept =
         serde_json::from_str(recording.note()).map_err(|_| unusable(RecordError::NoRecording))?;

@@ -1,11 +1,13 @@
-//! Table 4 of the LUNA paper (the thesis' appendix I): how well a robot's loop keeps its time, and how long a cycle takes. This run's row beside the paper's.
+//! Table 4 of the LUNA paper (the thesis' appendix I): how well a robot's loop keeps its time, and
+//! how long a cycle takes. This run's row beside the paper's.
 
 use luna::Report;
 use luna_jiwy::network::{self, LOOP};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// A row of the table. On a virtual clock time stands while processes run: there the processing takes none.
+/// A row of the table. On a virtual clock, time stops while processes run: there the processing
+/// takes none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Row {
     /// As asked for.
@@ -16,10 +18,11 @@ pub(crate) struct Row {
     pub(crate) cycle_ms: CycleTime,
     /// The standard deviation of that.
     pub(crate) stddev_us: f64,
-    /// From a cycle's begin until all that control have done their part of it and the timer asks for the next.
+    /// From a cycle's begin until all that control have done their part of it and the timer asks
+    /// for the next.
     pub(crate) processing_us: Processing,
-    /// The processor time of the executor that controls, by cycles: the processing, and its sleep and wake-up too. Nothing where the system does not tell, and on a
-    /// virtual clock.
+    /// The processor time of the controlling executor, by cycles: the processing, and its sleep and
+    /// wake-up too. None where the system does not count it, and on a virtual clock.
     pub(crate) processor_us: Option<f64>,
     /// How often the processor went to a process, by cycles.
     pub(crate) switches: Switches,
@@ -45,13 +48,14 @@ pub(crate) struct Processing {
 /// How often the processor went to a process, by cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Switches {
-    /// To one of those that control: what the processing time is that of.
+    /// Switches to a controlling process: the processing time is that of these.
     pub(crate) control: f64,
-    /// To any, with the simulated machine and the operator.
+    /// Switches to any process, with the simulated machine and the operator.
     pub(crate) all: f64,
 }
 
-/// What `report` says of the run at `rate`, with the processes that control on the executor `control`; nothing if their loop never came to run.
+/// The row of `report` for the run at `rate`, with the controlling processes on the executor
+/// `control`; none if their loop never ran.
 pub(super) fn row(report: &Report, rate: u32, control: &str) -> Option<Row> {
     let timer = report.loops.get(LOOP).filter(|timer| timer.cycles > 0)?;
     let cycles = timer.cycles as f64;
@@ -88,10 +92,12 @@ pub(super) fn row(report: &Report, rate: u32, control: &str) -> Option<Row> {
     })
 }
 
-/// A row of the paper: who, at which rate (Hz), cycle time (ms: mean, min, max), its standard deviation (µs), processing time (µs).
+/// A row of the paper: system, rate (Hz), cycle time (ms: mean, min, max), its standard deviation
+/// (µs), processing time (µs).
 type PaperRow = (&'static str, f64, [f64; 3], f64, f64);
 
-/// Measured for about 60 s a row, on a PC/104 of 600 MHz. Its timer could not keep 1000 Hz, but 1000.15.
+/// Measured for about 60 s a row, on a PC/104 of 600 MHz. Its timer could not keep 1000 Hz, but
+/// 1000.15.
 const PAPER: [PaperRow; 9] = [
     (
         "LUNA, user threads",
@@ -116,7 +122,8 @@ const PAPER: [PaperRow; 9] = [
     ("CTC++", 1000.15, [1.00, 0.91, 1.10], 20.7, 172.5),
 ];
 
-/// The run's row above those of the paper at its rate, and what its columns are. `took` is what the run really took: on a virtual clock that is all that there is to tell.
+/// The run's row above those of the paper at its rate, and what its columns are. `took` is the real
+/// duration of the run: on a virtual clock nothing else is shown.
 pub(super) fn text(row: &Row, is_virtual: bool, took: std::time::Duration) -> String {
     let mut text = format!(
         "{:<26}{:>9} | {:>8} {:>8} {:>8} {:>8} | {:>8} | {:>8}\n",

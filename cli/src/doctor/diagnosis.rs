@@ -1,4 +1,5 @@
-//! All findings, and what they come to. As JSON this is what `luna doctor --json` prints; its keys are stable.
+//! All findings, and what they come to. As JSON this is what `luna doctor --json` prints; its keys
+//! are stable.
 
 use super::finding::{Finding, Part, Verdict};
 use super::machine::Machine;
@@ -7,10 +8,10 @@ use serde::Serialize;
 /// Rises when a key changes its meaning or goes.
 const SCHEMA: u32 = 2;
 
-/// Without these nothing can be said.
+/// Without these no verdict is possible.
 const ESSENTIAL: [&str; 2] = ["preemption", "real-time-policy"];
 
-/// What the findings come to.
+/// The verdict of all findings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Fitness {
@@ -23,7 +24,8 @@ pub(crate) enum Fitness {
     Unfit,
     /// A self-test failed or hung.
     Broken,
-    /// Nothing is bad, but too little could be read: the preemption model, or whether SCHED_FIFO can be had.
+    /// Nothing is bad, but too little could be read: the preemption model, or whether SCHED_FIFO
+    /// can be had.
     Unknown,
 }
 

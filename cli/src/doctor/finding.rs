@@ -4,15 +4,15 @@ use super::machine::Machine;
 use luna_platform::facts::{Unread, UnreadReason};
 use serde::Serialize;
 
-/// How good it is.
+/// The verdict of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
     /// As it should be.
     Good,
-    /// Nobody told.
+    /// Not known.
     Unknown,
-    /// A loop can be kept, and would be kept better.
+    /// A loop keeps its period, but could keep it better.
     CouldBeBetter,
     /// A loop cannot be kept, or not always.
     Bad,
@@ -53,11 +53,12 @@ pub(crate) struct Finding {
     pub(crate) verdict: Verdict,
     /// What was read or measured, or why nothing was.
     pub(crate) read: String,
-    /// The file or the call that said so.
+    /// The file or the call that it was read from.
     pub(crate) from: String,
-    /// What it has to do with keeping time.
+    /// How it bears on timing.
     pub(crate) why: &'static str,
-    /// What to do, with the command or kernel parameter; for what is unknown, how to know. Nothing for what is good.
+    /// What to do, with the command or kernel parameter; for what is unknown, how to know. Nothing
+    /// for what is good.
     pub(crate) advice: Option<String>,
     /// Of a measurement.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -71,7 +72,7 @@ pub(crate) struct Times {
     pub(crate) samples: usize,
     /// The shortest.
     pub(crate) min: u64,
-    /// Half of them are at most this.
+    /// The median.
     pub(crate) p50: u64,
     /// 99 of 100 are.
     pub(crate) p99: u64,
@@ -99,7 +100,7 @@ impl Seen {
         }
     }
 
-    /// Could be better, by what is advised.
+    /// Could be better: see the advice.
     pub(crate) fn better(
         read: impl Into<String>,
         from: impl Into<String>,
@@ -112,7 +113,7 @@ impl Seen {
         }
     }
 
-    /// Bad, until what is advised is done.
+    /// Bad, until the advice is followed.
     pub(crate) fn bad(
         read: impl Into<String>,
         from: impl Into<String>,
@@ -124,7 +125,7 @@ impl Seen {
         }
     }
 
-    /// Not told by what was read; the advice says how to know.
+    /// What was read does not show it; the advice says how to find out.
     pub(crate) fn unknown(
         read: impl Into<String>,
         from: impl Into<String>,
@@ -144,7 +145,7 @@ pub(crate) struct Check {
     pub(crate) name: &'static str,
     /// The finding's.
     pub(crate) why: &'static str,
-    /// How to know if the files do not tell.
+    /// How to find out if the files do not show it.
     pub(crate) otherwise: &'static str,
     /// An error makes the finding an unknown one.
     pub(crate) look: fn(&Machine) -> Result<Seen, Unread>,

@@ -85,7 +85,8 @@ impl Machine {
         self.source.read(COMMAND_LINE)
     }
 
-    /// The value of an option of the kernel's configuration, `n` where it is not there, and the file that says so.
+    /// The value of an option of the kernel's configuration, `n` where it is not there, and the
+    /// file that says so.
     pub(crate) fn option(&self, name: &str) -> Result<(String, String), Unread> {
         let (text, file) = self.config()?;
         Ok((config::option(&text, name).unwrap_or("n").to_owned(), file))

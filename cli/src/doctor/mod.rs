@@ -30,7 +30,7 @@ const EACH_QUICK: Duration = Duration::from_millis(40);
 /// Examines, prints, and gives the exit code.
 pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
     let source = match &arguments.root {
-        // A folder that is not there would make everything unknown, which is not what was meant.
+        // With a missing folder everything would be unknown: it is a mistake of the user.
         Some(root) if !root.is_dir() => return Err(Failure::Root { path: root.clone() }),
         Some(root) => Source::folder(root),
         None => Source::machine(),
@@ -43,7 +43,7 @@ pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
     }
 
     let mut findings = look(&machine);
-    // Another machine's files say nothing of how fast this one is.
+    // Another machine's files do not show how fast this one is.
     if machine.source.is_machine() {
         if !arguments.no_measure {
             let measured = measure(&machine, arguments.quick, &mut findings);
@@ -66,12 +66,12 @@ pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(diagnosis.exit_code))
 }
 
-/// All that the files say.
+/// The findings of all files.
 fn look(machine: &Machine) -> Vec<Finding> {
     checks::all().map(|check| check.find(machine)).collect()
 }
 
-/// All that is measured; and what was stolen meanwhile, in the place of what was since the start.
+/// All that is measured. The steal meanwhile replaces that since the start.
 fn measure(machine: &Machine, quick: bool, looked: &mut [Finding]) -> Vec<Finding> {
     let time = || machine.source.parse("/proc/stat", cpu_time).ok();
     let before = time();

@@ -11,7 +11,8 @@ const NAME: usize = 23;
 /// Of the verdicts, with the gap behind them.
 const VERDICT: usize = 16;
 
-/// Draws it: one line for what is good, more for the rest; with `explain` also why each finding matters.
+/// Draws it: one line for what is good, more for the rest; with `explain` also why each finding
+/// matters.
 pub(crate) fn draw(diagnosis: &Diagnosis, explain: bool) -> String {
     let mut text = String::new();
     let whose = match diagnosis.this_machine {

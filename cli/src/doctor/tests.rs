@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::PathBuf;
 
-/// Machines, each in one text: sections that begin with `=== `, of which those with a path are files.
+/// Machines, each in one text: sections that begin with `=== `. Those with a path are files.
 const MACHINES: [(&str, &str); 5] = [
     ("tuned", include_str!("../../tests/machines/tuned.txt")),
     ("laptop", include_str!("../../tests/machines/laptop.txt")),
@@ -24,7 +24,7 @@ const MACHINES: [(&str, &str); 5] = [
     ("old", include_str!("../../tests/machines/old.txt")),
 ];
 
-/// One of them, unpacked into a folder, which is gone when this is dropped.
+/// One of the machines, unpacked into a folder, which is removed when this is dropped.
 struct Unpacked {
     sections: BTreeMap<&'static str, &'static str>,
     root: PathBuf,
@@ -177,7 +177,7 @@ fn advice_is_to_be_copied() {
 #[test]
 fn what_was_read_is_told() {
     for (machine, name, part) in [
-        // The deepest one that is not switched off.
+        // The deepest state that is not switched off.
         ("laptop", "idle-states", "C8, which takes 200 us"),
         ("laptop", "irqs-on-core", "128 (xhci_hcd, 913224 times)"),
         ("laptop", "irqs-on-core", "and 1 more"),
@@ -223,7 +223,7 @@ fn an_empty_folder_makes_everything_unknown_or_told() {
         .filter(|finding| finding.verdict != Verdict::Unknown)
         .map(|finding| finding.name.as_str())
         .collect();
-    // That there is no such file is what these say.
+    // These findings rest on a file that does not exist.
     let by_absence = [
         "autogroup",
         "tickless-cores",
@@ -343,7 +343,8 @@ fn random_digit(word: &[u8]) -> bool {
     word.first().is_some_and(u8::is_ascii_digit)
 }
 
-/// Whatever the files hold, there are the same findings, each with a verdict and words, and a table of the right width.
+/// Whatever the files hold, there are the same findings, each with a verdict and words, and a table
+/// of the right width.
 #[test]
 fn broken_files_break_nothing() {
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
@@ -392,7 +393,7 @@ fn the_documentation_has_a_heading_for_each_finding() {
     assert_eq!(headings, names);
 }
 
-/// The steal of one second is told beside that since the start, and the worse one counts.
+/// The steal of one second is shown beside that since the start, and the worse one counts.
 #[test]
 fn steal_now_and_since_the_start() {
     let unpacked = Unpacked::new("steal", "tuned", MACHINES[0].1);
@@ -404,7 +405,7 @@ fn steal_now_and_since_the_start() {
         (time(1000, 500), time(2000, 500), Verdict::Good),
         (time(1000, 0), time(2000, 10), Verdict::CouldBeBetter),
         (time(1000, 0), time(2000, 100), Verdict::Bad),
-        // No tick meanwhile.
+        // No tick in between.
         (time(1000, 0), time(1000, 0), Verdict::Good),
     ] {
         let mut found = look(&unpacked.machine());

@@ -46,7 +46,7 @@ impl Sink for File {
         self.take(head)?;
         self.file.begin(head)?;
         if let Some(scope) = &mut self.scope {
-            // Nobody can look at it any more: that is no reason to keep no file.
+            // The scope has failed: the file is kept all the same.
             let _ = scope.begin(head);
         }
         Ok(())

@@ -18,7 +18,7 @@ pub(super) struct Shown {
     reader: Reader<VecDeque<u8>>,
     processes: HashMap<u32, String>,
     threads: HashMap<u32, String>,
-    /// From the recording's clock to nanoseconds since 1970, if that was told.
+    /// From the recording's clock to nanoseconds since 1970, if the recording has it.
     offset: Option<i64>,
 }
 
@@ -35,7 +35,7 @@ impl Shown {
         }
     }
 
-    /// Shows what is in a block. What makes no sense is left out: the file has it.
+    /// Shows the messages of a block. Records that make no sense are left out: the file has them.
     pub(super) fn block(&mut self, block: &[u8]) {
         self.reader.input().extend(block);
         loop {

@@ -1,6 +1,7 @@
 //! `luna record`: receives what other programs record, a file for each, and shows their messages.
 //!
-//! `file` is where a sender's blocks go, `messages` what is shown of them, `name` how the files are called.
+//! `file` is where a sender's blocks go, `messages` what is shown of them, `name` how the files are
+//! called.
 
 mod file;
 mod messages;
@@ -29,7 +30,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         error,
     };
     let (end, ends) = channel();
-    // Before any thread is made: all of them leave the signals to the one that waits for them.
+    // Before any thread is made: all threads then leave the signals to the one that waits for them.
     signals::tell(end.clone());
     let scope = arguments.scope.map(crate::scope::at).transpose()?;
     let receiver = match arguments.udp {
@@ -58,7 +59,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A line on standard output. Nobody may read there any more: that is no reason to record no more.
+/// A line on standard output. Its reading end may be closed: the recording goes on.
 fn say(line: impl Display) {
     let _ = writeln!(io::stdout().lock(), "{line}");
 }
@@ -69,7 +70,7 @@ struct Desk {
     show: Messages,
     limit: u64,
     end: Sender<()>,
-    /// Who began last is shown there.
+    /// It shows the sender that began last.
     scope: Option<Scope>,
     /// The names of those that are known.
     files: Mutex<HashMap<(SocketAddr, u32), PathBuf>>,

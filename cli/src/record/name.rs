@@ -34,7 +34,8 @@ pub(super) fn new_file(folder: &Path, peer: &Peer) -> io::Result<PathBuf> {
     Err(io::Error::other("there are too many files of this name"))
 }
 
-/// A name as a part of a file's name and of a line: letters, digits, `-` and `_`, at most 64 of them.
+/// A name as a part of a file's name and of a line: letters, digits, `-` and `_`, at most 64 of
+/// them.
 pub(super) fn plain(name: &str) -> String {
     let plain: String = name
         .chars()
@@ -54,7 +55,8 @@ pub(super) fn plain(name: &str) -> String {
 pub(super) fn utc(nanos: i64) -> ((i64, u32, u32), u32) {
     let seconds = nanos.div_euclid(1_000_000_000);
     let second = seconds.rem_euclid(86_400) as u32;
-    // Years that begin in March: the day that some have more is the last. Eras of 400 years are alike.
+    // Years that begin in March: the day that some have more is the last. Eras of 400 years are
+    // alike.
     let day = seconds.div_euclid(86_400) + 719_468;
     let (era, day) = (day.div_euclid(146_097), day.rem_euclid(146_097));
     let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;

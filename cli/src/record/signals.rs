@@ -2,7 +2,7 @@
 
 use std::sync::mpsc::Sender;
 
-/// Has `end` told when the program is asked to end. To be called before threads are made.
+/// Calls `end` when the program is asked to end. To be called before threads are made.
 #[cfg(unix)]
 pub(super) fn tell(end: Sender<()>) {
     use nix::sys::signal::{SigSet, Signal};
@@ -18,7 +18,7 @@ pub(super) fn tell(end: Sender<()>) {
     std::thread::spawn(move || {
         let _ = signals.wait();
         let _ = end.send(());
-        // Who asks twice has a disk that stands.
+        // A second signal means that the disk stalls: exit at once.
         let _ = signals.wait();
         std::process::exit(1);
     });

@@ -25,7 +25,8 @@ fn the_demo_runs_through_a_simulated_card() {
             "other",
         ])
     };
-    // A busy machine may hold it up for longer than an encoder can be left alone, which ends the link; not each time.
+    // A busy machine may hold it up for longer than an encoder can be left alone, which ends the
+    // link; not each time.
     let is_lost = |output: &Output| String::from_utf8_lossy(&output.stderr).contains("` is lost: ");
     let output = (0..10).map(|_| demo()).find(|output| !is_lost(output));
     let output = output.expect("the card is not lost each time");

@@ -76,7 +76,7 @@ fn demo_prints_json() {
         (Some(1000.0), Some(500))
     );
     let mean = table["cycle_ms"]["mean"].as_f64().expect("a mean");
-    // Milliseconds: later than this no machine is, but microseconds would be.
+    // Milliseconds: no machine is later than this, but microseconds would be too strict.
     assert!((0.9..500.0).contains(&mean), "{table}");
     let switches = |of: &str| table["switches"][of].as_f64().expect("switches");
     // Each of the 44 that control has at least one turn a cycle.
@@ -180,7 +180,8 @@ fn demo_takes_a_recording() {
         "--joystick",
         path.to_str().expect("a path"),
     ]);
-    // Half of the ranges, 1.2 and 0.5 rad; whatever the machine's jitter, they are about there by then.
+    // Half of the ranges, 1.2 and 0.5 rad; whatever the machine's jitter, they are about there by
+    // then.
     for (axis, expected) in [(0, 34.4), (1, -14.3)] {
         let angle = demo["axes"][axis]["final_state"]["angle_deg"]
             .as_f64()
@@ -189,7 +190,7 @@ fn demo_takes_a_recording() {
     }
 }
 
-/// Ctrl-C ends the demo in order: there is a report, which says that the run was cut short.
+/// Ctrl-C ends the demo in order: its report has that the run was cut short.
 #[cfg(target_os = "linux")]
 #[test]
 fn interrupted_demo_still_reports() {
@@ -263,7 +264,7 @@ fn jitter_prints_json_and_writes_its_histogram() {
 
 #[test]
 fn jitter_prints_text() {
-    // Of more loops than a system has room for unless it is asked for more.
+    // More loops than a system has room for by default.
     let output = luna(&[
         "jitter", "--loops", "50", "--policy", "other", "--others", "20",
     ]);

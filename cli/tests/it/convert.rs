@@ -33,7 +33,8 @@ fn recording(test: &str) -> (PathBuf, PathBuf) {
 const BASE: u64 = 50_000_000_000;
 const UNIX: i64 = 1_700_000_000_000_000_000;
 
-/// Two threads, three signals, one of them a vector; a sample out of order, two at one instant; messages; losses.
+/// Two threads, three signals, one of them a vector; a sample out of order, two at one instant;
+/// messages; losses.
 fn bytes() -> Vec<u8> {
     let mut writer = Writer::new(Vec::new()).unwrap();
     let signal = |number, element_type, elements, name, unit| {
@@ -438,7 +439,8 @@ fn mcap_is_read_by_the_readers_of_its_format() {
     assert_eq!(unit.metadata["unit"], "N");
 }
 
-/// The Python package `perfetto` brings the trace's own schema. `.ci/run` installs it and names a Python that has it.
+/// The Python package `perfetto` brings the trace's own schema. `.ci/run` installs it and names a
+/// Python that has it.
 #[test]
 fn perfetto_traces_are_read_by_their_own_schema() {
     let (folder, file) = recording("perfetto");
@@ -483,7 +485,7 @@ fn a_truncated_recording_is_converted_as_far_as_it_goes() {
     let (folder, file) = recording("truncated");
     let mut whole = bytes();
     let length = whole.len();
-    // A second block, of which the end is missing.
+    // A second block with a missing end.
     let second = whole[16..].to_vec();
     whole.extend_from_slice(&second[..second.len() - 9]);
     fs::write(&file, &whole).unwrap();

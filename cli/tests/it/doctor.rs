@@ -41,7 +41,7 @@ fn this_machine_is_examined_measured_and_tested() {
     // Whatever the machine is like, the library works on it.
     assert_ne!(diagnosis["fitness"], "broken", "{diagnosis}");
     assert_eq!(diagnosis["schema"], 2);
-    // What a self-test provokes on purpose is not told.
+    // What a self-test provokes on purpose is not printed.
     let errors = text(&output.stderr);
     assert!(!errors.contains("luna: process"), "{errors}");
     assert_eq!(diagnosis["this_machine"], true);
@@ -128,7 +128,7 @@ fn another_machines_files() {
     let limits = PathBuf::from(root).join("proc/self/limits");
     std::fs::write(limits, "Max realtime priority 0 0\n").expect("a file");
     assert_eq!(doctor(&["--root", root]).status.code(), Some(1));
-    // Nothing is bad where nothing could be read, but nobody can say that it is fit.
+    // Nothing is bad where nothing could be read, but fitness is not shown either.
     let nothing = doctor(&["--root", env!("CARGO_TARGET_TMPDIR")]);
     assert_eq!(nothing.status.code(), Some(4));
 

@@ -156,13 +156,13 @@ fn several_senders_have_a_file_each_and_ctrl_c_leaves_them_whole() {
     let second = record(&address, "leg", 20);
     assert_eq!(first.finish().signals[0].recorded, 10);
     listening.line("arm (127.0.0.1");
-    // Who is none of ours disturbs nobody.
+    // A peer with another protocol disturbs no sender.
     let mut stranger = TcpStream::connect(address.strip_prefix("tcp://").unwrap()).unwrap();
     stranger.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
     let _ = stranger.shutdown(Shutdown::Write);
     listening.line("is refused: the peer is not LUNA's");
     assert_eq!(second.finish().signals[0].recorded, 20);
-    // Nobody is there any more when it ends.
+    // No sender is left when it ends.
     let third = record_and_end_within(Duration::ZERO, &address, "eye", 30);
     // All of it has come when its last message is shown.
     listening.line("eye/");

@@ -17,7 +17,8 @@ fn luna(arguments: &[&str]) -> Command {
     command
 }
 
-/// Starts it; gives where its scope listens, with the token behind a slash and a hash if there is one.
+/// Starts it. Returns where its scope listens, with the token behind a slash and a hash if there is
+/// one.
 fn served(arguments: &[&str]) -> (Child, String) {
     let mut child = luna(arguments)
         .stdout(Stdio::null())
@@ -30,7 +31,7 @@ fn served(arguments: &[&str]) -> (Child, String) {
         let address = line.strip_prefix("scope: http://")?;
         Some(address.strip_suffix('/').unwrap_or(address).to_owned())
     });
-    // What it says later is to find a reader.
+    // A reader for its later output.
     std::thread::spawn(move || lines.for_each(drop));
     (child, address.expect("it says where"))
 }
@@ -91,7 +92,7 @@ fn hear(viewer: &mut Viewer, of: &str) -> Value {
     }
 }
 
-/// Says it, and hears what comes of it.
+/// Sends it, and returns the answer.
 fn say(viewer: &mut Viewer, word: &Value, answer: &str) -> Value {
     let text = Message::text(word.to_string());
     viewer.send(text).expect("it hears");
@@ -229,7 +230,8 @@ fn once_ends_with_the_recording_and_says_whether_it_was_whole() {
     assert_eq!(code, Some(2), "{said}");
 }
 
-/// How a program ends by itself, and the last line that it says. One that does not end within a minute is ended.
+/// How a program ends by itself, and its last line of output. A program that does not end within a
+/// minute is killed.
 fn end_of(arguments: &[&str]) -> (Option<i32>, String) {
     let mut child = luna(arguments)
         .stdout(Stdio::null())

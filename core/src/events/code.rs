@@ -1,4 +1,4 @@
-//! The codes of events. `docs/logger.md` describes their subjects and numbers.
+//! What events are there. `docs/events.md` says what their subjects and numbers are.
 
 /// A process has become ready.
 pub const READY: u16 = 1;
@@ -56,9 +56,9 @@ pub const NAMES: [(u16, &str); 17] = [
     (STOLEN, "stolen"),
 ];
 
-/// In [`WAITING`]: what it waits for is unknown, or it waits for several things.
+/// In [`WAITING`]: what it waits for is not known, or is several things.
 pub const WAITS_UNKNOWN: u64 = 0;
-/// In [`WAITING`]: it is ready again, and has only yielded.
+/// In [`WAITING`]: it is ready again, and has only let others run.
 pub const STILL_READY: u64 = 255;
 
 /// In [`DONE`]: how a process has ended.
@@ -77,7 +77,7 @@ pub mod ended {
 pub mod sub_ended {
     /// It has returned, whatever.
     pub const RETURNED: u64 = 0;
-    /// It was dropped before its end, or has panicked, or goes on elsewhere.
+    /// It was dropped before, or has panicked, or goes on elsewhere.
     pub const DROPPED: u64 = 1;
 }
 

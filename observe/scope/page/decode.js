@@ -1,4 +1,4 @@
-// Decodes blocks of a recording (docs/logger.md) into records. Times become seconds since the first one seen.
+// Decodes blocks of a recording (docs/recording-format.md) into records. Times become seconds since the first one seen.
 
 const HEAD = 16;
 const text = new TextDecoder();

@@ -7,14 +7,17 @@ use runs::{Kind, Runs};
 use std::fmt;
 use std::iter::FusedIterator;
 
-/// The errors of a parallel construct in which more than one branch failed, in the order in which the branches are written.
+/// The errors of a parallel construct in which more than one branch failed, in the order in which
+/// the branches are written.
 ///
-/// Errors that are no more than their kind (poisoned, closed, full, empty, timeout, cancelled) take no memory of their own: a network
-/// whose branches all end poisoned or closed allocates nothing. Up to sixteen runs of neighbours that came to the same lie in the error
-/// itself, which is enough for any [`par!`](crate::par) whose branches are no constructs themselves; the constructs over collections bring
-/// room for any outcome from their creation. Memory is allocated in two cases: when constructs within constructs come to more than
-/// sixteen runs (each bracket around a construct within counts as one), and when one of the errors has more to tell (a name, a message), and
-/// so was allocated itself by whoever made it.
+/// Errors that are no more than their kind (poisoned, closed, full, empty, timeout, cancelled) take
+/// no memory of their own: a network in which all branches end poisoned or closed allocates
+/// nothing. Up to sixteen runs of equal neighbours are stored in the error itself. That is enough
+/// for any [`par!`](crate::par) with branches that are no constructs themselves; the constructs
+/// over collections reserve room for any outcome when they are created. Memory is allocated in two
+/// cases: when nested constructs come to more than sixteen runs (each bracket around an inner
+/// construct counts as one), and when an error carries more (a name, a message), and so was
+/// allocated by its maker already.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -48,7 +51,8 @@ impl Several {
             .expect("there are two errors at the least")
     }
 
-    /// All of them in written order; those of a construct within a branch stand in the place of that branch.
+    /// All of them in written order; those of a construct within a branch stand in the place of
+    /// that branch.
     pub fn errors(&self) -> Errors<'_> {
         Errors(Inner::Several {
             runs: self.runs.packed().iter(),
@@ -111,8 +115,8 @@ impl fmt::Debug for Several {
     }
 }
 
-/// Each error with the number of its branch, counted from 1; neighbours that came to the same share a place. A branch within a branch
-/// is told by both numbers: `2.1`.
+/// Each error with the number of its branch, counted from 1; equal neighbours are listed once. A
+/// branch within a branch has both numbers: `2.1`.
 impl fmt::Display for Several {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} errors in a parallel construct", self.len())?;
@@ -262,7 +266,8 @@ impl Failures {
         Failures::with_room_for(0)
     }
 
-    /// Adding this many branches allocates nothing, but if they fail with errors that are allocated themselves.
+    /// Adding this many branches allocates nothing, but if they fail with errors that are allocated
+    /// themselves.
     pub(crate) fn with_room_for(branches: usize) -> Failures {
         Failures {
             first: None,
@@ -295,7 +300,7 @@ impl Failures {
         }
     }
 
-    /// Takes the error of the construct: the one of a branch if one alone has failed.
+    /// Returns the error of the construct: that of the branch if only one has failed.
     pub(crate) fn take_error(&mut self) -> Option<Error> {
         if self.several.runs.packed().is_empty() {
             self.first.take()

@@ -1,6 +1,7 @@
-//! What came of the branches of a construct, in little room.
+//! The outcomes of the branches of a construct, in little memory.
 
-/// What came of one branch, if it can be told without memory of its own; or a bracket around the branches of a construct within.
+/// The outcome of one branch, if it needs no memory of its own; or a bracket around the branches of
+/// an inner construct.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Kind {
@@ -13,7 +14,7 @@ pub(super) enum Kind {
     Cancelled,
     /// An error that stands in the list beside, in its turn.
     Carried,
-    /// The branch is a construct itself, whose branches follow.
+    /// The branch is a construct itself; its branches follow.
     Open,
     Close,
 }
@@ -31,13 +32,14 @@ const KINDS: [Kind; 10] = [
     Kind::Close,
 ];
 
-/// How many runs lie in the error itself: twelve branches that all differ fit, with some constructs within. With more, every `Result` would grow.
+/// How many runs lie in the error itself: twelve branches that all differ fit, with some constructs
+/// within. With more, every `Result` would grow.
 const INLINE: usize = 16;
 const COUNT_BITS: u32 = 12;
 const MOST: u16 = (1 << COUNT_BITS) - 1;
 
-/// The branches in written order, as runs of neighbours of one kind. Networks end alike throughout, so thousands of branches take a few
-/// runs. Up to sixteen runs lie in place.
+/// The branches in written order, as runs of neighbours of one kind. Networks end alike throughout,
+/// so thousands of branches take a few runs. Up to sixteen runs lie in place.
 #[derive(Clone)]
 pub(super) enum Runs {
     Inline { used: u8, runs: [u16; INLINE] },
@@ -52,7 +54,7 @@ impl Runs {
         }
     }
 
-    /// Room for what `branches` branches come to at worst, so that adding them allocates nothing.
+    /// Room for the most runs of `branches` branches, so that adding them allocates nothing.
     pub(super) fn with_room_for(branches: usize) -> Runs {
         if branches <= INLINE {
             Runs::new()
@@ -118,7 +120,7 @@ impl Runs {
         self.push((Kind::Open as u16) << COUNT_BITS | 1);
         for (kind, count) in nested.iter() {
             match kind {
-                // Brackets are never joined: each stands for a branch.
+                // Brackets are never joined: each is one branch.
                 Kind::Open | Kind::Close => self.push((kind as u16) << COUNT_BITS | 1),
                 _ => self.add(kind, count),
             }
@@ -176,7 +178,7 @@ mod tests {
             runs.add(Kind::Timeout, 1);
         }
         assert!(inline == heap);
-        // More than fits in place moves out of it.
+        // Runs that do not fit inline are moved to the heap.
         for n in 0..20 {
             for runs in [&mut inline, &mut heap] {
                 runs.add(if n % 2 == 0 { Kind::Full } else { Kind::Empty }, 1);

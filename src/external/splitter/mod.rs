@@ -8,8 +8,8 @@ use std::ops::Range;
 /// Reads of less than this cost more by the call than by the byte.
 const READ_AHEAD: usize = 4096;
 
-/// Divides what is read into records: for links of your own, to whatever gives bytes. It allocates when it is made, and then no more; all else of it is for the
-/// real-time path.
+/// Divides what is read into records: for links of your own, to whatever gives bytes. It allocates
+/// when it is made, and then no more; all else of it is for the real-time path.
 ///
 /// ```
 /// use luna::external::{Framing, Splitter};
@@ -25,13 +25,13 @@ const READ_AHEAD: usize = 4096;
 ///
 /// # Invariants
 ///
-/// `start <= end <= buffer.len()`. When [`next_record`](Self::next_record) has given nothing, what is held is shorter than a whole record, so there is
-/// room for the rest of it.
+/// `start <= end <= buffer.len()`. When [`next_record`](Self::next_record) has given nothing, what
+/// is held is shorter than a whole record, so there is room for the rest of it.
 #[derive(Debug)]
 pub struct Splitter {
     framing: Framing,
     buffer: Box<[u8]>,
-    /// What is held lies from here to `end`.
+    /// The held bytes lie from here to `end`.
     start: usize,
     end: usize,
     /// How many of the bytes held are known to be no delimiter.
@@ -40,7 +40,7 @@ pub struct Splitter {
     number: u64,
 }
 
-/// What is thrown away of a record that was too long.
+/// The bytes to discard of a record that was too long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Skip {
     Nothing,
@@ -101,7 +101,8 @@ impl Splitter {
         }
     }
 
-    /// Where to read to. Never empty after [`next_record`](Self::next_record) has given nothing. Moves less than a record.
+    /// Where to read to. Never empty after [`next_record`](Self::next_record) has given nothing.
+    /// Moves less than a record.
     pub fn room(&mut self) -> &mut [u8] {
         if self.start > 0 {
             self.buffer.copy_within(self.start..self.end, 0);
@@ -121,7 +122,8 @@ impl Splitter {
         self.end += count;
     }
 
-    /// The next whole record that is held, or what is wrong with it. O(its bytes), and O(bytes held) to skip.
+    /// The next whole record that is held, or what is wrong with it. O(its bytes), and O(bytes
+    /// held) to skip.
     pub fn next_record(&mut self) -> Option<Result<&[u8], BadRecord>> {
         let found = match self.framing.kind {
             Kind::Fixed => self.find_fixed(),
@@ -134,7 +136,8 @@ impl Splitter {
         found.map(|found| self.report(found))
     }
 
-    /// What the end of the file leaves of a record. Called when [`next_record`](Self::next_record) has given nothing.
+    /// What the end of the file leaves of a record. Called when [`next_record`](Self::next_record)
+    /// has given nothing.
     ///
     /// ```
     /// use luna::external::{Fault, Framing, Splitter};
@@ -147,7 +150,7 @@ impl Splitter {
     /// ```
     pub fn finish(&mut self) -> Option<Result<&[u8], BadRecord>> {
         let held = std::mem::replace(&mut self.start, self.end)..self.end;
-        // What is skipped was reported before.
+        // The skipped bytes were reported before.
         if held.is_empty() || self.skip != Skip::Nothing {
             return None;
         }

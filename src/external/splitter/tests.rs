@@ -9,7 +9,7 @@ const fn too_long(most: usize) -> Fault {
 
 type Got = Vec<Result<Vec<u8>, Fault>>;
 
-/// What `bytes` come to when they are read in pieces of at most `piece` bytes.
+/// The records of `bytes`, read in pieces of at most `piece` bytes.
 fn split(framing: Framing, bytes: &[u8], piece: usize) -> Got {
     let mut splitter = Splitter::of_valid(framing);
     let mut got = Vec::new();

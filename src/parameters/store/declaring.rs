@@ -1,4 +1,4 @@
-//! What processes declare in their `pre_run`, and who reads it.
+//! What processes declare in their `pre_run`, and which process reads it.
 
 use super::{Declared, Entry, Group, State, Store, note_outside};
 use crate::parameters::cells::{Cells, Reader};
@@ -13,7 +13,7 @@ const MOST_NAME: usize = 255;
 const MOST_UNIT: usize = 63;
 const MOST_DESCRIPTION: usize = 1023;
 
-/// Whose `pre_run` runs.
+/// The process that runs its `pre_run`.
 struct Declaring {
     store: Arc<Store>,
     process: u32,
@@ -32,7 +32,7 @@ impl Store {
         name: &str,
         pre_run: impl FnOnce() -> R,
     ) -> R {
-        /// Puts back who was declaring before: a `pre_run` may spawn.
+        /// Puts back the process that was declaring before: a `pre_run` may spawn.
         struct Restored(Option<Declaring>);
         impl Drop for Restored {
             fn drop(&mut self) {
@@ -57,7 +57,7 @@ impl Store {
         DECLARING.with_borrow(Option::is_some)
     }
 
-    /// Declares a parameter of the process whose `pre_run` runs on this thread.
+    /// Declares a parameter of the process that runs its `pre_run` on this thread.
     pub(in crate::parameters) fn declare(declared: Declared) -> Result<Arc<Cells>, DeclareError> {
         let parameter = || declared.name.to_string();
         let texts = [
@@ -134,7 +134,8 @@ impl Store {
             groups, entries, ..
         } = &mut *state;
         let Group { reader, cells, .. } = &mut groups[group];
-        // All that this process has declared is of one set. It does not run yet, and who sets waits for the lock.
+        // All that this process has declared is of one set. It does not run yet, and setters wait
+        // for the lock.
         reader.slots.latch();
         let words = &entries[number].words;
         let new = Arc::new(Cells::new(reader.clone(), name, number, words));
@@ -154,7 +155,8 @@ impl Store {
         }
     }
 
-    /// Lists the readers of these groups for loops that begin. The list is made and the former one freed outside of the lock, which loops wait for: under it two are exchanged.
+    /// Lists the readers of these groups for loops that begin. The list is made and the former one
+    /// freed outside of the lock, which loops wait for: under it two are exchanged.
     fn list(&self, groups: &[Group]) {
         let mut readers = groups.iter().map(|group| group.reader.clone()).collect();
         std::mem::swap(&mut *self.readers.lock(), &mut readers);
@@ -179,7 +181,8 @@ impl Store {
         }
     }
 
-    /// What a loop of `process` is to take, if that has parameters. O(processes that have). No allocation.
+    /// What a loop of `process` is to take, if that has parameters. O(processes that have). No
+    /// allocation.
     pub(crate) fn reader(&self, process: ProcessId) -> Option<Arc<Reader>> {
         let readers = self.readers.lock();
         let found = readers
@@ -196,7 +199,7 @@ impl State {
         if let Some(given) = self.wishes.remove(&*declared.name) {
             match declared.form.pack(&given.value) {
                 Ok(wished) => (words, source) = (wished, Some(given.source)),
-                // All that is wrong is told together.
+                // All refusals are reported together.
                 Err(reason) => self.refused.push(given.refused(&declared.unit, reason)),
             }
         }
@@ -235,7 +238,7 @@ impl State {
                 });
             }
             Some(_) => {}
-            // Who declares it when nobody has it says anew what it is.
+            // A new declaration of a free name defines it anew.
             None => {
                 let there = &mut self.entries[number].declared;
                 there.is_shared = declared.is_shared;
@@ -243,7 +246,7 @@ impl State {
             }
         }
         if self.entries[number].set > 0 {
-            // Its first value would have to be recorded, and nobody is there yet who could.
+            // Its first value would have to be recorded, and no process exists yet to record it.
             note_outside("a parameter that was set before its process was spawned");
         }
         Ok(())

@@ -1,4 +1,5 @@
-//! All parameters of a system: what was declared, what was set, and who has taken it. Its lock is for the set-up and for who sets, never for the path.
+//! All parameters of a system: what was declared, what was set, and which processes have taken it.
+//! Its lock is for the set-up and for setters, never for the real-time path.
 
 mod declaring;
 mod setting;
@@ -35,7 +36,7 @@ struct State {
     given: Vec<Given>,
     /// Of the file, before the start has read it.
     stamp: Option<Stamp>,
-    /// What the start found, until somebody declares it.
+    /// What the start found, until it is declared.
     wishes: BTreeMap<String, Given>,
     refused: Vec<Refusal>,
     entries: Vec<Entry>,
@@ -84,14 +85,15 @@ struct Group {
 }
 
 impl Group {
-    /// Whether what it reads is of this set, or a later one; it is of all sets if nothing is on offer.
+    /// Whether what it reads is of this set, or a later one; it is of all sets if nothing is on
+    /// offer.
     fn has_taken(&self, set: u64) -> bool {
         set <= self.taken || !self.reader.slots.is_fresh()
     }
 
-    /// Whether anybody has a handle of it, or a loop that takes it.
+    /// Whether a handle of it is left, or a loop that takes it.
     fn is_used(&self) -> bool {
-        // Its own, the list's, and one of each of its parameters.
+        // The handle's own, the list's, and one of each of its parameters.
         self.cells.iter().any(|cells| Arc::strong_count(cells) > 1)
             || Arc::strong_count(&self.reader) > 2 + self.cells.len()
     }
@@ -118,7 +120,7 @@ impl Store {
     /// Gives values that come over those of the file.
     pub(super) fn give(&self, given: Given) {
         let mut state = self.state();
-        // The last word counts; but who writes two on one command line means one of them.
+        // The last one counts; but two on one command line are a mistake.
         let is_argument = |given: &Given| given.source == Source::Argument;
         state.given.retain(|earlier| {
             earlier.name != given.name || is_argument(earlier) && is_argument(&given)
@@ -126,7 +128,7 @@ impl Store {
         state.given.push(given);
     }
 
-    /// The file, and what comes over it.
+    /// The file, and the sources that override it.
     fn sources(&self) -> (Option<PathBuf>, Vec<Given>) {
         let state = self.state();
         let file = state.file.clone();
@@ -134,7 +136,8 @@ impl Store {
         (file.or_else(sources::file_of_environment), given)
     }
 
-    /// Reads what the parameters of a system that starts are to be. Gives that, as a recording is to keep it; `recorded` takes its place in a replay.
+    /// Reads what the parameters of a system that starts are to be. Gives that, as a recording is
+    /// to keep it; `recorded` takes its place in a replay.
     pub(crate) fn begin(
         &self,
         log: &Log,
@@ -174,7 +177,8 @@ impl Store {
         Ok(kept)
     }
 
-    /// All `pre_run` are over: every value must have been somebody's, and one that it can have.
+    /// All `pre_run` are over: every value must belong to a declared parameter, and be one that it
+    /// can have.
     pub(crate) fn all_declared(&self) -> Result<(), SetError> {
         let mut state = self.state();
         let mut refused = std::mem::take(&mut state.refused);

@@ -16,7 +16,8 @@ impl Store {
         self.take_file(sources::read(&file)?, given)
     }
 
-    /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read; else whatever was read is nothing.
+    /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read;
+    /// else whatever was read is nothing.
     pub(in crate::parameters) fn reload_if(
         &self,
         is_whole: impl FnOnce() -> bool,
@@ -29,7 +30,7 @@ impl Store {
         Ok(())
     }
 
-    /// The file that is to be read again, and what comes over it.
+    /// The file that is to be read again, and the sources that override it.
     fn readable(&self) -> Result<(PathBuf, Vec<Given>), SetError> {
         let (file, given) = self.sources();
         let file = file.ok_or(SetError::NoFile)?;
@@ -58,7 +59,7 @@ impl Store {
         let mut refused = Vec::new();
         let given = merge([given], &mut refused);
         let set = self.replace(given.into_values(), refused, false)?;
-        // What others have set meanwhile cannot be foreseen.
+        // Sets of other threads in between are not determined.
         Ok(crate::record::input("set of parameters", || set))
     }
 
@@ -107,7 +108,7 @@ impl Store {
                 );
             }
         }
-        // Nobody reads what a process that has ended leaves.
+        // Values of a process that has ended are not read.
         for group in state.groups.iter_mut().filter(|group| group.is_used()) {
             let Group { reader, cells, .. } = &*group;
             if !cells.iter().any(|cells| former.contains_key(&cells.entry)) {
@@ -126,7 +127,7 @@ impl Store {
         Ok(set)
     }
 
-    /// Whether everybody reads what the set of this number made of it.
+    /// Whether every process reads what the set of this number made of it.
     pub(in crate::parameters) fn is_taken(&self, set: u64) -> bool {
         note_outside("Parameters::is_taken");
         let state = self.state();

@@ -1,4 +1,4 @@
-//! What is told of parameters: to who asks for all of them, and in messages as their values change.
+//! Reports on parameters: the list of all of them, and a message for each change of a value.
 
 use super::{Declared, Entry, Group, State, Store, note_outside};
 use crate::logging::{Level, message};

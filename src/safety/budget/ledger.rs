@@ -1,4 +1,5 @@
-//! A process' budgets while it runs: measured on its thread, read by the one that runs the system.
+//! A process' budgets while it runs: measured on its thread, read by the thread that runs the
+//! system.
 
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, Offence, OnOverrun};
 use crate::safety::{Cause, Emergency};
@@ -11,8 +12,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// The budgets of one process, and how it keeps them. All room is there before the start; what is written on an overrun stands under a
-/// priority-inheriting lock, which the reader holds for a copy.
+/// The budgets of one process, and how it keeps them. All memory is reserved before the start.
+/// Overruns are written under a priority-inheriting lock, which the reader holds for a copy only.
 pub(crate) struct Ledger {
     poll: Option<Duration>,
     cycle: Option<Duration>,
@@ -24,7 +25,7 @@ pub(crate) struct Ledger {
     /// The process is to be ended.
     sentenced: AtomicBool,
     books: PiLock<Books>,
-    /// From when the process is started.
+    /// Set when the process is started.
     system: OnceLock<(Arc<Emergency>, Arc<ProcessRegistry>)>,
 }
 
@@ -33,9 +34,9 @@ struct Books {
     accounting: Accounting,
     poll: Overruns,
     cycle: Overruns,
-    /// What was decided on, if the process or the system is to end.
+    /// The decision, if the process or the system is to end.
     offence: Option<Offence>,
-    /// Nobody has said of the last overruns yet.
+    /// The last overruns are not reported yet.
     is_unsaid: bool,
 }
 
@@ -67,19 +68,20 @@ impl Ledger {
         }
     }
 
-    /// Says what system the process is part of, before it runs.
+    /// Sets the system that the process is part of, before it runs.
     pub(crate) fn join(&self, emergency: &Arc<Emergency>, living: &Arc<ProcessRegistry>) {
         // A process is started once.
         let _ = self.system.set((emergency.clone(), living.clone()));
     }
 
-    /// That of the process that is being polled, if it has budgets.
+    /// The ledger of the process that is being polled, if it has budgets.
     pub(crate) fn current() -> Option<Arc<Ledger>> {
         let poll_monitor: Arc<dyn Any + Send + Sync> = luna_executors::poll_monitor()?;
         poll_monitor.downcast().ok()
     }
 
-    /// A cycle has ended; says whether the process has to end too. O(1); on an overrun as [`overrun`](Self::overrun).
+    /// A cycle has ended. Returns whether the process has to end too. O(1); on an overrun as
+    /// [`overrun`](Self::overrun).
     #[inline]
     pub(crate) fn cycle_ends(&self, of: LoopName, began: Instant, now: Instant) -> bool {
         if let Some(budget) = self.cycle
@@ -90,8 +92,8 @@ impl Ledger {
         self.sentenced.load(Ordering::Relaxed)
     }
 
-    /// O(1), no allocation. Three system calls to read what the kernel has counted; one more for a warning that is the first since the last was said,
-    /// or to trigger the emergency.
+    /// O(1), no allocation. Three system calls to read what the kernel has counted; one more to
+    /// trigger the emergency, or for the first warning since the last one was printed.
     #[cold]
     fn overrun(
         &self,
@@ -139,28 +141,29 @@ impl Ledger {
         }
     }
 
-    /// For what the process, or the system, is being ended; once it is.
+    /// The overrun for which the process or the system is being ended, once it is.
     pub(crate) fn offence(&self) -> Option<Offence> {
         self.books.lock().offence
     }
 
-    /// For what the system is being ended, if it is that.
+    /// The overrun for which the system is being ended, if it is.
     pub(crate) fn emergency(&self) -> Option<Offence> {
         self.offence()
             .filter(|_| self.on_overrun == OnOverrun::Emergency)
     }
 
-    /// Whether the process was ended for an overrun, so that the channel ends that it leaves poison their channels.
+    /// Whether the process was ended for an overrun; the channel ends that it leaves then poison
+    /// their channels.
     pub(crate) fn is_sentenced(&self) -> bool {
         self.sentenced.load(Ordering::Relaxed)
     }
 
-    /// Whether somebody is to be told of an overrun.
+    /// Whether an overrun is to be reported.
     pub(crate) fn has_news(&self) -> bool {
         self.books.lock().is_unsaid
     }
 
-    /// They are being told: the next overrun is news.
+    /// The overruns are being reported: the next one is new.
     pub(crate) fn take_news(&self) {
         self.books.lock().is_unsaid = false;
     }

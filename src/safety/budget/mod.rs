@@ -1,4 +1,5 @@
-//! Budgets: how long a process may keep the processor, or take for a cycle, and what happens when it takes longer.
+//! Budgets: how long a process may keep the processor, or take for a cycle, and what happens when
+//! it takes longer.
 
 mod ledger;
 
@@ -11,8 +12,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What happens when a process overruns a budget. In any case it is counted, and the worst one kept, in
-/// [`ProcessReport::budgets`](crate::ProcessReport::budgets).
+/// What happens when a process overruns a budget. In any case it is counted, and the worst one
+/// kept, in [`ProcessReport::budgets`](crate::ProcessReport::budgets).
 ///
 /// ```
 /// use luna::{Error, OnOverrun, prelude::*};
@@ -40,10 +41,11 @@ pub enum OnOverrun {
     /// Nothing more.
     #[default]
     Count,
-    /// The thread that runs the system says so on standard error, at most once a second for each process.
+    /// The thread that runs the system prints it on standard error, at most once a second for each
+    /// process.
     Warn,
-    /// The process is ended where it waits next, all its channel ends poison their channels, and its error is [`Error::BudgetOverrun`]. One that ends
-    /// by itself in that poll has ended.
+    /// The process is ended where it waits next, all its channel ends poison their channels, and
+    /// its error is [`Error::BudgetOverrun`]. A process that ends by itself in that poll has ended.
     Poison,
     /// The emergency functions run, then the system ends: [`End::Overrun`](crate::End::Overrun).
     Emergency,
@@ -53,7 +55,8 @@ pub enum OnOverrun {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum BudgetKind {
-    /// The time from when the process is given the processor until it awaits something that is not there yet.
+    /// The time from when the process gets the processor until it awaits something that is not
+    /// ready yet.
     Poll,
     /// The time from when a cycle of one of its loops begins until the loop asks for the next.
     Cycle,
@@ -92,7 +95,7 @@ pub struct BudgetOverrun {
     pub at: Instant,
     /// How long it took, by the clock on the wall.
     pub taken: Duration,
-    /// The loop whose cycle it was.
+    /// The loop that the cycle belongs to.
     pub of_loop: Option<String>,
     /// What the kernel counted of the thread: whether it was on the processor all that time.
     pub usage: Option<UsageSince>,
@@ -133,7 +136,7 @@ pub(crate) struct Budgets {
 }
 
 impl Budgets {
-    /// What keeps them, if there are any.
+    /// The ledger that keeps them, if there are any.
     pub(crate) fn ledger(self, process: &str) -> Result<Option<Arc<Ledger>>> {
         let kinds = [
             (BudgetKind::Poll, self.poll),

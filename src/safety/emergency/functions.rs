@@ -1,4 +1,5 @@
-//! The functions that bring something to safety: who runs which is the failover's; here is what runs, and how it went.
+//! The functions that bring the machine to safety. The failover sequence decides which worker runs
+//! which function; this module holds the functions and their outcomes.
 
 use crate::error::{Result, SetupError};
 use luna_core::failover::{FailoverSequence, Leg, Turn};
@@ -13,13 +14,15 @@ use std::time::Duration;
 /// How long a function may take unless stated.
 pub(crate) const LIMIT: Duration = Duration::from_millis(500);
 
-/// The most functions of a kind: room is set aside for them, so that none has to be found when one is registered late.
+/// The most functions of a kind. Their room is reserved beforehand, so that a late registration
+/// finds it.
 const MOST: usize = 256;
 
-/// How often at most who watches looks whether a function with a shorter limit has begun meanwhile.
+/// How often, at most, a watching worker checks whether a function with a shorter limit has begun
+/// meanwhile.
 const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 
-/// How it went with one function: in [`SafetyReport::functions`](crate::SafetyReport::functions).
+/// The outcome of one function: in [`SafetyReport::functions`](crate::SafetyReport::functions).
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct FunctionReport {
@@ -27,7 +30,7 @@ pub struct FunctionReport {
     pub name: String,
     /// How long it was allowed to take, on the machine's clock.
     pub limit: Duration,
-    /// How it went.
+    /// Its outcome.
     pub outcome: FunctionOutcome,
     /// From the trigger until it began, if it did.
     pub began_after: Option<Duration>,
@@ -35,7 +38,7 @@ pub struct FunctionReport {
     pub took: Option<Duration>,
 }
 
-/// What became of a function. One that was withdrawn is not reported.
+/// The outcome of a function. A withdrawn function is not reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum FunctionOutcome {
@@ -46,7 +49,8 @@ pub enum FunctionOutcome {
     Ran,
     /// It panicked; the others ran.
     Panicked,
-    /// It took longer than its limit, or its thread crashed: another thread went on with the others. It may have come to its end later, at low priority.
+    /// It took longer than its limit, or its thread crashed: another thread went on with the
+    /// others. It may have ended later, at low priority.
     LeftBehind,
 }
 
@@ -80,25 +84,26 @@ struct Slot {
     outcome: FunctionOutcome,
     began: Option<Instant>,
     took: Option<Duration>,
-    /// Since when it runs, as long as it does.
+    /// When it began, while it runs.
     running: Option<Instant>,
 }
 
-/// A moment in the run of a function, on the thread that runs it.
+/// A point in the run of a function, on the thread that runs it.
 pub(super) enum Moment {
-    /// It is about to be called. If it is the first since the trigger: when somebody is to look at it.
+    /// The function is about to be called. If it is the first since the trigger: the instant at
+    /// which a worker is to check it.
     Begins(Option<Instant>),
     /// It has ended.
     Ended,
 }
 
-/// What a member of the workers finds to do.
+/// The next task of a worker.
 pub(super) enum Task {
-    /// It was run. False: this member was left behind meanwhile, and is to go.
+    /// It was run. False: this worker was left behind meanwhile, and is to end.
     Ran(bool),
-    /// Another one hangs, and this member has left it behind: the number of the member that hangs.
+    /// Another worker hangs, and this one has left it behind: the number of the worker that hangs.
     LeftBehind(u8),
-    /// Look again then, or on an event.
+    /// Check again at this instant, or on an event.
     Until(Instant),
 }
 
@@ -125,7 +130,7 @@ impl Functions {
         }
     }
 
-    /// Adds a function behind the others; gives its id.
+    /// Adds a function behind the others. Returns its id.
     pub(crate) fn add(&self, name: &str, limit: Duration, run: Run) -> Result<u64> {
         let too_many = || SetupError::TooManyFunctions {
             name: name.to_owned(),
@@ -150,7 +155,7 @@ impl Functions {
             drop(slots);
             return Err(too_many().into());
         }
-        // Under the lock, so that who is told to run it finds it.
+        // Under the lock, so that the worker that gets this number finds the function.
         let Some(number) = self.failover.add() else {
             drop(slots);
             return Err(over().into());
@@ -161,16 +166,16 @@ impl Functions {
         slots.push(slot);
         drop(slots);
         if self.failover.is_under_way() {
-            // Who watches sleeps for the shortest limit that it knew of.
+            // Watching workers sleep for the shortest limit that they knew of.
             signals::announce_event();
         }
         Ok(id)
     }
 
-    /// Takes a function back; says whether it had not begun. Before any has, its place is free again. One that has run is still reported: its device is closed
-    /// behind it.
+    /// Withdraws a function. Returns whether it had not begun. If none has begun, its slot is free
+    /// again. A function that has run is still reported: its device is closed after it.
     pub(super) fn withdraw(&self, id: u64) -> bool {
-        // Dropped without the lock: it is the user's.
+        // User code: dropped without the lock.
         let (is_withdrawn, _taken, _place) = {
             let mut slots = self.slots.lock();
             let Ok(number) = slots.binary_search_by_key(&id, |slot| slot.id) else {
@@ -180,7 +185,7 @@ impl Functions {
             let taken = slot.run.take();
             let is_withdrawn = taken.is_some() && slot.began.is_none();
             slot.is_withdrawn |= is_withdrawn;
-            // Under the lock, so that who is told to run one finds the right one.
+            // Under the lock, so that a worker that gets a number finds the right function.
             let is_free = is_withdrawn && self.failover.remove();
             (is_withdrawn, taken, is_free.then(|| slots.remove(number)))
         };
@@ -191,9 +196,9 @@ impl Functions {
         &self.failover
     }
 
-    /// Begins, if it was not begun before; then `now` is the instant of the trigger.
+    /// Begins, unless it has begun; `now` is then the instant of the trigger.
     pub(super) fn begin(&self, now: Instant) -> bool {
-        // The first one's stays.
+        // The first trigger's instant stays.
         let now = now.as_nanos().max(1);
         let _ = self
             .triggered
@@ -201,14 +206,14 @@ impl Functions {
         self.failover.begin()
     }
 
-    /// Whether it can be as it was before it began; then it is.
+    /// Resets it if that is possible. Returns whether it did.
     pub(crate) fn may_reset(&self) -> bool {
         if self.failover.is_under_way() {
             return false;
         }
         for slot in self.slots.lock().iter_mut() {
             (slot.began, slot.took) = (None, None);
-            // One that hangs is not run again.
+            // A function that hangs is not run again.
             if slot.outcome != FunctionOutcome::LeftBehind {
                 slot.outcome = FunctionOutcome::NotRun;
             }
@@ -219,12 +224,13 @@ impl Functions {
         true
     }
 
-    /// Whether they have begun, and none was called yet.
+    /// Whether the functions have begun, and none was called yet.
     pub(super) fn wait_for_the_first(&self) -> bool {
         self.failover.is_under_way() && !self.has_called.load(Ordering::Acquire)
     }
 
-    /// Says how long all of them may take together. The last to say so knows of all.
+    /// Passes on how long all of them may take together. Under the lock, so that the last call has
+    /// the limits of all.
     pub(super) fn tell_limits(&self, tell: impl FnOnce(Duration)) {
         let slots = self.slots.lock();
         let there = slots.iter().filter(|slot| !slot.is_withdrawn);
@@ -232,7 +238,8 @@ impl Functions {
         tell(limits.fold(Duration::ZERO, Duration::saturating_add));
     }
 
-    /// Does what there is to do for `member`. `around` is told when a function begins, and when it has ended: what the system needs of the thread meanwhile.
+    /// Does what there is to do for `member`. `around` is called when a function begins and when it
+    /// has ended: it sets up what the system needs of the thread meanwhile.
     pub(super) fn step(
         &self,
         member: u8,
@@ -263,13 +270,13 @@ impl Functions {
         };
         let is_first = !self.has_called.load(Ordering::Relaxed);
         around(Moment::Begins(is_first.then(|| began + shortest)));
-        // Behind the reading of the clock: who has looked on is later than that.
+        // After the clock is read: a worker that sees this flag reads the clock later.
         self.has_called.store(true, Ordering::Release);
         // The others must run whatever this one does.
         let outcome = match catch_unwind(AssertUnwindSafe(&mut run)) {
             Ok(()) => FunctionOutcome::Ran,
             Err(payload) => {
-                // Its drop is the user's code too.
+                // Its drop is user code too.
                 std::mem::forget(payload);
                 FunctionOutcome::Panicked
             }
@@ -277,7 +284,8 @@ impl Functions {
         around(Moment::Ended);
         let mut slots = self.slots.lock();
         if slots[turn.job()].outcome == FunctionOutcome::LeftBehind {
-            // It is nobody's any more. Its drop, the user's code, is at low priority.
+            // Nothing else refers to the function now. Its drop is user code and runs at low
+            // priority.
             drop(slots);
             drop(run);
             return false;
@@ -286,7 +294,7 @@ impl Functions {
         slot.outcome = outcome;
         slot.took = slot.running.take().map(|began| Instant::now_real() - began);
         slot.run = Some(run);
-        // Under the lock, as the watcher's decision is: one of the two comes first.
+        // Under the lock, as the watching worker's decision is: one of the two comes first.
         self.failover.finish(turn)
     }
 
@@ -295,7 +303,7 @@ impl Functions {
         let mut slots = self.slots.lock();
         let shortest = shortest(&slots[turn.job()..]);
         let slot = &mut slots[turn.job()];
-        // The runner comes here between its turn and its begin too.
+        // Also if the worker is between its turn and the function's begin.
         let until = slot.running.unwrap_or(now) + slot.limit;
         if now < until && !has_crashed {
             return Task::Until(until.min(now + shortest));
@@ -309,7 +317,7 @@ impl Functions {
         Task::LeftBehind(turn.member())
     }
 
-    /// How it went with each, and takes the functions out, which are to be dropped.
+    /// Returns the outcomes, and the functions, which the caller drops.
     pub(super) fn conclude(&self) -> (Vec<FunctionReport>, Vec<Run>) {
         let triggered = Instant::from_nanos(self.triggered.load(Ordering::Relaxed));
         let mut slots = self.slots.lock();
@@ -332,7 +340,7 @@ impl Functions {
     }
 }
 
-/// When somebody is to look whether one of these takes too long, at the latest.
+/// The latest instant at which a worker is to check whether one of these takes too long.
 fn shortest(slots: &[Slot]) -> Duration {
     let shortest = slots.iter().map(|slot| slot.limit).min();
     shortest.unwrap_or(LIMIT).max(SHORTEST_LOOK)

@@ -1,4 +1,5 @@
-//! The emergency manager: threads above all others that wait for an emergency and then bring the machine to safety.
+//! The emergency manager: threads above all others that wait for an emergency and then bring the
+//! machine to safety.
 
 mod functions;
 mod panics;
@@ -30,45 +31,53 @@ use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
 use workers::EmergencyWorkers;
 
-/// How long at most a process that triggers looks on until the functions begin: so no other process of its core runs before.
+/// How long, at most, a triggering process waits until the functions begin, so that no other
+/// process of its core runs before.
 const LOOKS_ON: Duration = Duration::from_millis(1);
 
 /// The exit status of a program that panics.
 const PANICKED: i32 = 101;
 
-/// What the triggers share with the workers. It lives from the system's making.
+/// What the triggers share with the workers. It lives from when the system is made.
 #[derive(Debug)]
 pub(crate) struct Emergency {
     pub(crate) at_emergency: Functions,
     pub(crate) at_safe_state: Functions,
     pub(crate) journal: Journal,
-    /// Who waits for the safe state.
+    /// The tasks that wait for the safe state.
     pub(super) waiting: Waiting,
     workers: EmergencyWorkers,
-    /// The system has ended: the workers is to end, once the functions have run if there is an emergency.
+    /// The system has ended: the workers end, after the functions have run if there is an
+    /// emergency.
     is_to_end: AtomicBool,
-    /// Where the processes run, if time is virtual there.
+    /// The simulation that the processes run on, if time is virtual.
     simulation: OnceLock<SimulationHandle>,
     plan: Weak<Plan>,
 }
 
 thread_local! {
-    /// Of the system whose processes run on this thread.
+    /// The emergency of the system that runs processes on this thread.
     pub(super) static OF_THREAD: RefCell<Option<Arc<Emergency>>> = const { RefCell::new(None) };
 }
 
-/// Raises an emergency with `cause`, and gives it back for the process to end with: `return Err(luna::emergency(cause))`.
+/// Raises an emergency with `cause`, and returns it for the process to end with:
+/// `return Err(luna::emergency(cause))`.
 ///
-/// For what must not go on, but is no bug to panic over: a sensor that is dead, a simulated plant that cannot be stepped. The functions of
-/// [`on_emergency`](crate::System::on_emergency) run at once, on the thread of the highest priority; then all processes are cancelled, and
-/// [`System::run`](crate::System::run) returns the cause with this process' name, whatever the others return on their way out. The report says
-/// [`End::Emergency`](crate::End::Emergency). If there was an emergency before, its own cause stays. So it is too for what a process drops while it is cancelled, after
-/// a livelock or because the driver of its clock is gone.
+/// For a failure that must end the run but is no bug to panic over: a sensor that is dead, a
+/// simulated plant that cannot be stepped. The functions of
+/// [`on_emergency`](crate::System::on_emergency) run at once, on the thread of the highest
+/// priority. Then all processes are cancelled, and [`System::run`](crate::System::run) returns the
+/// cause with this process' name, whatever errors the others end with. The report has
+/// [`End::Emergency`](crate::End::Emergency). If there was an emergency before, its cause stays. It
+/// also stays for errors of a process that is dropped while it is cancelled, after a livelock or
+/// because the driver of its clock is gone.
 ///
-/// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there is nobody to raise it to, and this only gives the cause back: a
-/// driver's thread has an [`EmergencyTrigger`].
-/// Real-time path: yes; O(1), at most four system calls, and a clone of the cause. On a real-time thread with a core of its own the functions take that core over. On the machine's clock it looks on
-/// until the first function begins, at most for a millisecond, so that no other process of its thread, and none of lower priority on its core, runs before.
+/// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there
+/// is no emergency to raise, and this only returns the cause: a driver's thread has an
+/// [`EmergencyTrigger`]. Real-time path: yes; O(1), at most four system calls, and a clone of the
+/// cause. On a real-time thread with a core of its own the functions preempt that core. On the
+/// machine's clock this call waits until the first function begins, at most for a millisecond, so
+/// that no other process of its thread, and none of lower priority on its core, runs before.
 ///
 /// ```
 /// use luna::{End, prelude::*};
@@ -106,14 +115,14 @@ impl Emergency {
         })
     }
 
-    /// Registers a function behind the others; gives its id.
+    /// Registers a function behind the others. Returns its id.
     pub(crate) fn add_function(&self, name: &str, limit: Duration, run: Run) -> Result<u64> {
         let id = self.at_emergency.add(name, limit, run)?;
         self.bound_crashes();
         Ok(id)
     }
 
-    /// Takes back a function that has not begun; says whether it did.
+    /// Withdraws a function that has not begun. Returns whether it did.
     pub(crate) fn withdraw_function(&self, id: u64) -> bool {
         let is_withdrawn = self.at_emergency.withdraw(id);
         self.bound_crashes();
@@ -125,12 +134,12 @@ impl Emergency {
             .tell_limits(|limits| self.workers.bound_crashes(limits));
     }
 
-    /// Says who records that the safety state changes.
+    /// Sets the log that records changes of the safety state.
     pub(crate) fn record(&self, log: Log) {
         self.journal.record(log);
     }
 
-    /// Says on what the processes run, before they do.
+    /// Sets the simulation that the processes run on, before they run.
     pub(crate) fn simulate(&self, simulation: SimulationHandle) {
         // A system is started once.
         let _ = self.simulation.set(simulation);
@@ -152,8 +161,9 @@ impl Emergency {
         });
     }
 
-    /// Wakes the workers; the first trigger counts. From any thread, on the real-time path too: O(1), at most four system calls, and the wait until the functions begin that
-    /// [`emergency`] tells of.
+    /// Wakes the workers; the first trigger counts. From any thread, on the real-time path too:
+    /// O(1), at most four system calls, and the wait until the functions begin that [`emergency`]
+    /// describes.
     pub(crate) fn trigger(&self, cause: Cause) {
         self.begin(cause);
         let is_called = self.workers.call_here();
@@ -162,7 +172,8 @@ impl Emergency {
         }
         self.look_on();
         if is_called && self.at_emergency.wait_for_the_first() {
-            // It does not get its core: this thread has been moved to another, or the kernel holds back the core's real-time threads.
+            // It does not get its core: this thread has been moved to another, or the kernel holds
+            // back the core's real-time threads.
             signals::announce_event();
         }
     }
@@ -192,13 +203,14 @@ impl Emergency {
 
     fn begin(&self, cause: Cause) {
         self.stop_time();
-        // What was said after the end has no effect.
+        // A trigger after the end has no effect.
         let begins = || self.at_emergency.begin(Instant::now_real()) || self.has_begun();
         self.journal
             .note(Degree::Emergency, cause, Instant::now(), begins);
     }
 
-    /// Begins for a crash. Without any lock, since the thread that has crashed may hold it; what there is to note is [noted later](Self::note_crash).
+    /// Begins for a crash. Without any lock, since the thread that has crashed may hold it; what
+    /// there is to note is [noted later](Self::note_crash).
     pub(super) fn begin_for_crash(&self) {
         self.stop_time();
         if self.at_emergency.begin(Instant::now_real()) || self.has_begun() {
@@ -223,12 +235,14 @@ impl Emergency {
         }
     }
 
-    /// Keeps this thread's core until the first function begins, which another core's wake-up may delay.
+    /// Keeps this thread's core until the first function begins, which another core's wake-up may
+    /// delay.
     fn look_on(&self) {
         if self.simulation.get().is_some() || !self.workers.serves() {
             return;
         }
-        // On the core of a thread with a lower priority the workers has preempted it before this is reached; with a time limit all the same.
+        // On a core that runs a thread of lower priority, the workers have preempted it before this
+        // is reached; there is a time limit all the same.
         let until = Instant::now_real() + LOOKS_ON;
         while self.at_emergency.wait_for_the_first() && Instant::now_real() < until {
             std::hint::spin_loop();
@@ -284,12 +298,13 @@ impl Emergency {
         self.at_emergency.failover().is_done()
     }
 
-    /// What is to be told at the end. Drops the functions.
+    /// Makes the report at the end. Drops the functions.
     pub(crate) fn conclude(self: &Arc<Self>) -> SafetyReport {
         let (functions, at_emergency) = self.at_emergency.conclude();
         let (safe_state_functions, at_safe_state) = self.at_safe_state.conclude();
         for function in at_emergency.into_iter().chain(at_safe_state) {
-            // What it holds is the user's: a panic in its drop, which the panic hook tells, must not end the run half-way.
+            // What it holds is the user's: a panic in its drop, which the panic hook reports, must
+            // not end the run half-way.
             if let Err(payload) = catch_unwind(AssertUnwindSafe(|| drop(function))) {
                 std::mem::forget(payload);
             }
@@ -306,13 +321,14 @@ impl Emergency {
         signals::announce_event();
     }
 
-    /// Whether the workers may end: there is no emergency and none will begin, or its functions have run; and no others do.
+    /// Whether the workers may end: there is no emergency and none will begin, or its functions
+    /// have run; and no others do.
     fn may_end(&self) -> bool {
         let failover = self.at_emergency.failover();
         self.is_to_end.load(Ordering::Acquire)
             && !self.at_safe_state.failover().is_under_way()
             && (failover.is_done() || failover.close())
-            // Nobody would run what begins from now on.
+            // No worker would run what begins from now on.
             && self.at_safe_state.failover().retire()
     }
 }

@@ -1,9 +1,10 @@
 //! Emergencies by panics, before anything is printed.
 //!
 //! The panic hook prints the message, and with `RUST_BACKTRACE=1` a backtrace, which takes a tenth
-//! of a second. So the functions begin before it: a hook around the one of before triggers the
-//! emergency. At that instant it is not known whether the body will catch the panic, so that makes
-//! no difference. Code that means to go on says so before, by [`luna_platform::panics::catch`].
+//! of a second. So the functions begin before that: a hook around the earlier one triggers the
+//! emergency. At that instant it is not known whether the body will catch the panic, so a caught
+//! panic triggers it too. Code that means to survive a panic declares it beforehand, by
+//! [`luna_platform::panics::catch`].
 
 use super::OF_THREAD;
 use crate::safety::state::Cause;
@@ -48,8 +49,8 @@ pub(super) fn install_hook() {
     }));
 }
 
-/// Triggers the emergency of the system whose thread panics, and lets its functions run before what
-/// follows.
+/// Triggers the emergency of the panicking thread's system, and lets its functions run before it
+/// returns.
 fn raise() {
     if panics::are_caught() {
         return;

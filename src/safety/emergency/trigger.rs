@@ -7,8 +7,9 @@ use crate::safety::state::Cause;
 use std::fmt;
 use std::sync::Arc;
 
-/// Raises an emergency of its system, from any thread: for drivers, whose threads are no processes. From
-/// [`System::emergency_trigger`](crate::System::emergency_trigger). Cloning it is cheap, and it may outlive the system.
+/// Raises an emergency of its system, from any thread: for drivers that run on threads which are no
+/// processes. From [`System::emergency_trigger`](crate::System::emergency_trigger). Cloning it is
+/// cheap, and it may outlive the system.
 ///
 /// ```
 /// use luna::{End, prelude::*};
@@ -32,10 +33,13 @@ impl EmergencyTrigger {
         Self(emergency)
     }
 
-    /// Raises an emergency with `cause`, as [`luna::emergency`](crate::emergency()) does in a process.
+    /// Raises an emergency with `cause`, as [`luna::emergency`](crate::emergency()) does in a
+    /// process.
     ///
-    /// Before [`System::run`](crate::System::run) it is latched: the functions run as soon as that has begun, and no process is released. After its end nothing happens.
-    /// Real-time path: yes; O(1) and at most four system calls, no allocation. `cause` is dropped here if others came before with more than are kept.
+    /// Before [`System::run`](crate::System::run) it is latched: the functions run as soon as that
+    /// has begun, and no process is released. After its end nothing happens. Real-time path: yes;
+    /// O(1) and at most four system calls, no allocation. `cause` is dropped here if others came
+    /// before with more than are kept.
     pub fn raise(&self, cause: Error) {
         self.0.trigger(Cause::Raised(cause));
     }

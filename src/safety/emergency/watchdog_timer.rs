@@ -1,8 +1,11 @@
-//! Who wakes those that watch, when the first function may have taken too long.
+//! Wakes the watching workers when the first function may have taken too long.
 //!
-//! To wake a thread on another core takes its waker a while, 20 µs on a virtual machine, and those who are woken come for the same locks. So only one of the workers is woken, and runs the first function at once. The
-//! others have nothing to do before the shortest limit has passed; but then its thread may compute, and never come back. So it is the kernel's timer that wakes them, by a thread that does nothing else.
-//! Where the timer needs a thread of the kernel's, [below the function](wakes_beside_a_function), they are woken before.
+//! Waking a thread on another core costs its waker about 20 µs on a virtual machine, and woken
+//! threads contend for the same locks. So only one worker is woken, and it runs the first function
+//! at once. The others have nothing to do before the shortest limit has passed. By then the first
+//! worker may compute for ever. So the kernel's timer wakes the others, through a thread that does
+//! nothing else. Where the timer needs a kernel thread [of lower priority than the
+//! function](wakes_beside_a_function), they are woken beforehand.
 
 use crate::error::{Error, Result, SetupError};
 use luna_platform::clock::Instant;
@@ -14,26 +17,28 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a thread of the kernel's with priority 1 is to see to it, which waits for the function. Where it is not known, it may be so.
+/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a kernel
+/// thread of priority 1 handles it, which waits for the function. If the model is not known, it is
+/// taken for PREEMPT_RT.
 pub(super) fn wakes_beside_a_function(source: &Source) -> bool {
     PreemptionModel::read(source).is_ok_and(|model| model != PreemptionModel::RealTime)
 }
 
-/// What wakes them: what the workers sees of it.
+/// The timer, as the workers see it.
 #[derive(Debug)]
 pub(super) struct WatchdogTimer {
     timer: TimerFd,
-    /// The thread has gone, or is to go.
+    /// The thread has ended, or is to end.
     is_over: AtomicBool,
 }
 
 impl WatchdogTimer {
-    /// Wakes all of the workers at `at`; says whether it will. One system call.
+    /// Wakes all workers at `at`. Returns whether it will. One system call.
     pub(super) fn rouse(&self, at: Instant) -> bool {
         !self.is_over.load(Ordering::Acquire) && self.timer.arm_at(at).is_ok()
     }
 
-    /// The life of the thread.
+    /// The thread's body.
     fn serve(&self) {
         while self.timer.wait().is_ok() && !self.is_over.load(Ordering::Acquire) {
             signals::announce_event();
@@ -50,7 +55,8 @@ pub(super) struct RouserThread {
 }
 
 impl RouserThread {
-    /// Starts it with the workers's policy; none where there are no such timers. It takes signals as the workers does: it is there also when all of those hang.
+    /// Starts it with the workers' policy; none where there are no such timers. It takes signals as
+    /// the workers do: it is there also when all of those hang.
     pub(super) fn start(policy: Policy, hears_signals: bool) -> Result<Option<Self>> {
         let timer = match TimerFd::new() {
             Ok(timer) => timer,
@@ -90,14 +96,14 @@ impl RouserThread {
 impl Drop for RouserThread {
     fn drop(&mut self) {
         self.watchdog_timer.is_over.store(true, Ordering::Release);
-        // It has passed. If the kernel refuses that, the thread is left to itself.
+        // The instant has passed. If the kernel refuses that, the thread is detached.
         let is_woken = self
             .watchdog_timer
             .timer
             .arm_at(Instant::from_nanos(0))
             .is_ok();
         if let Some(thread) = self.thread.take().filter(|_| is_woken) {
-            // It has nothing of the user's in it.
+            // It holds no user data.
             let _ = thread.join();
         }
     }
@@ -120,7 +126,7 @@ mod tests {
         let version = folder.join("proc/sys/kernel/version");
         fs::write(&version, "#1 SMP PREEMPT_DYNAMIC Debian\n").unwrap();
         assert!(wakes_beside_a_function(&source));
-        // Either tells.
+        // Either file is enough.
         fs::write(folder.join("sys/kernel/realtime"), "1\n").unwrap();
         assert!(!wakes_beside_a_function(&source));
         fs::write(folder.join("sys/kernel/realtime"), "0\n").unwrap();

@@ -1,11 +1,15 @@
 //! The threads that wait for an emergency, and run the functions.
 //!
-//! Three are on duty: one may run a function of the emergency and one a function of the safe state at the same time, and still somebody sees to it that none takes too long. The
-//! rest is a reserve, of whom one comes on duty for each that hangs. All are made before the start, and have a stack that is in memory.
+//! Three are on duty: one may run a function of the emergency and one a function of the safe state
+//! at the same time, and the third checks that none takes too long. The rest is a reserve: one of
+//! it comes on duty for each worker that hangs. All are made before the start, and have a stack
+//! that is in memory.
 //!
-//! To wake a thread on another core takes long where the machine is a virtual one. So those of the reserve wait on the cores of the system's real-time threads, one each: a trigger on such a core calls
-//! that one, which takes the core over and runs the functions. And a signal that is handled on the thread of one on duty wakes nobody else. Who begins so has the others
-//! [roused](super::watchdog_timer) when they are to look after it.
+//! Waking a thread on another core takes long on a virtual machine. So the reserve waits on the
+//! cores of the system's real-time threads, one worker on each: a trigger on such a core calls that
+//! worker, which preempts the core and runs the functions. A signal that is handled on the thread
+//! of a worker on duty wakes no other thread. The worker that begins in this way has the others
+//! [woken by the timer](super::watchdog_timer) when they are to watch it.
 
 mod member;
 
@@ -32,7 +36,8 @@ use std::time::Duration;
 /// How many are on duty: one for each kind of functions, and one that watches both.
 const ON_DUTY: u32 = 3;
 
-/// The members. Seven may hang: before the last of them is left behind, there are two that run and one that watches.
+/// The members. Seven may hang: before the last of them is left behind, there are two that run and
+/// one that watches.
 const MOST: usize = MOST_MEMBERS;
 
 /// How much longer a crash waits than the functions may take.
@@ -42,14 +47,15 @@ const CRASH_MARGIN: Duration = Duration::from_millis(200);
 /// ended.
 pub(super) const LOOKS_EVERY: Duration = Duration::from_micros(200);
 
-/// What the members know of each other.
+/// What the workers know of each other.
 #[derive(Debug)]
 pub(super) struct EmergencyWorkers {
     /// Members with a lower number are on duty.
     on_duty: AtomicU32,
     /// What those of the reserve sleep in; of the others' nothing is used.
     parker: [Parker; MOST],
-    /// The core on which each of the reserve waits. None for one that would not take over a core.
+    /// The core on which each worker of the reserve waits. None for a worker that would not preempt
+    /// a core.
     cores: OnceLock<Vec<Option<usize>>>,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MOST],
@@ -58,7 +64,7 @@ pub(super) struct EmergencyWorkers {
     /// How many there are.
     members: AtomicU32,
     hears_signals: AtomicBool,
-    /// The signal that was heard, 0 for none.
+    /// The signal that was received, 0 for none.
     heard: AtomicU32,
     /// The signal by which the program crashes, 0 for none.
     heard_crash: AtomicI32,
@@ -67,7 +73,8 @@ pub(super) struct EmergencyWorkers {
     /// That the functions have run was announced.
     has_announced: AtomicBool,
     crash: OnceLock<CrashSlot>,
-    /// Who wakes the others when the first function has begun. None where they are better woken before.
+    /// Wakes the other workers when the first function has begun. None where they are better woken
+    /// before.
     watchdog_timer: OnceLock<Arc<WatchdogTimer>>,
 }
 
@@ -92,7 +99,7 @@ impl Default for EmergencyWorkers {
 }
 
 impl EmergencyWorkers {
-    /// Whether there is somebody to run the functions.
+    /// Whether there is a worker to run the functions.
     pub(super) fn serves(&self) -> bool {
         self.members.load(Ordering::Relaxed) > 0
     }
@@ -108,7 +115,8 @@ impl EmergencyWorkers {
         self.left_behind.load(Ordering::Acquire) & 1 << member != 0
     }
 
-    /// Another member hangs: it goes on at low priority if it ever does, and one of the reserve takes its place.
+    /// Another member hangs: it goes on at low priority if it ever does, and one of the reserve
+    /// takes its place.
     fn leave_behind(&self, member: u8) {
         self.left_behind.fetch_or(1 << member, Ordering::AcqRel);
         if let Some(number) = self.numbers[usize::from(member)].get() {
@@ -125,19 +133,20 @@ impl EmergencyWorkers {
     fn call_reserve(&self, more: u32) {
         self.on_duty.fetch_add(more, Ordering::AcqRel);
         for parker in &self.parker[ON_DUTY as usize..] {
-            // One that is busy looks before it sleeps.
+            // A busy worker checks before it sleeps.
             parker.call();
         }
     }
 
-    /// Calls who waits on this core, if somebody does; says whether it comes.
+    /// Calls the worker that waits on this core, if there is one. Returns whether it comes.
     pub(super) fn call_here(&self) -> bool {
         let place = self.cores.get().and_then(|cores| {
             let here = Some(thread::current_core()?);
             cores.iter().position(|&core| core == here)
         });
         place.is_some_and(|place| {
-            // One of the same priority, such as a function of another system, does not give way, nor does a thread with a deadline.
+            // One of the same priority, such as a function of another system, does not give way,
+            // nor does a thread with a deadline.
             path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
                 && self.parker[ON_DUTY as usize + place].call()
         })
@@ -154,13 +163,13 @@ pub(crate) struct EmergencyThread {
     listeners: Option<Listeners>,
     signals: Option<SignalWatch>,
     crash: Option<CrashWatch>,
-    /// Something may move, and nobody has said that it has come to its end.
+    /// The machine may move, and it is not confirmed that it came to rest.
     is_armed: bool,
 }
 
 impl EmergencyThread {
-    /// Starts the workers, at the highest priority if the system is a `real_time` one. It hears the signals that ask the program to end, and of crashes. `cores` are those of
-    /// real-time threads.
+    /// Starts the workers, at the highest priority if the system is a `real_time` one. They handle
+    /// crashes and the signals that ask the program to end. `cores` are those of real-time threads.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
         living: Arc<ProcessRegistry>,
@@ -187,7 +196,8 @@ impl EmergencyThread {
         let has_one_core = thread::available_cores().len() == 1;
         let policy = match real_time {
             false => Policy::Other,
-            // A function that computes for ever would keep who watches it from the only core there is; of equals they take turns.
+            // A function that computes for ever would keep the watching worker from the only core;
+            // at equal priority, round robin lets them take turns.
             true if has_one_core => Policy::round_robin(EMERGENCY_PRIORITY),
             true => Policy::fifo(EMERGENCY_PRIORITY),
         };
@@ -220,7 +230,8 @@ impl EmergencyThread {
         // Behind the members, so that the kernel chooses it last for signals.
         let hears_signals = workers.hears_signals.load(Ordering::Relaxed);
         all.watchdog_timer = RouserThread::start(policy, hears_signals)?;
-        // To wake others on the same core takes no time, and later they would wait for their turns behind the function.
+        // To wake others on the same core takes no time, and later they would wait for their turns
+        // behind the function.
         let is_better_late =
             !has_one_core && watchdog_timer::wakes_beside_a_function(&Source::machine());
         if let Some(watchdog_timer) = all.watchdog_timer.as_ref().filter(|_| is_better_late) {
@@ -263,22 +274,22 @@ impl EmergencyThread {
         Ok(())
     }
 
-    /// What the workers was refused.
+    /// What was refused to the workers.
     pub(crate) fn shortfalls(&self) -> &[Shortfall] {
         // The others were refused the same.
         let first = self.threads.first();
         first.map_or(&[], |thread| &thread.obtained().shortfalls)
     }
 
-    /// Ends the workers, which runs the functions before that if there is an emergency; gives the signal that it has heard, if one came. From then on
-    /// [`Emergency::is_safe`] says for good whether there was one.
+    /// Ends the workers, which run the functions before that if there is an emergency. Returns the
+    /// signal that was received, if one came. From then on [`Emergency::is_safe`] is final.
     pub(crate) fn stop(mut self) -> Option<i32> {
         self.is_armed = false;
         self.join();
         self.heard()
     }
 
-    /// The signal that was heard, before the end was certain.
+    /// The signal that was received before the end was certain.
     fn heard(&self) -> Option<i32> {
         let heard = self.emergency.workers.heard.load(Ordering::Relaxed);
         (heard != 0 && self.emergency.has_begun()).then_some(heard as i32)
@@ -289,17 +300,20 @@ impl EmergencyThread {
         let workers = &self.emergency.workers;
         workers.call_reserve(0);
         for (member, thread) in self.threads.drain(..).enumerate() {
-            // One that hangs is left to itself: who watches it may see that only now. There is no event for both, and nobody is in a hurry.
+            // A hung worker is detached: the watching worker may notice only now. No event covers
+            // both conditions, and polling is good enough here.
             while !thread.is_finished() && !workers.is_left_behind(member as u8) {
                 std::thread::sleep(LOOKS_EVERY);
             }
             if thread.is_finished() {
-                // A panic in a function is caught; the thread's own would have been reported by the panic hook.
+                // A panic in a function is caught; the thread's own would have been reported by the
+                // panic hook.
                 let _ = thread.join();
             }
         }
         if let Some(crash) = &self.crash {
-            // The program is about to end by it, unless whoever handled the signal before knows better: it must not end as if nothing had been.
+            // The program is about to end by the signal, unless the handler that was set before
+            // prevents it. It must not exit as if there had been no crash.
             while crash.slot().signal().is_some() {
                 std::thread::sleep(LOOKS_EVERY);
             }
@@ -307,7 +321,8 @@ impl EmergencyThread {
         drop(self.listeners.take());
         drop(self.watchdog_timer.take());
         if let Some(signals) = self.signals.take() {
-            // One that came too late for the functions does what it does after the end.
+            // A signal that came too late for the functions has the effect that it has after the
+            // end.
             signals.give_back(self.heard().is_none());
         }
     }
@@ -323,7 +338,8 @@ impl Drop for EmergencyThread {
     }
 }
 
-/// The core that one of the reserve can take over. One that was refused its core waits wherever it is, and one that was refused its policy would wait for who calls it.
+/// The core that a worker of the reserve can preempt. None if it was refused its core, since it
+/// then waits on any core, or its policy, since it would then wait for the thread that calls it.
 fn core_to_take_over(asked: Policy, obtained: Policy, core: Option<usize>) -> Option<usize> {
     core.filter(|_| asked.is_real_time() && obtained == asked)
 }

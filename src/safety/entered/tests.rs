@@ -10,10 +10,11 @@ fn why(text: &str) -> Error {
     Error::other(text)
 }
 
-/// Who waits, as a process of another core that runs as soon as it is woken, before who wakes it goes on.
+/// A waiting process of another core: it runs as soon as it is woken, before the thread that wakes
+/// it goes on.
 struct Waits {
     wait: Mutex<Option<Pin<Box<SafeStateEntered>>>>,
-    /// What it does then, in the state that it finds, before it waits again.
+    /// What it does when it is woken, in the state that it finds, before it waits again.
     does: fn(&Emergency),
     emergency: Arc<Emergency>,
     wakes: AtomicUsize,
@@ -37,7 +38,7 @@ impl Waits {
         let waker = Waker::from(self.clone());
         let mut wait = self.wait.lock().unwrap();
         let Some(wait) = &mut *wait else { return };
-        // Once it has been told, as a body that goes on and waits again.
+        // Once it has reported, as a body that goes on and waits again.
         for _ in 0..2 {
             let polled = wait.as_mut().poll(&mut Context::from_waker(&waker));
             if polled.is_pending() {
@@ -100,7 +101,8 @@ fn who_waits_for_an_edge_is_told_once_and_waits_on_in_the_safe_state() {
     waits.wait.lock().unwrap().take();
 }
 
-/// Entered anew while some who were called before are still to be woken: nobody is forgotten, and each hears of it.
+/// Entered anew while some of the first round are still to be woken: no waiter is forgotten, and
+/// each is notified.
 #[test]
 fn whoever_enters_it_anew_wakes_those_too_who_were_not_yet() {
     let emergency = Emergency::new(Weak::new());
@@ -138,7 +140,7 @@ fn an_edge_tells_of_each_state_once() {
     leave(&emergency);
     assert!(!is_told());
     enter(&emergency);
-    // One that comes later has not told of it.
+    // A later edge has not reported it.
     let mut late = pin!(safety.safe_state_edge());
     let mut cx = Context::from_waker(Waker::noop());
     assert!(late.as_mut().poll(&mut cx).is_ready() && late.as_mut().poll(&mut cx).is_pending());

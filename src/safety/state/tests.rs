@@ -5,7 +5,7 @@ use std::sync::Weak;
 #[test]
 fn an_emergency_by_a_crash_needs_no_lock() {
     let emergency = Emergency::new(Weak::new());
-    // Who has crashed holds it. One more lock by this thread would panic.
+    // A crashed thread holds it. One more lock by this thread would panic.
     let _book = emergency.journal.book.lock();
     emergency.begin_for_crash();
     assert_eq!(emergency.degree(), Degree::Emergency);

@@ -1,4 +1,4 @@
-//! What a watchdog knows: when it was fed last, in one word.
+//! The state of a watchdog: when it was fed last, in one word.
 
 use luna_platform::clock::{Instant, nanos};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,22 +6,23 @@ use std::time::Duration;
 
 /// The watch has not begun.
 const ASLEEP: u64 = 0;
-/// Set when it has bitten, beside the feed that was the last. No instant reaches it: the clock would run for 292 years.
+/// Set when it has expired, beside the last feed. No instant reaches it: the clock would run for
+/// 292 years.
 const BITTEN: u64 = 1 << 63;
 
 fn is_bitten(last: u64) -> bool {
     last & BITTEN != 0
 }
 
-/// An instant as it is kept.
+/// An instant in the word.
 fn time(now: Instant) -> u64 {
     now.as_nanos().min(BITTEN - 2)
 }
 
-/// When a watchdog was fed last, and whether it has bitten since.
-///
-/// One word, which each step changes by one compare-and-swap: so a bite and a feed have an order, and who bites has seen that there was
-/// no feed in time. The times in it only rise, so no two bites are the same word.
+/// When a watchdog was fed last, and whether it has expired since. One word, which each step
+/// changes by one compare-and-swap: so an expiry and a feed have an order, and the thread that
+/// marks the expiry has seen that there was no feed in time. The times in it only rise, so no two
+/// expiries are the same word.
 #[derive(Debug)]
 pub(super) struct Food {
     last: AtomicU64,
@@ -32,7 +33,7 @@ impl Food {
     pub(super) fn new(timeout: Duration) -> Self {
         Self {
             last: AtomicU64::new(ASLEEP),
-            // At least what the clock can tell apart.
+            // At least the clock's resolution.
             timeout: nanos(timeout).max(1),
         }
     }
@@ -41,27 +42,29 @@ impl Food {
         Duration::from_nanos(self.timeout)
     }
 
-    /// Its bite, if it has bitten: each is another number.
+    /// Its expiry, if it has expired: each is another number.
     pub(super) fn bite(&self) -> Option<u64> {
         let last = self.last.load(Ordering::Acquire);
         is_bitten(last).then_some(last)
     }
 
-    /// Feeds at `now`, if it is not too late. Repeats only when another feed was counted meanwhile, of a thread that had begun before.
+    /// Feeds at `now`, if it is not too late. Repeats only when another feed was counted meanwhile,
+    /// of a thread that had begun before.
     #[inline]
     pub(super) fn feed(&self, now: Instant) {
         self.change(|last| match last {
             ASLEEP => Some(time(now)),
             last if is_bitten(last) => None,
-            // A feed does not undo the silence before it, should nobody have looked yet.
+            // A feed does not undo the silence before it, even if no thread has looked yet.
             last if self.is_over(last, now) => Some(last | BITTEN),
-            // Of a thread that was held up between its look at the clock and here.
+            // The thread was preempted between its look at the clock and here.
             last if time(now) <= last => None,
             _ => Some(time(now)),
         });
     }
 
-    /// Looks at `now`: when it will bite if it is not fed. `None` if it has bitten. Begins the watch.
+    /// Looks at `now`. Returns when it will expire if it is not fed; `None` if it has expired.
+    /// Begins the watch.
     pub(super) fn look(&self, now: Instant) -> Option<Instant> {
         let last = self.change(|last| match last {
             ASLEEP => Some(time(now)),
@@ -77,7 +80,7 @@ impl Food {
     pub(super) fn reset(&self, now: Instant) {
         self.change(|last| match last {
             last if is_bitten(last) => Some(time(now).max((last & !BITTEN) + 1)),
-            // Of a thread that was held up since its look at the clock, a later feed stays.
+            // The thread was preempted since its look at the clock: a later feed stays.
             last => (last < time(now)).then_some(time(now)),
         });
     }
@@ -86,7 +89,7 @@ impl Food {
         now.nanos_since(Instant::from_nanos(last)) > self.timeout
     }
 
-    /// Makes one step, if `step` says one; gives what is known after it.
+    /// Makes one step, if `step` returns one. Returns the state after it.
     #[inline]
     fn change(&self, step: impl Fn(u64) -> Option<u64>) -> u64 {
         let mut last = self.last.load(Ordering::Acquire);
@@ -154,7 +157,8 @@ mod tests {
         assert_eq!(food.bite(), None);
     }
 
-    /// So that who was called for one is called for the next, though nobody has looked in between.
+    /// So that a waiter that was called for one expiry is called for the next, though no thread has
+    /// looked in between.
     #[test]
     fn no_two_bites_are_the_same() {
         let food = watched_from(100);
@@ -201,7 +205,8 @@ mod tests {
         assert_eq!(food.bite(), None);
     }
 
-    /// Many feed at once while one looks: with steps of the clock that never leave the time, it never bites.
+    /// Many threads feed at once while one looks: if no step of the clock exceeds the timeout, it
+    /// never expires.
     #[test]
     fn feeds_of_many_threads() {
         let food = Food::new(Duration::from_nanos(1_000_000));

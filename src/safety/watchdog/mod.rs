@@ -11,18 +11,20 @@ use luna_platform::clock::Instant;
 use std::fmt;
 use std::time::Duration;
 
-/// How often at most a process looks whether its watchdog, which has bitten, was reset.
+/// How often, at most, a process checks whether its expired watchdog was reset.
 const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 
 /// Fires when it is not fed in time.
 ///
-/// Its handles are clones of one another: some feed it, some wait until it has [`expired`](Self::expired) or run a [`process`](Self::process) that calls a
-/// function then. Feeding costs one look at the clock and one compare-and-swap: no timer is set anew, nobody is woken. Whoever waits wakes once a timeout, looks
-/// when it was fed last, and sleeps on.
+/// Its handles are clones of one another: some feed it, some wait until it has
+/// [`expired`](Self::expired) or run a [`process`](Self::process) that calls a function then.
+/// Feeding costs one look at the clock and one compare-and-swap: no timer is set anew, no thread is
+/// woken. A waiter wakes once a timeout, looks when it was fed last, and sleeps on.
 ///
-/// Exact: it has expired at an instant if and only if, since the watch began, there was a time as long as its timeout without a feed. So a feed that comes too late does not hide that it
-/// did, however late those wake who wait. It then stays expired until it is [`reset`](Self::reset). The watch begins with the first feed, or when
-/// somebody first waits: not when it is made, so that a system's start does not count.
+/// Exact: it has expired at an instant if and only if, since the watch began, there was a time as
+/// long as its timeout without a feed. So a late feed does not hide the expiry, however late the
+/// waiters wake. It then stays expired until it is [`reset`](Self::reset). The watch begins with
+/// the first feed or the first wait, not when it is made: a system's start does not count.
 ///
 /// ```
 /// use luna::Watchdog;
@@ -58,7 +60,8 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// A watchdog that wants to be fed at least once in each `timeout`, of at least 1 ns. Allocates; not for the real-time path.
+    /// A watchdog with a `timeout` of at least 1 ns: it expects a feed in each.
+    /// Allocates; not for the real-time path.
     pub fn new(timeout: Duration) -> Watchdog {
         Watchdog {
             food: Shared::new(Food::new(timeout)),
@@ -68,8 +71,9 @@ impl Watchdog {
 
     /// Feeds it, from any thread. If it has expired, nothing happens.
     ///
-    /// Real-time path: yes; O(1), no system call, no allocation, no lock. Wait-free: a step is repeated only if another thread's feed, which had begun before,
-    /// came between; so at most once for each of the threads that feed.
+    /// Real-time path: yes; O(1), no system call, no allocation, no lock. Wait-free: a step is
+    /// repeated only if another thread's feed, which had begun before, came between; so at most
+    /// once for each of the threads that feed.
     ///
     /// ```
     /// let dog = luna::Watchdog::new(std::time::Duration::from_secs(60));
@@ -86,7 +90,8 @@ impl Watchdog {
         self.food.look(Instant::now()).is_none()
     }
 
-    /// Begins a new watch now, whatever was before: from then on it can be fed, and expire, again. Real-time path: yes; O(1).
+    /// Begins a new watch now, whatever was before: from then on it can be fed, and expire, again.
+    /// Real-time path: yes; O(1).
     ///
     /// ```
     /// use std::time::Duration;
@@ -101,14 +106,16 @@ impl Watchdog {
         self.food.reset(Instant::now());
     }
 
-    /// How often it wants to be fed.
+    /// The time within which it expects a feed.
     pub fn timeout(&self) -> Duration {
         self.food.timeout()
     }
 
-    /// Waits until it has expired; if it has, and was not reset, that is at once, each time. Alone, or as a guard of an alternative.
+    /// Waits until it has expired; if it has, and was not reset, that is at once, each time. Alone,
+    /// or as a guard of an alternative.
     ///
-    /// Cancel-safe. Real-time path: yes; O(log n) for n delays of this thread, no allocation; it wakes once a timeout while the watchdog is fed.
+    /// Cancel-safe. Real-time path: yes; O(log n) for n delays of this thread, no allocation; it
+    /// wakes once a timeout while the watchdog is fed.
     ///
     /// ```
     /// use std::time::Duration;
@@ -124,11 +131,13 @@ impl Watchdog {
         When::new(Bite(self))
     }
 
-    /// A process, to be spawned, that calls `bite` each time the watchdog expires; if it is reset after that, the watch goes on.
+    /// A process, to be spawned, that calls `bite` each time the watchdog expires; if it is reset
+    /// after that, the watch goes on.
     ///
-    /// Give it the highest priority of its executor, or an executor of its own above those it watches, since a callback comes as late as its process. The
-    /// process ends, without a call, when no other handle is left, so nobody can feed it any more: it finds that out when it next would have expired. `bite` runs on the
-    /// real-time path: it must not block.
+    /// Give it the highest priority of its executor, or an executor of its own above the processes
+    /// that it watches, since a callback comes as late as its process. The process ends, without a
+    /// call, when no other handle is left and so no feed can come; it notices that when it next
+    /// would have expired. `bite` runs on the real-time path: it must not block.
     ///
     /// ```
     /// use luna::Watchdog;
@@ -201,7 +210,7 @@ impl<F: FnMut() + Send> Process for WatchdogProcess<F> {
                 if self.dog.is_alone() {
                     return Ok(());
                 }
-                // A reset wakes nobody.
+                // A reset wakes no waiter.
                 luna_channels::after(self.dog.timeout().max(SHORTEST_LOOK)).await;
             }
         }

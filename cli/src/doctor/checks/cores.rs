@@ -1,4 +1,4 @@
-//! The cores: which may be used, and who else runs on the real-time one.
+//! The cores: which may be used, and what else runs on the real-time one.
 
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
@@ -154,7 +154,8 @@ fn workers(machine: &Machine) -> Result<Seen, Unread> {
     })
 }
 
-/// The cores without one, as the kernel writes masks; `1` if none is left, since a mask must have a core.
+/// The cores without one, as the kernel writes masks; `1` if none is left, since a mask must have a
+/// core.
 pub(super) fn mask_without(cores: &[usize], without: usize) -> String {
     let last = cores.iter().copied().max().unwrap_or(0);
     let mut groups = vec![0_u32; last / 32 + 1];
@@ -176,7 +177,7 @@ pub(super) fn mask_without(cores: &[usize], without: usize) -> String {
 fn smt(machine: &Machine) -> Result<Seen, Unread> {
     let core = machine.core;
     let from = format!("/sys/devices/system/cpu/cpu{core}/topology/thread_siblings_list");
-    // A machine with one thread a core may have no such file, but then it says so here.
+    // A machine with one thread a core may have no such file, but this file shows it.
     let active = machine.source.word("/sys/devices/system/cpu/smt/active");
     if active.as_deref() == Ok("0") {
         return Ok(Seen::good("off", "/sys/devices/system/cpu/smt/active"));

@@ -1,4 +1,4 @@
-//! Interrupts: which go to the real-time core, and what they are handled by.
+//! Interrupts: which go to the real-time core, and which handler they have.
 
 use super::cores::mask_without;
 use crate::doctor::finding::{Check, Seen};

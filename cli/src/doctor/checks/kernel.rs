@@ -90,7 +90,7 @@ fn preemption(machine: &Machine) -> Result<Seen, Unread> {
 /// that is the one that it was built to boot with.
 fn effective_preemption(machine: &Machine) -> Result<(PreemptionModel, String), Unread> {
     let (model, file) = PreemptionModel::read_with_file(&machine.source)?;
-    // Without its command line nobody knows whether it asked for another one.
+    // Without its command line it is not known whether it asked for another one.
     if model == PreemptionModel::Dynamic
         && machine.command_line().is_ok()
         && let Ok((config, file)) = machine.config()

@@ -1,4 +1,5 @@
-//! What is looked at in the machine's files. One file a subject, each with its list; a new finding is one entry there.
+//! What is looked at in the machine's files. One file a subject, each with its list; a new finding
+//! is one entry there.
 
 mod clock;
 mod cores;

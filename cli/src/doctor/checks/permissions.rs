@@ -71,7 +71,7 @@ fn policy(machine: &Machine) -> Result<Seen, Unread> {
     })
 }
 
-/// Whether all memory can be locked, what says so, and the file that does.
+/// Whether all memory can be locked, the limit, and the file that has it.
 pub(super) fn can_lock_memory(machine: &Machine) -> Result<(bool, String, &'static str), Unread> {
     if capable(machine, CAP_IPC_LOCK) == Ok(true) {
         return Ok((true, "any amount (CAP_IPC_LOCK)".to_owned(), STATUS));

@@ -48,7 +48,7 @@ fn hypervisor(machine: &Machine) -> Result<Seen, Unread> {
     ))
 }
 
-/// Who says so itself: Xen, the firmware's vendor, the clocks that only a hypervisor has.
+/// The hypervisor's own signs: Xen, the firmware's vendor, the clocks that only a hypervisor has.
 fn hypervisor_name(machine: &Machine) -> Option<String> {
     let source = &machine.source;
     if let Ok(kind) = source.word("/sys/hypervisor/type") {
@@ -71,7 +71,8 @@ fn hypervisor_name(machine: &Machine) -> Option<String> {
         ("Xen", "Xen"),
         ("Parallels", "Parallels"),
         ("bhyve", "bhyve"),
-        // The vendor's laptops are machines; its virtual ones say so in the product's name.
+        // The vendor's laptops are physical machines; its virtual ones have it in the product's
+        // name.
         ("Microsoft Corporation Virtual Machine", "Hyper-V"),
     ];
     let vendor = vendors.iter().find(|(word, _)| firmware.contains(word));
@@ -90,7 +91,7 @@ fn hypervisor_name(machine: &Machine) -> Option<String> {
     found.map(|(_, name)| (*name).to_owned())
 }
 
-/// The judgement on a part of the time, which was lost over what `when` says.
+/// The finding on a share of stolen time; `when` names the time in which it was counted.
 pub(crate) fn steal_seen(share: f64, when: &str) -> Seen {
     let from = "/proc/stat";
     let read = format!("{:.2} % {when}", 100.0 * share);

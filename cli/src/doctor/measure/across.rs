@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// The pairs of a large machine are not all measured, which is told.
+/// The most pairs that are measured. The finding says so if there are more.
 const MOST_PAIRS: usize = 16;
 /// An answer that takes longer ends the measurement.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -59,7 +59,7 @@ fn from_to(from: usize, to: usize, time: Duration) -> Result<Measured, String> {
         answered: Futex::new(0),
         at: AtomicU64::new(0),
     });
-    // Once in 100 µs: both are asleep by then. What is measured beyond that room is left out.
+    // Once in 100 µs: both threads sleep by then. Samples beyond that room are left out.
     let most = usize::try_from(time.as_micros() / 100).unwrap_or(0).max(20);
 
     let (ours, theirs) = (table.clone(), table);
@@ -86,7 +86,7 @@ fn from_to(from: usize, to: usize, time: Duration) -> Result<Measured, String> {
             if now() >= end {
                 break;
             }
-            // The other goes to sleep meanwhile.
+            // The other thread goes to sleep meanwhile.
             never.wait(0, now() + Duration::from_micros(100));
             ours.at.store(now().as_nanos(), Ordering::Release);
             announce(&ours.called, round);
@@ -94,7 +94,7 @@ fn from_to(from: usize, to: usize, time: Duration) -> Result<Measured, String> {
                 break;
             }
         }
-        // The last call of all is told by its number.
+        // The last call has a number of its own.
         announce(&ours.called, LAST);
     })?;
     let how = format!(

@@ -7,9 +7,9 @@ use luna_platform::futex::Futex;
 use std::hint::black_box;
 use std::time::Duration;
 
-/// How many are timed together: one is as short as what times it.
+/// How many operations are timed together: a single one is as short as the clock's own cost.
 const BATCH: u64 = 1000;
-/// Enough to see what is usual.
+/// Enough for a median.
 const MOST_BATCHES: usize = 1000;
 
 /// At most half of `each`.

@@ -43,7 +43,8 @@ fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> 
         .unwrap_or(0)
         .max(20);
 
-    // The high one first: on a machine of one core, nobody below the low one would get to run to make it.
+    // The high one first: on a machine of one core, a thread below the low one would not get to run
+    // to make it.
     let (ours, is_held) = (lock.clone(), begun.clone());
     let taker = threads::on(high, threads::PRIORITY, move || {
         let times = take(&ours, &is_held, most, time);
@@ -51,7 +52,7 @@ fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> 
         times
     })?;
     let holder = threads::on(low, threads::PRIORITY - 1, move || {
-        // Unless the other has given up meanwhile.
+        // Unless the other thread has stopped meanwhile.
         if begun
             .word()
             .compare_exchange(NOBODY, HOLDS, Ordering::Relaxed, Ordering::Relaxed)
@@ -73,12 +74,12 @@ fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> 
     Ok(Measured { times, how })
 }
 
-/// What the word between the two says.
+/// The values of the word between the two.
 const NOBODY: u32 = 0;
 const HOLDS: u32 = 1;
 const OVER: u32 = 2;
 
-/// Takes the lock every period, once somebody else does.
+/// Takes the lock every period, once another thread holds it.
 fn take(lock: &PiLock<u64>, is_held: &Futex, most: usize, time: Duration) -> Vec<u64> {
     let mut times = Vec::with_capacity(most);
     let give_up = now() + PATIENCE;

@@ -1,4 +1,4 @@
-//! What is measured: each for a bounded time, under SCHED_FIFO where that is given.
+//! The measurements: each for a bounded time, under SCHED_FIFO where that is allowed.
 
 mod across;
 mod costs;
@@ -13,7 +13,8 @@ use luna_platform::latency::DmaLatency;
 use luna_platform::memory;
 use std::time::Duration;
 
-/// What a measurement gives: times in nanoseconds, unsorted, and the policy under which they were taken.
+/// What a measurement gives: times in nanoseconds, unsorted, and the policy under which they were
+/// taken.
 #[derive(Debug)]
 pub(crate) struct Measured {
     times: Vec<u64>,
@@ -28,16 +29,16 @@ struct Bounds {
     good: u64,
     /// A bad one is more than this.
     bad: u64,
-    /// What is held against them.
+    /// The figure that is compared with them.
     by: fn(&Times) -> u64,
 }
 
-/// Of what may be late: how late it rarely is.
+/// Latencies are judged by their 99th percentile.
 fn p99(times: &Times) -> u64 {
     times.p99
 }
 
-/// Of what has a price: the usual one, since whoever measures is interrupted too.
+/// Costs are given by their median, since the measuring thread is interrupted too.
 fn p50(times: &Times) -> u64 {
     times.p50
 }
@@ -65,7 +66,8 @@ pub(crate) fn all(machine: &Machine, each: Duration) -> Vec<Finding> {
     findings
 }
 
-/// The cores that this process may use, and the one that it is to use, which may be an isolated one.
+/// The cores that this process may use, and the one that it is to use, which may be an isolated
+/// one.
 fn cores(machine: &Machine) -> Vec<usize> {
     let mut cores = luna_platform::thread::available_cores();
     let isolated = machine
@@ -79,7 +81,7 @@ fn cores(machine: &Machine) -> Vec<usize> {
 }
 
 impl Measurement {
-    /// Judges what was measured, or says why nothing was.
+    /// Judges what was measured, or gives the reason why nothing was.
     fn finding(self, outcome: Result<Measured, String>) -> Finding {
         let (verdict, read, from, advice, ns) = match outcome {
             Ok(Measured { times, how }) => match times_of(times) {

@@ -7,7 +7,7 @@ use std::convert::Infallible;
 /// As an executor of a user: above the kernel's interrupt threads.
 pub(super) const PRIORITY: u8 = 80;
 
-/// A thread on `core` under SCHED_FIFO with `priority`, or without what is refused.
+/// A thread on `core` under SCHED_FIFO with `priority`, or without what was refused.
 pub(super) fn on<T: Send + 'static>(
     core: usize,
     priority: u8,
@@ -20,7 +20,7 @@ pub(super) fn on<T: Send + 'static>(
         .map_err(|error: SpawnError<Infallible>| error.to_string())
 }
 
-/// What the thread came to.
+/// The thread's result.
 pub(super) fn end<T>(thread: Thread<T>) -> Result<T, String> {
     thread
         .join()

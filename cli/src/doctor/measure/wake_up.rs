@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// As a fast control loop.
 const PERIOD: Duration = Duration::from_millis(1);
-/// The fewest wake-ups from which something can be said.
+/// The fewest wake-ups that allow a verdict.
 const FEWEST: u32 = 20;
 const WHY: &str = "what every loop on this core is late by, before it has done anything";
 /// A twentieth of the period; more than the period and a slot is missed.
@@ -21,8 +21,8 @@ const BOUNDS: Bounds = Bounds {
 /// After this long no other core is begun.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// One core after the other, twice `each` in all, but at least 20 wake-ups for a core. The last cores of a very large or very busy machine are
-/// left out, which is told.
+/// One core after the other, twice `each` in all, but at least 20 wake-ups for a core. The last
+/// cores of a very large or very busy machine are left out, and the finding says so.
 pub(super) fn on_each(cores: &[usize], each: Duration) -> Vec<Finding> {
     let all = 2 * each;
     let share = all / u32::try_from(cores.len().max(1)).unwrap_or(u32::MAX);

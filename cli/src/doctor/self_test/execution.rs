@@ -96,7 +96,7 @@ fn bands() -> Outcome {
     let flag = came.clone();
     low.process("burns").spawn(async move {
         burns.send(()).await?;
-        // Bounded, should nobody come.
+        // Bounded, in case the other process never comes.
         let end = luna::now() + Duration::from_secs(2);
         while !flag.load(Ordering::Relaxed) && luna::now() < end {
             std::hint::spin_loop();

@@ -67,8 +67,7 @@ fn mutex_of_the_dead() -> Outcome {
         let (say, said) = luna::channel();
         let (fail, is_to_fail) = luna::channel();
         // The branch that holds the mutex is ended where it waits, since the other one fails. A
-        // process that was cancelled would be an error of the system, which is told on standard
-        // error.
+        // cancelled process would be an error of the system, which is reported on standard error.
         let never = Barrier::new(2);
         executor.process("parent").spawn(async move {
             let dies = luna::par!(

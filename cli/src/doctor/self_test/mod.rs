@@ -1,4 +1,5 @@
-//! The library at work on this machine: a small, real check of every component, each bounded in time.
+//! The library at work on this machine: a small, real check of every component, each bounded in
+//! time.
 
 mod choice;
 mod communication;
@@ -16,7 +17,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A check that takes longer hangs: they take milliseconds, and a second or two on a machine that is very busy.
+/// A check that takes longer hangs: they take milliseconds, and a second or two on a machine that
+/// is very busy.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A check of one component. A new component is one more of these in a list of this folder.
@@ -26,7 +28,7 @@ pub(crate) struct Test {
     component: &'static str,
     /// What it shows.
     shows: &'static str,
-    /// Gives in a few words what was done.
+    /// Returns in a few words what was done.
     run: fn() -> Outcome,
 }
 
@@ -68,7 +70,7 @@ pub(crate) fn run_all() -> Vec<Finding> {
     all().map(|test| run_one(test, PATIENCE)).collect()
 }
 
-/// Runs one on a thread of its own, which is left to itself if it hangs.
+/// Runs one on a thread of its own, which is detached if it hangs.
 fn run_one(test: &Test, patience: Duration) -> Finding {
     let (report, reported) = mpsc::channel();
     let run = test.run;
@@ -129,7 +131,7 @@ fn same<T: PartialEq + fmt::Debug>(what: &str, got: T, expected: T) -> luna::Res
     )))
 }
 
-/// An error unless it is so.
+/// An error unless the condition holds.
 fn ensure(is_so: bool, what: &str) -> luna::Result<()> {
     same(what, is_so, true)
 }
@@ -228,7 +230,7 @@ mod tests {
             assert_ne!(finding.verdict, Verdict::Bad, "{finding:?}");
             if finding.verdict == Verdict::Unknown {
                 let text = format!("skipped: self-test {}: {}\n", finding.name, finding.read);
-                // Not by a macro, whose output the harness keeps to itself.
+                // Not by a macro: the harness captures its output.
                 let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
             }
         }

@@ -1,4 +1,4 @@
-//! What the library stands on: policies that are read back, and the lock that lends priorities.
+//! What the library relies on: policies that are read back, and the lock with priority inheritance.
 
 use super::{Outcome, Test, Trouble, ensure, same};
 use luna::Policy;
@@ -53,7 +53,7 @@ fn real_time<T: Send + 'static>(
     })
 }
 
-/// Says so if this program gets no SCHED_FIFO.
+/// Prints it if this program gets no SCHED_FIFO.
 pub(super) fn need_real_time() -> Result<(), Trouble> {
     end(real_time(1, || ())?)
 }
@@ -73,7 +73,7 @@ fn policy() -> Outcome {
 fn excludes() -> Outcome {
     const THREADS: u64 = 4;
     const ROUNDS: u64 = 2000;
-    // Two numbers that differ only while somebody is inside.
+    // Two numbers that differ only while the lock is held.
     let lock = Arc::new(PiLock::new((0, 0)));
     let threads: Vec<_> = (0..THREADS)
         .map(|_| {
@@ -97,13 +97,13 @@ fn excludes() -> Outcome {
     Ok(format!("{} sections", THREADS * ROUNDS))
 }
 
-/// The priority in effect of the calling thread, as the kernel says.
+/// The priority in effect of the calling thread, as the kernel reports it.
 fn priority() -> Option<u8> {
     let stat = Source::machine().parse("/proc/thread-self/stat", task::scheduling);
     Some(stat.ok()?.real_time_priority)
 }
 
-/// Waits until the calling thread has `expected` in effect; gives what it has.
+/// Waits until the calling thread has `expected` in effect. Returns what it has.
 fn priority_becomes(expected: u8) -> Option<u8> {
     let end = Instant::now() + PATIENCE;
     // Asleep in between: a real-time thread that spins would keep the one to come from being made.
@@ -139,7 +139,7 @@ fn boost() -> Outcome {
     Ok("10 boosted to 30, and back".to_owned())
 }
 
-/// Holds the lock until somebody lends a priority; gives the one then, and the one after.
+/// Holds the lock until it inherits a priority. Returns the inherited one, and the one after.
 fn hold(
     lock: Arc<PiLock<()>>,
     is_held: SyncSender<()>,

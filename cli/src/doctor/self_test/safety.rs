@@ -53,7 +53,7 @@ fn emergency() -> Outcome {
     let calls = Arc::new(AtomicU32::new(0));
     let mut system = System::new("self-test");
     let executor = system.executor("main").build()?;
-    // The digits tell the order.
+    // The digits show the order.
     for digit in 1..=2 {
         let calls = calls.clone();
         system.on_emergency("digit", move || {

@@ -139,7 +139,7 @@ fn managed() -> Outcome {
     let callback = system
         .timer_manager()?
         .callback("callback", move |firing| {
-            // When nobody takes any more, the loops have ended.
+            // When no receiver is left, the loops have ended.
             let _ = called.try_send(luna::now() >= firing.deadline);
         })?;
     callback.every(MILLISECOND, Duration::ZERO)?;

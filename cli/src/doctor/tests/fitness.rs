@@ -23,7 +23,7 @@ fn preemption_of(machine: &Machine) -> Finding {
     preemption.expect("a finding")
 }
 
-/// A kernel that chooses when it boots tells only root what it has chosen.
+/// A kernel that chooses its model at boot shows the choice to root alone.
 #[test]
 fn the_built_in_preemption_counts_where_the_one_in_effect_is_hidden() {
     let unpacked = Unpacked::new("built-in", "virtual", MACHINES[2].1);

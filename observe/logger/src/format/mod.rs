@@ -7,7 +7,7 @@
 //! ```
 //!
 //! Numbers have a fixed size and are little-endian, or are LEB128 (7 bits a byte, lowest first), so
-//! that the format does not depend on the computer. `docs/logger.md` has the tables.
+//! that the format does not depend on the computer. `docs/recording-format.md` has the tables.
 //!
 //! These changes need no new major version: new kinds of records, which an older reader skips, and
 //! new fields at the end of a record's body, which it ignores.

@@ -120,7 +120,7 @@ pub struct Event {
     pub thread: u32,
     /// When, in nanoseconds on the recording's clock.
     pub time: u64,
-    /// What happened: `docs/logger.md` lists the codes. A reader shows unknown codes by number.
+    /// What happened: `docs/events.md` lists the codes. A reader shows unknown codes by number.
     pub code: u16,
     /// What did it: usually the number of a process.
     pub subject: u32,

@@ -1,5 +1,5 @@
 //! The messages between sender and receiver other than blocks. Numbers are little-endian;
-//! `docs/logger.md` has the tables.
+//! `docs/recording-format.md` has the tables.
 //!
 //! The first 16 bytes of either side are the same in all versions, so that each side can name the
 //! other's version.

@@ -1,4 +1,4 @@
-//! What a member of the workers does: the functions, watching who runs one, and hearing of signals.
+//! What a worker does: run the functions, watch the worker that runs one, and take signals.
 
 use super::super::functions::{Moment, Task};
 use super::{Emergency, EmergencyWorkers};
@@ -9,7 +9,8 @@ use luna_platform::{signals, thread};
 use std::sync::atomic::Ordering;
 
 impl EmergencyWorkers {
-    /// The first function is about to be called on the calling thread, of which the others may not know. They are woken when they are to look at it; now if it cannot be then.
+    /// The first function is about to be called on the calling thread; the others may not know of
+    /// it. They are woken when they are to check it, or now if they cannot be woken then.
     fn rouse_others(&self, at: Instant) {
         if !self
             .watchdog_timer
@@ -20,7 +21,9 @@ impl EmergencyWorkers {
         }
     }
 
-    /// The kernel may choose the calling thread for signals, or not: one that runs a function may hang, or be left behind with the lowest priority, and the user's code need not know of interrupted calls.
+    /// The kernel may choose the calling thread for signals, or not: one that runs a function may
+    /// hang, or be left behind with the lowest priority, and the user's code need not know of
+    /// interrupted calls.
     fn accept_signals(&self, accepts: bool) {
         if self.hears_signals.load(Ordering::Relaxed) {
             match accepts {
@@ -38,12 +41,13 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
     let is_wanted = || workers.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
     while !is_wanted() {
         workers.parker[usize::from(member)].sleep(is_wanted);
-        // Called on its core: what is there to be run. Those on duty see that it does not take too long.
+        // Called on its core: what is there to be run. Those on duty see that it does not take too
+        // long.
         if work(emergency, member, living).is_none() {
             return;
         }
     }
-    // Who watches must not wait for the core of one that computes for ever.
+    // A watching worker must not wait for the core of a function that computes for ever.
     thread::unpin_current();
     workers.accept_signals(true);
     loop {
@@ -58,7 +62,8 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
     }
 }
 
-/// Does what there is to do now; says until when there is nothing more. None: somebody else has taken over, and this thread has a low priority by now.
+/// Does what there is to do now. Returns the instant until which there is nothing more to do. None:
+/// another worker has taken over, and this thread has a low priority by now.
 fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<Instant> {
     let workers = &emergency.workers;
     loop {
@@ -76,7 +81,7 @@ fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<I
     }
 }
 
-/// Says once that the functions have run.
+/// Announces once that the functions have run.
 fn announce(emergency: &Emergency, living: &ProcessRegistry) {
     let workers = &emergency.workers;
     let is_first = !workers.has_announced.swap(true, Ordering::AcqRel);
@@ -85,7 +90,7 @@ fn announce(emergency: &Emergency, living: &ProcessRegistry) {
     }
     let crash = workers.heard_crash.load(Ordering::Relaxed);
     if crash != 0 && !workers.has_noted.swap(true, Ordering::AcqRel) {
-        // Who has crashed may hold the journal, and gives it back only now, if ever.
+        // The crashed thread may hold the journal, and releases it only now, if at all.
         emergency.note_crash(crash);
     }
     if is_first {
@@ -93,7 +98,7 @@ fn announce(emergency: &Emergency, living: &ProcessRegistry) {
     }
 }
 
-/// Does one thing of what there is to do now; the emergency before all else.
+/// Does one thing that is to be done now; the emergency comes first.
 fn step(emergency: &Emergency, member: u8) -> Task {
     let crash = emergency.workers.crash.get();
     let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
@@ -104,7 +109,8 @@ fn step(emergency: &Emergency, member: u8) -> Task {
             if let Some((crash, number)) = crash.zip(number) {
                 crash.enter(member, *number);
             }
-            // Behind the signals: one that this thread has taken before is soon known to the others.
+            // Behind the signals: one that this thread has taken before is soon known to the
+            // others.
             if let Some(at) = look.filter(|_| !is_announced) {
                 emergency.workers.rouse_others(at);
             }
@@ -117,7 +123,8 @@ fn step(emergency: &Emergency, member: u8) -> Task {
         }
     };
     let mut until = Instant::NEVER;
-    // The safe state is always announced, so that those who watch its functions are awake: the one timer there is belongs to the emergency.
+    // The safe state always wakes all workers on duty, so that its functions are watched: the only
+    // timer belongs to the emergency.
     for (functions, is_announced) in [
         (&emergency.at_emergency, false),
         (&emergency.at_safe_state, true),
@@ -131,7 +138,8 @@ fn step(emergency: &Emergency, member: u8) -> Task {
 }
 
 impl Emergency {
-    /// Begins if a signal has come. It has begun when this returns, also if it was another member that heard of it first: or this one would sleep, and not watch that one.
+    /// Begins if a signal has come. It has begun when this returns, also if another worker received
+    /// the signal first: else this one would sleep, and not watch that one.
     fn hear(&self) {
         let workers = &self.workers;
         if workers.hears_signals.load(Ordering::Relaxed)
