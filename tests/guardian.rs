@@ -34,7 +34,7 @@ mod linux {
     }
 
     fn set_output(machine: &Path, output: &str) {
-        // At once, so that nobody reads half of it.
+        // Replaced in one step, so that no reader sees half of it.
         let fresh = machine.with_extension(format!("{}", std::process::id()));
         fs::write(&fresh, output).unwrap();
         fs::rename(fresh, machine).unwrap();
@@ -136,7 +136,8 @@ mod linux {
             .unwrap()
     }
 
-    /// Waits until the machine puts this out. The guardian is nobody's child any more, so there is nothing to wait on.
+    /// Waits until the machine outputs this. The guardian is no child of this process any more, so
+    /// it cannot be waited on.
     fn await_output(machine: &Path, expected: &str) {
         let patience = std::time::Instant::now();
         while output(machine) != expected {

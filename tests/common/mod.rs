@@ -36,7 +36,7 @@ pub(crate) fn watchdog() -> impl Drop {
 
 /// Says what is to be read in any case.
 pub(crate) fn say(text: &str) {
-    // Not by a macro, whose output the harness keeps to itself.
+    // A macro would not do: the harness captures its output.
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
@@ -329,7 +329,7 @@ pub(crate) fn as_plain_user(part: &str) -> Option<Ended> {
     as_other_user(as_nobody, part)
 }
 
-/// Runs a part as a user who is given real-time priorities up to 98, if that can be.
+/// Runs a part as a user with real-time priorities up to 98, if the machine allows it.
 #[cfg(unix)]
 #[track_caller]
 pub(crate) fn as_limited_user(part: &str) -> Option<Ended> {

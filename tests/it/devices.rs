@@ -166,7 +166,7 @@ fn in_an_emergency_its_functions_run_in_order_and_then_it_is_closed() {
     }
 }
 
-/// Whose last user ends because of the emergency, before its function has run.
+/// The last user of the device ends because of the emergency, before the device's function has run.
 #[test]
 fn it_stays_open_until_its_functions_have_run() {
     let _watch = watchdog();

@@ -326,7 +326,7 @@ fn both_directions_of_one_socket() {
             Ok(())
         })
         .unwrap();
-    // The input's file is open while the input waits, which nobody tells to stop but the end of its channel.
+    // The input's file is open while the input waits. Only the end of its channel stops it.
     system.run().unwrap();
     echo.join().unwrap();
 }

@@ -1,4 +1,4 @@
-//! External channels: what is broken is said, in its place, and nothing around it is lost.
+//! External channels: broken input is reported where it occurs, and the data around it is kept.
 
 #![cfg(unix)]
 

@@ -278,7 +278,7 @@ fn a_process_that_comes_late_registers_and_records() {
     }
 }
 
-/// The example of the contract, unchanged, recorded by who starts it.
+/// The example of the contract, unchanged. The parent process that starts it records it.
 #[cfg(unix)]
 #[test]
 fn the_examples_signal_is_in_its_recording() {

@@ -21,7 +21,8 @@ async fn drain(from: &Receiver<u32>) -> Result<()> {
     }
 }
 
-/// A network of branches and of processes, whose `guard` refuses the fifth number, and says so by poison.
+/// A network of branches and of processes. Its `guard` refuses the fifth number by poisoning its
+/// channel.
 fn run(executors: usize) -> String {
     let mut system = System::new("failing");
     let places: Vec<_> = ["left", "right"][..executors]
@@ -37,7 +38,7 @@ fn run(executors: usize) -> String {
         par!(
             feed(&numbers),
             async {
-                // Whatever it is told it passes on, to a branch of its own.
+                // Passes all that it receives on, to a branch of its own.
                 par!(
                     async {
                         loop {

@@ -45,7 +45,7 @@ fn end_the_run() {
 
 const MILLISECOND: Duration = Duration::from_millis(1);
 
-/// Waits over and over, and tells nothing that could have been otherwise.
+/// Waits over and over, and logs nothing that could have been otherwise.
 async fn only_waits() -> luna::Result<()> {
     loop {
         luna::after(MILLISECOND).await;

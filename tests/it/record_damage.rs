@@ -321,7 +321,7 @@ fn a_changed_program_is_noticed() {
         match replay(&recording, change).0 {
             Err(Error::Record(RecordError::Diverged(at))) => {
                 let processes: &[&str] = match change {
-                    // Whose last send came before one of the other's is missed by the sink first.
+                    // The sink first misses the process with the earlier last send.
                     Change::FewerSends => &["second", "sink"],
                     Change::GoesOn => &["first"],
                     _ => &["sink"],

@@ -162,7 +162,7 @@ fn poison_ends_a_network() {
         for n in 0..1000 {
             out.send(n).await?;
         }
-        out.poison(); // whoever waits on it, or comes to it later, ends
+        out.poison(); // each process that waits on it, or comes to it later, ends
         Ok(())
     };
     left.process("producer").spawn(produce).unwrap();

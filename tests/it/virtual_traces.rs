@@ -10,7 +10,7 @@ use std::time::Duration;
 
 const US: Duration = Duration::from_micros(1);
 
-/// What happened, a line each: when, who, what.
+/// What happened, a line each: time, process, action.
 #[derive(Clone, Default)]
 struct Trace(Arc<Mutex<String>>);
 

@@ -77,7 +77,8 @@ fn fed_in_time_it_does_not_expire() {
     system.run().unwrap();
 }
 
-/// Who waits learns of feeds only when the time comes, and then sleeps on: what it then has waited for is counted from the last feed.
+/// A waiter learns of heartbeats only when the timeout expires, and then sleeps on: the new timeout
+/// counts from the last heartbeat.
 #[test]
 fn a_wait_is_counted_from_the_last_feed() {
     let _watch = watchdog();
@@ -95,7 +96,8 @@ fn a_wait_is_counted_from_the_last_feed() {
                 fed.feed();
                 ticks.tick().await;
             }
-            // Either this is in time, and counted from; or it came too late on a busy machine, and the dog has bitten before.
+            // Either this heartbeat is in time, and counts; or it came too late on a busy machine,
+            // and the watchdog has expired before.
             let now = luna::now();
             fed.feed();
             let was_in_time = !fed.has_expired();
@@ -166,7 +168,7 @@ fn a_process_that_calls_a_function() {
     }
 }
 
-/// A system with a watchdog that is fed ends when those who feed it have ended.
+/// A system with a watchdog ends when all processes that send its heartbeat have ended.
 #[test]
 fn the_process_ends_with_those_who_feed() {
     let _watch = watchdog();
@@ -210,7 +212,7 @@ fn a_late_feed_hides_nothing() {
             own.feed();
             common::burn_until(luna::now() + 3 * MS);
             own.feed();
-            // On the same executor, at a higher priority: nobody has looked.
+            // On the same executor, at a higher priority: no process has looked.
             assert!(bites.try_recv().is_err());
             assert!(own.has_expired());
             bites.recv().await.map_err(Error::from)

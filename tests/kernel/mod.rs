@@ -69,13 +69,16 @@ pub(crate) fn stolen(core: usize) -> Duration {
     TICK * ticks.unwrap_or(0)
 }
 
-/// How many of so many observations may be spoilt without the kernel's saying so: a hypervisor that has to fetch a page lets the guest run another thread
-/// meanwhile (asynchronous page faults), whatever its priority, and no counter of the thread tells. What is wrong in the program spoils many.
+/// How many of so many observations may be spoilt without a trace in the kernel's counters. A
+/// hypervisor that has to fetch a page lets the guest run another thread meanwhile (asynchronous
+/// page faults), whatever its priority, and no counter of the thread shows it. An error in the
+/// program spoils many.
 pub(crate) fn spoilt(of: u64) -> u64 {
     1 + of / 5_000
 }
 
-/// How often, and for how long, the kernel kept the calling thread from running, as far as it tells.
+/// How often, and for how long, the kernel kept the calling thread from running, as far as its
+/// counters show.
 #[derive(Debug)]
 pub(crate) struct KeptOff {
     schedstat: Option<File>,

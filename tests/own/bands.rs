@@ -32,7 +32,7 @@ fn band(system: &mut System, core: usize, name: &str, priority: u8) -> Executor 
     executor.policy(Policy::fifo(priority)).build().unwrap()
 }
 
-/// Steps without an await, which end when somebody has seen them, or after a time.
+/// Steps without an await, which end when another process has seen them, or after a time.
 #[derive(Debug, Default)]
 struct LongPoll {
     steps: AtomicU64,
@@ -83,9 +83,9 @@ impl LongPoll {
     }
 }
 
-/// For a poll that somebody sees. No machine takes so long to fire a timer.
+/// For a poll that another process sees. No machine takes so long to fire a timer.
 const SEEN: Duration = Duration::from_secs(5);
-/// For one that nobody can.
+/// For a poll that no process can see.
 const UNSEEN: Duration = Duration::from_millis(20);
 
 /// A process that polls long between two rendezvous, and one that is to see it. Gives what that one found.

@@ -34,7 +34,7 @@ fn part() {
     let mut system = System::new("crashing");
     let safety = system.safety();
     system.on_emergency("first", move || {
-        // It would wait for who has crashed, who would have the lock for good.
+        // It would wait for the crashed thread, which would hold the lock for good.
         safety.warn(Error::Timeout);
         println!("function, {}", safety.degree());
     });

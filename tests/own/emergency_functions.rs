@@ -1,4 +1,5 @@
-//! Emergency functions: each once, in order, whoever hangs or panics; registered at set-up, by drivers, and late.
+//! Emergency functions: each runs once, in order, even if one hangs or panics; registered at
+//! set-up, by drivers, and late.
 
 use crate::common;
 use common::{burn_until, has_real_time, skip, watchdog};
@@ -39,7 +40,8 @@ fn raise_in(system: &mut System) -> SafetyReport {
     raise_on(None, system)
 }
 
-/// Nowhere in particular, and on the core of a real-time thread, where somebody waits for that.
+/// On no core in particular, and on the core of a real-time thread, where an emergency worker
+/// waits.
 fn places() -> [Option<usize>; 2] {
     [
         None,
@@ -57,7 +59,8 @@ fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
     main.process("raiser")
         .spawn(async {
             let _raised = luna::emergency(Error::other("now"));
-            // The functions alone end the run, or else who hangs might be found by the end.
+            // The functions alone end the run. Otherwise the end of the run might find the thread
+            // that hangs.
             std::future::pending().await
         })
         .unwrap();
@@ -144,7 +147,8 @@ fn all_but_one_thread_may_hang() {
     }
 }
 
-/// One that may hang is not to be interrupted, nor to be who hears of the next signal.
+/// A thread that may hang must not be interrupted, and must not be the one that receives the next
+/// signal.
 #[test]
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
@@ -170,7 +174,8 @@ fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
     }
 }
 
-/// A function of the safe state and one of the emergency at the same time: there is still somebody who watches both.
+/// A function of the safe state and one of the emergency at the same time: a thread still watches
+/// both.
 #[test]
 fn one_of_each_kind_may_hang() {
     own_process!();
@@ -250,7 +255,7 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
     assert_eq!(of_safe_state, [LeftBehind, LeftBehind, LeftBehind, Ran]);
 }
 
-/// The system ends while a function hangs and nobody has noticed it yet.
+/// The system ends while a function hangs and the watchdog timer has not expired yet.
 #[test]
 fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     own_process!();
@@ -273,7 +278,7 @@ fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     drop(let_go);
 }
 
-/// Nobody knew of them at the start.
+/// Not known at the start.
 #[test]
 fn functions_that_come_late_have_somebody_who_goes_on() {
     own_process!();
@@ -301,7 +306,8 @@ fn functions_that_come_late_have_somebody_who_goes_on() {
     drop((let_first_go, let_second_go));
 }
 
-/// It computes for ever at the highest priority there is: who watches it must be given a core all the same, and it must lose its priority.
+/// The function computes for ever at the highest priority there is. The watching thread must get a
+/// core all the same, and the function must lose its priority.
 #[test]
 fn one_that_computes_for_ever_loses_its_priority() {
     own_process!();
@@ -587,7 +593,7 @@ fn no_other_process_of_the_core_runs_before_the_first_function() {
         let safety = system.report().unwrap().safety;
         let after = safety.functions[0].began_after.unwrap();
         if after > Duration::from_micros(900) {
-            // A hypervisor took the other core meanwhile: nobody waits for that.
+            // A hypervisor took the other core meanwhile: the bound does not hold then.
             println!("round {round}: the first function began after {after:?}");
             continue;
         }

@@ -13,14 +13,14 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Who triggers, and whether it is certain that the system hears of it.
+/// What triggers, and whether it is certain that the system notices it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Panic,
     Raised,
     Overrun,
     Watchdog,
-    /// A driver's thread whose device is lost.
+    /// A driver's thread that loses its device.
     Device,
     Signal,
 }
@@ -86,7 +86,7 @@ struct Record {
 
 const FUNCTIONS: usize = 3;
 
-/// Adds who triggers; gives a thread's work, if it is one.
+/// Adds the trigger; returns the thread's work, if the trigger is a thread.
 fn add(
     kind: Kind,
     number: usize,
@@ -105,7 +105,7 @@ fn add(
     let process = |system: &mut System| match place {
         0 => common::Place::Executor.process(system, &name, &name),
         1 => common::Place::Thread.process(system, &name, &name),
-        // On a real-time core, where somebody of the emergency manager waits.
+        // On a real-time core, where an emergency worker waits.
         _ => {
             let cores = luna_platform::thread::available_cores();
             let core = cores[(place as usize) % cores.len()];
@@ -326,7 +326,7 @@ fn none_is_lost_and_none_runs_twice() {
     own_process!();
     // The long form takes longer than a watchdog.
     let _watch = (emergencies() <= 1000).then(watchdog);
-    // In a program of its own, whose signals are nobody else's.
+    // In a program of its own, with signals of its own.
     let ended = Program::start(&seed().to_string()).end();
     let shown = ended.errors.lines().rev().take(40).collect::<Vec<_>>();
     assert!(ended.status.success(), "{}\n{shown:#?}", ended.output);
@@ -340,7 +340,8 @@ fn crash(number: u64) {
     use nix::sys::signal::{Signal, raise};
     let random = &mut Random::new(number);
     nix::sys::resource::setrlimit(nix::sys::resource::Resource::RLIMIT_CORE, 0, 0).unwrap();
-    /// Whether the system lives: from the first `pre_run` to the last `post_run`. Who crashes holds it.
+    /// Whether the system lives: from the first `pre_run` to the last `post_run`. A thread that
+    /// crashes holds the lock.
     static LIVES: Mutex<bool> = Mutex::new(false);
     struct Life(Phased);
     impl Process for Life {
@@ -353,7 +354,7 @@ fn crash(number: u64) {
         }
         fn post_run(&mut self) {
             self.0.post_run();
-            // If somebody is about to crash, this never comes back.
+            // If another thread is about to crash, this lock is never acquired.
             *LIVES.lock().unwrap() = false;
         }
     }

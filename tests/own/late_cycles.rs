@@ -1,4 +1,5 @@
-//! Late cycles say why: who ran instead, what the kernel counted, and whether it was the loop itself.
+//! Late cycles report their cause: what ran instead, what the kernel counted, and whether it was
+//! the loop itself.
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, burn_until, has_real_time, skip, watchdog};
@@ -41,7 +42,7 @@ fn a_hog_is_named() -> bool {
         .spawn(async move {
             let mut tick = luna::periodic("servo", PERIOD)?;
             let first = tick.next().await;
-            // The hog is told within a cycle, and runs past the end of the next slot.
+            // The hog gets its message within a cycle, and runs past the end of the next slot.
             busy.send(first.deadline + PERIOD + HOG).await?;
             told.try_send(first.deadline + PERIOD)?;
             tick.next().await;

@@ -373,7 +373,7 @@ fn any_executor_and_its_waker_changes() {
     }
     sender.try_send(1).unwrap();
     assert_eq!((woken(0), woken(1)), (0, 1), "the last one that polled");
-    // By each who comes until it has looked: none relies on an earlier one to go on.
+    // Each send wakes it until it has looked: no send relies on the wake of an earlier one.
     sender.try_send(2).unwrap();
     assert_eq!((woken(0), woken(1)), (0, 1));
     assert_eq!(future::block_on(branches), Ok(vec![1, 2]));

@@ -1,4 +1,5 @@
-//! Looking for work before a sleep: who may, who may not and is told so, and that it is done.
+//! Looking for work before a sleep: which threads may, which are refused and get a reason, and that
+//! it is done.
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, setup_error, skip, watchdog};
@@ -35,7 +36,7 @@ fn add(
     process.spawn(async { Ok(()) }).map(drop)
 }
 
-/// Why the thread called `name` sleeps at once, if it was told so.
+/// Why the thread called `name` sleeps at once, if the report says so.
 fn refusal(report: &Report, name: &str) -> Option<SpinRefusal> {
     let thread = report.threads.iter().find(|thread| thread.name == name);
     let shortfalls = &thread.expect("it was started").shortfalls;
@@ -286,8 +287,8 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
     }
 }
 
-/// Two processes whose operations find each other without ever waiting by way of their threads, for as long as others of the same executor have not
-/// had what they want: a deadline, and a message from a plain thread.
+/// Two processes with operations that meet without ever waiting by way of their threads, for as
+/// long as others of the same executor wait: for a deadline, and for a message from a plain thread.
 #[test]
 fn processes_that_look_for_each_other_keep_nobody_from_running() {
     own_process!();

@@ -27,7 +27,7 @@ impl Sink for Memory {
     }
 }
 
-/// What a recording tells of events.
+/// What a recording holds of events.
 #[derive(Default)]
 struct Told {
     events: Vec<Event>,
@@ -90,7 +90,7 @@ impl Told {
         self.events.iter().filter(move |event| event.code == code)
     }
 
-    /// Who communicates with whom: the channel, the sender, the receiver.
+    /// Each communication: the channel, the sender, the receiver.
     fn communications(&self) -> Vec<(&str, &str, &str)> {
         self.of(code::COMMUNICATION)
             .map(|event| {
@@ -403,7 +403,7 @@ fn loops_locks_priorities_and_emergencies_are_told() -> luna::Result<()> {
     assert_eq!(ended["holder"], code::ended::OK);
 
     assert_eq!(told.communications(), [("between", "sender", "receiver")]);
-    // Both executors share a thread, and are told apart.
+    // Both executors share a thread, and the recording distinguishes them.
     let mut executors: Vec<_> = told
         .names
         .iter()

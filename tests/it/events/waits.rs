@@ -27,7 +27,7 @@ fn what_a_process_waits_for_is_one_thing_or_not_known() -> luna::Result<()> {
     let memory = recorded(&mut system);
     let period = std::time::Duration::from_millis(10);
     let main = system.executor("main").build()?;
-    // Nobody sends by this one, and its sender lives as long as the others need it.
+    // No process sends on this channel. Its sender lives as long as the others need it.
     let (silent, never) = luna::channel::<u8>();
     let never = Arc::new(never.named("never"));
     let (answers, answer) = luna::channel::<u8>();
@@ -214,7 +214,7 @@ fn named_parts_of_a_process_are_told_with_what_they_wait_for() -> luna::Result<(
         let rest = turns.remainder();
         assert_eq!(rest.len(), usize::from(how == returned), "{part}");
         assert!(rest.iter().all(|(code, ..)| *code == code::SUB_RUNNING));
-        // Its name says whose part it is.
+        // Its name says to which process the part belongs.
         let number = told.names.iter().find(|(_, text)| text == part).unwrap().0;
         assert_eq!(told.process(told.parents[number].into()), "whole");
     }

@@ -22,7 +22,7 @@ fn origin(cycle: &Cycle) -> Instant {
     cycle.deadline - PERIOD * u32::try_from(cycle.number).unwrap()
 }
 
-/// A loop whose cycles take from nothing to some three periods, at random.
+/// A loop with cycles of random length, from nothing to about three periods.
 fn burn_at_random(policy: Overrun, cycles: usize) -> (Vec<Cycle>, LoopReport) {
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
     let mut random = Random::seeded();

@@ -29,7 +29,8 @@ pub(crate) struct Refusal {
 /// More states than these are not followed: a machine that holds many processes between two notes leaves too much open.
 const MOST_STATES: usize = 50_000;
 
-/// `Ok` with the most states that had to be carried; `None` if they became too many to tell.
+/// `Ok` with the largest number of states that had to be carried; `None` if there were too many to
+/// count.
 pub(crate) fn check(
     network: &Network,
     trace: &[Entry],
@@ -142,8 +143,9 @@ pub(crate) fn fate(network: &Network, most: usize) -> Option<Fate> {
     })
 }
 
-/// Lets each agent do what it does by itself, as long as it changes nothing for others whether it does so now or later: all but learning
-/// an outcome that may yet change, and leaving a parallel construct, whose other branches learn whether it failed.
+/// Takes the internal steps of each agent that change nothing for others, whether they happen now
+/// or later. Two steps are left out: learning an outcome that may still change, and leaving a
+/// parallel construct (its other branches learn whether it failed).
 fn settled(network: &Network, uses: &[Vec<(usize, u8)>], mut state: State) -> State {
     loop {
         let step = (0..network.agents.len()).find_map(|agent| {

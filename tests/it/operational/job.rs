@@ -10,7 +10,7 @@ pub(crate) struct Job {
     /// Whether its processes may block their threads.
     pub(crate) may_block: bool,
     clock: AtomicU32,
-    /// For each agent, so that noting something makes nobody wait for another.
+    /// One list for each agent, so that no agent waits for another to note an event.
     notes: Vec<Mutex<Vec<(u32, Event)>>>,
 }
 

@@ -93,7 +93,8 @@ fn the_model_agrees_with_itself() {
 }
 
 fn run_networks(placement: Placement) {
-    // From the first operation on, so that both ways through a channel are gone, and each favour that ends does.
+    // Bias from the first operation on: the networks take the fast path and the slow path, and each
+    // bias is revoked.
     luna_core::biased_lock::bias_after(1);
     let bench = Bench::new();
     let mut fates = Fates::new();

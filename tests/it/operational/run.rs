@@ -50,9 +50,10 @@ impl Bench {
         }
     }
 
-    /// Runs the network, and holds what was seen against the model.
+    /// Runs the network, and compares what was seen with the model.
     ///
-    /// Threads may block only in a network that comes to an end on every path: nobody could end one that blocks for ever.
+    /// Threads may block only in a network that comes to an end on every path: nothing could end a
+    /// thread that blocks for ever.
     pub(crate) fn run(
         &self,
         network: &Network,
@@ -119,7 +120,7 @@ impl Bench {
 pub(crate) struct Seen {
     pub(crate) trace: Vec<Entry>,
     pub(crate) end: End,
-    /// How many states the checker had to carry; `None` if they were too many to tell.
+    /// How many states the checker had to carry; `None` if there were too many to count.
     pub(crate) states: Option<usize>,
 }
 

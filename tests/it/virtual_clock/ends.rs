@@ -101,7 +101,7 @@ fn poison_and_cancel_end_processes_at_their_instants() {
         Ok(())
     };
     main.process("cancels").spawn(cancels).unwrap();
-    // Who is cancelled by another has not done what it was to do.
+    // A process that another one cancels has not done its work.
     let error = system.run().unwrap_err().to_string();
     assert_eq!(
         error,

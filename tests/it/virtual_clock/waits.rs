@@ -94,7 +94,8 @@ fn a_timer_that_goes_while_another_of_its_instant_fires() {
     main.process("dropped").priority(10).spawn(dropped).unwrap();
     let report = system.run();
     let seen = notes.take();
-    // The delay has come before the sender could: it is what the alternative takes only if nobody has sent, and the sender is the more urgent one.
+    // The delay has expired before the sender could send. The alternative takes the delay only if
+    // no process has sent, and the sender is the more urgent process.
     assert_eq!(seen[0], (1000, "fired".into()));
     assert_eq!(seen[1].0, 1000);
     assert_eq!(seen[2], (3000, "after".into()));

@@ -76,7 +76,7 @@ pub(crate) struct Control {
 }
 
 impl Control {
-    /// Lets it go: it runs as soon as nobody above it does.
+    /// Lets it go: it runs as soon as no thread above it does.
     pub(crate) fn go(&self) {
         self.parker.unpark();
     }

@@ -120,7 +120,8 @@ fn a_server_that_waits() {
                     burn(WORK);
                     let _ = call.reply(scheduled_priority(thread_id()));
                     let level = scheduled_priority(thread_id());
-                    // On a busy machine the next call may have come by now, and lend again.
+                    // On a busy machine the next call may have come by now, and boost the server
+                    // again.
                     if calls.load(Ordering::SeqCst) == accepted {
                         assert_eq!(level, as_scheduled(LOW));
                         back += 1;
@@ -164,7 +165,7 @@ fn two_plain_channels_do_not_inherit() {
     stage.run().expect_inverted("two plain channels");
 }
 
-/// Who calls below, so that the server is busy.
+/// A client of lower priority that calls, so that the server is busy.
 fn other_client(stage: &mut Stage, client: Client<bool, ()>) {
     stage
         .process(Place::Executor, "other", LOW - 10)

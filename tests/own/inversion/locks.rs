@@ -1,4 +1,5 @@
-//! The lock: held below, held by one who waits for another, and what the kernel says of its owner.
+//! The lock: held below, held by a thread that waits for another, and the kernel's data on its
+//! owner.
 
 use crate::common::watchdog;
 use crate::inversion::between::{BURST, Burner, Waits};
@@ -59,7 +60,7 @@ fn waits(core: usize, lock: Arc<Within>, wanted: Arc<Within>, chained: bool) -> 
         for _ in 0..ROUNDS {
             goes.park(Instant::NEVER);
             lock(&mut || {
-                // Whoever this is runs at once, and waits for this thread when it goes on.
+                // The unparked thread runs at once, and waits for this thread when it goes on.
                 next.unpark();
                 burn(Duration::from_micros(100));
             });

@@ -54,7 +54,8 @@ pub(crate) fn play(
         of_low.push(scene.low);
     }
     let (for_high, for_low, places) = (shared.clone(), shared.clone(), (high, low));
-    // With a deadline, so that the system is never still. Else who looks whether it is stuck would come, from another core, and hold the locks meanwhile.
+    // With a deadline, so that the system is never quiescent. Otherwise the thread that looks for a
+    // deadlock would come, from another core, and hold the locks meanwhile.
     let never = || after(Duration::from_secs(100_000));
     let high = Side {
         name: "high",

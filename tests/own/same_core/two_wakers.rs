@@ -83,7 +83,7 @@ fn a_wake_relies_on_no_other() {
         };
         process
             .spawn(async move {
-                // Beside a deadline, so that nobody looks whether the system is stuck.
+                // With a pending deadline, so that no thread checks whether the system is stuck.
                 let mut far = pin!(after(Duration::from_secs(1_000)));
                 poll_fn(|cx| {
                     let _ = of_process.waker.set(cx.waker().clone());

@@ -110,7 +110,7 @@ fn the_loops_of_a_tick_are_woken_in_order_of_priority() {
     let mut system = managed("order");
     system.timer_core(0);
     let begun: Arc<Mutex<BTreeMap<u64, Vec<u8>>>> = Arc::default();
-    // Who comes first at first is the least urgent.
+    // The first to come is the least urgent at first.
     for level in [3, 10, 20, 30] {
         let begun = begun.clone();
         let name: &'static str = format!("level {level}").leak();

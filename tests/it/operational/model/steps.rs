@@ -39,8 +39,8 @@ impl State {
         }
     }
 
-    /// Lets somebody who leaves drop an end of a channel that nobody will use any more, which nobody can see. `uses` says for each channel
-    /// who uses it, and in which step last.
+    /// Lets a leaving agent drop an end of a channel that no agent will use any more, so that no
+    /// agent can see the drop. `uses` lists for each channel its users, and the last step of each.
     pub(crate) fn drop_unseen(&mut self, network: &Network, uses: &[Vec<(usize, u8)>]) -> bool {
         for number in 0..self.agents.len() {
             let Phase::Leaving { next, failed } = self.agents[number].phase else {

@@ -15,7 +15,7 @@ pub(super) fn scenes() -> [Scene; 2] {
 /// Set by one side, awaited by the other.
 struct Flag {
     set: AtomicBool,
-    /// Nobody waits any more.
+    /// No process waits any more.
     ended: AtomicBool,
     waker: PiLock<Option<Waker>>,
 }
