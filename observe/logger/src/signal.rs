@@ -126,7 +126,7 @@ impl<T: Sample> SignalBuilder<T> {
         self
     }
 
-    /// Registers the signal with the system whose `pre_run` runs on the calling thread.
+    /// Registers the signal with the system that runs a `pre_run` on the calling thread.
     ///
     /// # Errors
     ///

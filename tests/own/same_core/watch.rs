@@ -70,7 +70,8 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Watches the high side on `core`. `tell` is called once, with a verdict, and does not return.
+    /// Watches the high side on `core`. The callback is called once, with a verdict, and does not
+    /// return.
     pub(crate) fn start(
         shared: Arc<Shared>,
         scenes: Vec<&'static str>,
