@@ -1,5 +1,6 @@
-//! The guardian: what is done when the system's program is killed, and that it is not done otherwise. This program is not run by the test harness, since guardians of it
-//! speak on their standard output.
+//! The guardian: what it does when the system's program is killed, and that it does nothing
+//! otherwise. The test harness does not run this program, since its guardians write to its standard
+//! output.
 
 #[cfg(not(all(target_os = "linux", not(luna_portable))))]
 fn main() {

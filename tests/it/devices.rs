@@ -1,4 +1,5 @@
-//! The device manager: opened once, shared by count, closed behind the last user, also after an emergency.
+//! The device manager: a device is opened once, shared by count, and closed behind the last user,
+//! also after an emergency.
 
 #![cfg(unix)]
 

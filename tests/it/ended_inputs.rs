@@ -96,7 +96,8 @@ fn a_merge_ends_when_all_inputs_have() {
     }
 }
 
-/// A branch that takes no notice of errors once its sibling has failed goes on beside a third, which ends it.
+/// A branch that ignores errors once its sibling has failed goes on beside a third branch, which
+/// ends it.
 fn stubborn(fails: impl AsyncFn()) {
     let _watchdog = watchdog();
     let is_over = Cell::new(false);

@@ -53,7 +53,8 @@ impl ToBytes for Pose {
     }
 }
 
-/// A source, a link to one end of a socket, a link from the other, and a drain: typed values go around, with links at each place.
+/// A source, a link to one end of a socket, a link from the other, and a drain: typed values go
+/// around, with links at each place.
 #[test]
 fn typed_values_go_out_and_come_in() {
     let _watch = watchdog();

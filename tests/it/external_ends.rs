@@ -263,7 +263,8 @@ fn what_cannot_be_set_up() {
     }
 }
 
-/// While the device is silent, or has no room, for ever: the link ends and the file is closed, which the far side sees.
+/// The device is silent, or has no room, for ever: the link ends and the file is closed, which the
+/// far side sees.
 #[test]
 fn poison_ends_a_link_that_waits_for_its_file() {
     let _watch = watchdog();

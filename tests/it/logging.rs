@@ -1,4 +1,5 @@
-//! What a system's processes record is in its recording, on either clock, and its report says what became of it.
+//! A system's recording holds what its processes record, on either clock, and its report says what
+//! became of it.
 #![cfg(feature = "logger")]
 
 use crate::common;

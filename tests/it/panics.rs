@@ -108,7 +108,8 @@ fn functions_run_in_order_then_the_others_are_cancelled() {
 #[test]
 fn the_last_process_that_lives_panics() {
     let _watch = watchdog();
-    // The system's end and the emergency come at the same time: the functions must not be lost between the two.
+    // The system's end and the emergency come at the same time: the functions must not be lost
+    // between the two.
     for round in 0..100 {
         let place = PLACES[round % 2];
         let log = Log::default();

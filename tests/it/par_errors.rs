@@ -1,4 +1,5 @@
-//! Which error a network ends with does not depend on timing: run after run it is the same one, on one executor and on two.
+//! The error that a network ends with does not depend on timing: it is the same in each run, on one
+//! executor and on two.
 
 use crate::common;
 use common::watchdog;

@@ -1,4 +1,5 @@
-//! An emergency that a process raises with a cause: the functions run, the others are cancelled, and `run` returns that cause.
+//! An emergency that a process raises with a cause: the functions run, the others are cancelled,
+//! and `run` returns that cause.
 
 use crate::common;
 use common::{PLACES, watchdog};

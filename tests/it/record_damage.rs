@@ -1,4 +1,5 @@
-//! Recordings that are not what was written, and programs that are not those that were recorded: all of it is noticed, and nothing panics or hangs.
+//! Damaged recordings, and programs other than the recorded ones: all of it is noticed, and nothing
+//! panics or hangs.
 
 use luna::prelude::*;
 use luna::record::{self, RecordError, Recording};

@@ -1,4 +1,4 @@
-//! What the system refuses: an error of a strict system, and done without by one that does its best.
+//! What the system refuses: an error in a strict system; a best-effort system goes without.
 
 #![cfg(unix)]
 

@@ -1,4 +1,5 @@
-//! Two runs of one system on a virtual clock are the same, byte for byte, whatever the machine does meanwhile.
+//! Two runs of one system on a virtual clock are the same, byte for byte, whatever the machine does
+//! meanwhile.
 
 use crate::common;
 use common::watchdog;

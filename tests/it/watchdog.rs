@@ -1,4 +1,5 @@
-//! Watchdogs, with processes that feed them and processes that do not. Their exact limits are tested beside them, with instants passed in.
+//! Watchdogs, with processes that send heartbeats and processes that do not. Unit tests beside the
+//! code test their exact limits, with instants passed in.
 
 use crate::common;
 use common::{PLACES, watchdog};
@@ -190,7 +191,8 @@ fn the_process_ends_with_those_who_feed() {
     system.run().unwrap();
 }
 
-/// A process of higher priority that hogs the processor does not hide from a watchdog that it did not feed it: the feed that comes too late says so.
+/// A process of higher priority that occupies the processor does not hide its missing heartbeat
+/// from a watchdog: the late heartbeat reports it.
 #[test]
 fn a_late_feed_hides_nothing() {
     let _watch = watchdog();
@@ -221,7 +223,7 @@ fn a_late_feed_hides_nothing() {
     system.run().unwrap();
 }
 
-/// With a timer beside it that is never set: the guards of one alternative do not disturb each other.
+/// Beside a timer that is never set: the guards of one alternative do not disturb each other.
 #[test]
 fn beside_other_clocks() {
     let _watch = watchdog();

@@ -1,4 +1,5 @@
-//! A thread crashes while it copies the safety state: the emergency functions run all the same, and may say something themselves, since no memory is asked for under the state's lock.
+//! A thread crashes while it copies the safety state. The emergency functions run all the same, and
+//! may report something themselves, since no memory is allocated under the state's lock.
 
 #![cfg(unix)]
 

@@ -27,7 +27,7 @@ impl Log {
     }
 }
 
-/// Long enough for a loaded machine, and a test that waits for it waits no longer than a person would.
+/// Long enough for a loaded machine. A test that waits for it waits no longer than a person would.
 const SHORT: Duration = Duration::from_millis(40);
 const LONG: Duration = Duration::from_secs(60);
 
@@ -86,7 +86,8 @@ fn wait_in(system: &mut System) -> mpsc::Receiver<()> {
     has_begun
 }
 
-/// Hangs until it is let go, so that no thread of a test stays for ever. It notes nothing: under load it may be left behind before it could.
+/// Hangs until it is released, so that no thread of a test stays for ever. It notes nothing: under
+/// load it may be detached before it could.
 fn hang() -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
     let (let_go, is_let_go) = mpsc::channel::<()>();
     let hangs = move || {
@@ -326,7 +327,8 @@ fn one_that_computes_for_ever_loses_its_priority() {
         system.on_emergency_within("computes", SHORT, move || {
             let policy = luna_platform::thread::current_policy;
             let before = policy();
-            // It is left behind first, and loses its priority then: the next function may run between.
+            // The thread is detached first, and loses its priority then: the next function may run
+            // between.
             while !over.load(Ordering::Relaxed) || policy() != Policy::Other {
                 std::hint::spin_loop();
             }
@@ -545,7 +547,8 @@ fn the_report_says_how_it_went() {
     assert!(matches!(latched.cause, Cause::Raised(_)));
 }
 
-/// On the core of a process that triggers, nothing of it or below it runs before the functions do, though their thread be woken on another core.
+/// When a process triggers, neither it nor anything below it on its core runs before the functions
+/// do, even if the functions' thread is woken on another core.
 #[test]
 fn no_other_process_of_the_core_runs_before_the_first_function() {
     own_process!();
@@ -599,7 +602,8 @@ fn no_other_process_of_the_core_runs_before_the_first_function() {
         }
         let at = |time: &AtomicU64| Instant::from_nanos(time.load(Ordering::SeqCst));
         let (triggered, intrusion) = (at(&triggered_at), at(&first_intrusion));
-        // What came before the trigger itself, a clone of the cause, only makes this easier by that much.
+        // The work before the trigger itself, a clone of the cause, only makes this easier by that
+        // much.
         assert!(
             intrusion >= triggered + after,
             "round {round}: another ran {:?} after the trigger, the first function {after:?}",
@@ -630,7 +634,8 @@ fn what_was_withdrawn_takes_no_room() {
     assert_eq!(outcomes(&report), [FunctionOutcome::Ran; 2]);
 }
 
-/// What a function holds is dropped at the end of the run: a panic in it says so by the panic hook, and changes nothing else.
+/// What a function holds is dropped at the end of the run. A panic in that drop is reported by the
+/// panic hook, and changes nothing else.
 #[test]
 fn functions_whose_drop_panics_are_dropped_and_the_run_ends_as_it_does() {
     own_process!();

@@ -1,7 +1,9 @@
-//! Emergencies at random instants of a system's start, run and end, of every kind, several at once: each function runs once if there was one, never twice, and never for nothing.
+//! Emergencies at random instants of a system's start, run and end, of every kind, several at once.
+//! Each function runs once if there was an emergency, never twice, and never without one.
 //!
-//! LUNA_EMERGENCIES says how many; 300 if not stated. LUNA_SEED makes a run again, as far as the machine lets it. Crashes are injected into programs of their own, one
-//! for each hundred of the others.
+//! LUNA_EMERGENCIES sets how many; the default is 300. LUNA_SEED repeats a run, as far as the
+//! machine allows. Crashes are injected into programs of their own, one for each hundred of the
+//! others.
 
 use crate::common;
 use common::{Program, Random, has_no_signals, say, seed, watchdog};
@@ -265,7 +267,7 @@ fn round(number: u64, seed: u64, has_signals: bool) -> (usize, bool) {
         what()
     );
     let triggers = record.triggers.load(Ordering::SeqCst);
-    // The one of the round before may come late: the kernel gives it to a thread that has to wait for a core.
+    // The trigger of the previous round may come late, from a thread that has to wait for a core.
     let is_late_signal = matches!(report.end, End::Signal(_));
     assert!(
         !is_emergency || triggers > 0 || is_late_signal,

@@ -102,7 +102,8 @@ fn part() {
     }
 }
 
-/// The user's threads have their policies and the emergency's do not: an ordinary thread that waits on the caller's core would come after all that runs there.
+/// The user's threads have their policies and the emergency's do not: an ordinary thread that waits
+/// on the caller's core would run after everything else there.
 #[test]
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 fn one_that_was_refused_its_priority_is_not_called() {

@@ -9,7 +9,8 @@ use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(20);
 
-/// Past the slot by some periods, so that a machine that is busy elsewhere cannot make anybody later than that by chance.
+/// Past the slot by some periods, so that a machine that is busy elsewhere cannot cause a greater
+/// lateness by chance.
 const HOG: Duration = Duration::from_millis(150);
 
 fn culprit(cycle: &LateCycle) -> Option<&str> {
@@ -89,7 +90,8 @@ fn a_hog_is_named() -> bool {
 fn loops_that_wake_together_name_the_one_before() {
     own_process!();
     let _watch = watchdog();
-    // Again if a busy machine gave the one before its turn too late, or held the second up for longer than the first.
+    // Again if a busy machine gave the previous process its turn too late, or held the second up
+    // for longer than the first.
     assert!((0..50).any(|_| the_one_before_is_named()));
 }
 
@@ -130,7 +132,8 @@ fn the_one_before_is_named() -> bool {
             Ok(())
         })
         .unwrap();
-    // Until all slots have passed: one look at the clock then wakes all, and with no deadline left there is no other look.
+    // Until all slots have passed. One read of the clock then wakes all, and with no deadline left
+    // there is no other read.
     main.process("before")
         .priority(10)
         .spawn(async move {

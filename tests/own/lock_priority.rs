@@ -416,7 +416,8 @@ enum Low {
     PlainThread,
 }
 
-/// Low holds, high waits, middle burns, all on one core: while high waits, middle does not take a single step.
+/// Low holds, high waits, middle burns, all on one core: while high waits, middle does not take a
+/// single step.
 #[test]
 fn no_inversion_between_three_threads_of_one_core() {
     own_process!();
@@ -471,7 +472,7 @@ fn no_inversion_between_three_threads_of_one_core() {
                 Ok(())
             })
             .unwrap();
-        // What all three kinds of holders do, in steps that do not await where they hold what is wanted.
+        // What all three kinds of holders do, in steps without an await while they hold the lock.
         let hold = move || {
             assert_eq!(current_policy(), own);
             let guard = mutex.try_lock().expect("nobody holds it yet");
@@ -575,7 +576,8 @@ fn a_chain_reaches_across_three_threads() {
         move |()| {
             let guard = second.blocking_lock().unwrap();
             go_middle.blocking_send(()).unwrap();
-            // By way of the one in the middle, whether it waits here before the high one waits for it or after.
+            // By way of the one in the middle, whether it waits here before or after the high one
+            // waits for it.
             while current_policy() != Policy::fifo(60) {}
             drop(guard);
             assert_eq!(current_policy(), own);

@@ -104,7 +104,8 @@ fn ten_thousand_pass_a_token_and_only_the_woken_are_polled() {
             assert_eq!(after.1, before.1 + STAGES as u64, "frees");
             assert_eq!(last[0], STAGES * ROUNDS);
             assert_eq!(last[STAGES - 1], STAGES * ROUNDS - 1);
-            // Each begins once and is woken for each token; giving way, after many operations in one go, costs a few more.
+            // Each branch begins once and is woken for each token. Yields, after many operations in
+            // one turn, cost a few more polls.
             let least = STAGES * (ROUNDS + 1);
             assert!(
                 (least..least + least / 4).contains(&polls.get()),

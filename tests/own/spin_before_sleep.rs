@@ -11,7 +11,8 @@ use std::time::Duration;
 
 const SPIN: Duration = Duration::from_micros(50);
 
-/// Spawns an idle process on a place of its own, which looks for work before it sleeps if it `spins`.
+/// Spawns an idle process on a thread of its own, which looks for work before it sleeps if it
+/// `spins`.
 fn add(
     system: &mut System,
     place: Place,
@@ -223,7 +224,8 @@ fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
     }
     let _watch = watchdog();
     for place in PLACES {
-        // A thread that is kept from its core may sleep where it would have looked, or find the deadline there where it would have slept: so several times.
+        // A thread that is kept from its core may sleep where it would have looked, or find the
+        // deadline there where it would have slept. So this repeats.
         let times = |spin| (0..20).map(move |_| sleeps_in(place, 20, spin));
         let looked = times(Duration::from_millis(1)).find(|slept| *slept < 5);
         assert!(looked.is_some(), "{place:?} did not look");
@@ -373,7 +375,8 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
     }
 }
 
-/// A stream between two cores, where each operation finds room or a value, or a partner that is about to make it: by turns of so many operations, the others of both executors run.
+/// A stream between two cores, where each operation finds room or a value, or a partner that is
+/// about to make it. After a turn of so many operations, the other processes of both executors run.
 #[test]
 fn a_stream_through_a_buffer_keeps_nobody_from_running() {
     own_process!();
@@ -448,7 +451,8 @@ fn a_stream_through_a_buffer_keeps_nobody_from_running() {
     }
 }
 
-/// Blocking operations of one poll are more than a turn has, so those behind them may not look; they wait as any other.
+/// Blocking operations of one poll are more than a turn has, so the ones beyond that may not look.
+/// They wait as any other.
 #[test]
 fn blocking_operations_without_end_in_one_turn_meet_and_time_out() {
     own_process!();

@@ -205,7 +205,8 @@ fn commstime_is_told_communication_by_communication() -> luna::Result<()> {
         ("c", "successor", "prefix"),
     ];
     let communications = told.communications();
-    // The consumer goes after the last round it counts, and the others on to where they find it gone.
+    // The consumer leaves after the last round it counts. The others go on until they find its end
+    // gone.
     let expected: Vec<_> = (0..rounds).flat_map(|_| round).collect();
     assert_eq!(communications[..expected.len()], expected);
     assert!(communications.len() <= expected.len() + 1);

@@ -154,7 +154,8 @@ impl Plan {
         }
     }
 
-    /// A selection among several inputs, by the `Alternative` of the selection before if that has this input too.
+    /// A selection among several inputs. It uses the `Alternative` of the previous selection if
+    /// that one has this input too.
     fn registered(&mut self, agent: usize, channel: usize) -> Step {
         match self.network.agents[agent].steps.last() {
             Some(step @ Step::Registered { inputs, .. }) if inputs.contains(&channel) => {
@@ -169,7 +170,8 @@ impl Plan {
                 inputs.insert(place, other);
             }
         }
-        // In which order two of one channel wait is decided when they register, which is no step of the model: so there is one at most.
+        // The order of two waits on one channel is decided when they register, which is no step of
+        // the model. So there is one at most.
         inputs.retain(|&input| *self.selectors[input].get_or_insert(agent) == agent);
         if inputs.is_empty() {
             return self.step_around(Guard::Recv { channel });

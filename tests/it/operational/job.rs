@@ -30,7 +30,8 @@ impl Job {
 
     pub(crate) fn note(&self, agent: usize, event: Event) {
         let mut notes = self.notes[agent].lock().unwrap();
-        // One total order, in which an agent that reads a later number has seen what was done before an earlier one.
+        // One total order: an agent that reads a later number has seen what was done before an
+        // earlier one.
         let time = self.clock.fetch_add(1, Ordering::SeqCst);
         notes.push((time, event));
     }

@@ -104,7 +104,8 @@ pub(crate) enum Patience {
     Forever,
     /// `send_timeout`, `recv_timeout`: exact.
     Timeout(u32),
-    /// The operation's future is dropped by a combinator that knows nothing of it, and looks at the time first.
+    /// The operation's future is dropped by a combinator outside of LUNA, which checks the time
+    /// first.
     Dropped(u32),
     /// `try_send`, `try_recv`.
     Try,
@@ -122,7 +123,8 @@ pub(crate) enum Step {
         /// it had come.
         dropped: Option<u32>,
     },
-    /// A selection of an `Alternative` over these channels; equal steps that follow each other are selections of the same one.
+    /// A selection of an `Alternative` over these channels. Equal steps in a row are selections of
+    /// the same `Alternative`.
     Registered {
         fair: bool,
         inputs: Vec<usize>,

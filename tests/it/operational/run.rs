@@ -137,7 +137,8 @@ fn body(
     }
 }
 
-/// Waits until all have ended, or until they have come to where the model says that nothing can happen any more.
+/// Waits until all have ended, or until they have come to a state in which, by the model, nothing
+/// can happen any more.
 fn watch(job: &Job, processes: &[ProcessHandle]) -> Result<Seen, String> {
     let mut refused: Option<(usize, Refusal)> = None;
     let mut last_change = Instant::now();
@@ -173,7 +174,8 @@ fn watch(job: &Job, processes: &[ProcessHandle]) -> Result<Seen, String> {
     }
 }
 
-/// Whether there was an instant at which no process ran or was known to be ready: none was polled between two looks that found none running.
+/// Whether there was an instant at which no process ran or was ready: none was polled between two
+/// checks that found none running.
 fn are_quiet(processes: &[ProcessHandle]) -> bool {
     let look = || {
         processes.iter().map(|process| {

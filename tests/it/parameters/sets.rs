@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Loops of 1 ms and of 10 ms, and sets between their slots: each takes all that came before its own cycle's begin, at that.
+/// Loops of 1 ms and of 10 ms, and sets between their slots: each loop takes, at the begin of its
+/// cycle, all sets that came before.
 #[test]
 fn each_process_takes_a_set_at_its_own_boundary() {
     let _watch = watchdog();
@@ -69,7 +70,8 @@ fn each_process_takes_a_set_at_its_own_boundary() {
     }
 }
 
-/// Threads set as fast as they can, consistent sets over two processes' parameters; each process reads sums that are right, and the same until it takes another set.
+/// Threads set as fast as they can, with sets that are consistent over two processes' parameters.
+/// Each process reads correct sums, and the same ones until it takes another set.
 #[test]
 fn a_storm_of_sets_is_never_seen_by_halves() {
     let _watch = watchdog();

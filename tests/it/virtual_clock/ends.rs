@@ -203,7 +203,7 @@ impl Process for Holder {
     }
 }
 
-/// What a process held is dropped by another thread; when others see it does not depend on that thread.
+/// Another thread drops what a process held. When others see it does not depend on that thread.
 #[test]
 fn what_an_ended_process_held_goes_before_anybody_else_runs() {
     let _alive = watchdog();

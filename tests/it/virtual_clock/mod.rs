@@ -1,4 +1,5 @@
-//! Systems on a virtual clock: what holds on the real one holds there, time jumps, and nothing depends on the machine.
+//! Systems on a virtual clock: they behave as on the real clock, time jumps, and nothing depends on
+//! the machine.
 
 use crate::common;
 mod ends;

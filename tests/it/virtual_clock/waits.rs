@@ -68,7 +68,8 @@ fn a_timer_that_goes_while_another_of_its_instant_fires() {
     let notes = Notes::default();
     let (stop, stopped) = luna::channel::<()>();
     let own = notes.clone();
-    // Both are due at once; the one that is served first takes the other's timer away, which has been readied already or not.
+    // Both are due at once. The first to be served removes the other's timer, whether that is
+    // already readied or not.
     let firing = async move {
         luna::after(MS).await;
         own.note("fired");

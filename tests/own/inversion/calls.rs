@@ -53,7 +53,8 @@ impl Stage {
         }
     }
 
-    /// The high process: each round it waits to be let go, lets the one between go, and does `once`.
+    /// The high process: each round it waits to be released, releases the thread between, and does
+    /// `once`.
     fn high(
         &mut self,
         gone: Option<Receiver<()>>,
@@ -178,7 +179,8 @@ fn other_client(stage: &mut Stage, client: Client<bool, ()>) {
         .unwrap();
 }
 
-/// Lets the high one go, which then runs at once; on a machine that was held up, when it is ready for the round.
+/// Releases the high process, which then runs at once; on a machine that was held up, when it is
+/// ready for the round.
 async fn let_go(go: &Sender<()>) {
     while let Err(error) = go.try_send(()) {
         assert!(error.is_full(), "{error}");

@@ -30,7 +30,8 @@ fn plain() -> Arc<Within> {
     })
 }
 
-/// Low takes `lock` and lets high go; high lets the one between go, and waits for `wanted`. What the one between burns meanwhile.
+/// Low takes `lock` and releases high; high releases the thread between, and waits for `wanted`.
+/// Returns what the thread between burns meanwhile.
 fn waits(core: usize, lock: Arc<Within>, wanted: Arc<Within>, chained: bool) -> Vec<Duration> {
     let burner = Burner::start(core);
     let control = burner.control();
@@ -116,7 +117,7 @@ fn a_lock_whose_owner_waits_for_another() {
     Waits::of(&all).expect_inverted("chain of two std::sync::Mutex");
 }
 
-/// The owner asks the kernel at which priority it runs: before, while the high one waits, and after.
+/// The owner asks the kernel for its own priority: before, while the high thread waits, and after.
 #[test]
 fn the_kernel_says_that_the_owner_is_boosted() {
     own_process!();

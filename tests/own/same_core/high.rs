@@ -11,7 +11,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// How many operations of the low side may end during one of the high side that needs no partner: none, but for the one that was under way.
+/// How many operations of the low side may end during one of the high side that needs no partner:
+/// none, except the one that was in progress.
 const WITHOUT_PARTNER: u64 = 1;
 /// During one that does: the one that was under way, and the one that serves it.
 const WITH_PARTNER: u64 = 2;

@@ -1,4 +1,5 @@
-//! Where the sides run: each as a process of an executor, as a process with an OS thread of its own, or as a plain thread.
+//! Where the sides run: each as a process of an executor, as a process with an OS thread of its
+//! own, or as a plain thread.
 
 use crate::common::Random;
 use crate::kernel::{burn, own_processor_time};

@@ -1,5 +1,6 @@
-//! Two threads that wake one process: the lower one loses its core anywhere in a wake, and the higher one must not need it to finish. The process is above
-//! both on the same core, so it has run by the time that the higher one's wake returns.
+//! Two threads that wake one process. The lower one loses its core anywhere in a wake, and the
+//! higher one must not need it to finish. The process is above both on the same core, so it has run
+//! by the time the higher one's wake returns.
 
 use crate::common::{Random, say, seed, watchdog};
 use crate::kernel::spoilt;

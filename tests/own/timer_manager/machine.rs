@@ -23,7 +23,8 @@ fn a_suspended_program_misses_slots_counts_them_and_goes_on() {
     }
 }
 
-/// A jump of the clock on the wall moves no timer: all are on the monotonic one, as the kernel says.
+/// A jump of the wall clock moves no timer: all are on the monotonic clock, as the kernel's data
+/// shows.
 #[test]
 #[cfg(target_os = "linux")]
 fn the_timers_are_on_the_monotonic_clock() {

@@ -148,8 +148,8 @@ impl State {
         after
     }
 
-    /// The future of an operation is dropped when its partner has already gone on: a value that it was given goes back to the
-    /// head of the channel, one that it gave stays given.
+    /// The future of an operation is dropped when its partner has already gone on. A value that the
+    /// operation received goes back to the head of the channel; a value that it sent stays sent.
     pub(super) fn give_back(&mut self, network: &Network, number: usize, outcome: Outcome) {
         let step = &network.agents[number].steps[usize::from(self.agents[number].step)];
         let expired = step.dropped_at().expect("only such a step is dropped");

@@ -65,7 +65,8 @@ struct Status {
     phase: Phase,
     /// What its fair alternatives have chosen, the last one last.
     chosen: Vec<Chosen>,
-    /// The channels that its `Alternative` has found ended, in order: once all have, they are chosen among again, before that not.
+    /// The channels that its `Alternative` has found ended, in order. They are not chosen from
+    /// again until all have ended.
     left_out: Vec<usize>,
     /// A channel that this agent has ended. It notifies the agents that wait there one by one, and
     /// has come to this one.
@@ -301,7 +302,8 @@ impl State {
         }
     }
 
-    /// The ends that an agent which leaves has not dropped before, and those of its branches that never started.
+    /// The ends that a leaving agent has not dropped before, and those of its branches that never
+    /// started.
     fn ends_to_drop(&self, network: &Network, number: usize) -> Vec<End> {
         let agent = &network.agents[number];
         let done = &agent.steps[..usize::from(self.agents[number].step)];

@@ -1,4 +1,5 @@
-//! What hangs here, which shows that the watch sees it: a lock that spins, and the rendezvous of the standard library, which is crossbeam's.
+//! Controls that hang here, which shows that the watch detects it: a lock that spins, and the
+//! rendezvous of the standard library, which is crossbeam's.
 
 use super::Scene;
 use std::sync::Arc;

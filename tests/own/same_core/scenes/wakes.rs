@@ -102,7 +102,8 @@ fn of_low() -> Scene {
                 high.pause().await;
                 high.try_to(|| flag.raise());
             }
-            // For a low side that waits: it looks whether it goes on, and this scene is about to end.
+            // Wakes a low side that waits: it checks whether to go on, and this scene is about to
+            // end.
             flag.end();
         },
         async move |low| {
