@@ -1,4 +1,4 @@
-//! External channels: terminals, files on a disk, and devices that never let anybody wait.
+//! External channels: terminals, files on a disk, and devices that are always ready.
 
 #![cfg(unix)]
 

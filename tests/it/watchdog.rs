@@ -43,7 +43,8 @@ fn it_expires_when_nobody_feeds_it_and_stays_so() {
     }
 }
 
-/// A guard beside channels, fed from elsewhere: it never expires, however long the wait.
+/// A guard beside channels, with heartbeats from elsewhere: it never expires, however long the
+/// wait.
 #[test]
 fn fed_in_time_it_does_not_expire() {
     let _watch = watchdog();

@@ -81,7 +81,7 @@ impl Process for Phased {
 struct Record {
     /// The functions' numbers, as they ran.
     ran: Mutex<Vec<usize>>,
-    /// A trigger that the system cannot but hear of was reached.
+    /// A trigger that the system must notice was reached.
     is_certain: AtomicBool,
     triggers: AtomicUsize,
 }
@@ -277,7 +277,7 @@ fn round(number: u64, seed: u64, has_signals: bool) -> (usize, bool) {
     (triggers, is_emergency)
 }
 
-/// Signals that come when no system is there to hear them.
+/// Signals that come when no system is there to receive them.
 #[cfg(unix)]
 fn survive_signals() {
     use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, Signal, sigaction};

@@ -21,7 +21,7 @@ fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Hangs until it is let go, so that no thread of a test stays for ever.
+/// Hangs until it is released, so that no thread of a test stays for ever.
 fn hang() -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
     let (let_go, is_let_go) = mpsc::channel::<()>();
     let hangs = move || {

@@ -24,7 +24,7 @@ pub(super) fn run_stuck(is_alone: bool) {
     println!("found: {}", report.deadlock.is_some());
 }
 
-/// Reads what the program says on standard error until `wanted` was said there; gives it all.
+/// Reads the program's standard error until it contains `wanted`; returns all of it.
 #[cfg(unix)]
 fn errors_until(program: &mut Program, wanted: &str) -> String {
     let mut said = String::new();

@@ -16,7 +16,7 @@ pub(crate) const BURST: Duration = Duration::from_millis(4);
 /// thread lets through.
 const INHERITED: Duration = Duration::from_micros(400);
 
-/// The thread between: each time that it is let go it keeps the core for a burst.
+/// The thread between: each time that it is released it keeps the core for a burst.
 pub(crate) struct Burner {
     parker: Arc<Parker>,
     over: Arc<AtomicBool>,

@@ -205,7 +205,7 @@ fn who_waits_for_a_tick_or_for_another_is_not_deadlocked() {
         place
             .process(&mut system, &name.clone(), &name.clone())
             .spawn(async move {
-                // Long enough for a look that finds everybody asleep.
+                // Long enough for a check that finds all loops asleep.
                 let mut tick = luna::periodic(&name, PERIOD * 50)?;
                 for _ in 0..5 {
                     let ticked = async {
