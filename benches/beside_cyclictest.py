@@ -13,9 +13,9 @@ core, memory locked, with /dev/cpu_dma_latency held at 0 for all of them. LUNA s
     others     LUNA with 99 more loops of 100 Hz to 1 kHz at lower priorities on its executor, and LUNA alone
     burner     LUNA with a thread of lower priority that keeps the core busy for 100 ms at a time, and LUNA alone
 
-A slice is one run of 1000 wake-ups. A round takes the sides in turn, slice by slice, who goes first changing each time; slices in which /proc/stat shows stolen time on
+A slice is one run of 1000 wake-ups. A round takes the sides in turn, slice by slice, and the side that goes first changes each time; slices in which /proc/stat shows stolen time on
 the core are taken again (up to twice as many), and the round's figure is the median over its slices. What is compared are the medians over the rounds, p50 and p99.
-Maxima are printed and compare to nothing: a virtual machine's are its host's. cyclictest counts in nanoseconds (-N), so that nobody gains by rounding.
+Maxima are printed and compare to nothing: a virtual machine's are its host's. cyclictest counts in nanoseconds (-N), so that neither side gains by rounding.
 Writes target/bench/wake_up.json.
 """
 import argparse

@@ -1,5 +1,6 @@
-//! The guardian: what is done when the system's program is killed, and that it is not done otherwise. This program is not run by the test harness, since guardians of it
-//! speak on their standard output.
+//! The guardian: what it does when the system's program is killed, and that it does nothing
+//! otherwise. The test harness does not run this program, since its guardians write to its standard
+//! output.
 
 #[cfg(not(all(target_os = "linux", not(luna_portable))))]
 fn main() {
@@ -34,7 +35,7 @@ mod linux {
     }
 
     fn set_output(machine: &Path, output: &str) {
-        // At once, so that nobody reads half of it.
+        // Replaced in one step, so that no reader sees half of it.
         let fresh = machine.with_extension(format!("{}", std::process::id()));
         fs::write(&fresh, output).unwrap();
         fs::rename(fresh, machine).unwrap();
@@ -136,7 +137,8 @@ mod linux {
             .unwrap()
     }
 
-    /// Waits until the machine puts this out. The guardian is nobody's child any more, so there is nothing to wait on.
+    /// Waits until the machine outputs this. The guardian is no child of this process any more, so
+    /// it cannot be waited on.
     fn await_output(machine: &Path, expected: &str) {
         let patience = std::time::Instant::now();
         while output(machine) != expected {

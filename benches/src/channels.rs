@@ -18,8 +18,8 @@ pub trait Channel: 'static {
     /// Makes a channel with room for `capacity` values.
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver);
 
-    /// Prepares a channel whose ends go to different executors, each of which would otherwise
-    /// report a deadlock.
+    /// Prepares a channel with ends on different executors, each of which would otherwise report a
+    /// deadlock.
     fn between_executors(ends: (Self::Sender, Self::Receiver)) -> (Self::Sender, Self::Receiver) {
         ends
     }

@@ -1,4 +1,5 @@
-//! What the tests share: a watchdog, skipping, random numbers, and programs that run in a process of their own.
+//! Shared by the tests: a watchdog, skipping, random numbers, and programs that run in a process of
+//! their own.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -11,7 +12,8 @@ use std::time::Duration;
 /// Whether the complete platform layer is below: policies, cores and signals.
 pub(crate) const COMPLETE: bool = cfg!(all(target_os = "linux", not(luna_portable)));
 
-/// Ends the whole program if the calling test is not done after five minutes: a test that hangs has failed, and says its name.
+/// Ends the whole program if the calling test is not done after five minutes: a test that hangs has
+/// failed, and its name is printed.
 pub(crate) fn watchdog() -> impl Drop {
     struct Watchdog(Option<mpsc::Sender<()>>);
     impl Drop for Watchdog {
@@ -36,7 +38,7 @@ pub(crate) fn watchdog() -> impl Drop {
 
 /// Says what is to be read in any case.
 pub(crate) fn say(text: &str) {
-    // Not by a macro, whose output the harness keeps to itself.
+    // A macro would not do: the harness captures its output.
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
@@ -146,7 +148,7 @@ pub(crate) fn setup_error<T: std::fmt::Debug>(
 
 const PART: &str = "LUNA_TEST_PART";
 
-/// Which part this program is to play, if it is a child of a test. To be asked by a test called `part`.
+/// The part that this program plays, if it is a child of a test. Call it in a test named `part`.
 pub(crate) fn part() -> Option<String> {
     std::env::var(PART).ok()
 }
@@ -306,7 +308,8 @@ fn as_nobody(program: &std::path::Path) -> Command {
     command
 }
 
-/// As [`as_nobody`], with real-time priorities up to 98: all that a user may have, and not the emergency's.
+/// As [`as_nobody`], with real-time priorities up to 98: all that a user may have, below the
+/// emergency's.
 #[cfg(unix)]
 fn as_limited(program: &std::path::Path) -> Command {
     let as_nobody = as_nobody(program);
@@ -329,7 +332,7 @@ pub(crate) fn as_plain_user(part: &str) -> Option<Ended> {
     as_other_user(as_nobody, part)
 }
 
-/// Runs a part as a user who is given real-time priorities up to 98, if that can be.
+/// Runs a part as a user with real-time priorities up to 98, if the machine allows it.
 #[cfg(unix)]
 #[track_caller]
 pub(crate) fn as_limited_user(part: &str) -> Option<Ended> {
@@ -345,7 +348,8 @@ fn as_other_user(by: fn(&std::path::Path) -> Command, part: &str) -> Option<Ende
         skip("this user is not root, and cannot run a program as another one");
         return None;
     }
-    // One at a time: a program that another thread makes meanwhile would for a moment keep the copy open for writing, and then it cannot be run.
+    // One at a time: a program that another thread makes meanwhile would for a moment keep the copy
+    // open for writing, and the copy could not be run.
     static ALONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
     let _alone = ALONE.lock().unwrap();
     // Where that user can read it.

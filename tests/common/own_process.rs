@@ -45,7 +45,7 @@ pub(crate) fn ran_in_child(here: &str) -> bool {
         child.status
     );
     for line in errors.lines().filter(|line| line.starts_with("skipped:")) {
-        // Not by a macro, whose output the harness captures.
+        // A macro would not do: the harness captures its output.
         let _ = writeln!(std::io::stderr(), "{line}");
     }
     true

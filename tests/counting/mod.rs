@@ -26,7 +26,7 @@ thread_local! {
     static IS_MAIN: Cell<Option<bool>> = const { Cell::new(None) };
 }
 
-/// Whether this is the program's first thread, where the test harness does things of its own beside the tests.
+/// Whether this is the program's first thread, where the test harness also does its own work.
 fn is_main() -> bool {
     IS_MAIN.get().unwrap_or_else(|| {
         #[cfg(target_os = "linux")]

@@ -1,4 +1,4 @@
-//! Bad input: a typed error each, whose message names the value and says what to do.
+//! Bad input: each is a typed error that names the value and says what to do.
 
 use crate::common;
 use common::{COMPLETE, PLACES, setup_error, skip};
@@ -187,7 +187,7 @@ fn two_of_one_name() {
         .spawn(async { Ok(()) })
         .unwrap();
 
-    // Executors and threads are told apart by one list of names.
+    // Executors and threads share one list of names.
     for name in ["left", "own"] {
         let error = setup_error(
             system.executor(name).build(),

@@ -1,4 +1,5 @@
-//! The picture of a system: before it runs, while it runs, and after; its threads, processes, named sub-processes and channels.
+//! The picture of a system: before it runs, while it runs, and after; its threads, processes, named
+//! sub-processes and channels.
 
 use crate::common;
 use common::{PLACES, Place, watchdog};
@@ -129,8 +130,8 @@ fn while_it_runs_it_shows_what_there_is_and_what_each_does() {
         let report = system.run();
         (system, report)
     });
-    // The states are read before the channels, so both say when all has come to rest: the second number is offered, and the sink waits
-    // for the plain thread.
+    // The states are read before the channels, so both show the system at rest: the second number
+    // is offered, and the sink waits for the plain thread.
     let composition = until(&observer, |one| {
         let waits_at = |name: Option<&str>| {
             let mut channels = one.channels.iter();

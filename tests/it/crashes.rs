@@ -1,4 +1,5 @@
-//! Crashes: the emergency functions run before the program ends, and then it ends as it would have without them. Each system runs in a program of its own.
+//! Crashes: the emergency functions run, and then the program ends as it would have without them.
+//! Each system runs in a program of its own.
 
 #![cfg(unix)]
 
@@ -16,7 +17,8 @@ const FAULT: i32 = Signal::SIGSEGV as i32;
 /// A write that the processor refuses.
 fn write_to_nowhere() {
     let nowhere = std::hint::black_box(std::ptr::without_provenance_mut::<u8>(8));
-    // SAFETY: there is none: it is not sound, and the test is about what becomes of it. Nothing is ever mapped there, so nothing is written.
+    // SAFETY: none. This access is unsound on purpose: the test is about its consequence. Nothing
+    // is ever mapped at this address, so nothing is written.
     unsafe { nowhere.write_volatile(1) };
 }
 

@@ -1,4 +1,5 @@
-//! The device manager: opened once, shared by count, closed behind the last user, also after an emergency.
+//! The device manager: a device is opened once, shared by count, and closed behind the last user,
+//! also after an emergency.
 
 #![cfg(unix)]
 
@@ -166,7 +167,7 @@ fn in_an_emergency_its_functions_run_in_order_and_then_it_is_closed() {
     }
 }
 
-/// Whose last user ends because of the emergency, before its function has run.
+/// The last user of the device ends because of the emergency, before the device's function has run.
 #[test]
 fn it_stays_open_until_its_functions_have_run() {
     let _watch = watchdog();

@@ -1,4 +1,4 @@
-//! Systems whose time a simulator moves: lock-step, and how it ends.
+//! Systems on a clock that a simulator moves: lock-step, and how it ends.
 
 use crate::common;
 use common::watchdog;
@@ -161,7 +161,8 @@ fn what_the_simulator_sends_is_taken_at_the_present_instant() {
             assert_eq!(output.try_recv(), Ok((value * 2, driver.now())));
             driver.advance_by(MS).unwrap();
         }
-        // All waits for the simulator, which is no deadlock; and nobody waits for the time.
+        // All processes wait for the simulator, which is no deadlock. No process waits for the
+        // time.
         assert_eq!(driver.next_deadline(), Ok(None));
         drop(inputs);
         // The process ends by that, and the system with it.
@@ -276,7 +277,7 @@ fn a_driver_of_a_system_that_never_runs_is_told() {
         waiting.join().unwrap(),
         Err(DriveError::Ended { .. })
     ));
-    // A second clock: the first is nobody's any more.
+    // A second clock: the first belongs to no system any more.
     let mut system = System::new("twice");
     let mut first = system.driven_clock();
     let second = system.driven_clock();
@@ -322,7 +323,7 @@ fn an_advance_without_an_end_stays_at_the_last_deadline() {
         let start = driver.now();
         driver.advance_to(Instant::NEVER).unwrap();
         assert_eq!(driver.now(), start + MS * 3);
-        // Whoever is woken later has not the driver's leave.
+        // A process that is woken later must wait for the driver.
         assert!(go.try_send(()).is_ok());
         driver.advance_by(Duration::ZERO).unwrap();
         assert_eq!(driver.now(), start + MS * 3);

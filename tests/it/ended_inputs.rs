@@ -1,4 +1,5 @@
-//! Loops over ends that go on: they keep nobody of their executor from running, and time neither.
+//! Loops over ended channels: they do not keep other processes of their executor from running, and
+//! time goes on.
 
 use crate::common;
 use common::watchdog;
@@ -95,7 +96,8 @@ fn a_merge_ends_when_all_inputs_have() {
     }
 }
 
-/// A branch that takes no notice of errors once its sibling has failed goes on beside a third, which ends it.
+/// A branch that ignores errors once its sibling has failed goes on beside a third branch, which
+/// ends it.
 fn stubborn(fails: impl AsyncFn()) {
     let _watchdog = watchdog();
     let is_over = Cell::new(false);
@@ -167,7 +169,7 @@ fn over_no_channels_the_branch_ends() {
         Ok(())
     });
     assert_eq!(errors, [Error::Poisoned, Error::Timeout]);
-    // All of whose channels were removed.
+    // All channels of this alternative were removed.
     let (_sender, receiver) = luna::channel::<u8>();
     let errors = beside_a_failure(async {
         let mut inputs = Alternative::prioritized(std::slice::from_ref(&receiver));

@@ -1,4 +1,4 @@
-//! Signals whose default action ends a program: the emergency functions run before it does. Each
+//! Signals with a default action that ends the program: the emergency functions run first. Each
 //! system runs in a program of its own.
 
 #![cfg(all(target_os = "linux", not(luna_portable)))]

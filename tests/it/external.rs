@@ -53,7 +53,8 @@ impl ToBytes for Pose {
     }
 }
 
-/// A source, a link to one end of a socket, a link from the other, and a drain: typed values go around, with links at each place.
+/// A source, a link to one end of a socket, a link from the other, and a drain: typed values go
+/// around, with links at each place.
 #[test]
 fn typed_values_go_out_and_come_in() {
     let _watch = watchdog();
@@ -326,7 +327,7 @@ fn both_directions_of_one_socket() {
             Ok(())
         })
         .unwrap();
-    // The input's file is open while the input waits, which nobody tells to stop but the end of its channel.
+    // The input's file is open while the input waits. Only the end of its channel stops it.
     system.run().unwrap();
     echo.join().unwrap();
 }

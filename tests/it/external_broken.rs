@@ -1,4 +1,4 @@
-//! External channels: what is broken is said, in its place, and nothing around it is lost.
+//! External channels: broken input is reported where it occurs, and the data around it is kept.
 
 #![cfg(unix)]
 
@@ -54,7 +54,8 @@ fn read<T: FromBytes + Send + 'static>(
                 match records.recv().await {
                     Ok(record) => got.push(record),
                     Err(error) => {
-                        // Also of a link that fails: what it has sent stays received, and what is buffered is.
+                        // The same holds for a link that fails: what it has sent stays received,
+                        // and what is buffered stays too.
                         assert!(error.is_closed());
                         result.send(got).map_err(|_| Error::Closed)?;
                         return Ok(());
@@ -178,7 +179,8 @@ fn a_record_that_no_frame_holds() {
     assert_bad(outcome, 2, fault);
 }
 
-/// Random bytes, however long the file: each byte is in a record, a delimiter, or a record that was said to be broken.
+/// Random bytes, however long the file: each byte is in a record, a delimiter, or a record that is
+/// reported as broken.
 #[test]
 fn no_byte_is_lost_in_silence() {
     let _watch = watchdog();

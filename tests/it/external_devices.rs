@@ -1,4 +1,4 @@
-//! External channels: terminals, files on a disk, and devices that never let anybody wait.
+//! External channels: terminals, files on a disk, and devices that are always ready.
 
 #![cfg(unix)]
 
@@ -90,7 +90,8 @@ fn scratch() -> File {
     file
 }
 
-/// The kernel refuses to wait for them: they are never waited for. So this works wherever there are files.
+/// The kernel refuses to wait for plain files, so they are never waited for. So this works wherever
+/// there are files.
 #[test]
 fn files_on_a_disk() {
     let _watch = watchdog();
@@ -137,7 +138,8 @@ fn files_on_a_disk() {
     }
 }
 
-/// A device that has something to say at all times, none of which is a record: the others on its executor have their turns all the same.
+/// A device that always has data, none of which is a record: the others on its executor have their
+/// turns all the same.
 #[test]
 fn a_device_without_end_lets_others_run() {
     let _watch = watchdog();

@@ -83,7 +83,7 @@ fn a_link_that_has_ended_closes_its_file() {
     }
 }
 
-/// Nobody wants what the device says any more: no error.
+/// No process wants the device's data any more: no error.
 #[test]
 fn an_input_without_receivers_ends() {
     let _watch = watchdog();
@@ -113,7 +113,7 @@ fn an_input_without_receivers_ends() {
     );
 }
 
-/// The far side of an output closes: the link fails, and whoever sends gets the value back.
+/// The far side of an output closes: the link fails, and each sender gets its value back.
 #[test]
 fn an_output_whose_far_side_has_gone() {
     let _watch = watchdog();
@@ -263,7 +263,8 @@ fn what_cannot_be_set_up() {
     }
 }
 
-/// While the device is silent, or has no room, for ever: the link ends and the file is closed, which the far side sees.
+/// The device is silent, or has no room, for ever: the link ends and the file is closed, which the
+/// far side sees.
 #[test]
 fn poison_ends_a_link_that_waits_for_its_file() {
     let _watch = watchdog();

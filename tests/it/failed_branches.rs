@@ -1,4 +1,4 @@
-//! Branches of `par!` whose sibling has failed, at operations that have no error to give.
+//! Branches of `par!` with a failed sibling, at operations that cannot return an error.
 
 use luna::prelude::*;
 use std::cell::Cell;

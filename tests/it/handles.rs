@@ -46,7 +46,8 @@ fn states_of_a_process() {
     let executor = system.executor("main").build().unwrap();
     let (go, gone) = luna::channel();
     let own = executor.clone();
-    // Of lower priority, on the same executor: so what it looks at is the same until its next await.
+    // At lower priority, on the same executor: so the state it reads does not change until its next
+    // await.
     let watched = executor
         .process("watched")
         .priority(10)

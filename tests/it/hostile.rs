@@ -1,4 +1,5 @@
-//! The user's code does its worst: wakers that panic, payloads that panic when dropped, operations moved from one run to another.
+//! Hostile user code: wakers that panic, payloads that panic when dropped, operations moved from
+//! one run to another.
 
 use luna::prelude::*;
 use luna::{Error, RecvError};

@@ -1,4 +1,4 @@
-//! Values of some tens of kilobytes, moved through channels on the stack that threads have by default.
+//! Values of some tens of kilobytes, moved through channels on stacks of the default size.
 
 use crate::common;
 use common::{PLACES, watchdog};

@@ -1,4 +1,4 @@
-//! A process that cannot be ended is left behind, with all that it borrows.
+//! A process that cannot be ended is detached, with all that it borrows.
 
 use crate::common;
 use common::{PLACES, Place, watchdog};

@@ -1,4 +1,5 @@
-//! What a system's processes record is in its recording, on either clock, and its report says what became of it.
+//! A system's recording holds what its processes record, on either clock, and its report says what
+//! became of it.
 #![cfg(feature = "logger")]
 
 use crate::common;
@@ -278,7 +279,7 @@ fn a_process_that_comes_late_registers_and_records() {
     }
 }
 
-/// The example of the contract, unchanged, recorded by who starts it.
+/// The example of the contract, unchanged. The parent process that starts it records it.
 #[cfg(unix)]
 #[test]
 fn the_examples_signal_is_in_its_recording() {

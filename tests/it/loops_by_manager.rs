@@ -16,7 +16,7 @@ fn timers() -> luna::Timers {
     luna::Timers::Manager
 }
 
-/// A system whose loops are woken by [`timers`].
+/// A system with loops that [`timers`] wake.
 fn system(name: &str) -> luna::System {
     let mut system = luna::System::new(name);
     system.timers(timers());

@@ -91,7 +91,7 @@ fn a_system_that_is_dropped_drops_what_was_described() {
         receiver.try_recv(),
         Err(luna::TryRecvError::Closed)
     ));
-    // Nobody would ever start it.
+    // This process would never start.
     let refused = main.process("late").spawn(async { Ok(()) });
     assert!(matches!(
         refused,
@@ -104,7 +104,7 @@ fn so_does_one_that_does_not_start() {
     let _watch = watchdog();
     let mut kept = Kept(Vec::new());
     let (system, main) = describe(&mut kept);
-    // The stand-in is nobody's.
+    // The stand-in has no process.
     assert!(system.run().is_err());
     drop((system, main));
     assert_eq!(kept.left(), 0);

@@ -1,4 +1,5 @@
-//! A panic in a process is an emergency: the functions run, the others are cancelled, and `run` says whose it was.
+//! A panic in a process is an emergency: the functions run, the other processes are cancelled, and
+//! `run` names the process that panicked.
 
 use crate::common;
 use common::{PLACES, Place, has_real_time, skip, watchdog};
@@ -107,7 +108,8 @@ fn functions_run_in_order_then_the_others_are_cancelled() {
 #[test]
 fn the_last_process_that_lives_panics() {
     let _watch = watchdog();
-    // The system's end and the emergency come at the same time: the functions must not be lost between the two.
+    // The system's end and the emergency come at the same time: the functions must not be lost
+    // between the two.
     for round in 0..100 {
         let place = PLACES[round % 2];
         let log = Log::default();
@@ -328,7 +330,8 @@ fn functions_run_on_a_thread_above_all_others() {
     if !has_real_time() {
         return skip("its priority: no privilege");
     }
-    // On a single core they take turns, so that one that hangs keeps nobody from going on.
+    // On a single core the threads take turns, so that one that hangs does not keep the others from
+    // going on.
     let expected = match luna_platform::thread::available_cores().len() {
         1 => Policy::round_robin(99),
         _ => Policy::fifo(99),

@@ -1,4 +1,5 @@
-//! `par!`: branches that borrow, all errors in written order, and how siblings of a failed branch end.
+//! `par!`: branches that borrow, all errors in written order, and how siblings of a failed branch
+//! end.
 
 use crate::common;
 use common::{PLACES, watchdog};

@@ -1,4 +1,5 @@
-//! Which error a network ends with does not depend on timing: run after run it is the same one, on one executor and on two.
+//! The error that a network ends with does not depend on timing: it is the same in each run, on one
+//! executor and on two.
 
 use crate::common;
 use common::watchdog;
@@ -21,7 +22,8 @@ async fn drain(from: &Receiver<u32>) -> Result<()> {
     }
 }
 
-/// A network of branches and of processes, whose `guard` refuses the fifth number, and says so by poison.
+/// A network of branches and of processes. Its `guard` refuses the fifth number by poisoning its
+/// channel.
 fn run(executors: usize) -> String {
     let mut system = System::new("failing");
     let places: Vec<_> = ["left", "right"][..executors]
@@ -37,7 +39,7 @@ fn run(executors: usize) -> String {
         par!(
             feed(&numbers),
             async {
-                // Whatever it is told it passes on, to a branch of its own.
+                // Passes all that it receives on, to a branch of its own.
                 par!(
                     async {
                         loop {

@@ -1,4 +1,5 @@
-//! Any sets of any values, held against a map: a set is taken as a whole or not at all, and is refused for every value that is wrong and for no other.
+//! Any sets of any values, checked against a map: a set is taken as a whole or not at all, and is
+//! refused for each wrong value and for no other.
 
 use crate::common;
 use common::watchdog;

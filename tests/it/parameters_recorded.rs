@@ -1,4 +1,4 @@
-//! A run whose parameters are replaced is recorded and replayed, and its sets are messages of its log.
+//! A run that replaces parameters is recorded and replayed, and its sets are messages of its log.
 
 use crate::common;
 use common::watchdog;
@@ -101,7 +101,8 @@ fn system() -> luna::Result<(System, BothSeen, Arc<AtomicU64>)> {
     Ok((system, seen, done))
 }
 
-/// Sets both processes' parameters from a plain thread, at moments that nobody foresees, until both have seen enough.
+/// Sets both processes' parameters from a plain thread, at unforeseeable moments, until both have
+/// seen enough.
 fn sets_until(parameters: &Parameters, done: &AtomicU64) {
     let mut value = 0_u32;
     while done.load(Ordering::Relaxed) < 2 {
@@ -136,7 +137,7 @@ fn a_replay_reads_what_was_read() {
     let recording = Recording::open(&file.0).unwrap();
     for _ in 0..2 {
         let (mut replayed, again, _) = system().unwrap();
-        // What the replay is told by others is nothing to it.
+        // The replay ignores sets from outside.
         replayed
             .replay(&recording)
             .set_parameter("left/gain", 77.0)

@@ -1,4 +1,5 @@
-//! The three phases of processes: all `pre_run` before any body, `post_run` after its own body and off the executor's thread.
+//! The three phases of processes: all `pre_run` before any body, `post_run` after its own body and
+//! off the executor's thread.
 
 use crate::common;
 use common::{PLACES, Place, watchdog};
@@ -121,7 +122,8 @@ fn post_run_runs_when_its_own_body_has_ended_while_others_run() {
             .spawn(Announcer { ended })
             .unwrap();
         let second = system.executor("second").build().unwrap();
-        // Runs until the other's post_run: if that waited for the end of the system, neither would end.
+        // Runs until the other's post_run: if that waited for the end of the system, neither would
+        // end.
         second
             .process("listener")
             .spawn(async move { Ok(announced.recv().await?) })

@@ -1,4 +1,5 @@
-//! The drive of the usage example for the three phases, apart from its logged signal: its `post_run` runs in order, and after an emergency.
+//! The drive of the usage example for the three phases, apart from its logged signal: its
+//! `post_run` runs in order, and after an emergency.
 
 use crate::common;
 use common::watchdog;

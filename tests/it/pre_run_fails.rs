@@ -1,4 +1,5 @@
-//! A `pre_run` that fails stops the start: no body runs, and what was prepared is cleaned up, last first.
+//! A `pre_run` that fails stops the start: no body runs, and what was prepared is cleaned up, last
+//! first.
 
 use crate::common;
 use common::{PLACES, watchdog};
@@ -61,7 +62,8 @@ impl Drop for Prepared {
     }
 }
 
-/// Five processes, of which the third is prepared as said; runs them and gives the error and what they logged, drops apart.
+/// Five processes. The third is prepared as given. Runs them and returns the error and what they
+/// logged, with drops apart.
 fn run_five(place: common::Place, second: Preparing, third: Preparing) -> (Error, Vec<String>) {
     let log = Log::default();
     let mut system = System::new("five");

@@ -1,4 +1,5 @@
-//! `pri_par!`: on an executor each branch runs a level below the one before it; everywhere the order is kept.
+//! `pri_par!`: on an executor each branch runs a level below the one before it; everywhere the
+//! order is kept.
 
 use crate::common;
 use common::watchdog;
@@ -21,7 +22,8 @@ impl Log {
     }
 }
 
-/// A system with one executor; `build` adds processes in the order in which they begin if their levels do not say otherwise.
+/// A system with one executor; `build` adds processes in the order in which they begin if their
+/// levels do not say otherwise.
 fn on_one_executor(build: impl FnOnce(&dyn Fn(&str, u8) -> ProcessBuilder)) {
     let mut system = System::new("levels");
     let executor = system.executor("one").build().unwrap();
@@ -165,7 +167,8 @@ fn channels_serve_branches_by_their_levels() {
             let sender = sender.clone();
             async move { sender.send(n).await }
         };
-        // Offered first, by a process as urgent as the second branch: behind the first one, before the third.
+        // Offered first, by a process as urgent as the second branch: it comes after the first
+        // branch and before the third.
         let process_s = offer(20);
         process("process", 11)
             .spawn(async move {
@@ -273,7 +276,8 @@ fn levels_fall_on_in_nested_constructs_and_stop_at_the_lowest() {
             })
             .unwrap();
     });
-    // The inner branches at levels 1, 0, 0, 0: when their turn comes, nothing more urgent is ready, and the parent comes before its equals.
+    // The inner branches are at levels 1, 0, 0, 0: when their turn comes, nothing more urgent is
+    // ready, and the parent comes before its equals.
     assert_eq!(log.take(), "2 1 process 1 process 1 0 nested 0 0 process 0");
 }
 
@@ -327,7 +331,8 @@ fn within_a_foreign_combinator_nobody_is_starved() {
         let (sender, receiver) = luna::channel::<()>();
         process("parent", 10)
             .spawn(async move {
-                // Polls with a waker of its own, so the branch cannot be readied below the parent's level.
+                // Polls with a waker of its own, so the branch cannot be readied below the parent's
+                // level.
                 let mut inner = Box::pin(async {
                     pri_par!(async { Ok::<_, Error>(()) }, receiver.recv()).await
                 });

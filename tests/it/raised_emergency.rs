@@ -1,4 +1,5 @@
-//! An emergency that a process raises with a cause: the functions run, the others are cancelled, and `run` returns that cause.
+//! An emergency that a process raises with a cause: the functions run, the others are cancelled,
+//! and `run` returns that cause.
 
 use crate::common;
 use common::{PLACES, watchdog};
@@ -98,7 +99,8 @@ impl Drop for Last {
     }
 }
 
-/// Runs a system whose time comes to stand still, and where what a process drops then does `last`.
+/// Runs a system on a clock that comes to stand still. A value that a process then drops calls
+/// `last`.
 fn stands_still_and_then(is_livelock: bool, last: fn()) -> (Error, End, u32) {
     let mut system = System::new("stands");
     let calls = Arc::new(AtomicU32::new(0));

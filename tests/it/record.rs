@@ -46,7 +46,7 @@ impl World {
             .push(value);
     }
 
-    /// A number that nobody foresees.
+    /// An unforeseeable number.
     fn take(&self) -> u64 {
         record::input("world", || {
             let count = self.inputs.fetch_add(1, Ordering::Relaxed);
@@ -55,7 +55,7 @@ impl World {
         })
     }
 
-    /// Works for a time that nobody foresees.
+    /// Works for an unforeseeable time.
     fn work(&self) {
         for _ in 0..self.take() % 2000 {
             std::hint::spin_loop();

@@ -1,4 +1,5 @@
-//! Each construct whose outcome nobody can foresee, recorded on several threads and replayed; and those that are refused by name.
+//! Each construct with an unforeseeable outcome, recorded on several threads and replayed; and the
+//! constructs that are refused by name.
 
 use crate::common;
 use common::watchdog;
@@ -33,7 +34,7 @@ fn give(outputs: &Outputs, who: &'static str, value: u64) {
     outputs.lock().unwrap().push((who, value));
 }
 
-/// Works for a time that nobody foresees.
+/// Works for an unforeseeable time.
 fn work() {
     static SEED: AtomicU64 = AtomicU64::new(1);
     let turns = record::input("work", || {
@@ -461,7 +462,7 @@ fn blocking_calls_whose_result_has_a_byte_form() {
     assert_eq!(recording.outputs(), 3);
 }
 
-/// Records a system with one process, which is to be refused, and gives what it was told.
+/// Records a system with one process, which is to be refused, and returns the error.
 #[track_caller]
 fn refused<F: Future<Output = luna::Result<()>> + Send + 'static>(name: &str, body: F) -> String {
     let _watch = watchdog();
@@ -477,7 +478,7 @@ fn refused<F: Future<Output = luna::Result<()>> + Send + 'static>(name: &str, bo
         panic!("{name}: {error}")
     };
     assert_eq!(process, "main");
-    // Nobody replays it by mistake.
+    // The file cannot be replayed by mistake.
     assert_eq!(Recording::open(&file.0).unwrap_err(), error);
     let (recording, wrong) = Recording::salvage(&file.0).unwrap();
     assert_eq!((wrong, recording.is_whole()), (Some(error.clone()), true));

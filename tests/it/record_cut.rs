@@ -1,4 +1,5 @@
-//! Recorded runs that did not come to their end: by a signal, or since they were killed. Each system is recorded in a program of its own.
+//! Recorded runs that were cut short, by a signal or by being killed. Each system is recorded in a
+//! program of its own.
 
 #![cfg(unix)]
 
@@ -45,7 +46,7 @@ fn end_the_run() {
 
 const MILLISECOND: Duration = Duration::from_millis(1);
 
-/// Waits over and over, and tells nothing that could have been otherwise.
+/// Waits over and over, and logs nothing that could have been otherwise.
 async fn only_waits() -> luna::Result<()> {
     loop {
         luna::after(MILLISECOND).await;
@@ -180,7 +181,8 @@ fn start(name: &str, file: &Path) -> Program {
     Program::start_by(command, &common::part_of_caller(), name)
 }
 
-/// Records a run that a signal ends, and replays it: it goes as far as it had come, and is ended then.
+/// Records a run that a signal ends, and replays it: the replay goes as far as the run had come,
+/// and is ended then.
 #[track_caller]
 fn check(name: &str) {
     if has_no_signals() {

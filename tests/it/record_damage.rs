@@ -1,4 +1,5 @@
-//! Recordings that are not what was written, and programs that are not those that were recorded: all of it is noticed, and nothing panics or hangs.
+//! Damaged recordings, and programs other than the recorded ones: all of it is noticed, and nothing
+//! panics or hangs.
 
 use luna::prelude::*;
 use luna::record::{self, RecordError, Recording};
@@ -321,7 +322,7 @@ fn a_changed_program_is_noticed() {
         match replay(&recording, change).0 {
             Err(Error::Record(RecordError::Diverged(at))) => {
                 let processes: &[&str] = match change {
-                    // Whose last send came before one of the other's is missed by the sink first.
+                    // The sink first misses the process with the earlier last send.
                     Change::FewerSends => &["second", "sink"],
                     Change::GoesOn => &["first"],
                     _ => &["sink"],

@@ -115,7 +115,7 @@ fn the_table_has_a_row_for_each() {
         assert_eq!(of_it[0][8], maximum, "{text}");
         assert_eq!(of_it[0].len(), 13, "{text}");
     }
-    // What was not given is told there too.
+    // The report also lists what was not given.
     let missing = text
         .lines()
         .filter(|line| line.trim_start().starts_with("best effort:"))
@@ -165,7 +165,7 @@ fn policies_and_cores_as_obtained() {
         let lacks_policy = missing.iter().any(|what| what.starts_with("policy "));
         assert_eq!(lacks_policy, asks_for_policy && !real_time, "{thread:?}");
     }
-    // With the name of who asked.
+    // With the name of the requester.
     for (who, shortfall) in report.all_shortfalls() {
         assert!(
             ["system", "control", "console"].contains(&who),

@@ -1,4 +1,4 @@
-//! The safety state: what is latched, who said so, and how it is left.
+//! The safety state: what is latched, which process reported it, and how it is left.
 
 use crate::common;
 use common::watchdog;
@@ -292,7 +292,7 @@ fn after_a_reset_functions_have_not_run() {
     assert_eq!((function.began_after, function.took), (None, None));
 }
 
-/// Nobody runs functions any more, so nobody waits for them.
+/// No thread runs functions any more, so none is waited for.
 #[test]
 fn after_the_end_a_safe_state_can_be_reset() {
     let _watch = watchdog();
@@ -363,7 +363,8 @@ fn who_waits_for_the_safe_state_is_woken_once_it_is_entered() {
     system.run().unwrap();
 }
 
-/// Threads that enter and leave it, and threads that wait: nobody sleeps on, and nothing is left in the list.
+/// Threads that enter and leave it, and threads that wait: no thread sleeps on, and nothing is left
+/// in the list.
 #[test]
 fn nobody_misses_the_safe_state() {
     let _watch = watchdog();
@@ -386,7 +387,7 @@ fn nobody_misses_the_safe_state() {
                     if number == 0 && first.await {
                         continue;
                     }
-                    // Now somebody enters it, at any moment.
+                    // From now on another thread may enter it at any moment.
                     asks.send(()).await?;
                     entered.await;
                 }

@@ -1,4 +1,5 @@
-//! SIGINT and SIGTERM: the emergency functions, then the end in order, and a report. Each system runs in a program of its own.
+//! SIGINT and SIGTERM: the emergency functions, then the end in order, and a report. Each system
+//! runs in a program of its own.
 
 #![cfg(unix)]
 

@@ -1,4 +1,4 @@
-//! Processes that are replaced by name, and what is said if that does not fit.
+//! Processes that are replaced by name, and the errors if a replacement does not fit.
 
 use crate::common;
 use common::{PLACES, watchdog};
@@ -105,7 +105,7 @@ fn all_that_can_be_spawned_can_stand_in() {
     system.run().unwrap();
     assert_eq!(told.iter().collect::<Vec<_>>(), [2]);
 
-    // A closure, whose future stays on its thread.
+    // A closure with a future that stays on its thread.
     let mut system = System::new("a closure");
     system
         .stand_in("sensor", |ends: SensorEnds| {
@@ -262,7 +262,7 @@ fn a_name_that_is_taken_leaves_the_stand_in_and_the_declaration_as_they_were() {
             "{error:?}"
         );
     };
-    // A plain process has it: nobody is replaced, and that is said.
+    // A plain process has the name: nothing is replaced, and the error says so.
     let mut system = System::new("taken");
     let main = system.executor("plain").build().unwrap();
     main.process("sensor").spawn(async { Ok(()) }).unwrap();

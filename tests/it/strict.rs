@@ -1,4 +1,4 @@
-//! What the system refuses: an error of a strict system, and done without by one that does its best.
+//! What the system refuses: an error in a strict system; a best-effort system goes without.
 
 #![cfg(unix)]
 
@@ -256,7 +256,7 @@ fn best_effort_runs_without_and_says_so_in_one_line() {
     ] {
         assert!(line.contains(part), "{part} in {line}");
     }
-    // As many as the report tells, with the same words.
+    // As many as in the report, in the same words.
     let told = ended
         .output
         .lines()

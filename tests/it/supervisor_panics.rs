@@ -1,4 +1,5 @@
-//! The thread in `System::run` panics, or has nobody to tell: the machine is brought to safety, and nothing is used after it is gone.
+//! The thread in `System::run` panics, or has no thread to report to: the machine is brought to
+//! safety, and nothing is used after it is freed.
 
 #![cfg(unix)]
 
@@ -12,7 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// An error whose words panic, on the thread that tells them.
+/// An error with a text that panics, on the thread that formats it.
 #[derive(Debug)]
 struct Unspeakable;
 
@@ -31,7 +32,8 @@ fn run_panics(system: &mut System) -> Degree {
     system.safety().degree()
 }
 
-/// A process that fails, once `may` says so, with an error whose words panic; and one that would go on.
+/// A process that fails, once `may` allows it, with an error that panics when formatted; and a
+/// process that would go on.
 fn add_failing(system: &mut System, may: Arc<AtomicBool>) {
     add_failing_with(system, may, Unspeakable);
 }
@@ -76,7 +78,8 @@ fn a_panic_of_the_thread_that_runs_the_system_is_an_emergency() {
     assert_eq!(run_panics(&mut system), Degree::Emergency);
     assert!(has_run.load(Ordering::SeqCst), "the functions run");
     if has_shell {
-        // The guardian has ended before the panic left the run; it was not told that all is safe.
+        // The guardian has ended before the panic left the run. It was not notified that all is
+        // safe.
         assert_eq!(std::fs::read_to_string(&told).unwrap(), "told:\n");
         let _ = std::fs::remove_file(told);
     }
@@ -130,7 +133,8 @@ fn a_process_outlives_the_thread_that_runs_it() {
     );
 }
 
-/// A process of an executor that computes on and on keeps nobody: it is left behind, and what it uses with it.
+/// A process of an executor that computes on and on holds nothing up: it is left behind, with all
+/// that it uses.
 fn panics_beside_one_that_computes(is_virtual: bool) {
     static COMPUTES: AtomicBool = AtomicBool::new(false);
     static MAY_END: AtomicBool = AtomicBool::new(false);

@@ -1,4 +1,5 @@
-//! Who runs a system, or a part of one, under `catch_unwind` needs no `AssertUnwindSafe`.
+//! A program that runs a system, or a part of one, under `catch_unwind` needs no
+//! `AssertUnwindSafe`.
 
 use crate::common;
 use common::watchdog;

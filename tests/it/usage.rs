@@ -6,7 +6,8 @@ use luna::prelude::*;
 use std::process::Command;
 use std::time::Duration;
 
-/// The output of an example, if it has been built beside the tests: `cargo test` does so, other ways of running them may not.
+/// The output of an example, if it has been built beside the tests. `cargo test` builds it, other
+/// runners may not.
 fn run_example(name: &str) -> Option<String> {
     let tests = std::env::current_exe().unwrap();
     // From target/debug/deps/usage-… to target/debug/examples/name.
@@ -37,7 +38,8 @@ fn hello() {
     );
 }
 
-/// As `examples/control_loop.rs`, for two hundred cycles instead of ten thousand, and with an answer.
+/// As `examples/control_loop.rs`, for two hundred cycles instead of ten thousand, and with a
+/// result.
 #[test]
 fn a_control_loop_with_an_operator() {
     let _watch = watchdog();
@@ -162,7 +164,7 @@ fn poison_ends_a_network() {
         for n in 0..1000 {
             out.send(n).await?;
         }
-        out.poison(); // whoever waits on it, or comes to it later, ends
+        out.poison(); // each process that waits on it, or comes to it later, ends
         Ok(())
     };
     left.process("producer").spawn(produce).unwrap();

@@ -1,4 +1,5 @@
-//! Two runs of one system on a virtual clock are the same, byte for byte, whatever the machine does meanwhile.
+//! Two runs of one system on a virtual clock are the same, byte for byte, whatever the machine does
+//! meanwhile.
 
 use crate::common;
 use common::watchdog;
@@ -10,7 +11,7 @@ use std::time::Duration;
 
 const US: Duration = Duration::from_micros(1);
 
-/// What happened, a line each: when, who, what.
+/// What happened, a line each: time, process, action.
 #[derive(Clone, Default)]
 struct Trace(Arc<Mutex<String>>);
 

@@ -1,4 +1,5 @@
-//! Watchdogs, with processes that feed them and processes that do not. Their exact limits are tested beside them, with instants passed in.
+//! Watchdogs, with processes that send heartbeats and processes that do not. Unit tests beside the
+//! code test their exact limits, with instants passed in.
 
 use crate::common;
 use common::{PLACES, watchdog};
@@ -42,7 +43,8 @@ fn it_expires_when_nobody_feeds_it_and_stays_so() {
     }
 }
 
-/// A guard beside channels, fed from elsewhere: it never expires, however long the wait.
+/// A guard beside channels, with heartbeats from elsewhere: it never expires, however long the
+/// wait.
 #[test]
 fn fed_in_time_it_does_not_expire() {
     let _watch = watchdog();
@@ -77,7 +79,8 @@ fn fed_in_time_it_does_not_expire() {
     system.run().unwrap();
 }
 
-/// Who waits learns of feeds only when the time comes, and then sleeps on: what it then has waited for is counted from the last feed.
+/// A waiter learns of heartbeats only when the timeout expires, and then sleeps on: the new timeout
+/// counts from the last heartbeat.
 #[test]
 fn a_wait_is_counted_from_the_last_feed() {
     let _watch = watchdog();
@@ -95,7 +98,8 @@ fn a_wait_is_counted_from_the_last_feed() {
                 fed.feed();
                 ticks.tick().await;
             }
-            // Either this is in time, and counted from; or it came too late on a busy machine, and the dog has bitten before.
+            // Either this heartbeat is in time, and counts; or it came too late on a busy machine,
+            // and the watchdog has expired before.
             let now = luna::now();
             fed.feed();
             let was_in_time = !fed.has_expired();
@@ -166,7 +170,7 @@ fn a_process_that_calls_a_function() {
     }
 }
 
-/// A system with a watchdog that is fed ends when those who feed it have ended.
+/// A system with a watchdog ends when all processes that send its heartbeat have ended.
 #[test]
 fn the_process_ends_with_those_who_feed() {
     let _watch = watchdog();
@@ -188,7 +192,8 @@ fn the_process_ends_with_those_who_feed() {
     system.run().unwrap();
 }
 
-/// A process of higher priority that hogs the processor does not hide from a watchdog that it did not feed it: the feed that comes too late says so.
+/// A process of higher priority that occupies the processor does not hide its missing heartbeat
+/// from a watchdog: the late heartbeat reports it.
 #[test]
 fn a_late_feed_hides_nothing() {
     let _watch = watchdog();
@@ -210,7 +215,7 @@ fn a_late_feed_hides_nothing() {
             own.feed();
             common::burn_until(luna::now() + 3 * MS);
             own.feed();
-            // On the same executor, at a higher priority: nobody has looked.
+            // On the same executor, at a higher priority: no process has looked.
             assert!(bites.try_recv().is_err());
             assert!(own.has_expired());
             bites.recv().await.map_err(Error::from)
@@ -219,7 +224,7 @@ fn a_late_feed_hides_nothing() {
     system.run().unwrap();
 }
 
-/// With a timer beside it that is never set: the guards of one alternative do not disturb each other.
+/// Beside a timer that is never set: the guards of one alternative do not disturb each other.
 #[test]
 fn beside_other_clocks() {
     let _watch = watchdog();

@@ -15,7 +15,8 @@ pub(crate) fn thread_id() -> i32 {
 
 /// The processor time that a thread of this program has used; none of one that has ended.
 pub(crate) fn processor_time(thread: i32) -> Duration {
-    // The clock of a thread is its number, inverted, above the bits that say so: `pthread_getcpuclockid`(3) makes the same one.
+    // The clock of a thread is its inverted number above the bits that mark a thread's clock:
+    // `pthread_getcpuclockid`(3) makes the same one.
     const OF_THREAD: i32 = 4 | 2;
     clock_gettime(ClockId::from_raw(!thread << 3 | OF_THREAD))
         .map(Duration::from)
@@ -37,8 +38,8 @@ pub(crate) fn burn(time: Duration) {
     }
 }
 
-/// The priority that the kernel schedules a thread by, boosts included: `-1 - p` for a real-time priority p, 0 or more for others. The field 18
-/// of its `stat`.
+/// The priority that the kernel schedules a thread by, boosts included: `-1 - p` for a real-time
+/// priority p, 0 or more for others. It is field 18 of the thread's `stat`.
 pub(crate) fn scheduled_priority(thread: i32) -> i64 {
     let stat = fs::read_to_string(format!("/proc/self/task/{thread}/stat")).unwrap();
     // Counted after the name, which may hold spaces.
@@ -69,13 +70,16 @@ pub(crate) fn stolen(core: usize) -> Duration {
     TICK * ticks.unwrap_or(0)
 }
 
-/// How many of so many observations may be spoilt without the kernel's saying so: a hypervisor that has to fetch a page lets the guest run another thread
-/// meanwhile (asynchronous page faults), whatever its priority, and no counter of the thread tells. What is wrong in the program spoils many.
+/// How many of so many observations may be spoilt without a trace in the kernel's counters. A
+/// hypervisor that has to fetch a page lets the guest run another thread meanwhile (asynchronous
+/// page faults), whatever its priority, and no counter of the thread shows it. An error in the
+/// program spoils many.
 pub(crate) fn spoilt(of: u64) -> u64 {
     1 + of / 5_000
 }
 
-/// How often, and for how long, the kernel kept the calling thread from running, as far as it tells.
+/// How often, and for how long, the kernel kept the calling thread from running, as far as its
+/// counters show.
 #[derive(Debug)]
 pub(crate) struct KeptOff {
     schedstat: Option<File>,
@@ -121,7 +125,8 @@ impl KeptOff {
 }
 
 impl Kept {
-    /// Whether since `before` the thread was preempted, had to wait for memory, or waited for its core for longer than a switch takes.
+    /// Whether since `before` the thread was preempted, had to wait for memory, or waited for its
+    /// core for longer than a switch takes.
     pub(crate) fn differs_from(&self, before: &Kept) -> bool {
         const SWITCHES: Duration = Duration::from_micros(100);
         self.preempted != before.preempted

@@ -1,4 +1,5 @@
-//! One executor with processes of several levels, and the order of what happens there: for tests of who is lent a priority.
+//! One executor with processes of several levels, and the order of what happens there: for tests of
+//! priority inheritance.
 
 use luna::prelude::*;
 use luna::{ProcessBuilder, yield_now};
@@ -34,7 +35,8 @@ pub(crate) fn on_one_executor(build: impl FnOnce(&dyn Fn(&str, u8) -> ProcessBui
     system.run().unwrap();
 }
 
-/// A process that is ready for long once it is told to, and logs each time that it runs.
+/// A process that becomes ready for long when it is sent a message, and logs each time that it
+/// runs.
 pub(crate) fn burner(process: ProcessBuilder, log: &Log) -> luna::Sender<()> {
     let (start, started) = luna::channel::<()>();
     let log = log.clone();

@@ -1,4 +1,5 @@
-//! The real-time path neither allocates nor frees. One test alone, since the allocator counts what the whole program does.
+//! The real-time path neither allocates nor frees. One test alone, since the allocator counts what
+//! the whole program does.
 
 use crate::ALLOCATOR;
 use crate::common;
@@ -16,7 +17,7 @@ const ROUNDS: u64 = 500;
 /// Less than what one allocation a round would make.
 const A_FEW: u64 = 50;
 
-/// A line that all processes of a network wait at; the last one to come notes what was allocated until then.
+/// A barrier for all processes of a network. The last one to come notes the allocations until then.
 #[derive(Default)]
 struct Line {
     waiting: AtomicUsize,
@@ -121,7 +122,8 @@ impl Process for Keeper {
     }
 }
 
-/// Runs a network of all that the path offers; gives the count at the begin of its work and at its end.
+/// Runs a network of all that the path offers. Returns the count at the begin of its work and at
+/// its end.
 fn run_network(with_threads: bool) -> (Counted, Counted) {
     let network = Arc::new(Network::default());
     let mut system = System::new("counted");
@@ -248,8 +250,9 @@ fn nothing_is_allocated_or_freed_while_the_bodies_run() {
     own_process!();
     let _watch = watchdog();
     for with_threads in [false, true] {
-        // The framework's own threads, which are not real-time, may still free what their start left when the bodies run already, and
-        // allocate for a look whether all is deadlocked: a few times. What the bodies allocated would be there in each round.
+        // The framework's own threads, which are not real-time, may still free memory of their
+        // start when the bodies already run, and may allocate for a deadlock check: a few times.
+        // Allocations of the bodies would show in each round.
         let is_quiet = (0..10).any(|_| {
             let (start, finish) = run_network(with_threads);
             assert!(start.0 > 0, "it does count");

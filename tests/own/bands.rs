@@ -1,6 +1,7 @@
-//! Bands: executors of different SCHED_FIFO priorities on one core. The kernel lets a higher one run in the middle of a long poll of a lower one; no
-//! mapping of the same processes to one executor, or to executors that do not follow their priorities, does. Seen in what processes observe of
-//! each other's steps, not in time.
+//! Bands: executors of different SCHED_FIFO priorities on one core. The kernel lets a higher one
+//! run in the middle of a long poll of a lower one. No mapping of the same processes to one
+//! executor, or to executors that do not follow their priorities, does so. The tests see it in what
+//! processes observe of each other's steps, not in time.
 
 #![cfg(target_os = "linux")]
 
@@ -15,7 +16,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-/// One of these tests at a time, on one core, so that the machine has another one left. `None`: they cannot run here.
+/// One of these tests at a time, on one core, so that the machine has another one left. `None`:
+/// they cannot run here.
 fn one_core() -> Option<(usize, MutexGuard<'static, ()>)> {
     static CORE: Mutex<()> = Mutex::new(());
     if !COMPLETE || !has_real_time() {
@@ -32,7 +34,7 @@ fn band(system: &mut System, core: usize, name: &str, priority: u8) -> Executor 
     executor.policy(Policy::fifo(priority)).build().unwrap()
 }
 
-/// Steps without an await, which end when somebody has seen them, or after a time.
+/// Steps without an await, which end when another process has seen them, or after a time.
 #[derive(Debug, Default)]
 struct LongPoll {
     steps: AtomicU64,
@@ -83,12 +85,13 @@ impl LongPoll {
     }
 }
 
-/// For a poll that somebody sees. No machine takes so long to fire a timer.
+/// For a poll that another process sees. No machine takes so long to fire a timer.
 const SEEN: Duration = Duration::from_secs(5);
-/// For one that nobody can.
+/// For a poll that no process can see.
 const UNSEEN: Duration = Duration::from_millis(20);
 
-/// A process that polls long between two rendezvous, and one that is to see it. Gives what that one found.
+/// A process that polls long between two rendezvous, and one that is to see it. Returns what the
+/// second one found.
 fn long_polls(
     high: Executor,
     low: Executor,
@@ -170,7 +173,8 @@ fn on_executors_of_one_priority_it_runs_after() {
     assert_eq!(found, [Found::After; 5]);
 }
 
-/// A send to a higher band is a point of preemption, in the middle of a poll: the receiver runs before the sender's next step.
+/// A send to a higher band is a point of preemption, in the middle of a poll: the receiver runs
+/// before the sender's next step.
 #[test]
 fn a_receiver_of_a_higher_band_runs_before_the_senders_next_step() {
     own_process!();
@@ -288,8 +292,9 @@ enum Mapping {
     Bands,
 }
 
-/// The thesis' problem of figure 5.20: the kernel knows the threads' priorities, not those of the processes in them. The process of 50 waits until
-/// that of 20 is through, since that one runs on a thread that is not below it.
+/// The thesis' problem of figure 5.20: the kernel knows the threads' priorities, not those of the
+/// processes in them. The process of priority 50 waits until that of 20 is through, since the
+/// thread of the latter is not below its own.
 #[test]
 fn the_problem_of_figure_5_20() {
     own_process!();

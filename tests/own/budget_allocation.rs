@@ -1,5 +1,5 @@
-//! Budgets that are overrun and cycles that are late allocate and free nothing on the real-time path. One test alone, since the allocator counts what the
-//! whole program does.
+//! Budgets that are overrun and cycles that are late allocate and free nothing on the real-time
+//! path. One test alone, since the allocator counts what the whole program does.
 
 use crate::ALLOCATOR;
 use crate::common;

@@ -1,4 +1,4 @@
-//! Budgets: who takes too long is counted and named, and what then happens is what was asked for.
+//! Budgets: a process that takes too long is counted and named, and the requested reaction follows.
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, Program, burn_until, setup_error, skip, watchdog};
@@ -11,10 +11,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
-/// Nobody takes that long by chance, while a busy machine runs others.
+/// No process takes that long by chance, while a busy machine runs others.
 const BUDGET: Duration = Duration::from_millis(200);
 const TOO_LONG: Duration = Duration::from_millis(250);
-/// Nobody takes that long, however loaded the machine is.
+/// No process takes that long, however loaded the machine is.
 const AGES: Duration = Duration::from_secs(3600);
 
 fn burn(time: Duration) {
@@ -104,7 +104,7 @@ fn a_cycle_is_measured_from_its_begin_and_lateness_is_not_the_loops_fault() {
                 long.next().await;
                 luna::after(Duration::from_millis(510)).await; // waiting counts too
                 long.next().await;
-                // A cycle that nobody asks to be followed has no end.
+                // A cycle without a `next` after it has no end.
                 burn(Duration::from_millis(510));
                 Ok(())
             })
@@ -349,7 +349,8 @@ fn part() {
             let hog = warning(&mut system).poll_budget(BUDGET);
             hog.spawn(async {
                 burn(TOO_LONG);
-                // Until who started this program has read the line, and closes its input.
+                // Until the parent that started this program has read the line, and closes the
+                // program's input.
                 luna::blocking(|| std::io::stdin().read_line(&mut String::new()))
                     .await
                     .map_err(Error::other)?;

@@ -1,5 +1,5 @@
-//! A server works at its client's priority until it has replied: nobody in between comes between. Seen in the order of events, and in
-//! what the kernel says of the thread.
+//! A server works at its client's priority until it has replied: no process of a priority in
+//! between runs meanwhile. Seen in the order of events, and in the kernel's data on the thread.
 
 use crate::common;
 use crate::levels;
@@ -428,7 +428,7 @@ fn the_servers_thread_is_boosted_and_set_back() {
             .process("client")
             .spawn(async move {
                 readied.recv().await?;
-                // On this core nobody below runs until this process waits.
+                // On this core nothing of a lower priority runs until this process waits.
                 burn.try_send(())?;
                 let before = of_client.load(Ordering::Relaxed);
                 let during = client.call(()).await?;

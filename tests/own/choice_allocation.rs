@@ -1,4 +1,5 @@
-//! Choosing and meeting allocate nothing: alternatives with every kind of guard, an `Alternative`, barriers, extended rendezvous, ticks.
+//! Choosing and meeting allocate nothing: alternatives with every kind of guard, an `Alternative`,
+//! barriers, extended rendezvous, ticks.
 
 use crate::ALLOCATOR;
 use crate::common;

@@ -1,4 +1,5 @@
-//! A thread crashes while it copies the safety state: the emergency functions run all the same, and may say something themselves, since no memory is asked for under the state's lock.
+//! A thread crashes while it copies the safety state. The emergency functions run all the same, and
+//! may report something themselves, since no memory is allocated under the state's lock.
 
 #![cfg(unix)]
 
@@ -34,7 +35,7 @@ fn part() {
     let mut system = System::new("crashing");
     let safety = system.safety();
     system.on_emergency("first", move || {
-        // It would wait for who has crashed, who would have the lock for good.
+        // It would wait for the crashed thread, which would hold the lock for good.
         safety.warn(Error::Timeout);
         println!("function, {}", safety.degree());
     });

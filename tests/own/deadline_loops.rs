@@ -1,4 +1,4 @@
-//! Loops under SCHED_DEADLINE: on OS threads alone, on any core, and told what they got.
+//! Loops under SCHED_DEADLINE: on OS threads alone, on any core, with a report of what they got.
 
 use crate::common;
 use common::{COMPLETE, setup_error, skip, watchdog};
@@ -131,7 +131,7 @@ fn a_strict_system_says_what_was_refused() {
     own_process!();
     let mut system = System::new("strict");
     system.strict();
-    // No kernel's limits allow such a period, and who has no privilege is refused for that.
+    // No kernel's limits allow such a period. A thread without privilege is refused for that.
     let impossible = Duration::from_secs(1_000_000);
     system
         .thread("slow")

@@ -1,4 +1,5 @@
-//! Emergency functions: each once, in order, whoever hangs or panics; registered at set-up, by drivers, and late.
+//! Emergency functions: each runs once, in order, even if one hangs or panics; registered at
+//! set-up, by drivers, and late.
 
 use crate::common;
 use common::{burn_until, has_real_time, skip, watchdog};
@@ -26,7 +27,7 @@ impl Log {
     }
 }
 
-/// Long enough for a loaded machine, and a test that waits for it waits no longer than a person would.
+/// Long enough for a loaded machine. A test that waits for it waits no longer than a person would.
 const SHORT: Duration = Duration::from_millis(40);
 const LONG: Duration = Duration::from_secs(60);
 
@@ -39,7 +40,8 @@ fn raise_in(system: &mut System) -> SafetyReport {
     raise_on(None, system)
 }
 
-/// Nowhere in particular, and on the core of a real-time thread, where somebody waits for that.
+/// On no core in particular, and on the core of a real-time thread, where an emergency worker
+/// waits.
 fn places() -> [Option<usize>; 2] {
     [
         None,
@@ -57,7 +59,8 @@ fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
     main.process("raiser")
         .spawn(async {
             let _raised = luna::emergency(Error::other("now"));
-            // The functions alone end the run, or else who hangs might be found by the end.
+            // The functions alone end the run. Otherwise the end of the run might find the thread
+            // that hangs.
             std::future::pending().await
         })
         .unwrap();
@@ -83,7 +86,8 @@ fn wait_in(system: &mut System) -> mpsc::Receiver<()> {
     has_begun
 }
 
-/// Hangs until it is let go, so that no thread of a test stays for ever. It notes nothing: under load it may be left behind before it could.
+/// Hangs until it is released, so that no thread of a test stays for ever. It notes nothing: under
+/// load it may be detached before it could.
 fn hang() -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
     let (let_go, is_let_go) = mpsc::channel::<()>();
     let hangs = move || {
@@ -144,7 +148,8 @@ fn all_but_one_thread_may_hang() {
     }
 }
 
-/// One that may hang is not to be interrupted, nor to be who hears of the next signal.
+/// A thread that may hang must not be interrupted, and must not be the one that receives the next
+/// signal.
 #[test]
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
@@ -170,7 +175,8 @@ fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
     }
 }
 
-/// A function of the safe state and one of the emergency at the same time: there is still somebody who watches both.
+/// A function of the safe state and one of the emergency at the same time: a thread still watches
+/// both.
 #[test]
 fn one_of_each_kind_may_hang() {
     own_process!();
@@ -250,7 +256,7 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
     assert_eq!(of_safe_state, [LeftBehind, LeftBehind, LeftBehind, Ran]);
 }
 
-/// The system ends while a function hangs and nobody has noticed it yet.
+/// The system ends while a function hangs and the watchdog timer has not expired yet.
 #[test]
 fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     own_process!();
@@ -273,7 +279,7 @@ fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     drop(let_go);
 }
 
-/// Nobody knew of them at the start.
+/// Not known at the start.
 #[test]
 fn functions_that_come_late_have_somebody_who_goes_on() {
     own_process!();
@@ -301,7 +307,8 @@ fn functions_that_come_late_have_somebody_who_goes_on() {
     drop((let_first_go, let_second_go));
 }
 
-/// It computes for ever at the highest priority there is: who watches it must be given a core all the same, and it must lose its priority.
+/// The function computes for ever at the highest priority there is. The watching thread must get a
+/// core all the same, and the function must lose its priority.
 #[test]
 fn one_that_computes_for_ever_loses_its_priority() {
     own_process!();
@@ -320,7 +327,8 @@ fn one_that_computes_for_ever_loses_its_priority() {
         system.on_emergency_within("computes", SHORT, move || {
             let policy = luna_platform::thread::current_policy;
             let before = policy();
-            // It is left behind first, and loses its priority then: the next function may run between.
+            // The thread is detached first, and loses its priority then: the next function may run
+            // between.
             while !over.load(Ordering::Relaxed) || policy() != Policy::Other {
                 std::hint::spin_loop();
             }
@@ -539,7 +547,8 @@ fn the_report_says_how_it_went() {
     assert!(matches!(latched.cause, Cause::Raised(_)));
 }
 
-/// On the core of a process that triggers, nothing of it or below it runs before the functions do, though their thread be woken on another core.
+/// When a process triggers, neither it nor anything below it on its core runs before the functions
+/// do, even if the functions' thread is woken on another core.
 #[test]
 fn no_other_process_of_the_core_runs_before_the_first_function() {
     own_process!();
@@ -587,13 +596,14 @@ fn no_other_process_of_the_core_runs_before_the_first_function() {
         let safety = system.report().unwrap().safety;
         let after = safety.functions[0].began_after.unwrap();
         if after > Duration::from_micros(900) {
-            // A hypervisor took the other core meanwhile: nobody waits for that.
+            // A hypervisor took the other core meanwhile: the bound does not hold then.
             println!("round {round}: the first function began after {after:?}");
             continue;
         }
         let at = |time: &AtomicU64| Instant::from_nanos(time.load(Ordering::SeqCst));
         let (triggered, intrusion) = (at(&triggered_at), at(&first_intrusion));
-        // What came before the trigger itself, a clone of the cause, only makes this easier by that much.
+        // The work before the trigger itself, a clone of the cause, only makes this easier by that
+        // much.
         assert!(
             intrusion >= triggered + after,
             "round {round}: another ran {:?} after the trigger, the first function {after:?}",
@@ -624,7 +634,8 @@ fn what_was_withdrawn_takes_no_room() {
     assert_eq!(outcomes(&report), [FunctionOutcome::Ran; 2]);
 }
 
-/// What a function holds is dropped at the end of the run: a panic in it says so by the panic hook, and changes nothing else.
+/// What a function holds is dropped at the end of the run. A panic in that drop is reported by the
+/// panic hook, and changes nothing else.
 #[test]
 fn functions_whose_drop_panics_are_dropped_and_the_run_ends_as_it_does() {
     own_process!();

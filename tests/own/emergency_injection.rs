@@ -1,7 +1,9 @@
-//! Emergencies at random instants of a system's start, run and end, of every kind, several at once: each function runs once if there was one, never twice, and never for nothing.
+//! Emergencies at random instants of a system's start, run and end, of every kind, several at once.
+//! Each function runs once if there was an emergency, never twice, and never without one.
 //!
-//! LUNA_EMERGENCIES says how many; 300 if not stated. LUNA_SEED makes a run again, as far as the machine lets it. Crashes are injected into programs of their own, one
-//! for each hundred of the others.
+//! LUNA_EMERGENCIES sets how many; the default is 300. LUNA_SEED repeats a run, as far as the
+//! machine allows. Crashes are injected into programs of their own, one for each hundred of the
+//! others.
 
 use crate::common;
 use common::{Program, Random, has_no_signals, say, seed, watchdog};
@@ -13,14 +15,14 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Who triggers, and whether it is certain that the system hears of it.
+/// What triggers, and whether it is certain that the system notices it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Panic,
     Raised,
     Overrun,
     Watchdog,
-    /// A driver's thread whose device is lost.
+    /// A driver's thread that loses its device.
     Device,
     Signal,
 }
@@ -79,14 +81,14 @@ impl Process for Phased {
 struct Record {
     /// The functions' numbers, as they ran.
     ran: Mutex<Vec<usize>>,
-    /// A trigger that the system cannot but hear of was reached.
+    /// A trigger that the system must notice was reached.
     is_certain: AtomicBool,
     triggers: AtomicUsize,
 }
 
 const FUNCTIONS: usize = 3;
 
-/// Adds who triggers; gives a thread's work, if it is one.
+/// Adds the trigger; returns the thread's work, if the trigger is a thread.
 fn add(
     kind: Kind,
     number: usize,
@@ -105,7 +107,7 @@ fn add(
     let process = |system: &mut System| match place {
         0 => common::Place::Executor.process(system, &name, &name),
         1 => common::Place::Thread.process(system, &name, &name),
-        // On a real-time core, where somebody of the emergency manager waits.
+        // On a real-time core, where an emergency worker waits.
         _ => {
             let cores = luna_platform::thread::available_cores();
             let core = cores[(place as usize) % cores.len()];
@@ -265,7 +267,7 @@ fn round(number: u64, seed: u64, has_signals: bool) -> (usize, bool) {
         what()
     );
     let triggers = record.triggers.load(Ordering::SeqCst);
-    // The one of the round before may come late: the kernel gives it to a thread that has to wait for a core.
+    // The trigger of the previous round may come late, from a thread that has to wait for a core.
     let is_late_signal = matches!(report.end, End::Signal(_));
     assert!(
         !is_emergency || triggers > 0 || is_late_signal,
@@ -275,7 +277,7 @@ fn round(number: u64, seed: u64, has_signals: bool) -> (usize, bool) {
     (triggers, is_emergency)
 }
 
-/// Signals that come when no system is there to hear them.
+/// Signals that come when no system is there to receive them.
 #[cfg(unix)]
 fn survive_signals() {
     use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, Signal, sigaction};
@@ -326,7 +328,7 @@ fn none_is_lost_and_none_runs_twice() {
     own_process!();
     // The long form takes longer than a watchdog.
     let _watch = (emergencies() <= 1000).then(watchdog);
-    // In a program of its own, whose signals are nobody else's.
+    // In a program of its own, with signals of its own.
     let ended = Program::start(&seed().to_string()).end();
     let shown = ended.errors.lines().rev().take(40).collect::<Vec<_>>();
     assert!(ended.status.success(), "{}\n{shown:#?}", ended.output);
@@ -340,7 +342,8 @@ fn crash(number: u64) {
     use nix::sys::signal::{Signal, raise};
     let random = &mut Random::new(number);
     nix::sys::resource::setrlimit(nix::sys::resource::Resource::RLIMIT_CORE, 0, 0).unwrap();
-    /// Whether the system lives: from the first `pre_run` to the last `post_run`. Who crashes holds it.
+    /// Whether the system lives: from the first `pre_run` to the last `post_run`. A thread that
+    /// crashes holds the lock.
     static LIVES: Mutex<bool> = Mutex::new(false);
     struct Life(Phased);
     impl Process for Life {
@@ -353,7 +356,7 @@ fn crash(number: u64) {
         }
         fn post_run(&mut self) {
             self.0.post_run();
-            // If somebody is about to crash, this never comes back.
+            // If another thread is about to crash, this lock is never acquired.
             *LIVES.lock().unwrap() = false;
         }
     }

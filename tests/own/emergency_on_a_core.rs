@@ -1,4 +1,5 @@
-//! Who waits for an emergency on the core of a real-time thread is called only if it can take that core over.
+//! An emergency worker that waits on the core of a real-time thread is woken only if it can take
+//! that core over.
 
 use crate::common;
 use common::{skip, watchdog};
@@ -19,7 +20,8 @@ fn on(core: usize, system: &mut System, name: &str) -> luna::Executor {
     executor.policy(Policy::fifo(50)).build().unwrap()
 }
 
-/// A function that runs on its core, at the highest priority, does not give way to who waits there for another system.
+/// A function that runs on its core, at the highest priority, does not give way to another system's
+/// worker that waits there.
 #[test]
 fn a_function_of_another_system_on_the_same_core_does_not_keep_the_functions_waiting() {
     own_process!();
@@ -100,7 +102,8 @@ fn part() {
     }
 }
 
-/// The user's threads have their policies and the emergency's do not: an ordinary thread that waits on the caller's core would come after all that runs there.
+/// The user's threads have their policies and the emergency's do not: an ordinary thread that waits
+/// on the caller's core would run after everything else there.
 #[test]
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 fn one_that_was_refused_its_priority_is_not_called() {

@@ -1,4 +1,5 @@
-//! Recording events neither allocates nor frees on the real-time path. One test alone, since the allocator counts what the whole program does.
+//! Recording events neither allocates nor frees on the real-time path. One test alone, since the
+//! allocator counts what the whole program does.
 
 use crate::ALLOCATOR;
 

@@ -1,4 +1,5 @@
-//! Links allocate and free nothing on the real-time path. One test alone, since the allocator counts what the whole program does.
+//! Links allocate and free nothing on the real-time path. One test alone, since the allocator
+//! counts what the whole program does.
 
 #![cfg(unix)]
 
@@ -10,7 +11,8 @@ use luna::external::{BadRecord, Frame, Framing, Prefix};
 use luna::prelude::*;
 use std::os::unix::net::UnixStream;
 
-/// All that a link does: its first wait and thousands of others, both ways, records that are broken, a failure, and its end.
+/// All that a link does: its first wait and thousands of others, both ways, broken records, a
+/// failure, and its end.
 #[test]
 fn links_allocate_nothing() {
     own_process!();

@@ -1,4 +1,6 @@
-//! A function that hangs where nobody else was woken, on the core of a real-time thread: who watches finds it all the same. Alone in this program, and one after the other: another system would wake who watches.
+//! A function that hangs on the core of a real-time thread, with no other worker woken there: the
+//! watching thread finds it all the same. Alone in this program, and one after the other: another
+//! system would wake the watching thread.
 
 use crate::common;
 use common::watchdog;
@@ -19,7 +21,7 @@ fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Hangs until it is let go, so that no thread of a test stays for ever.
+/// Hangs until it is released, so that no thread of a test stays for ever.
 fn hang() -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
     let (let_go, is_let_go) = mpsc::channel::<()>();
     let hangs = move || {
@@ -61,7 +63,7 @@ fn it_is_left_behind_though_nothing_else_happens() {
     drop(let_go);
 }
 
-/// Who watches would sleep for an hour.
+/// The watching thread would sleep for an hour.
 #[test]
 fn one_that_is_registered_while_others_run_is_watched_by_its_own_limit() {
     own_process!();

@@ -1,4 +1,5 @@
-//! Late cycles say why: who ran instead, what the kernel counted, and whether it was the loop itself.
+//! Late cycles report their cause: what ran instead, what the kernel counted, and whether it was
+//! the loop itself.
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, burn_until, has_real_time, skip, watchdog};
@@ -8,7 +9,8 @@ use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(20);
 
-/// Past the slot by some periods, so that a machine that is busy elsewhere cannot make anybody later than that by chance.
+/// Past the slot by some periods, so that a machine that is busy elsewhere cannot cause a greater
+/// lateness by chance.
 const HOG: Duration = Duration::from_millis(150);
 
 fn culprit(cycle: &LateCycle) -> Option<&str> {
@@ -41,7 +43,7 @@ fn a_hog_is_named() -> bool {
         .spawn(async move {
             let mut tick = luna::periodic("servo", PERIOD)?;
             let first = tick.next().await;
-            // The hog is told within a cycle, and runs past the end of the next slot.
+            // The hog gets its message within a cycle, and runs past the end of the next slot.
             busy.send(first.deadline + PERIOD + HOG).await?;
             told.try_send(first.deadline + PERIOD)?;
             tick.next().await;
@@ -88,7 +90,8 @@ fn a_hog_is_named() -> bool {
 fn loops_that_wake_together_name_the_one_before() {
     own_process!();
     let _watch = watchdog();
-    // Again if a busy machine gave the one before its turn too late, or held the second up for longer than the first.
+    // Again if a busy machine gave the previous process its turn too late, or held the second up
+    // for longer than the first.
     assert!((0..50).any(|_| the_one_before_is_named()));
 }
 
@@ -129,7 +132,8 @@ fn the_one_before_is_named() -> bool {
             Ok(())
         })
         .unwrap();
-    // Until all slots have passed: one look at the clock then wakes all, and with no deadline left there is no other look.
+    // Until all slots have passed. One read of the clock then wakes all, and with no deadline left
+    // there is no other read.
     main.process("before")
         .priority(10)
         .spawn(async move {

@@ -1,4 +1,4 @@
-//! Locks allocate nothing, wherever those run who use them and however they end.
+//! Locks allocate nothing, wherever their users run and however they end.
 
 use crate::ALLOCATOR;
 use crate::common;

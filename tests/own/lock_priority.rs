@@ -1,5 +1,5 @@
-//! Who holds a mutex works at the priority of the most urgent who waits for it, along chains, until it unlocks. Seen in the order of events, and in what the
-//! kernel says of the threads.
+//! The holder of a mutex works at the priority of its most urgent waiter, along chains, until it
+//! unlocks. Seen in the order of events, and in the kernel's data on the threads.
 
 use crate::common;
 use crate::levels;
@@ -55,7 +55,8 @@ fn nobody_between_the_holder_and_who_waits_runs_before_it_unlocks() {
         process("low", 1)
             .spawn(async move {
                 let guard = mutex.lock().await?;
-                // The other one runs at once, so this one is ready at level 1 when it is lent more, and the burner is ready above it.
+                // The other process runs at once. So this one is ready at level 1 when it is
+                // boosted further, and the burner is ready above it.
                 go.send(()).await?;
                 assert_eq!(level(), 20);
                 for _ in 0..5 {
@@ -250,7 +251,8 @@ fn the_next_holder_inherits_from_those_behind_it() {
     });
 }
 
-/// The next holder was handed the mutex, and has not run yet, when somebody more urgent comes: it moves up before those between.
+/// The next holder was handed the mutex and has not run yet when a more urgent waiter comes: the
+/// holder moves up before the levels between.
 #[test]
 fn who_was_handed_the_mutex_and_is_queued_moves_up() {
     own_process!();
@@ -313,7 +315,8 @@ fn who_was_handed_the_mutex_and_is_queued_moves_up() {
     assert_eq!(order, Vec::from(["next unlocks"]));
 }
 
-/// A branch that waits for what another branch of its process holds lends it nothing, least of all what the process inherits.
+/// A branch that waits for what another branch of its process holds does not boost that branch;
+/// least of all does it pass on what the process inherits.
 #[test]
 fn who_inherits_does_not_lend_it_to_itself() {
     own_process!();
@@ -397,7 +400,7 @@ fn branches_of_one_process_do_not_lift_each_other() {
     });
 }
 
-/// Whether there are threads whose priority can be read back.
+/// Whether there are threads with a priority that can be read back.
 fn has_threads_of_priority() -> bool {
     let has = COMPLETE && has_real_time();
     if !has {
@@ -413,7 +416,8 @@ enum Low {
     PlainThread,
 }
 
-/// Low holds, high waits, middle burns, all on one core: while high waits, middle does not take a single step.
+/// Low holds, high waits, middle burns, all on one core: while high waits, middle does not take a
+/// single step.
 #[test]
 fn no_inversion_between_three_threads_of_one_core() {
     own_process!();
@@ -457,7 +461,7 @@ fn no_inversion_between_three_threads_of_one_core() {
             .process("high")
             .spawn(async move {
                 readied.recv().await?;
-                // On this core nobody below runs until this process waits.
+                // On this core nothing of a lower priority runs until this process waits.
                 burn.try_send(())?;
                 let before = of_high.load(Ordering::Relaxed);
                 let guard = wanted.lock().await?;
@@ -468,7 +472,7 @@ fn no_inversion_between_three_threads_of_one_core() {
                 Ok(())
             })
             .unwrap();
-        // What all three kinds of holders do, in steps that do not await where they hold what is wanted.
+        // What all three kinds of holders do, in steps without an await while they hold the lock.
         let hold = move || {
             assert_eq!(current_policy(), own);
             let guard = mutex.try_lock().expect("nobody holds it yet");
@@ -572,7 +576,8 @@ fn a_chain_reaches_across_three_threads() {
         move |()| {
             let guard = second.blocking_lock().unwrap();
             go_middle.blocking_send(()).unwrap();
-            // By way of the one in the middle, whether it waits here before the high one waits for it or after.
+            // By way of the one in the middle, whether it waits here before or after the high one
+            // waits for it.
             while current_policy() != Policy::fifo(60) {}
             drop(guard);
             assert_eq!(current_policy(), own);

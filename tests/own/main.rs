@@ -1,5 +1,5 @@
-//! Tests that need a process of their own, or the machine to themselves: counted allocations, real-time
-//! priorities on one core, crashes. Each test runs in a child process, one after another
+//! Tests that need a process of their own, or the machine to themselves: counted allocations,
+//! real-time priorities on one core, crashes. Each test runs in a child process, one after another
 //! ([`own_process`]).
 
 #[path = "../common/own_process.rs"]

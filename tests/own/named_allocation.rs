@@ -1,4 +1,5 @@
-//! Named sub-processes come, go and are looked at without an allocation in the process that they are parts of.
+//! Named sub-processes come, go and are looked at without an allocation in the process that they
+//! are parts of.
 
 use crate::ALLOCATOR;
 use crate::common;

@@ -48,7 +48,8 @@ fn nothing_is_allocated_or_freed_after_the_construction() {
                 .errors()
                 .eq(&[Error::Poisoned, Error::Timeout])
         );
-        // An ordinary end: every branch of a network finds its channels closed or poisoned, also within another one.
+        // An ordinary end: every branch of a network finds its channels closed or poisoned, also in
+        // a nested network.
         let (e, f) = luna::channel::<u64>();
         let counted = ALLOCATOR.here();
         e.poison();

@@ -104,7 +104,8 @@ fn ten_thousand_pass_a_token_and_only_the_woken_are_polled() {
             assert_eq!(after.1, before.1 + STAGES as u64, "frees");
             assert_eq!(last[0], STAGES * ROUNDS);
             assert_eq!(last[STAGES - 1], STAGES * ROUNDS - 1);
-            // Each begins once and is woken for each token; giving way, after many operations in one go, costs a few more.
+            // Each branch begins once and is woken for each token. Yields, after many operations in
+            // one turn, cost a few more polls.
             let least = STAGES * (ROUNDS + 1);
             assert!(
                 (least..least + least / 4).contains(&polls.get()),
@@ -373,7 +374,7 @@ fn any_executor_and_its_waker_changes() {
     }
     sender.try_send(1).unwrap();
     assert_eq!((woken(0), woken(1)), (0, 1), "the last one that polled");
-    // By each who comes until it has looked: none relies on an earlier one to go on.
+    // Each send wakes it until it has looked: no send relies on the wake of an earlier one.
     sender.try_send(2).unwrap();
     assert_eq!((woken(0), woken(1)), (0, 1));
     assert_eq!(future::block_on(branches), Ok(vec![1, 2]));

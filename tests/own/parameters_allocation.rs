@@ -1,4 +1,5 @@
-//! Reading parameters and taking a set allocates and frees nothing, in a loop and by hand, while others set.
+//! Reading parameters and taking a set allocates and frees nothing, in a loop and by hand, while
+//! others set.
 
 use crate::ALLOCATOR;
 use crate::common;

@@ -1,4 +1,5 @@
-//! Recording allocates nothing on the path: choices, contended channels, locks, looks at the clock, inputs and outputs.
+//! Recording allocates nothing on the path: choices, contended channels, locks, clock reads, inputs
+//! and outputs.
 
 use crate::ALLOCATOR;
 use crate::common;

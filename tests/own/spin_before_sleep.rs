@@ -1,4 +1,5 @@
-//! Looking for work before a sleep: who may, who may not and is told so, and that it is done.
+//! Looking for work before a sleep: which threads may, which are refused and get a reason, and that
+//! it is done.
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, setup_error, skip, watchdog};
@@ -10,7 +11,8 @@ use std::time::Duration;
 
 const SPIN: Duration = Duration::from_micros(50);
 
-/// Spawns an idle process on a place of its own, which looks for work before it sleeps if it `spins`.
+/// Spawns an idle process on a thread of its own, which looks for work before it sleeps if it
+/// `spins`.
 fn add(
     system: &mut System,
     place: Place,
@@ -35,7 +37,7 @@ fn add(
     process.spawn(async { Ok(()) }).map(drop)
 }
 
-/// Why the thread called `name` sleeps at once, if it was told so.
+/// Why the thread called `name` sleeps at once, if the report says so.
 fn refusal(report: &Report, name: &str) -> Option<SpinRefusal> {
     let thread = report.threads.iter().find(|thread| thread.name == name);
     let shortfalls = &thread.expect("it was started").shortfalls;
@@ -222,7 +224,8 @@ fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
     }
     let _watch = watchdog();
     for place in PLACES {
-        // A thread that is kept from its core may sleep where it would have looked, or find the deadline there where it would have slept: so several times.
+        // A thread that is kept from its core may sleep where it would have looked, or find the
+        // deadline there where it would have slept. So this repeats.
         let times = |spin| (0..20).map(move |_| sleeps_in(place, 20, spin));
         let looked = times(Duration::from_millis(1)).find(|slept| *slept < 5);
         assert!(looked.is_some(), "{place:?} did not look");
@@ -286,8 +289,8 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
     }
 }
 
-/// Two processes whose operations find each other without ever waiting by way of their threads, for as long as others of the same executor have not
-/// had what they want: a deadline, and a message from a plain thread.
+/// Two processes with operations that meet without ever waiting by way of their threads, for as
+/// long as others of the same executor wait: for a deadline, and for a message from a plain thread.
 #[test]
 fn processes_that_look_for_each_other_keep_nobody_from_running() {
     own_process!();
@@ -372,7 +375,8 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
     }
 }
 
-/// A stream between two cores, where each operation finds room or a value, or a partner that is about to make it: by turns of so many operations, the others of both executors run.
+/// A stream between two cores, where each operation finds room or a value, or a partner that is
+/// about to make it. After a turn of so many operations, the other processes of both executors run.
 #[test]
 fn a_stream_through_a_buffer_keeps_nobody_from_running() {
     own_process!();
@@ -447,7 +451,8 @@ fn a_stream_through_a_buffer_keeps_nobody_from_running() {
     }
 }
 
-/// Blocking operations of one poll are more than a turn has, so those behind them may not look; they wait as any other.
+/// Blocking operations of one poll are more than a turn has, so the ones beyond that may not look.
+/// They wait as any other.
 #[test]
 fn blocking_operations_without_end_in_one_turn_meet_and_time_out() {
     own_process!();

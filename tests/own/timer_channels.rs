@@ -10,7 +10,8 @@ use std::time::Duration;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Wherever it runs and however late it is served, a tick lies on its grid, in its slot, and all slots are accounted for.
+/// Wherever it runs and however late it is served, a tick lies on its grid, in its slot, and all
+/// slots are accounted for.
 #[test]
 fn ticks_lie_on_their_grid() {
     own_process!();
@@ -164,7 +165,8 @@ fn a_timer_that_is_not_set_never_fires() {
     .unwrap();
 }
 
-/// It goes on while other guards are chosen, and a new time replaces the old one, to later as to sooner.
+/// The timer goes on while other guards are chosen, and a new time replaces the old one, later or
+/// sooner.
 #[test]
 fn a_timer_outlives_the_waits_for_it() {
     own_process!();
@@ -224,7 +226,8 @@ fn overdue_ticks_let_others_run() {
     system.run().unwrap();
 }
 
-/// No tick, no timer and no feed of a watchdog allocates or frees, once the process has waited for the first time.
+/// No tick, no timer and no heartbeat of a watchdog allocates or frees, once the process has waited
+/// for the first time.
 #[test]
 fn nothing_is_allocated() {
     own_process!();

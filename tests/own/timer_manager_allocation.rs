@@ -1,5 +1,6 @@
-//! The timer manager's thread, and loops that wait for it, neither allocate nor free on the real-time path; nor does setting callbacks. One test alone, since the
-//! allocator counts what the whole program does.
+//! The timer manager's thread, and loops that wait for it, neither allocate nor free on the
+//! real-time path; nor does setting callbacks. One test alone, since the allocator counts for the
+//! whole program.
 
 use crate::ALLOCATOR;
 use crate::common;

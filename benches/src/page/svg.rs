@@ -1,6 +1,8 @@
-//! Plots as SVG: dots on a scale of powers of ten, and lines of cost over size. They follow the reader's choice of light or dark.
+//! Plots as SVG: dots on a logarithmic scale, and lines of cost over size. They follow the reader's
+//! choice of light or dark.
 //!
-//! Dots and no bars: a logarithmic scale has no zero, so the length of a bar would depend on where the scale begins.
+//! Dots instead of bars: a logarithmic scale has no zero, so the length of a bar would depend on
+//! where the scale begins.
 
 use std::fmt::Write as _;
 
@@ -115,7 +117,8 @@ fn line(svg: &mut String, from: (f64, f64), to: (f64, f64)) {
     );
 }
 
-/// A row with a dot each, in the order given; the scale is logarithmic, from one power of ten to another.
+/// A row with a dot each, in the order given; the scale is logarithmic, from one power of ten to
+/// another.
 pub(super) fn dots(title: &str, unit: &str, dots: &[Dot]) -> String {
     const LEFT: f64 = 330.0;
     const RIGHT: f64 = WIDTH - 90.0;

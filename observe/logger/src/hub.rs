@@ -187,7 +187,8 @@ thread_local! {
     /// Whether this thread ever entered a hub: the first access to `HUB`, which is dropped with the
     /// thread, may allocate.
     static HAS_ENTERED: Cell<bool> = const { Cell::new(false) };
-    /// Whether signals may be registered on this thread: between `Hub::enter` and the end of its guard.
+    /// Whether signals may be registered on this thread: between `Hub::enter` and the end of its
+    /// guard.
     static MAY_REGISTER: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -217,7 +218,9 @@ impl Hub {
         })
     }
 
-    /// Makes it the calling thread's until the guard is dropped; then the one before is it again. Until then the thread may also register signals. A system does this around each `pre_run`.
+    /// Makes this the hub of the calling thread until the guard is dropped; then the previous hub
+    /// is active again. Until then the thread may also register signals. A system does this around
+    /// each `pre_run`.
     ///
     /// ```
     /// use luna_logger::{Hub, Signal};
@@ -235,8 +238,10 @@ impl Hub {
         }
     }
 
-    /// Makes it the calling thread's for good and, if something is recorded, makes the thread's rings: to be called on each thread that runs processes,
-    /// before they run. The thread records, and registers nothing: that is for [`enter`](Self::enter). Not for the real-time path: it allocates, once.
+    /// Makes this the hub of the calling thread for good. If something is recorded, it makes the
+    /// thread's rings. Call it on each thread that runs processes, before they run. The thread then
+    /// records but registers nothing: [`enter`](Self::enter) allows that. Not for the real-time
+    /// path: it allocates, once.
     pub fn enter_thread(self: &Arc<Self>) {
         HAS_ENTERED.set(true);
         let is_new = HUB.with(|hub| {

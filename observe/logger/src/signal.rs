@@ -14,8 +14,10 @@ use std::sync::Arc;
 /// real-time path. Clones are the same signal, for processes on other threads. When all of them are
 /// dropped the name can be used again for a signal of the same type and unit.
 ///
-/// Everywhere else registering is refused: in `main` no system would record the signal, and in a body it would allocate on the real-time path. Parameters have the same rule. A
-/// system calls `pre_run` between [`Hub::enter`] and the end of its guard; a program without a system does the same by hand.
+/// Everywhere else registering is refused: in `main` no system would record the signal, and in a
+/// body it would allocate on the real-time path. Parameters have the same rule. A system calls
+/// `pre_run` between [`Hub::enter`] and the end of its guard. A program without a system does the
+/// same by hand.
 ///
 /// ```
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};
@@ -50,7 +52,8 @@ impl<T: Sample> Signal<T> {
     ///
     /// # Errors
     ///
-    /// The call is outside of `pre_run`; the name is taken, empty or of more than 255 bytes; or there are 65 536 signals.
+    /// The call is outside of `pre_run`; the name is taken, empty or of more than 255 bytes; or
+    /// there are 65 536 signals.
     pub fn register(name: &str) -> Result<Signal<T>, RegisterError> {
         SignalBuilder::new(name, "").register()
     }
@@ -126,7 +129,7 @@ impl<T: Sample> SignalBuilder<T> {
         self
     }
 
-    /// Registers the signal with the system whose `pre_run` runs on the calling thread.
+    /// Registers the signal with the system that runs a `pre_run` on the calling thread.
     ///
     /// # Errors
     ///

@@ -11,7 +11,7 @@ export function lateCause(argument) {
   return percent ? { cause, percent } : { cause: 0, percent: 0 };
 }
 
-// In words. `who` is the process that ran instead, `stolen` the share of a hypervisor.
+// In words: `who` is the process that ran instead, `stolen` the share of a hypervisor.
 export function causeText({ cause, percent }, who, stolen) {
   const causes = [];
   if (cause) causes.push(`${who ?? CAUSES[cause] ?? `cause ${cause}`} (${percent} %)`);

@@ -43,8 +43,8 @@ struct Late {
 }
 
 impl Late {
-    /// From the event, whose second argument has the cause in bits 0 to 7, its share in bits 8 to
-    /// 15, and the core plus one in bits 16 to 47.
+    /// From the event. Its second argument has the cause in bits 0 to 7, its share in bits 8 to 15,
+    /// and the core plus one in bits 16 to 47.
     fn of(event: &Event) -> Late {
         let [lateness, argument] = event.arguments;
         let percent = argument >> 8 & 0xff;

@@ -1,4 +1,4 @@
-//! Who waits for whom is found, and named.
+//! A circle of waiting processes is found, and each process in it is named.
 
 use super::*;
 
@@ -52,7 +52,7 @@ impl Process for SendsFirst {
     }
 }
 
-/// Nobody has used the receiving ends: the report finds them in what the processes hold.
+/// The receiving ends were never used: the report finds them in what the processes hold.
 #[test]
 fn two_that_send_to_each_other_first() {
     let _watchdog = watchdog();
@@ -123,7 +123,8 @@ fn of_an_end_that_is_not_seen_nothing_is_claimed() {
     assert!(found.to_string().contains("external()"), "{found}");
 }
 
-/// Three philosophers who each lay their left fork on the table, which is a channel, take it up, meet, and then take the right one.
+/// Three philosophers. Each lays its left fork on the table, which is a channel, takes it up, meets
+/// the others at a barrier, and then takes the right fork.
 fn philosophers(
     system: &mut System,
     mut process: impl FnMut(&mut System, usize) -> ProcessBuilder,
@@ -135,7 +136,7 @@ fn philosophers(
             (put, take.named(&format!("fork {seat}")))
         })
         .collect();
-    // That all have their left fork is known when everybody has told everybody.
+    // Every philosopher knows that all have their left fork once each has sent to each.
     let seated: Vec<_> = (0..SEATS)
         .map(|_| luna::buffered::<()>(Buffer::fifo(SEATS)))
         .collect();
@@ -162,7 +163,8 @@ fn philosophers(
     }
 }
 
-/// Each waits for the fork that its neighbour took: the last who received, who was also the last to use it.
+/// Each waits for the fork that its neighbour took. The neighbour was the last receiver, and the
+/// last user of the channel.
 fn is_the_dinner(found: &Deadlock) {
     assert_eq!(found.waits.len(), 3, "{found}");
     for (seat, wait) in found.waits.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! A system that has come to a standstill says so, once and with the circle; one that can still be woken says nothing.
+//! A system at a standstill reports it once, with the circle. A system that can still be woken
+//! reports nothing.
 
 mod circles;
 use crate::common;

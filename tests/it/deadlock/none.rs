@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Runs a strict system with a process that waits for what somebody else sends late; it must end well.
+/// Runs a strict system with a process that waits for a value that another sends late. The run must
+/// end well.
 fn must_end_well(name: &str, describe: impl FnOnce(&mut System, Sender<u32>)) {
     let mut system = strict(name);
     let (sender, receiver) = luna::channel();
@@ -54,7 +55,7 @@ fn a_deadline_a_blocking_call_and_a_computation_are_no_deadlock() {
                     std::thread::sleep(LONG);
                     sender.blocking_send(7).unwrap();
                 });
-                // Started, and then nobody waits for it.
+                // The call is started, and then no process waits for it.
                 let mut call = std::pin::pin!(call);
                 std::future::poll_fn(|cx| {
                     assert!(call.as_mut().poll(cx).is_pending());

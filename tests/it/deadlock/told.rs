@@ -1,4 +1,4 @@
-//! What is said on standard error.
+//! What a deadlock prints on standard error.
 
 use super::*;
 
@@ -24,7 +24,7 @@ pub(super) fn run_stuck(is_alone: bool) {
     println!("found: {}", report.deadlock.is_some());
 }
 
-/// Reads what the program says on standard error until `wanted` was said there; gives it all.
+/// Reads the program's standard error until it contains `wanted`; returns all of it.
 #[cfg(unix)]
 fn errors_until(program: &mut Program, wanted: &str) -> String {
     let mut said = String::new();
@@ -97,7 +97,8 @@ pub(super) enum Then {
     IsStuckAgain,
 }
 
-/// A system that is stuck until its standard input is closed, by a channel that nobody has marked.
+/// A system that is stuck until its standard input is closed. Its channel is not marked as
+/// external.
 #[cfg(unix)]
 pub(super) fn run_revived(then: Then) {
     let (revive, revived) = luna::channel::<()>();
@@ -130,7 +131,7 @@ pub(super) fn run_revived(then: Then) {
     println!("found: {}", report.deadlock.is_some());
 }
 
-/// What is said of such a system, and of its deadlock at the end.
+/// What is printed about such a system, and about its deadlock at the end.
 #[cfg(unix)]
 fn revived(then: &str) -> (String, String) {
     let mut program = Program::start(then);

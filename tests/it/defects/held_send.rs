@@ -1,4 +1,5 @@
-//! A send that completes drops no waker before it has noted that: else the panic of that left the value with both.
+//! A send that completes notes its completion before it drops a waker. Otherwise a panic of that
+//! waker left the value on both sides.
 
 use crate::defects::waker::{panics, panics_in_drop};
 use std::future::Future;

@@ -1,4 +1,5 @@
-//! A lock that is dropped leaves its process' list of waits before its waker is dropped: else the panic of that left it there.
+//! A lock that is dropped leaves its process' list of waits before its waker is dropped. Otherwise
+//! a panic of that waker left it in the list.
 
 use crate::defects::waker::{panics, panics_in_drop};
 use luna::sync::Mutex;

@@ -1,4 +1,5 @@
-//! Programs that showed a defect, each by the public interface alone. They are run under AddressSanitizer too, where a defect of memory shows that is silent here.
+//! Programs that showed a defect, each by the public interface alone. They also run under
+//! AddressSanitizer, which shows memory defects that are silent here.
 
 #![cfg(target_os = "linux")]
 

@@ -1,4 +1,5 @@
-//! An alternative that is dropped drops its waker last: else the panic of that left its nodes in the channels' lists.
+//! An alternative that is dropped drops its waker last. Otherwise a panic of that waker left its
+//! nodes in the channels' lists.
 
 use crate::defects::waker::{panics, panics_in_drop};
 use luna::prelude::*;

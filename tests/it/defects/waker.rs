@@ -1,4 +1,4 @@
-//! A waker whose drop panics.
+//! A waker that panics when it is dropped.
 
 use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};

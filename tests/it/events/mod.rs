@@ -27,7 +27,7 @@ impl Sink for Memory {
     }
 }
 
-/// What a recording tells of events.
+/// What a recording holds of events.
 #[derive(Default)]
 struct Told {
     events: Vec<Event>,
@@ -90,7 +90,7 @@ impl Told {
         self.events.iter().filter(move |event| event.code == code)
     }
 
-    /// Who communicates with whom: the channel, the sender, the receiver.
+    /// Each communication: the channel, the sender, the receiver.
     fn communications(&self) -> Vec<(&str, &str, &str)> {
         self.of(code::COMMUNICATION)
             .map(|event| {
@@ -205,7 +205,8 @@ fn commstime_is_told_communication_by_communication() -> luna::Result<()> {
         ("c", "successor", "prefix"),
     ];
     let communications = told.communications();
-    // The consumer goes after the last round it counts, and the others on to where they find it gone.
+    // The consumer leaves after the last round it counts. The others go on until they find its end
+    // gone.
     let expected: Vec<_> = (0..rounds).flat_map(|_| round).collect();
     assert_eq!(communications[..expected.len()], expected);
     assert!(communications.len() <= expected.len() + 1);
@@ -403,7 +404,7 @@ fn loops_locks_priorities_and_emergencies_are_told() -> luna::Result<()> {
     assert_eq!(ended["holder"], code::ended::OK);
 
     assert_eq!(told.communications(), [("between", "sender", "receiver")]);
-    // Both executors share a thread, and are told apart.
+    // Both executors share a thread, and the recording distinguishes them.
     let mut executors: Vec<_> = told
         .names
         .iter()

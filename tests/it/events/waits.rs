@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// What a process waits for at the end of each turn that does not leave it ready: the kind, and the name of a channel or loop.
+/// What a process waits for at the end of each turn that does not leave it ready: the kind, and the
+/// name of a channel or loop.
 fn waits<'a>(told: &'a Told, process: &str) -> Vec<(u64, &'a str)> {
     told.of(code::WAITING)
         .filter(|event| told.process(event.subject.into()) == process)
@@ -27,7 +28,7 @@ fn what_a_process_waits_for_is_one_thing_or_not_known() -> luna::Result<()> {
     let memory = recorded(&mut system);
     let period = std::time::Duration::from_millis(10);
     let main = system.executor("main").build()?;
-    // Nobody sends by this one, and its sender lives as long as the others need it.
+    // No process sends on this channel. Its sender lives as long as the others need it.
     let (silent, never) = luna::channel::<u8>();
     let never = Arc::new(never.named("never"));
     let (answers, answer) = luna::channel::<u8>();
@@ -199,7 +200,8 @@ fn named_parts_of_a_process_are_told_with_what_they_wait_for() -> luna::Result<(
     assert_eq!(parts.len(), expected.len(), "{parts:?}");
     for ((part, of), (name, within, awaited, how)) in parts.iter().zip(expected) {
         assert_eq!(*part, name);
-        // Turn by turn it begins, and then it waits for its channel, or has ended; a turn of its process may be one of its own or not.
+        // In each turn it begins, and then waits for its channel or has ended. Not every turn of
+        // its process is one of its own.
         let (last, turns) = of.split_last().unwrap();
         assert_eq!((last.0, last.1), (code::SUB_DONE, how), "{part}");
         let mut turns = turns.chunks_exact(2);
@@ -214,7 +216,7 @@ fn named_parts_of_a_process_are_told_with_what_they_wait_for() -> luna::Result<(
         let rest = turns.remainder();
         assert_eq!(rest.len(), usize::from(how == returned), "{part}");
         assert!(rest.iter().all(|(code, ..)| *code == code::SUB_RUNNING));
-        // Its name says whose part it is.
+        // Its name says to which process the part belongs.
         let number = told.names.iter().find(|(_, text)| text == part).unwrap().0;
         assert_eq!(told.process(told.parents[number].into()), "whole");
     }

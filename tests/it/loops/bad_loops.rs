@@ -61,7 +61,8 @@ fn two_loops_of_one_name() {
                 }
             );
             ended.send(()).await?;
-            // Its statistics are in the report under this name, so it stays taken when the loop has ended.
+            // Its statistics are in the report under this name, so the name stays taken when the
+            // loop has ended.
             luna::periodic("other", period).map(drop)?;
             assert!(luna::periodic("other", period).is_err());
             Ok(())

@@ -22,7 +22,7 @@ fn origin(cycle: &Cycle) -> Instant {
     cycle.deadline - PERIOD * u32::try_from(cycle.number).unwrap()
 }
 
-/// A loop whose cycles take from nothing to some three periods, at random.
+/// A loop with cycles of random length, from nothing to about three periods.
 fn burn_at_random(policy: Overrun, cycles: usize) -> (Vec<Cycle>, LoopReport) {
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
     let mut random = Random::seeded();
@@ -147,7 +147,8 @@ fn rephasing_begins_new_grids() {
     assert!(grids > 1);
 }
 
-/// Runs a loop that burns as long as `burn` says for each cycle, until it is ended; gives the outcome and the cycles begun.
+/// Runs a loop that computes in each cycle for as long as `burn` says, until it is ended. Returns
+/// the outcome and the cycles begun.
 fn run_limited(limit: u32, burn: fn(usize) -> Duration, most: usize) -> (luna::Result<()>, usize) {
     let mut begun = 0;
     let outcome = luna::run(async {
@@ -197,7 +198,8 @@ fn a_cycle_in_time_begins_the_count_anew() {
             PERIOD * 2
         }
     };
-    // A cycle that should be in time is late if the machine does something else meanwhile, so there is more than one attempt.
+    // A cycle that should be in time is late if the machine is busy with something else, so there
+    // are several attempts.
     let outcomes: Vec<_> = (0..50)
         .map(|_| run_limited(3, late_but_for_each_third, 9))
         .collect();
@@ -252,8 +254,8 @@ fn the_limit_ends_a_process_that_would_end_at_the_same_poll() {
     let _watch = watchdog();
     let mut system = super::system("limited");
     let executor = system.executor("control").build().unwrap();
-    // The wait that does not return is dropped by the other branch, which is ready: the failure must reach this process all the
-    // same, and not the next one that its executor polls.
+    // The other branch is ready and drops the wait that does not return. The failure must reach
+    // this process all the same, and not the next one that its executor polls.
     let hog = async {
         let mut tick = luna::periodic("limited", PERIOD)?.limit(1);
         burn_until(tick.next().await.deadline + PERIOD * 2);

@@ -41,7 +41,8 @@ fn smoke() {
             cycles.push(tick.next().await);
             assert!(luna::now() >= cycles.last().unwrap().deadline);
         }
-        // The first slot is a period after the loop was made, or the next that all loops of the period have.
+        // The first slot is a period after the loop was made, or the next slot of the grid common
+        // to loops of this period.
         let origin = origin(&cycles[0], PERIOD);
         assert!(origin <= after);
         match super::timers() {
@@ -111,7 +112,8 @@ fn a_slot_whose_wait_was_dropped_is_there_for_the_next_call() {
     let _watch = watchdog();
     let (served, loops) = run_loops(async || {
         let period = Duration::from_millis(20);
-        // Catching up, each slot is served: so a number left out is a slot that a dropped wait took along.
+        // When catching up, each slot is served. So a missing number is a slot that a dropped wait
+        // consumed.
         let mut tick = luna::periodic("loop", period)?.overrun(Overrun::CatchUp);
         let mut served = 0;
         let mut serve = |cycle: Option<Cycle>| {
@@ -137,7 +139,8 @@ fn a_slot_whose_wait_was_dropped_is_there_for_the_next_call() {
     let report = &loops["loop"];
     assert_eq!(report.cycles, served);
     assert_eq!(report.cycle_time.count(), served - 1);
-    // A cycle ends when the first of its waits begins, however many there are. The last one may have been asked about too.
+    // A cycle ends when the first of its waits begins, however many there are. The last wait may
+    // have been polled too.
     assert!(
         (served - 1..=served).contains(&report.run_time.count()),
         "{report:?}"
@@ -169,7 +172,8 @@ fn what_is_counted() {
     );
     assert!(report.wake_latency.max() >= cycles.iter().map(|cycle| cycle.lateness).max().unwrap());
     assert!(report.wake_latency.min() <= report.wake_latency.percentile(50.0));
-    // The mean distance of cycles is that of the first and the last one, each where it really began.
+    // The mean distance of cycles is that of the first and the last one, measured from where each
+    // really began.
     let began = |cycle: &Cycle| cycle.deadline + cycle.lateness;
     let all = began(&cycles[29]) - began(&cycles[0]);
     assert!(

@@ -1,4 +1,4 @@
-//! Networks that random choice seldom makes, each for a situation in which something once went wrong.
+//! Networks that random choice seldom makes, each for a situation with an earlier defect.
 
 use crate::operational::network::{
     Agent, End, Form, Guard, Kind, Network, Offer, Patience, Side, Step,
@@ -50,7 +50,8 @@ fn run(bench: &Bench, network: &Network, placement: Placement) {
     }
 }
 
-/// A process learns that a channel has ended, and ends a lower one: an `Alternative` of both, by priority, gives the higher one's end first.
+/// A process learns that a channel has ended, and then ends a lower one: an `Alternative` of both,
+/// by priority, reports the higher one's end first.
 #[test]
 fn a_channel_that_ends_because_another_has() {
     let recv = |channel| Step::Plain(Guard::Recv { channel }, Patience::Forever);
@@ -84,8 +85,8 @@ fn a_channel_that_ends_because_another_has() {
     }
 }
 
-/// A fair `Alternative` finds a channel that has ended just when its process is to give way to a more urgent one: that the channel has ended is
-/// what it says all the same, and not that another one is ready.
+/// A fair `Alternative` finds an ended channel just when its process is to yield to a more urgent
+/// one. It still reports the ended channel, and not that another one is ready.
 #[test]
 fn an_ended_channel_is_not_passed_over_by_one_that_gives_way() {
     let send = Guard::Send {

@@ -1,8 +1,10 @@
-//! Holds a trace against the model: is there a run of the network that shows it?
+//! Checks a trace against the model: does some run of the network show it?
 //!
-//! The trace is in the order of one clock: an agent read it before it called an operation, and again when the operation had returned. What
-//! the operation did lies somewhere in between, so all that is known of two operations is their order if one had returned before the other was
-//! called. The check carries all states that the network may be in after each entry; if none is left, no run shows the trace.
+//! The trace is in the order of one clock. An agent read the clock before it called an operation,
+//! and again when the operation had returned. The effect of the operation lies somewhere in
+//! between. So the order of two operations is known only if one had returned before the other was
+//! called. The check carries all states that the network may be in after each entry. If none is
+//! left, no run shows the trace.
 
 use crate::operational::model::State;
 use crate::operational::network::{Entry, Event, Network};
@@ -26,10 +28,12 @@ pub(crate) struct Refusal {
     before: Vec<State>,
 }
 
-/// More states than these are not followed: a machine that holds many processes between two notes leaves too much open.
+/// More states than these are not followed: a machine that holds many processes between two notes
+/// leaves too much open.
 const MOST_STATES: usize = 50_000;
 
-/// `Ok` with the most states that had to be carried; `None` if they became too many to tell.
+/// `Ok` with the largest number of states that had to be carried; `None` if there were too many to
+/// count.
 pub(crate) fn check(
     network: &Network,
     trace: &[Entry],
@@ -38,8 +42,8 @@ pub(crate) fn check(
     let mut states = States::from_iter([State::initial(network)]);
     let mut most = 1;
     for (at, &entry) in trace.iter().enumerate() {
-        // That a step begins changes nothing for others, so what may happen before it may as well happen after it; but a branch must have
-        // been started.
+        // The begin of a step changes nothing for others, so what may happen before it may as well
+        // happen after it. But a branch must have been started.
         let is_branch = network.agents[entry.agent].parent.is_some();
         let changes_nothing = matches!(entry.event, Event::Begins(step) if step > 0 || !is_branch);
         if !changes_nothing && !close(network, &mut states) {
@@ -142,8 +146,9 @@ pub(crate) fn fate(network: &Network, most: usize) -> Option<Fate> {
     })
 }
 
-/// Lets each agent do what it does by itself, as long as it changes nothing for others whether it does so now or later: all but learning
-/// an outcome that may yet change, and leaving a parallel construct, whose other branches learn whether it failed.
+/// Takes the internal steps of each agent that change nothing for others, whether they happen now
+/// or later. Two steps are left out: learning an outcome that may still change, and leaving a
+/// parallel construct (its other branches learn whether it failed).
 fn settled(network: &Network, uses: &[Vec<(usize, u8)>], mut state: State) -> State {
     loop {
         let step = (0..network.agents.len()).find_map(|agent| {

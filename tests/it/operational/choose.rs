@@ -1,4 +1,5 @@
-//! Alternatives as a user writes them: one program with a place for every kind of guard in each position, opened by preconditions.
+//! Alternatives as a user writes them: one program with a place for every kind of guard in each
+//! position, opened by preconditions.
 
 use crate::operational::network::{Form, Guard, Offer, Outcome, Value};
 use crate::operational::operate::{failure, received, sent};

@@ -1,5 +1,6 @@
-//! Random networks. Most of what they do is planned in pairs, so that they get somewhere; the rest is chance, so that they meet closed and
-//! poisoned channels, partners that never come, and choices nobody planned.
+//! Random networks. Most steps are planned in pairs, so that communication happens. The rest is
+//! chance, so that the networks also meet closed and poisoned channels, partners that never come,
+//! and unplanned choices.
 
 use crate::operational::network::{
     Agent, End, Form, Guard, Kind, Network, Offer, Patience, Side, Step, Value,
@@ -69,11 +70,12 @@ pub(crate) fn network(seed: u64) -> Network {
 struct Plan {
     random: Random,
     network: Network,
-    /// The agents that can be given another step: those whose parallel construct, if they have begun one, is over.
+    /// The agents that can be given another step. If such an agent has begun a parallel construct,
+    /// that construct is over.
     actors: Vec<usize>,
     open_pars: Vec<(usize, Vec<usize>)>,
     next_value: Value,
-    /// For each channel the agent whose `Alternative` receives from it.
+    /// For each channel the agent that receives from it in an `Alternative`.
     selectors: Vec<Option<usize>>,
     levels: bool,
     /// How often something unplanned happens, in percent.
@@ -152,7 +154,8 @@ impl Plan {
         }
     }
 
-    /// A selection among several inputs, by the `Alternative` of the selection before if that has this input too.
+    /// A selection among several inputs. It uses the `Alternative` of the previous selection if
+    /// that one has this input too.
     fn registered(&mut self, agent: usize, channel: usize) -> Step {
         match self.network.agents[agent].steps.last() {
             Some(step @ Step::Registered { inputs, .. }) if inputs.contains(&channel) => {
@@ -167,7 +170,8 @@ impl Plan {
                 inputs.insert(place, other);
             }
         }
-        // In which order two of one channel wait is decided when they register, which is no step of the model: so there is one at most.
+        // The order of two waits on one channel is decided when they register, which is no step of
+        // the model. So there is one at most.
         inputs.retain(|&input| *self.selectors[input].get_or_insert(agent) == agent);
         if inputs.is_empty() {
             return self.step_around(Guard::Recv { channel });
@@ -239,7 +243,7 @@ impl Plan {
         }
     }
 
-    /// Something that nobody counts on.
+    /// A step that no other agent counts on.
     fn wild_step(&mut self) {
         let agent = self.random.pick(&self.actors.clone());
         let channel = self.random.below(self.network.channels.len());
@@ -247,7 +251,7 @@ impl Plan {
         let step = match self.random.below(10) {
             0..2 => Step::Poison(End { channel, side }),
             2 => {
-                // Sometimes one that nobody else comes to.
+                // Sometimes a barrier that no other agent comes to.
                 self.network.barriers.push(1 + self.random.below(2));
                 Step::Sync(self.network.barriers.len() - 1)
             }
@@ -265,7 +269,7 @@ impl Plan {
         self.push(agent, step);
     }
 
-    /// All who can come.
+    /// All agents that can come.
     fn sync(&mut self) {
         self.network.barriers.push(self.actors.len());
         let barrier = self.network.barriers.len() - 1;

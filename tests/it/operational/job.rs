@@ -10,7 +10,7 @@ pub(crate) struct Job {
     /// Whether its processes may block their threads.
     pub(crate) may_block: bool,
     clock: AtomicU32,
-    /// For each agent, so that noting something makes nobody wait for another.
+    /// One list for each agent, so that no agent waits for another to note an event.
     notes: Vec<Mutex<Vec<(u32, Event)>>>,
 }
 
@@ -30,7 +30,8 @@ impl Job {
 
     pub(crate) fn note(&self, agent: usize, event: Event) {
         let mut notes = self.notes[agent].lock().unwrap();
-        // One total order, in which an agent that reads a later number has seen what was done before an earlier one.
+        // One total order: an agent that reads a later number has seen what was done before an
+        // earlier one.
         let time = self.clock.fetch_add(1, Ordering::SeqCst);
         notes.push((time, event));
     }

@@ -1,7 +1,9 @@
-//! Random networks of processes, run by the real runtime and held against an operational model: each trace must be one that
-//! the model allows, what must deadlock is found stuck, and what cannot ends. See `docs/proof.md`.
+//! Random networks of processes, run by the real runtime and checked against an operational model.
+//! Each trace must be one that the model allows. A network that must deadlock is found stuck, and
+//! one that cannot deadlock ends. See `docs/proof.md`.
 //!
-//! `LUNA_SEED` sets the seed, `LUNA_NETWORKS` how many networks; network `i` of seed `s` is network 0 of seed `s + i`.
+//! `LUNA_SEED` sets the seed, `LUNA_NETWORKS` how many networks; network `i` of seed `s` is network
+//! 0 of seed `s + i`.
 
 mod cases;
 mod check;
@@ -28,14 +30,16 @@ use tally::Tally;
 /// How many networks an ordinary run of the tests takes.
 const NETWORKS: u64 = 5_000;
 
-/// Networks with more states than this are not followed along all paths; their traces are checked all the same.
+/// Networks with more states than this are not followed along all paths. Their traces are checked
+/// all the same.
 const MOST_STATES: usize = 300;
 
 fn number(variable: &str) -> Option<u64> {
     std::env::var(variable).ok()?.parse().ok()
 }
 
-/// The environment's LUNA_SEED, else one of the clock, for all tests; it is printed, for when one fails.
+/// LUNA_SEED from the environment, otherwise a seed of the clock, for all tests. It is printed, for
+/// when a test fails.
 fn seeds(networks: u64) -> impl Iterator<Item = u64> {
     static FIRST: OnceLock<u64> = OnceLock::new();
     let first = *FIRST.get_or_init(|| {
@@ -93,7 +97,8 @@ fn the_model_agrees_with_itself() {
 }
 
 fn run_networks(placement: Placement) {
-    // From the first operation on, so that both ways through a channel are gone, and each favour that ends does.
+    // Bias from the first operation on: the networks take the fast path and the slow path, and each
+    // bias is revoked.
     luna_core::biased_lock::bias_after(1);
     let bench = Bench::new();
     let mut fates = Fates::new();

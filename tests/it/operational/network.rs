@@ -104,7 +104,8 @@ pub(crate) enum Patience {
     Forever,
     /// `send_timeout`, `recv_timeout`: exact.
     Timeout(u32),
-    /// The operation's future is dropped by a combinator that knows nothing of it, and looks at the time first.
+    /// The operation's future is dropped by a combinator outside of LUNA, which checks the time
+    /// first.
     Dropped(u32),
     /// `try_send`, `try_recv`.
     Try,
@@ -118,10 +119,12 @@ pub(crate) enum Step {
         fair: bool,
         offers: Vec<Offer>,
         skip: bool,
-        /// As [`Patience::Dropped`]; not of a fair one, whose memory would then depend on how far it had come.
+        /// As [`Patience::Dropped`]. Not for a fair alternative: its memory would depend on how far
+        /// it had come.
         dropped: Option<u32>,
     },
-    /// A selection of an `Alternative` over these channels; equal steps that follow each other are selections of the same one.
+    /// A selection of an `Alternative` over these channels. Equal steps in a row are selections of
+    /// the same `Alternative`.
     Registered {
         fair: bool,
         inputs: Vec<usize>,
@@ -231,7 +234,7 @@ pub(crate) enum Outcome {
     Synced(u8),
     /// The timeout at this place.
     Expired(u8),
-    /// Nothing was ready: `skip`, or a `try_` operation that found nobody.
+    /// Nothing was ready: `skip`, or a `try_` operation that found no partner.
     Skipped,
     /// A step that has no other outcome.
     Done,
@@ -262,7 +265,7 @@ impl Outcome {
 pub(crate) enum Event {
     /// It begins the step at this place.
     Begins(u8),
-    /// It has tried the operation, and was told to wait.
+    /// It has tried the operation and has to wait.
     Waits,
     /// That step has come to this.
     Ends(Outcome),

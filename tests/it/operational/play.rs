@@ -1,4 +1,5 @@
-//! A network's agents as real processes: each step is what a user would write, and each agent notes what it sees.
+//! A network's agents as real processes: each step is what a user would write, and each agent notes
+//! what it sees.
 
 use crate::operational::choose::alternative;
 use crate::operational::job::Job;
@@ -77,7 +78,8 @@ pub(crate) fn players(network: &Network) -> Vec<Player> {
         ends
     };
     let mut processes = Vec::new();
-    // Branches come after the agents that they are part of, so from the back each finds its own complete.
+    // Branches come after the agents that they are part of, so in reverse order each agent finds
+    // its branches complete.
     let mut waiting: Vec<Player> = Vec::new();
     for (number, agent) in network.agents.iter().enumerate().rev() {
         let is_of = |player: &mut Player| network.agents[player.agent].parent == Some(number);
@@ -160,7 +162,8 @@ impl Player {
         })
     }
 
-    /// Selects by one `Alternative`, for the steps at these places: how many were done, and whether one failed, which ends those of a strict agent.
+    /// Selects by one `Alternative`, for the steps at these places. Returns how many were done, and
+    /// whether one failed, which ends those of a strict agent.
     async fn select(
         &self,
         job: &Job,

@@ -50,9 +50,10 @@ impl Bench {
         }
     }
 
-    /// Runs the network, and holds what was seen against the model.
+    /// Runs the network, and compares what was seen with the model.
     ///
-    /// Threads may block only in a network that comes to an end on every path: nobody could end one that blocks for ever.
+    /// Threads may block only in a network that comes to an end on every path: nothing could end a
+    /// thread that blocks for ever.
     pub(crate) fn run(
         &self,
         network: &Network,
@@ -119,7 +120,7 @@ impl Bench {
 pub(crate) struct Seen {
     pub(crate) trace: Vec<Entry>,
     pub(crate) end: End,
-    /// How many states the checker had to carry; `None` if they were too many to tell.
+    /// How many states the checker had to carry; `None` if there were too many to count.
     pub(crate) states: Option<usize>,
 }
 
@@ -136,7 +137,8 @@ fn body(
     }
 }
 
-/// Waits until all have ended, or until they have come to where the model says that nothing can happen any more.
+/// Waits until all have ended, or until they have come to a state in which, by the model, nothing
+/// can happen any more.
 fn watch(job: &Job, processes: &[ProcessHandle]) -> Result<Seen, String> {
     let mut refused: Option<(usize, Refusal)> = None;
     let mut last_change = Instant::now();
@@ -172,7 +174,8 @@ fn watch(job: &Job, processes: &[ProcessHandle]) -> Result<Seen, String> {
     }
 }
 
-/// Whether there was an instant at which no process ran or was known to be ready: none was polled between two looks that found none running.
+/// Whether there was an instant at which no process ran or was ready: none was polled between two
+/// checks that found none running.
 fn are_quiet(processes: &[ProcessHandle]) -> bool {
     let look = || {
         processes.iter().map(|process| {

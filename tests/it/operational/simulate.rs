@@ -49,7 +49,7 @@ pub(crate) fn simulate(network: &Network, random: &mut Random) -> (Vec<Entry>, E
     }
 }
 
-/// Those who can find now that they have to wait, and have not found it yet in this step.
+/// The agents that can now find that they have to wait, and have not found it yet in this step.
 fn waits(network: &Network, state: &State, trace: &[Entry]) -> Vec<Entry> {
     let entries = (0..network.agents.len()).map(|agent| Entry {
         agent,

@@ -1,4 +1,4 @@
-//! What was seen, by kind: so that nobody believes in networks that never do what is to be proven.
+//! Counts what was seen, by kind: shows that the networks do what is to be proven.
 
 use crate::operational::network::{
     Entry, Event, Failure, Form, Guard, Network, Outcome, Patience, Step,

@@ -298,7 +298,8 @@ fn a_process_that_comes_again_goes_on_with_its_parameters_and_one_that_is_gone_l
     system.run().unwrap();
 }
 
-/// Whether a name is shared is for those to say who have it, not for one that has ended.
+/// The processes that have a name decide whether it is shared; a process that has ended does not
+/// count.
 #[test]
 fn a_name_that_is_free_again_is_shared_if_the_next_say_so() {
     let _watch = watchdog();

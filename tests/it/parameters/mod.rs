@@ -1,4 +1,4 @@
-//! Parameters: where their values come from, what is refused, and when who sees them.
+//! Parameters: where their values come from, what is refused, and when a process sees a new value.
 #![cfg(feature = "toml")]
 
 use crate::common;
@@ -110,7 +110,7 @@ impl All {
 
 const DEFAULTS: Values = (2.0, 0.5, 3, -7, false, Mode::Position, [1.0, 2.0, 3.0]);
 
-/// A process whose `pre_run` and body are given.
+/// A process made of a given `pre_run` and body.
 struct Made<D, P, B> {
     pre_run: P,
     declared: Option<D>,

@@ -1,8 +1,9 @@
-//! Sets while the system runs: when who takes them.
+//! Sets while the system runs: when each process takes them.
 
 use super::*;
 
-/// Loops of 1 ms and of 10 ms, and sets between their slots: each takes all that came before its own cycle's begin, at that.
+/// Loops of 1 ms and of 10 ms, and sets between their slots: each loop takes, at the begin of its
+/// cycle, all sets that came before.
 #[test]
 fn each_process_takes_a_set_at_its_own_boundary() {
     let _watch = watchdog();
@@ -50,7 +51,7 @@ fn each_process_takes_a_set_at_its_own_boundary() {
                 );
                 luna::at(begin + 6 * MS + MS / 2).await;
                 assert_eq!(parameters.set([("common", 2)])?, 2);
-                // Nobody sees the third.
+                // No process sees the third.
                 luna::at(begin + 12 * MS + MS / 4).await;
                 parameters.set([("fast/own", 3)])?;
                 assert!(!parameters.is_taken(3));
@@ -69,7 +70,8 @@ fn each_process_takes_a_set_at_its_own_boundary() {
     }
 }
 
-/// Threads set as fast as they can, consistent sets over two processes' parameters; each process reads sums that are right, and the same until it takes another set.
+/// Threads set as fast as they can, with sets that are consistent over two processes' parameters.
+/// Each process reads correct sums, and the same ones until it takes another set.
 #[test]
 fn a_storm_of_sets_is_never_seen_by_halves() {
     let _watch = watchdog();
@@ -118,7 +120,7 @@ fn a_storm_of_sets_is_never_seen_by_halves() {
                     assert_eq!(read(), value);
                 }
                 over.fetch_add(1, Ordering::Relaxed);
-                // All handles must have gone before the last word is said.
+                // Both processes must come this far before one of them ends.
                 while over.load(Ordering::Relaxed) < 2 {
                     luna::yield_now().await;
                 }
@@ -169,7 +171,8 @@ fn a_storm_of_sets_is_never_seen_by_halves() {
     }
 }
 
-/// Two processes that take sets when they are told to. A set that does not concern one of them is taken by it, whatever comes after; and who has ended is not waited for.
+/// Two processes that take sets when the test asks them to. A process takes a set that does not
+/// concern it, whatever comes after. A process that has ended is not waited for.
 #[test]
 fn a_set_that_is_taken_stays_so_and_nobody_waits_for_who_has_ended() {
     let _watch = watchdog();

@@ -101,7 +101,7 @@ fn poison_and_cancel_end_processes_at_their_instants() {
         Ok(())
     };
     main.process("cancels").spawn(cancels).unwrap();
-    // Who is cancelled by another has not done what it was to do.
+    // A process that another one cancels has not done its work.
     let error = system.run().unwrap_err().to_string();
     assert_eq!(
         error,
@@ -203,7 +203,7 @@ impl Process for Holder {
     }
 }
 
-/// What a process held is dropped by another thread; when others see it does not depend on that thread.
+/// Another thread drops what a process held. When others see it does not depend on that thread.
 #[test]
 fn what_an_ended_process_held_goes_before_anybody_else_runs() {
     let _alive = watchdog();

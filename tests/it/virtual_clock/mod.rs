@@ -1,4 +1,5 @@
-//! Systems on a virtual clock: what holds on the real one holds there, time jumps, and nothing depends on the machine.
+//! Systems on a virtual clock: they behave as on the real clock, time jumps, and nothing depends on
+//! the machine.
 
 use crate::common;
 mod ends;
@@ -14,7 +15,7 @@ use std::time::Duration;
 const MS: Duration = Duration::from_millis(1);
 const HOUR: Duration = Duration::from_secs(3600);
 
-/// A system whose clock is virtual, and one executor of it.
+/// A system on a virtual clock, and one executor of it.
 fn simulated() -> (System, luna::Executor) {
     let mut system = System::new("simulated");
     system.virtual_clock();

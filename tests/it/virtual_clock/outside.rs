@@ -12,7 +12,7 @@ fn results_of_blocking_calls_come_in_the_order_of_the_calls_and_time_waits() {
     let notes = Notes::default();
     let (release, released) = std::sync::mpsc::channel::<()>();
     let mut calls: Vec<Box<dyn FnOnce() -> u64 + Send>> = Vec::new();
-    // The first is done when the second is: nobody could tell which comes first by itself.
+    // The first is done when the second is: their order cannot be determined otherwise.
     calls.push(Box::new(move || {
         released.recv().unwrap();
         luna::now().as_nanos()

@@ -1,4 +1,4 @@
-//! Who runs next, and that it is the same as on the real clock.
+//! Which process runs next, and that it is the same as on the real clock.
 
 use super::{HOUR, MS, Notes, simulated, watchdog};
 use luna::prelude::*;

@@ -68,7 +68,8 @@ fn a_timer_that_goes_while_another_of_its_instant_fires() {
     let notes = Notes::default();
     let (stop, stopped) = luna::channel::<()>();
     let own = notes.clone();
-    // Both are due at once; the one that is served first takes the other's timer away, which has been readied already or not.
+    // Both are due at once. The first to be served removes the other's timer, whether that is
+    // already readied or not.
     let firing = async move {
         luna::after(MS).await;
         own.note("fired");
@@ -94,7 +95,8 @@ fn a_timer_that_goes_while_another_of_its_instant_fires() {
     main.process("dropped").priority(10).spawn(dropped).unwrap();
     let report = system.run();
     let seen = notes.take();
-    // The delay has come before the sender could: it is what the alternative takes only if nobody has sent, and the sender is the more urgent one.
+    // The delay has expired before the sender could send. The alternative takes the delay only if
+    // no process has sent, and the sender is the more urgent process.
     assert_eq!(seen[0], (1000, "fired".into()));
     assert_eq!(seen[1].0, 1000);
     assert_eq!(seen[2], (3000, "after".into()));

@@ -12,10 +12,11 @@ use std::time::Duration;
 
 /// How long it keeps the core each time.
 pub(crate) const BURST: Duration = Duration::from_millis(4);
-/// How much of that a wait with inheritance may hold: none, but for what a page fault of the low one lets through.
+/// How much of that a wait with inheritance may contain: none, except what a page fault of the low
+/// thread lets through.
 const INHERITED: Duration = Duration::from_micros(400);
 
-/// The thread between: each time that it is let go it keeps the core for a burst.
+/// The thread between: each time that it is released it keeps the core for a burst.
 pub(crate) struct Burner {
     parker: Arc<Parker>,
     over: Arc<AtomicBool>,
@@ -76,7 +77,7 @@ pub(crate) struct Control {
 }
 
 impl Control {
-    /// Lets it go: it runs as soon as nobody above it does.
+    /// Lets it go: it runs as soon as no thread above it does.
     pub(crate) fn go(&self) {
         self.parker.unpark();
     }
@@ -94,7 +95,8 @@ pub(crate) struct Waits {
 }
 
 impl Waits {
-    /// The first is left out: what the threads need is not in memory yet. So are the extremes that a machine may [spoil](spoilt).
+    /// The first is left out: the memory that the threads need is not resident yet. So are the
+    /// extremes that a machine may [spoil](spoilt).
     pub(crate) fn of(all: &[Duration]) -> Waits {
         let mut settled = all[1..].to_vec();
         settled.sort_unstable();

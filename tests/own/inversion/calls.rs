@@ -53,7 +53,8 @@ impl Stage {
         }
     }
 
-    /// The high process: each round it waits to be let go, lets the one between go, and does `once`.
+    /// The high process: each round it waits to be released, releases the thread between, and does
+    /// `once`.
     fn high(
         &mut self,
         gone: Option<Receiver<()>>,
@@ -120,7 +121,8 @@ fn a_server_that_waits() {
                     burn(WORK);
                     let _ = call.reply(scheduled_priority(thread_id()));
                     let level = scheduled_priority(thread_id());
-                    // On a busy machine the next call may have come by now, and lend again.
+                    // On a busy machine the next call may have come by now, and boost the server
+                    // again.
                     if calls.load(Ordering::SeqCst) == accepted {
                         assert_eq!(level, as_scheduled(LOW));
                         back += 1;
@@ -164,7 +166,7 @@ fn two_plain_channels_do_not_inherit() {
     stage.run().expect_inverted("two plain channels");
 }
 
-/// Who calls below, so that the server is busy.
+/// A client of lower priority that calls, so that the server is busy.
 fn other_client(stage: &mut Stage, client: Client<bool, ()>) {
     stage
         .process(Place::Executor, "other", LOW - 10)
@@ -177,7 +179,8 @@ fn other_client(stage: &mut Stage, client: Client<bool, ()>) {
         .unwrap();
 }
 
-/// Lets the high one go, which then runs at once; on a machine that was held up, when it is ready for the round.
+/// Releases the high process, which then runs at once; on a machine that was held up, when it is
+/// ready for the round.
 async fn let_go(go: &Sender<()>) {
     while let Err(error) = go.try_send(()) {
         assert!(error.is_full(), "{error}");

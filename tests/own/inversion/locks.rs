@@ -1,4 +1,5 @@
-//! The lock: held below, held by one who waits for another, and what the kernel says of its owner.
+//! The lock: held below, held by a thread that waits for another, and the kernel's data on its
+//! owner.
 
 use crate::common::watchdog;
 use crate::inversion::between::{BURST, Burner, Waits};
@@ -29,7 +30,8 @@ fn plain() -> Arc<Within> {
     })
 }
 
-/// Low takes `lock` and lets high go; high lets the one between go, and waits for `wanted`. What the one between burns meanwhile.
+/// Low takes `lock` and releases high; high releases the thread between, and waits for `wanted`.
+/// Returns what the thread between burns meanwhile.
 fn waits(core: usize, lock: Arc<Within>, wanted: Arc<Within>, chained: bool) -> Vec<Duration> {
     let burner = Burner::start(core);
     let control = burner.control();
@@ -59,7 +61,7 @@ fn waits(core: usize, lock: Arc<Within>, wanted: Arc<Within>, chained: bool) -> 
         for _ in 0..ROUNDS {
             goes.park(Instant::NEVER);
             lock(&mut || {
-                // Whoever this is runs at once, and waits for this thread when it goes on.
+                // The unparked thread runs at once, and waits for this thread when it goes on.
                 next.unpark();
                 burn(Duration::from_micros(100));
             });
@@ -115,7 +117,7 @@ fn a_lock_whose_owner_waits_for_another() {
     Waits::of(&all).expect_inverted("chain of two std::sync::Mutex");
 }
 
-/// The owner asks the kernel at which priority it runs: before, while the high one waits, and after.
+/// The owner asks the kernel for its own priority: before, while the high thread waits, and after.
 #[test]
 fn the_kernel_says_that_the_owner_is_boosted() {
     own_process!();

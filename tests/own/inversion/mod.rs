@@ -1,6 +1,8 @@
-//! Three threads on one core: one of low priority has what one of high priority waits for, and one between them would run instead of both. With
-//! inheritance it does not run at all while the high one waits; without, the high one waits for all that it does. Measured in the processor time of the
-//! one between, so that no machine can break it; and beside each a control without inheritance, which shows that it would be seen.
+//! Three threads on one core. The high one waits for something that the low one has, and the one
+//! between would run instead of both. With inheritance the one between does not run at all while
+//! the high one waits. Without, the high one waits for all that the one between does. Measured in
+//! the processor time of the one between, so that no machine can falsify it. Beside each test is a
+//! control without inheritance, which shows that an inversion would be seen.
 
 #![cfg(target_os = "linux")]
 
@@ -20,7 +22,8 @@ const MIDDLE: u8 = 50;
 const LOW: u8 = 20;
 const ROUNDS: usize = 50;
 
-/// One of these tests at a time, on one core, so that the machine has another one left. `None`: they cannot run here.
+/// One of these tests at a time, on one core, so that the machine has another one left. `None`:
+/// they cannot run here.
 fn one_core() -> Option<(usize, MutexGuard<'static, ()>)> {
     static CORE: Mutex<()> = Mutex::new(());
     if !COMPLETE || !has_real_time() {

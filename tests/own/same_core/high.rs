@@ -11,12 +11,14 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// How many operations of the low side may end during one of the high side that needs no partner: none, but for the one that was under way.
+/// How many operations of the low side may end during one of the high side that needs no partner:
+/// none, except the one that was in progress.
 const WITHOUT_PARTNER: u64 = 1;
 /// During one that does: the one that was under way, and the one that serves it.
 const WITH_PARTNER: u64 = 2;
-/// How many steps of the burner, of 2 µs of processor time or a little more, may come to lie in one that waits for nobody. One that waited for the low
-/// side without lending it its priority would wait for what is left of a burst, which is at least 500 µs.
+/// How many steps of the burner, of 2 µs of processor time or a little more, may fall into an
+/// operation that does not wait for the low side. An operation that waited for the low side without
+/// boosting it would wait for the rest of a burst, which is at least 500 µs.
 const BURNT: u64 = 25;
 
 pub(crate) struct High {
@@ -26,7 +28,7 @@ pub(crate) struct High {
     shared: Arc<Shared>,
     kept_off: KeptOff,
     scene: &'static str,
-    /// A call lends the low side this one's priority: both are processes.
+    /// Whether a call boosts the low side to this one's priority: both are processes.
     lends: bool,
 }
 
@@ -114,7 +116,8 @@ impl High {
         outcome
     }
 
-    /// One that waits for the low side, which inherits this side's priority for it: as for one that does not wait, nobody between comes between.
+    /// An operation that waits for the low side, which inherits this side's priority for it. As for
+    /// one that does not wait, nothing of a priority in between runs meanwhile.
     pub(crate) async fn call<F: Future>(&mut self, operation: F) -> F::Output {
         let before = self.begin(How::Await);
         let outcome = operation.await;
@@ -158,7 +161,8 @@ impl High {
         if low <= most {
             return;
         }
-        // If it was ready to run and something above all user threads had the core, the low side's part in it cannot be told.
+        // If it was ready to run and a thread above all user threads had the core, the low side's
+        // part in it cannot be determined.
         let kept = self.kept_off.so_far();
         if kept.differs_from(&before.kept) {
             shared.excused.fetch_add(1, Ordering::Relaxed);

@@ -32,7 +32,8 @@ impl Low {
         self.scene += 1;
     }
 
-    /// Whether the high side is still in this scene. Counts an operation of this side as ended, and the next as begun.
+    /// Whether the high side is still in this scene. Counts an operation of this side as ended, and
+    /// the next as begun.
     pub(crate) async fn goes_on(&mut self) -> bool {
         self.shared.low_state.store(low::BETWEEN, Ordering::Relaxed);
         self.shared.low.fetch_add(1, Ordering::SeqCst);

@@ -1,6 +1,7 @@
-//! Two threads of different priority on one core: the higher one wakes at random instants, wherever the lower one has just come to in
-//! its operation, and operates on the same channel, barrier, waker or lock. What spins on the other's progress hangs here, and what lets it be held up by
-//! others in between takes as long as these. See `docs/proof-tools.md`.
+//! Two threads of different priority on one core. The higher one wakes at random instants, wherever
+//! the lower one is in its operation, and operates on the same channel, barrier, waker or lock. An
+//! operation that spins on the other side's progress hangs here. One that threads in between can
+//! delay takes as long as they do. See `docs/proof-tools.md`.
 //!
 //! `LUNA_LONG=1`: millions of operations. `LUNA_SEED` sets the seed.
 

@@ -38,7 +38,8 @@ pub(crate) struct Shared {
     pub(crate) over: AtomicBool,
     /// The number and kind of the operation that the high side is in; 0 between two.
     operation: AtomicU64,
-    /// How many operations the high side has done, and how many of them began in the middle of one of the low side.
+    /// How many operations the high side has done, and how many of them began in the middle of one
+    /// of the low side.
     pub(crate) high: AtomicU64,
     pub(crate) high_in_low: AtomicU64,
     /// How many operations the low side has done, and what it does.

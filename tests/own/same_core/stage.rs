@@ -1,4 +1,5 @@
-//! Where the sides run: each as a process of an executor, as a process with an OS thread of its own, or as a plain thread.
+//! Where the sides run: each as a process of an executor, as a process with an OS thread of its
+//! own, or as a plain thread.
 
 use crate::common::Random;
 use crate::kernel::{burn, own_processor_time};
@@ -54,7 +55,8 @@ pub(crate) fn play(
         of_low.push(scene.low);
     }
     let (for_high, for_low, places) = (shared.clone(), shared.clone(), (high, low));
-    // With a deadline, so that the system is never still. Else who looks whether it is stuck would come, from another core, and hold the locks meanwhile.
+    // With a deadline, so that the system is never quiescent. Otherwise the thread that looks for a
+    // deadlock would come, from another core, and hold the locks meanwhile.
     let never = || after(Duration::from_secs(100_000));
     let high = Side {
         name: "high",

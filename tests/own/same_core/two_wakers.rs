@@ -1,5 +1,6 @@
-//! Two threads that wake one process: the lower one loses its core anywhere in a wake, and the higher one must not need it to finish. The process is above
-//! both on the same core, so it has run by the time that the higher one's wake returns.
+//! Two threads that wake one process. The lower one loses its core anywhere in a wake, and the
+//! higher one must not need it to finish. The process is above both on the same core, so it has run
+//! by the time the higher one's wake returns.
 
 use crate::common::{Random, say, seed, watchdog};
 use crate::kernel::spoilt;
@@ -83,7 +84,7 @@ fn a_wake_relies_on_no_other() {
         };
         process
             .spawn(async move {
-                // Beside a deadline, so that nobody looks whether the system is stuck.
+                // With a pending deadline, so that no thread checks whether the system is stuck.
                 let mut far = pin!(after(Duration::from_secs(1_000)));
                 poll_fn(|cx| {
                     let _ = of_process.waker.set(cx.waker().clone());

@@ -1,7 +1,8 @@
 //! The watch: a thread at FIFO 99 that finds the high side standing still, and says in what.
 //!
-//! It judges by the processor time that the threads have used since an operation began, not by the clock: on a machine that is busy or taken away,
-//! nobody uses any. The limit is less than the 0.95 s after which the kernel lets ordinary threads run beside one that spins.
+//! It judges by the processor time that the threads have used since an operation began, not by the
+//! clock: on a busy machine, or while a hypervisor has the core, the threads use none. The limit is
+//! less than the 0.95 s after which the kernel lets ordinary threads run beside one that spins.
 
 use crate::common;
 use crate::kernel::{processor_time, stolen};
@@ -17,7 +18,7 @@ use std::time::Duration;
 
 /// What a right operation does not need a thousandth of.
 const LIMIT: Duration = Duration::from_millis(300);
-/// If nobody uses any processor time: a deadlock.
+/// No thread used any processor time for so long: a deadlock.
 const STANDSTILL: Duration = Duration::from_secs(60);
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -30,7 +31,7 @@ pub(crate) enum Why {
     PassedOver,
     /// The thread between them works instead of either.
     Inverted,
-    /// Nobody works.
+    /// No thread works.
     Deadlock,
 }
 
@@ -69,7 +70,8 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Watches the high side on `core`. `tell` is told a verdict once, and does not come back.
+    /// Watches the high side on `core`. The callback is called once, with a verdict, and does not
+    /// return.
     pub(crate) fn start(
         shared: Arc<Shared>,
         scenes: Vec<&'static str>,

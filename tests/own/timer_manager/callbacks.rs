@@ -89,7 +89,7 @@ fn who_is_always_late_starves_nobody() {
     own_process!();
     let _watch = watchdog();
     const PAST: Instant = Instant::from_nanos(1);
-    // Of each: whom it sets.
+    // For each: the callbacks that it sets.
     for partners in [&[0][..], &[1, 0]] {
         let mut system = managed("late");
         let manager = system.timer_manager().unwrap();

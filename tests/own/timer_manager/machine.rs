@@ -23,7 +23,8 @@ fn a_suspended_program_misses_slots_counts_them_and_goes_on() {
     }
 }
 
-/// A jump of the clock on the wall moves no timer: all are on the monotonic one, as the kernel says.
+/// A jump of the wall clock moves no timer: all are on the monotonic clock, as the kernel's data
+/// shows.
 #[test]
 #[cfg(target_os = "linux")]
 fn the_timers_are_on_the_monotonic_clock() {
@@ -110,7 +111,7 @@ fn the_loops_of_a_tick_are_woken_in_order_of_priority() {
     let mut system = managed("order");
     system.timer_core(0);
     let begun: Arc<Mutex<BTreeMap<u64, Vec<u8>>>> = Arc::default();
-    // Who comes first at first is the least urgent.
+    // The first to come is the least urgent at first.
     for level in [3, 10, 20, 30] {
         let begun = begun.clone();
         let name: &'static str = format!("level {level}").leak();

@@ -1,4 +1,4 @@
-//! The timer manager: who shares a tick, callbacks, and what the report says of both sides.
+//! The timer manager: which loops share a tick, callbacks, and the report of both sides.
 
 mod callbacks;
 use crate::common;
@@ -118,7 +118,7 @@ fn loops_that_find_no_timer_run_all_the_same() {
     let main = system.executor("main").build().unwrap();
     const LOOPS: u64 = 20;
     system.max_loops(LOOPS as usize);
-    // Nobody goes before all have a place, or none.
+    // No loop goes on before all have a place, or none.
     let everybody = Barrier::new(LOOPS as usize);
     for number in 0..LOOPS {
         let everybody = everybody.clone();
@@ -205,7 +205,7 @@ fn who_waits_for_a_tick_or_for_another_is_not_deadlocked() {
         place
             .process(&mut system, &name.clone(), &name.clone())
             .spawn(async move {
-                // Long enough for a look that finds everybody asleep.
+                // Long enough for a check that finds all loops asleep.
                 let mut tick = luna::periodic(&name, PERIOD * 50)?;
                 for _ in 0..5 {
                     let ticked = async {

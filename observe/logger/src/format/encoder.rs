@@ -43,7 +43,7 @@ impl Encoder {
         Self::with_block_size(FULL)
     }
 
-    /// Creates an encoder whose blocks are full at `size` bytes, at most 64 KiB, for transports
+    /// Creates an encoder with blocks that are full at `size` bytes, at most 64 KiB, for transports
     /// with small units such as datagrams. A block exceeds that by its last record at most.
     ///
     /// ```

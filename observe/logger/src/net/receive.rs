@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// The limit of known senders: those connected, and those that may come back.
 const MOST_KNOWN: usize = 64;
-/// A sender whose sink has no room is refused for this long. After that it may send one block as a
+/// A sender is refused for this long if its sink has no room. After that it may send one block as a
 /// trial.
 const NO_ROOM: Duration = Duration::from_secs(20);
 /// How often a thread looks whether it is to end.
@@ -85,7 +85,7 @@ pub trait Handler: Send + Sync + 'static {
     /// An error of the sink's: the sender is refused.
     fn open(&self, peer: &Peer) -> io::Result<Box<dyn Sink>>;
 
-    /// A known sender has come back. A sender whose sink had no room is back when the sink takes a
+    /// A known sender has come back. If its sink had no room, it is back when the sink takes a
     /// block again.
     fn is_back(&self, _peer: &Peer) {}
 

@@ -103,7 +103,7 @@ impl Queue {
     }
 }
 
-/// Calls `take` with the queue whose first entry is the oldest, until no queue has an entry at or
+/// Calls `take` with the queue that has the oldest first entry, until no queue has an entry at or
 /// before `limit`.
 pub(super) fn merge(queues: &mut [Queue], limit: u64, mut take: impl FnMut(&mut Queue)) {
     loop {

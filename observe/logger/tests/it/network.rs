@@ -250,7 +250,7 @@ fn a_receiver_that_was_started_again_gets_a_recording_of_its_own() {
     assert!(error.is_none() && !before.has_ended, "{error:?}");
     let (after, _) = second.only();
     let (before, after) = (numbers(&before), numbers(&after));
-    // A block whose acknowledgement was lost with the receiver counts as lost, although the
+    // A block counts as lost if its acknowledgement was lost with the receiver, although the
     // receiver has it.
     assert!(
         (before.len() + after.len()) as u64 >= report.signals[0].recorded,

@@ -208,8 +208,8 @@ fn a_late_cycle_leads_to_the_timeline() {
     );
     let p50 = browser.run("document.querySelector('#loops .figures dd').textContent");
     assert!(p50.as_str().unwrap().ends_with(" µs"), "{p50}");
-    // The counts may be ahead of the events: the last cycle whose events the page has, and some
-    // after it.
+    // The counts may be ahead of the events: they have cycles after the last one that the page has
+    // events of.
     browser.wait("(() => { const { loops } = scope.views, { events } = scope.model; if (events.end === events.begin) return false; const known = events.time[(events.end - 1) & events.mask] - 0.01, rows = loops.shown.late.slice(-100).reverse(); const n = rows.findIndex(({ time }) => loops.seconds(time) < known); if (n < 0) return false; window.clicked = { seconds: loops.seconds(rows[n].time), lateness: rows[n].lateness / 1e9 }; document.querySelectorAll('#loops tbody tr button')[n].click(); return true; })()");
     browser.wait("!document.querySelector('#timeline').hidden && !scope.clock.live");
     // It hears of late cycles while it is paused, and stays where it is.
@@ -218,7 +218,7 @@ fn a_late_cycle_leads_to_the_timeline() {
     );
     let away = browser.run("Math.abs(scope.clock.now - clicked.seconds)");
     assert!(number(&away) < 1e-9, "{away}");
-    // The events tell which process ran for most of the lateness.
+    // The events show which process ran for most of the lateness.
     let ran = browser
         .run("scope.views.timeline.ranFor(clicked.seconds - clicked.lateness, clicked.seconds, 1)");
     assert_eq!(ran, "calibration");

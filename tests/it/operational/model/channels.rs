@@ -1,4 +1,4 @@
-//! What communication does to channels, and to those who wait on them.
+//! What communication does to channels, and to the agents that wait on them.
 
 use super::{Phase, State, Waiter};
 use crate::operational::network::{End, Failure, Guard, Kind, Network, Outcome, Side, Value};
@@ -84,13 +84,13 @@ impl State {
         Some(value)
     }
 
-    /// One who waits goes on with this: none of his guards is offered any more.
+    /// A waiting agent goes on with this outcome: none of its guards is offered any more.
     pub(super) fn settle(&mut self, number: usize, outcome: Outcome) {
         self.withdraw(number, |_| true);
         self.agents[number].phase = Phase::Settled(outcome);
     }
 
-    /// One who waits offers these of his guards no more.
+    /// A waiting agent withdraws these guards.
     pub(super) fn withdraw(&mut self, number: usize, which: impl Fn(u8) -> bool) {
         let stays = |waiter: &Waiter| usize::from(waiter.agent) != number || !which(waiter.guard);
         for channel in &mut self.channels {
@@ -102,7 +102,7 @@ impl State {
         }
     }
 
-    /// An `Alternative` is told that something is ready.
+    /// Notifies an `Alternative` that a guard is ready.
     pub(super) fn look_again(&mut self, number: usize) {
         self.settle(number, Outcome::Done);
         self.agents[number].phase = Phase::Begun;
@@ -112,7 +112,8 @@ impl State {
         self.changed(|after| after.agents[number].phase = Phase::Settled(outcome))
     }
 
-    /// Offers all its guards: behind those of its level, before those below. Of one level those who stay registered come last.
+    /// Offers all its guards: behind those of its level, before those below. Within one level,
+    /// offers that stay registered come last.
     pub(super) fn waiting(&self, network: &Network, number: usize) -> State {
         let mut after = self.clone();
         after.agents[number].phase = Phase::Waiting;
@@ -126,7 +127,7 @@ impl State {
                 guard,
             };
             if let Guard::Sync { barrier } = offered {
-                // Who offers it twice comes once.
+                // An agent that offers the barrier twice comes once.
                 let come = &mut after.barriers[barrier];
                 if come.iter().all(|other| other.agent != waiter.agent) {
                     come.push(waiter);
@@ -147,8 +148,8 @@ impl State {
         after
     }
 
-    /// The future of an operation is dropped when its partner has already gone on: a value that it was given goes back to the
-    /// head of the channel, one that it gave stays given.
+    /// The future of an operation is dropped when its partner has already gone on. A value that the
+    /// operation received goes back to the head of the channel; a value that it sent stays sent.
     pub(super) fn give_back(&mut self, network: &Network, number: usize, outcome: Outcome) {
         let step = &network.agents[number].steps[usize::from(self.agents[number].step)];
         let expired = step.dropped_at().expect("only such a step is dropped");
@@ -195,7 +196,8 @@ impl State {
         }
     }
 
-    /// From now on all who come see that the channel has ended; those who wait are told one by one.
+    /// From now on each arriving agent sees that the channel has ended. The waiting agents are
+    /// notified one by one.
     pub(super) fn end(&mut self, number: usize, place: usize, failure: Failure) {
         let channel = &mut self.channels[place];
         if channel.ended == Some(Failure::Poisoned) {

@@ -1,12 +1,15 @@
 //! The operational semantics: what state a network is in, and which steps it may take from there.
 //!
-//! A state says, for each channel, what is stored and who waits in which order; for each agent, which step it is at and how far. An agent
-//! does by itself, where all can see it, three things: it begins a step, learns what the step came to, and leaves ([`State::note`]). In between
-//! lie *internal* steps ([`State::internal`]), each of which happens at one instant: that an operation is tried, and either communicates,
-//! or waits where its partners will find it; that a timeout fires; that an end is dropped; that one of those who wait on a channel learns that it
-//! has ended. An alternative is tried at one instant, too: this is what makes `pri_alt!` exact and `skip` a statement about all its
-//! guards. A state without internal steps in which nobody is between two steps of its own is *stable*: what its agents then offer is
-//! all that it does not refuse, and if some have not left, it is a deadlock.
+//! A state holds, for each channel, what is stored and which agents wait, in order; for each agent,
+//! its current step and how far it has come. Three actions of an agent are visible to all: it
+//! begins a step, learns the outcome of the step, and leaves ([`State::note`]). Between them lie
+//! *internal* steps ([`State::internal`]), each of which happens at one instant. An operation is
+//! tried, and either communicates or waits where its partners find it. A timeout fires. An end is
+//! dropped. An agent that waits on a channel learns that the channel has ended. An alternative is
+//! tried at one instant, too: this makes `pri_alt!` exact, and `skip` a statement about all its
+//! guards. A state without internal steps, in which every agent is in a step of its own, is
+//! *stable*. Its agents refuse all that they do not offer. If some agents have not left, it is a
+//! deadlock.
 
 mod channels;
 mod steps;
@@ -15,7 +18,7 @@ use crate::operational::network::{
     Agent, Chosen, End, Entry, Event, Failure, Guard, Kind, Network, Outcome, Side, Step, Value,
 };
 
-/// One who waits on a channel, and the place of the guard by which he does.
+/// An agent that waits on a channel, and the place of the guard by which it waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Waiter {
     agent: u8,
@@ -34,13 +37,13 @@ struct Channel {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Phase {
-    /// A branch whose parallel construct has not begun.
+    /// A branch of a parallel construct that has not begun.
     Unstarted,
     /// About to begin its next step, or to leave.
     Between,
     /// Its operation was called, and has not been tried.
     Begun,
-    /// An `Alternative` that found nothing ready, and does not wait yet: nobody finds it.
+    /// An `Alternative` that found nothing ready and does not wait yet: no partner finds it.
     Opening,
     /// In the lists of all its open guards, or until its branches have left.
     Waiting,
@@ -62,9 +65,11 @@ struct Status {
     phase: Phase,
     /// What its fair alternatives have chosen, the last one last.
     chosen: Vec<Chosen>,
-    /// The channels that its `Alternative` has found ended, in order: once all have, they are chosen among again, before that not.
+    /// The channels that its `Alternative` has found ended, in order. They are not chosen from
+    /// again until all have ended.
     left_out: Vec<usize>,
-    /// A channel that it has ended; one by one, it tells those who wait there that it has come to this.
+    /// A channel that this agent has ended. It notifies the agents that wait there one by one, and
+    /// has come to this one.
     ending: Option<(u8, Failure)>,
 }
 
@@ -72,7 +77,7 @@ struct Status {
 pub(crate) struct State {
     channels: Vec<Channel>,
     agents: Vec<Status>,
-    /// Who has come to each barrier, or offers to.
+    /// For each barrier, the agents that have come, or offer to.
     barriers: Vec<Vec<Waiter>>,
 }
 
@@ -117,7 +122,8 @@ impl State {
                 ending: None,
             });
         }
-        // A channel is made with one end of each side: the ends that nobody is given are dropped before anybody runs.
+        // A channel is made with one end of each side. Ends that no agent has are dropped before
+        // any agent runs.
         for channel in &mut state.channels {
             if channel.sender_ends == 0 || channel.receiver_ends == 0 {
                 channel.ended = Some(Failure::Closed);
@@ -145,7 +151,7 @@ impl State {
                     failed: true,
                 },
             ) => (status.step, status.phase),
-            // One that stays registered may have been told to look again.
+            // An alternative that stays registered may have been notified to look again.
             (Event::Waits, Phase::Begun | Phase::Opening)
                 if self.is_registered(network, entry.agent) =>
             {
@@ -296,7 +302,8 @@ impl State {
         }
     }
 
-    /// The ends that an agent which leaves has not dropped before, and those of its branches that never started.
+    /// The ends that a leaving agent has not dropped before, and those of its branches that never
+    /// started.
     fn ends_to_drop(&self, network: &Network, number: usize) -> Vec<End> {
         let agent = &network.agents[number];
         let done = &agent.steps[..usize::from(self.agents[number].step)];

@@ -4,7 +4,8 @@ use super::{Phase, State, before_step};
 use crate::operational::network::{Chosen, Failure, Guard, Network, Outcome, Patience, Step};
 
 impl State {
-    /// All states that one internal step leads to. Empty only if no agent can get on without one of its own.
+    /// All states that one internal step leads to. Empty only if no agent can go on without a step
+    /// of its own.
     pub(crate) fn internal(&self, network: &Network, next: &mut Vec<State>) {
         for number in 0..self.agents.len() {
             let status = &self.agents[number];
@@ -39,8 +40,8 @@ impl State {
         }
     }
 
-    /// Lets somebody who leaves drop an end of a channel that nobody will use any more, which nobody can see. `uses` says for each channel
-    /// who uses it, and in which step last.
+    /// Lets a leaving agent drop an end of a channel that no agent will use any more, so that no
+    /// agent can see the drop. `uses` lists for each channel its users, and the last step of each.
     pub(crate) fn drop_unseen(&mut self, network: &Network, uses: &[Vec<(usize, u8)>]) -> bool {
         for number in 0..self.agents.len() {
             let Phase::Leaving { next, failed } = self.agents[number].phase else {
@@ -159,7 +160,8 @@ impl State {
         });
     }
 
-    /// As a whole no step of one instant: it looks, then lets itself be found, then looks whether something came in between.
+    /// Not one instant as a whole: it looks, then becomes visible to partners, then checks whether
+    /// something came in between.
     fn try_registered(&self, network: &Network, number: usize, fair: bool, next: &mut Vec<State>) {
         if self.is_marked(network, number) && self.fail_marked(network, number, next) {
             return;
@@ -217,7 +219,8 @@ impl State {
         for (place, guard) in self.open_guards(network, number) {
             if let Guard::After(_) = guard {
                 next.push(self.changed(|after| after.settle(number, Outcome::Expired(place))));
-                // From the instant itself on, what it is preferred to is not to be had any more; that it has passed is learnt later.
+                // From the instant itself on, the guards that it is preferred to can no longer be
+                // taken. The agent learns later that it has passed.
                 let fair = matches!(step, Step::Alternative { fair: true, .. });
                 next.push(self.changed(|after| {
                     after.withdraw(number, |guard| fair || guard > place);
@@ -229,8 +232,9 @@ impl State {
         }
     }
 
-    /// A sibling has failed: the first communication that this agent offers fails as poisoned; if all that it offers is to come to barriers, which
-    /// cannot fail, or it has stopped, it is dropped where it waits. Says whether it is one of both.
+    /// A sibling has failed: the first communication that this agent offers fails as poisoned. If
+    /// it only offers to come to barriers, which cannot fail, or has stopped, it is dropped where
+    /// it waits. Returns whether one of both was the case.
     fn fail_marked(&self, network: &Network, number: usize, next: &mut Vec<State>) -> bool {
         let guards = self.open_guards(network, number);
         let fails = guards.iter().find(|(_, guard)| guard.end().is_some());

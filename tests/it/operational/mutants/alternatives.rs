@@ -39,7 +39,7 @@ fn skip_and_try_say_that_nothing_was_ready_at_an_instant() {
         Step::Plain(recv(0), Patience::Try),
     ] {
         let mut network = network(&[Kind::Rendezvous; 2], [&[plain(send(0, 1))], &[second]]);
-        // Nobody sends on the second channel, but somebody could.
+        // No agent sends on the second channel, but one could.
         network.agents[0].ends.push(End {
             channel: 1,
             side: Side::Sender,
@@ -83,7 +83,7 @@ fn a_guard_whose_precondition_is_false_is_not_offered() {
     };
     offers[0].open = false;
     refused(&network, &[&trace], Complete, 2);
-    // With no guard open it stops, and says nothing of the channel that nobody sends to.
+    // With no guard open it stops, and reports nothing about the channel without a sender.
     let Step::Alternative { offers, .. } = &mut network.agents[1].steps[0] else {
         unreachable!()
     };

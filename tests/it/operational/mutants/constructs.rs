@@ -54,7 +54,7 @@ fn an_alternative_comes_to_a_barrier_only_if_all_others_have() {
         ],
         Complete,
     );
-    // Not with one who has chosen something else.
+    // Not with an agent that has chosen another guard.
     allowed(
         &network,
         &[

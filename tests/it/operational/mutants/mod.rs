@@ -1,4 +1,5 @@
-//! The checker checked: traces that no run shows, each beside one that differs in the lie alone and is allowed.
+//! Tests of the checker: traces that no run shows. Beside each stands a trace that differs in the
+//! false entry alone, and is allowed.
 
 mod alternatives;
 mod communication;

@@ -17,7 +17,8 @@ fn calls() -> Scene {
             for round in 0..u64::from(high.rounds) {
                 high.pause().await;
                 let answer = match high.how() {
-                    // Over with the reply if a server takes it, so it may wait for the server's reply.
+                    // A call ends with the reply if a server takes it, so it may wait for the
+                    // server's reply.
                     How::Try => {
                         let choose = async {
                             alt! {

@@ -61,7 +61,7 @@ pub(super) fn scenes() -> Vec<Scene> {
 fn received(kind: &'static Kind) -> Scene {
     let (sender, receiver) = (kind.make)();
     let receiver = receiver.external();
-    // Who looks how much is buffered.
+    // Reads how much is buffered.
     let gauge = receiver.clone();
     Scene::new(
         kind.names[0],

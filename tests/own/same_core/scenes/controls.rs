@@ -1,11 +1,12 @@
-//! What hangs here, which shows that the watch sees it: a lock that spins, and the rendezvous of the standard library, which is crossbeam's.
+//! Controls that hang here, which shows that the watch detects it: a lock that spins, and the
+//! rendezvous of the standard library, which is crossbeam's.
 
 use super::Scene;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::sync_channel;
 
-/// A lock that gives its core away while it waits, which helps nobody below.
+/// A lock that yields its core while it waits, which helps no thread of a lower priority.
 pub(crate) fn spin_lock() -> Scene {
     let lock = Arc::new(AtomicBool::new(false));
     let of_low = lock.clone();

@@ -6,7 +6,7 @@ use luna_platform::lock::PiLock;
 use std::sync::Arc;
 
 pub(super) fn scenes() -> [Scene; 1] {
-    // Two numbers that differ only while somebody is inside.
+    // Two numbers that differ only while the lock is held.
     let lock = Arc::new(PiLock::new((0_u64, 0_u64)));
     let of_low = lock.clone();
     let scene = Scene::new(

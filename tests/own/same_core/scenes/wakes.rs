@@ -15,7 +15,7 @@ pub(super) fn scenes() -> [Scene; 2] {
 /// Set by one side, awaited by the other.
 struct Flag {
     set: AtomicBool,
-    /// Nobody waits any more.
+    /// No process waits any more.
     ended: AtomicBool,
     waker: PiLock<Option<Waker>>,
 }
@@ -102,7 +102,8 @@ fn of_low() -> Scene {
                 high.pause().await;
                 high.try_to(|| flag.raise());
             }
-            // For a low side that waits: it looks whether it goes on, and this scene is about to end.
+            // Wakes a low side that waits: it checks whether to go on, and this scene is about to
+            // end.
             flag.end();
         },
         async move |low| {
