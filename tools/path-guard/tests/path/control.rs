@@ -266,7 +266,7 @@ fn any_codes_system_call_is_detected_and_has_its_effect() {
         });
         let mut names = Vec::new();
         for violation in &violations {
-            is_by_the_process(violation, "whoever_makes_it");
+            is_by_the_process(violation, "any_codes_system_call");
             let Kind::SystemCall { name, .. } = violation.kind() else {
                 panic!("{violation}");
             };
