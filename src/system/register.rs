@@ -1,7 +1,10 @@
-//! Who was started: the processes that live, and what is remembered of those that have ended.
+//! The register of started processes: those that live, and what is remembered of those that have
+//! ended.
 //!
-//! A process is found by its number, and one that ends is told by its number too, so that nothing here takes longer for the number of the others. What is
-//! remembered is bounded: of those that were spawned on an executor while the system ran, only the last that have ended are kept; the rest is counted.
+//! A process is found by its number, and an end is reported by number too, so no operation here
+//! takes longer for the number of other processes. What is remembered is bounded: of the processes
+//! that were spawned on an executor while the system ran, only the last that ended are kept; the
+//! rest is counted.
 
 mod by_id;
 
@@ -59,7 +62,7 @@ impl Hasher for Spread {
 /// What is still to be done for one that has ended, without the plan's lock.
 pub(super) struct Funeral {
     pub(super) resident: Option<Box<dyn Phases>>,
-    /// Whose that is, and its place in the order of starts.
+    /// The process that owns it, and its place in the order of starts.
     pub(super) of: Option<(u64, ProcessHandle)>,
     /// It was ended for an overrun.
     pub(super) was_sentenced: bool,
@@ -98,7 +101,8 @@ pub(crate) struct Register {
 
 impl Drop for Register {
     fn drop(&mut self) {
-        // Whose ends were noted have said it. What another one has said would keep its memory for ever, and the other way round.
+        // Noted ends have their exit values taken already. An exit value that is left would keep
+        // the process' memory for ever, and the process would keep the value.
         for (_, member) in self.members.iter() {
             drop(member.handle.take_last_words::<Verdict>());
         }
@@ -129,7 +133,7 @@ impl Default for Register {
 }
 
 impl Register {
-    /// Takes a name, unless one who is remembered has it.
+    /// Takes a name, unless a remembered process has it.
     pub(super) fn take_name(&mut self, name: &Name) -> bool {
         self.names.insert(name.clone())
     }
@@ -165,7 +169,8 @@ impl Register {
         living.take_ended(|id| self.note_end(id, emergency));
     }
 
-    /// Looks at all that live, since some may have ended whose ends were not told yet. O(their number).
+    /// Looks at all processes that live: some may have ended and not been reported yet. O(their
+    /// number).
     pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
         self.count_looks(self.members.len());
         let have_ended = |(id, one): (ProcessId, &Member)| {
@@ -192,7 +197,7 @@ impl Register {
     fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
         self.count_looks(1);
         let Some(member) = self.members.get_mut(id) else {
-            // Else its end was noted before it was told.
+            // Otherwise its end was noted before it was reported.
             if !self.forgotten.contains(id.get()) {
                 self.premature.insert(id);
             }
@@ -221,7 +226,8 @@ impl Register {
         }
     }
 
-    /// Sees to what is left of a process that has ended: its error, what is to be cleaned up, and who is to be told.
+    /// Handles what is left of a process that has ended: its error, its cleanup, and the
+    /// notifications of its end.
     #[cold]
     fn see_to(
         &mut self,
@@ -233,7 +239,8 @@ impl Register {
         let Some(member) = self.members.get_mut(id) else {
             return;
         };
-        // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
+        // A panicking process has triggered the emergency already, unless the panic was in the
+        // thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {
             emergency.trigger(Cause::Panic);
         }
@@ -261,7 +268,7 @@ impl Register {
         }
     }
 
-    /// Forgets who ended first of those that are remembered.
+    /// Forgets the remembered process that ended first.
     fn forget_one(&mut self) {
         let Some(id) = self.ended.pop_front() else {
             return;
@@ -316,7 +323,7 @@ impl Register {
         self.forgotten.contains(id.get())
     }
 
-    /// All who are remembered, in the order of their start. O(n log n).
+    /// All remembered processes, in the order of their start. O(n log n).
     pub(super) fn in_order(&self) -> Vec<(ProcessId, &Member)> {
         self.count_looks(self.members.len());
         let mut all: Vec<_> = self.members.iter().collect();
@@ -333,7 +340,7 @@ impl Register {
             .filter_map(|(_, id)| Some((*id, members.get(*id)?)))
     }
 
-    /// Those whose end nobody has learnt of.
+    /// The processes that have no known end.
     pub(super) fn left_behind(&mut self) -> impl Iterator<Item = &mut Member> {
         self.count_looks(self.members.len());
         self.members.values_mut().filter(|member| !member.reaped)
@@ -347,7 +354,7 @@ impl Register {
         })
     }
 
-    /// The panic of who was started first of those that panicked.
+    /// The panic of the first-started process among those that panicked.
     pub(super) fn first_panic(&self) -> Option<&Error> {
         self.first_panic.as_ref().map(|(_, error)| error)
     }
@@ -357,12 +364,12 @@ impl Register {
         keep_first(&mut self.first_cleanup, order, error);
     }
 
-    /// The panic of who was started first of those that panicked as they were cleaned up.
+    /// The panic of the first-started process among those that panicked in cleanup.
     pub(super) fn first_cleanup(&self) -> Option<&Error> {
         self.first_cleanup.as_ref().map(|(_, error)| error)
     }
 
-    /// The error of who was started first of those that failed.
+    /// The error of the first-started process among those that failed.
     pub(super) fn first_error(&self) -> Option<&Error> {
         self.first_error.as_ref().map(|(_, error)| error)
     }

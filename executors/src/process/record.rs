@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
 use std::task::Waker;
 
-/// How it ended, before anybody asked: the message of a panic is made off the real-time path.
+/// How it ended, before any query: the message of a panic is made off the real-time path.
 pub(crate) enum RawExit {
     Completed,
     /// Completed, and has said something.
@@ -29,7 +29,7 @@ pub(crate) enum RawExit {
     Panicked(Box<dyn Any + Send>),
 }
 
-/// How a process has ended, for who does not want to lock.
+/// How a process has ended, readable without the lock.
 struct Outcome;
 
 impl Outcome {
@@ -66,7 +66,7 @@ impl Notice {
     pub(crate) const CANCELLED: u8 = 1;
     pub(crate) const TIMED: u8 = 2;
     pub(crate) const ENDED: u8 = 4;
-    /// Its turns are told: see [`events`].
+    /// Its turns are recorded: see [`events`].
     pub(crate) const RECORDED: u8 = 8;
 }
 
@@ -149,7 +149,7 @@ pub(crate) struct Record {
     pub(super) shown: BiasedLock<Shown>,
     /// If its polls are timed, be it for the poll_monitor's sake.
     timing: Option<Box<Timing>>,
-    /// Who ended before it, while it is listed.
+    /// The process that ended before it, while it is listed.
     pub(super) after: AtomicPtr<Record>,
 }
 
@@ -189,7 +189,7 @@ impl Shown {
     }
 }
 
-/// Of a process whose polls are timed.
+/// The timing of a process with timed polls.
 struct Timing {
     poll_monitor: Option<Arc<dyn PollMonitor>>,
     taper: Option<Box<Arc<dyn Taper>>>,
@@ -338,7 +338,7 @@ impl Record {
         Some(timing.longest_poll.load(Ordering::Relaxed))
     }
 
-    /// Who puts its tape in.
+    /// The factory of its replay log.
     pub(super) fn taper(&self) -> Option<&Arc<dyn Taper>> {
         self.timing.as_ref()?.taper.as_deref()
     }
@@ -377,7 +377,7 @@ impl Record {
     pub(super) fn begin_poll(&self) -> Instant {
         let began = Instant::now();
         if let Some(poll_monitor) = self.poll_monitor() {
-            // It may panic, and is nobody's poll_monitor then.
+            // It may panic, so the poll monitor is not installed while it runs.
             poll_monitor.poll_begins(began);
             poll_monitor::set(Some(poll_monitor.clone()));
         }
@@ -482,12 +482,12 @@ impl Record {
         }
     }
 
-    /// Ends a process whose body never ran.
+    /// Ends a process that has a body which never ran.
     pub(crate) fn end_unstarted(self: &Arc<Self>, living: &ProcessRegistry) {
         self.finish(RawExit::Cancelled, living);
     }
 
-    /// Ends a process whose body could not be made.
+    /// Ends a process that has no body because its construction panicked.
     pub(crate) fn end_panicked(
         self: &Arc<Self>,
         payload: Box<dyn Any + Send>,
@@ -496,7 +496,8 @@ impl Record {
         self.finish(RawExit::Panicked(payload), living);
     }
 
-    /// Says how the process has ended, once: to who waits for it, and to those it was counted among.
+    /// Publishes how the process has ended, once: to its waiters, and to the registry that counts
+    /// it.
     pub(crate) fn finish(self: &Arc<Self>, exit: RawExit, living: &ProcessRegistry) {
         let mut shown = self.shown.lock();
         if self.has_ended() {
@@ -526,13 +527,12 @@ impl Record {
                 Outcome::PANICKED
             }
         };
-        // Nobody has anything to ask of the process itself any more.
-        // SAFETY: the lock is held.
+        // No further query to the process itself can come. SAFETY: the lock is held.
         unsafe { self.seen.forget() };
         self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
         while let Some(node) = shown.joining.pop() {
-            // Nobody comes any more.
+            // No further waiter can come.
             let is_last = shown.joining.is_empty();
             // SAFETY: a node in the list is live and guarded by the lock that is held; its join uses it no more once it is not listed.
             let ready = unsafe {
@@ -544,7 +544,7 @@ impl Record {
             drop(shown);
             drop(waker.take());
             if let Some(ready) = ready {
-                // The others are told all the same.
+                // The other waiters are notified all the same.
                 ready.wake_contained();
             }
             if is_last {
@@ -557,7 +557,7 @@ impl Record {
         self.tell(in_a_hurry, living);
     }
 
-    /// Tells who counts and lists the processes that this one has ended.
+    /// Reports the end of this process to the registry that counts and lists it.
     fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &ProcessRegistry) {
         if !in_a_hurry && living.keep(self, self.is(How::LISTED)) {
             return;

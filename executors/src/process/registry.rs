@@ -40,14 +40,16 @@ pub struct ProcessRegistry {
 /// How many ends an executor's thread keeps to itself at most.
 const MOST_KEPT: usize = 32;
 
-/// The ends that nobody is in a hurry to learn of, and that this thread has not told yet: see [`ProcessRegistry::keep_ends`].
+/// The ends of unhurried processes that this thread has not reported yet: see
+/// [`ProcessRegistry::keep_ends`].
 ///
 /// # Invariants
 ///
 /// While `of` is not null it is live. `newest` leads to `oldest` as a chain of records, each owned by its place there.
 struct Kept {
     of: Cell<*const ProcessRegistry>,
-    /// How many processes have ended that still count as living. Who is made next on this thread counts in the place of one of them.
+    /// Number of processes that have ended and still count as living. The next process made on this
+    /// thread takes the place of one of them in the count.
     counted: Cell<usize>,
     newest: Cell<*mut Record>,
     oldest: Cell<*mut Record>,
@@ -98,11 +100,11 @@ impl Kept {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stillness(Vec<(Home, Stretch)>);
 
-/// Nobody asks for those that have ended any more.
+/// The list is closed: ended processes are no longer collected.
 const CLOSED: *mut Record = ptr::without_provenance_mut(1);
 
 impl ProcessRegistry {
-    /// Nobody lives yet.
+    /// An empty registry.
     #[expect(
         clippy::new_without_default,
         reason = "shared on purpose, not by default"
@@ -125,7 +127,8 @@ impl ProcessRegistry {
         self.count.load(Ordering::Acquire)
     }
 
-    /// How many processes have ended that are in a hurry: that are not [unhurried](crate::ProcessSpec::unhurried). Who reads it sees their ends.
+    /// Number of processes that have ended and are not [unhurried](crate::ProcessSpec::unhurried).
+    /// A thread that reads the number sees their ends.
     pub fn hurried(&self) -> u64 {
         self.hurried.load(Ordering::Acquire)
     }
@@ -141,16 +144,20 @@ impl ProcessRegistry {
         self.wait_as(&self.watchful, seen, deadline);
     }
 
-    /// As [`wait`](Self::wait), but the end of a process that is in no hurry ([`ProcessSpec::unhurried`](crate::ProcessSpec::unhurried)) does not end the
-    /// sleep, unless it is the last that lives: for one who has just looked after such ends, and looks again soon anyway. So many ends in a row cost no system call.
+    /// As [`wait`](Self::wait), but the end of an unhurried process
+    /// ([`ProcessSpec::unhurried`](crate::ProcessSpec::unhurried)) does not end the sleep, unless
+    /// it is the last that lives. For a caller that has just handled such ends and looks again soon
+    /// anyway. So many ends in a row cost no system call.
     ///
-    /// An executor may tell of such ends in one go: when it has nothing to do, or when there are 32 of them; at once if it sees that somebody [waits](Self::wait) for any.
+    /// An executor may report such ends in a batch: when it has nothing to do, or when there are 32
+    /// of them; at once if it sees that a thread [waits](Self::wait) for any end.
     pub fn rest(&self, seen: u32, deadline: Instant) {
         self.wait_as(&self.resting, seen, deadline);
     }
 
     fn wait_as(&self, waiting: &AtomicUsize, seen: u32, deadline: Instant) {
-        // In one order with `change`: either who changes the number sees that somebody waits, or that one sees the change.
+        // In one order with `change`: either the thread that changes the number sees this waiter,
+        // or this waiter sees the change.
         waiting.fetch_add(1, Ordering::SeqCst);
         if self.changes.word().load(Ordering::SeqCst) == seen {
             self.changes.wait(seen, deadline);
@@ -158,13 +165,14 @@ impl ProcessRegistry {
         waiting.fetch_sub(1, Ordering::Relaxed);
     }
 
-    /// Wakes who waits. A system call only if somebody does.
+    /// Wakes the waiting threads. Makes a system call only if there is one.
     pub fn announce(&self) {
         self.change(true);
     }
 
-    /// Makes the next end one that is in a hurry: see [`rest`](Self::rest). Called by a process that is about to end, for its own end; if another one comes
-    /// first, that one is told in its place, and who rests looks again soon.
+    /// Makes the next end a hurried one: see [`rest`](Self::rest). A process that is about to end
+    /// calls this for its own end. If another process ends first, that end is reported in its
+    /// place, and the resting thread looks again soon.
     pub fn announce_next(&self) {
         self.is_urgent.store(true, Ordering::Relaxed);
     }
@@ -195,7 +203,7 @@ impl ProcessRegistry {
         }
     }
 
-    /// Those that were told since the last call, in the order of their ends.
+    /// The ends reported since the last call, in order.
     fn take_told(&self) -> Chain {
         let mut ended = self.ended.load(Ordering::Relaxed);
         loop {
@@ -215,7 +223,8 @@ impl ProcessRegistry {
         }
     }
 
-    /// As [`take_ended`](Self::take_ended), for the last time: nobody is listed any more who ends.
+    /// As [`take_ended`](Self::take_ended), for the last time: processes that end later are not
+    /// listed.
     pub fn close_ended(&self, mut each: impl FnMut(ProcessId)) {
         let ended = self.ended.swap(CLOSED, Ordering::Acquire);
         if !ended.is_null() && ended != CLOSED {
@@ -242,7 +251,7 @@ impl ProcessRegistry {
         while first != CLOSED {
             // SAFETY: the contract: it is owned.
             unsafe { (*oldest).after.store(first, Ordering::Relaxed) };
-            // Release: who takes it sees how it ended.
+            // Release: the thread that takes the record sees how the process ended.
             match self.ended.compare_exchange_weak(
                 first,
                 newest,
@@ -253,13 +262,14 @@ impl ProcessRegistry {
                 Err(now) => first = now,
             }
         }
-        // SAFETY: as above; nobody has taken it.
+        // SAFETY: as above; no other thread has taken it.
         unsafe { (*oldest).after.store(ptr::null_mut(), Ordering::Relaxed) };
         drop(Chain::reversed(newest));
     }
 
-    /// Until the guard is dropped the calling thread, an executor's, tells of the ends of its processes that are in no hurry in one go: in
-    /// [`tell_kept`](Self::tell_kept), which it calls before it sleeps, so that nobody waits for it longer than it works.
+    /// Until the guard is dropped the calling thread, an executor's, batches the ends of its
+    /// unhurried processes. It reports them in [`tell_kept`](Self::tell_kept), which it calls
+    /// before it sleeps, so a waiter waits no longer than the executor works.
     pub(crate) fn keep_ends(self: &Arc<Self>) -> KeepsEnds {
         KEPT.with(|kept| kept.of.set(Arc::as_ptr(self)));
         KeepsEnds {
@@ -290,11 +300,13 @@ impl ProcessRegistry {
         self.change(are_last);
     }
 
-    /// Keeps an end that nobody is in a hurry to learn of, if this thread does; O(1). `listed`: whether it is to be listed.
+    /// Adds the end of an unhurried process to this thread's batch, if the thread keeps one; O(1).
+    /// `listed`: whether it is to be listed.
     #[inline]
     pub(super) fn keep(&self, record: &Arc<Record>, listed: bool) -> bool {
         KEPT.with(|kept| {
-            // What was announced is told at once, and what ended before it, so that the order stays.
+            // An announced end is reported at once, and with it all earlier ones, so that the order
+            // stays.
             if !kept.is_of(self) || self.is_urgent.load(Ordering::Relaxed) {
                 return false;
             }
@@ -356,7 +368,8 @@ impl ProcessRegistry {
         }
     }
 
-    /// Whether the threads have slept on since `stillness`, nobody having woken one of them. Not for the real-time path: O(threads).
+    /// Whether the threads have slept on since `stillness`, that is, no wake has reached any of
+    /// them. Not for the real-time path: O(threads).
     pub fn is_yet(&self, stillness: &Stillness) -> bool {
         let threads = self.threads();
         let now = threads.iter().map(|(home, thread)| {
@@ -376,7 +389,7 @@ impl ProcessRegistry {
 
     /// Counts a thread in until the guard is dropped.
     pub(crate) fn enroll(self: &Arc<Self>, home: Home, thread: Arc<dyn Sleeper>) -> Enrolled {
-        // Who waits for another look may not know of it yet.
+        // The thread that waits for another look may not know of this one yet.
         thread.quiescence().watch();
         self.threads().push((home, thread));
         Enrolled {
@@ -403,7 +416,8 @@ impl ProcessRegistry {
         }
     }
 
-    /// A process that has ended goes: nobody else is told about one that is in no hurry, but who waits for any, or for the last.
+    /// Counts out a process that has ended. The end of an unhurried process is reported only to
+    /// threads that wait for any end or for the last one.
     pub(super) fn leave(&self, in_a_hurry: bool) {
         if in_a_hurry {
             self.hurried.fetch_add(1, Ordering::Release);
