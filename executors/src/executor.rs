@@ -1,8 +1,9 @@
 //! The priority executor: one OS thread that runs many processes.
 //!
-//! Each round it looks, in this order, at one word that says what others ask of it and whether a deadline may be due ([`deadlines`](crate::deadlines)), at its files
-//! (if any was ever waited for, every so many rounds), and at the highest level of its run queue, whose first process it polls. With
-//! nothing to do it sleeps until the next deadline.
+//! Each round it looks, in this order, at one word that holds the requests of other threads and
+//! whether a deadline may be due ([`deadlines`](crate::deadlines)), at its files (if any was ever
+//! waited for, every so many rounds), and at the highest level of its run queue, the first process
+//! of which it polls. With nothing to do it sleeps until the next deadline.
 
 use crate::calls;
 use crate::counted::Counted;
@@ -90,7 +91,7 @@ pub(crate) struct Shared {
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     spin: AtomicU64,
     counted: Counted,
-    /// Whose thread it shares with others, if it has none of its own.
+    /// The stage that runs it, if it has no thread of its own.
     stage: Option<Arc<Stage>>,
     /// Its name, if it is on a stage: its thread has another.
     name: Option<Box<str>>,
@@ -280,8 +281,9 @@ impl Executor {
     ///
     /// # Errors
     ///
-    /// What the system refused, if the attributes are strict or cannot be had in any way: [`SpawnError`] says why and what to do. A deadline
-    /// policy, whose budget would stop all processes at once, is refused here.
+    /// What the system refused, if the attributes are strict or cannot be had in any way:
+    /// [`SpawnError`] says why and what to do. A deadline policy, which would stop all processes at
+    /// once when its budget is used up, is refused here.
     pub fn start(attributes: Attributes) -> Result<Executor, SpawnError<Infallible>> {
         Self::start_counted(attributes, Arc::new(ProcessRegistry::new()))
     }
@@ -352,8 +354,9 @@ impl Executor {
         }
     }
 
-    /// How long the thread has run from the release of its processes until it was asked to stop, once it has stopped; nothing where the system does not tell, and on a
-    /// simulation's thread.
+    /// How long the thread has run from the release of its processes until it was asked to stop,
+    /// once it has stopped; `None` where the system does not report it, and on a simulation's
+    /// thread.
     pub fn processor_time(&self) -> Option<Duration> {
         self.handle.shared.counted.get()
     }
@@ -405,7 +408,7 @@ impl Executor {
         self.join();
     }
 
-    /// Leaves the thread to itself: for one whose process hangs.
+    /// Detaches the thread: for one with a process that hangs.
     pub fn abandon(mut self) {
         self.runs = Runs::Nowhere;
     }
@@ -540,7 +543,8 @@ impl Announced {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output: ExitValue> + 'static,
     {
-        // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
+        // A caller that saw that nothing is built here relies on it, also if the executor has been
+        // released meanwhile.
         let here = self.decided.unwrap_or(true) && self.can_be_built_here();
         if here {
             // Off the path, and no part of the turn in the middle of which it is done.
@@ -666,7 +670,8 @@ fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         if shared.phase() != Phase::HELD {
             break;
         }
-        // Who is woken before the start is queued; a signal that is left would keep the thread from its sleep.
+        // A process that is woken before the start is queued; a signal that is left would keep the
+        // thread from its sleep.
         while let Some(level) = shared.inbound.signals().highest_level() {
             task::take_in(shared, level);
         }
@@ -708,7 +713,7 @@ fn round(shared: &Arc<Shared>, deadlines: &Deadlines, take_in: bool) -> bool {
         return false;
     }
     watch::glance(shared.inbound.bell());
-    // SAFETY: who comes is given a turn at once, or retired.
+    // SAFETY: each dequeued process is given a turn at once, or retired.
     match unsafe { current::next_ready() } {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(owner) => unsafe { task::run(owner) },
@@ -759,8 +764,9 @@ fn rest(shared: &Shared, deadlines: &Deadlines) {
     interference::rest();
 }
 
-/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a deadline or files only others can end it, which who
-/// looks after the system is to know.
+/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a
+/// deadline or files only other threads can end the sleep; the observer of quiescence is notified
+/// of that.
 fn sleep(shared: &Shared, deadline: Instant) {
     let spin = shared.spin.load(Ordering::Relaxed);
     if spin > 0 {

@@ -1,15 +1,18 @@
-//! Who held this executor, and when: so that a process that comes late can say who ran instead.
+//! Which process held this executor, and when: so that a late process can report which one ran
+//! instead.
 //!
-//! It costs next to nothing. Each poll ends with one store of the process' number. When a deadline has come the executor looks at the clock before each poll for a
-//! while ([`deadlines`](crate::deadlines)): what has passed since its last look was the poll in between. Of the poll in which a busy executor's alarm went off
-//! the part from then on is known. Of what no look came before, nothing is said.
+//! It costs next to nothing. Each poll ends with one store of the process' number. When a deadline
+//! has come the executor looks at the clock before each poll for a while
+//! ([`deadlines`](crate::deadlines)): what has passed since its last look was the poll in between.
+//! Of the poll in which a busy executor's alarm went off the part from then on is known. Polls
+//! before that are not reported.
 
 use luna_core::current::{self, ProcessId};
 use luna_platform::clock::Instant;
 use std::cell::Cell;
 use std::time::Duration;
 
-/// Shorter polls than this many nanoseconds make nobody late, and are not remembered.
+/// Polls shorter than this many nanoseconds make no process late, and are not remembered.
 const NOTABLE: u64 = 10_000;
 
 /// How many polls are remembered: the last ones.
@@ -80,7 +83,7 @@ pub(crate) fn look(now: Instant) {
         if now.as_nanos().saturating_sub(before) >= NOTABLE {
             memory.note(before, now);
         }
-        // From here on nobody has been polled yet.
+        // From here on no process has been polled yet.
         memory.polled.set(0);
     });
 }
@@ -104,12 +107,13 @@ pub(crate) fn is_looking() -> bool {
     MEMORY.with(|memory| memory.looked.get() != 0)
 }
 
-/// Who was polled last on this thread, since it looked at the clock.
+/// The process that was polled last on this thread, since it looked at the clock.
 pub(crate) fn last_polled() -> Option<ProcessId> {
     MEMORY.with(|memory| ProcessId::from_number(memory.polled.get()))
 }
 
-/// Says that the thread does something else than polling: what has passed since the last look is nobody's.
+/// Notes that the thread does something else than polling: the time since the last look belongs to
+/// no process.
 pub(crate) fn rest() {
     MEMORY.with(|memory| {
         memory.polled.set(0);
@@ -198,11 +202,11 @@ pub fn interference(
 /// To be called before anything else of the poll has taken
 /// time. Real-time path: yes; O(1), no system call. Does nothing where a process is alone on its thread.
 ///
-/// The executor looks too between the polls that follow, so that the end of this one is known: loops that wake together, and are the only ones
-/// who wait for the clock, tell each other apart by this.
+/// The executor looks too between the polls that follow, so that the end of this one is known:
+/// loops that wake together, and are the only ones that wait for the clock, are separated by this.
 #[inline]
 pub fn look_at_clock(now: Instant) {
-    // A process alone on its thread is in nobody's way but its own.
+    // A process alone on its thread delays only itself.
     if !current::may_block() {
         look(now);
         current::ask_look();

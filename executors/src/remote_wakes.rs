@@ -1,13 +1,18 @@
-//! Who was woken from elsewhere: a seat for each process of an executor, with one bit for each level at which it can be woken.
+//! Wakes from other threads: a wake slot for each process of an executor, with one bit for each
+//! level at which it can be woken.
 //!
-//! A wake sets bits, each by one instruction that says the same however often it is carried out: the seat's, then that of the word it lies in, then
-//! the level's among the executor's signals. The first remote_wakes have a word each that lies beside the signals, so that a wake from another core fetches
-//! one line of memory instead of three. So a wake takes a fixed number of steps, and none depends on another's: a waker that is preempted
-//! half-way leaves nothing half done that a second one, of the same process or of another, would have to wait for. (A queue of links cannot
-//! give that: to be in it once, a process is first marked and then queued, and who finds it marked relies on who marked it.)
+//! A wake sets bits, each by one idempotent instruction: the slot's bit, then that of the word it
+//! lies in, then the level's among the executor's signals. The first slots have a word each that
+//! lies beside the signals, so that a wake from another core fetches one line of memory instead of
+//! three. So a wake takes a fixed number of steps, and none depends on another's: a waker that is
+//! preempted half-way leaves nothing half done that a second one, of the same process or of
+//! another, would have to wait for. (A linked queue cannot give that: to be in it once, a process
+//! is first marked and then queued, and a second waker that finds it marked relies on the first one
+//! to queue it.)
 //!
-//! The price is the order of arrival: of those that were woken from elsewhere since the owner looked last, at one level, the one with the lower seat
-//! comes first. All of them come before any that is woken later, so nobody starves.
+//! The price is the order of arrival: of the processes that were woken by other threads since the
+//! owner looked last, at one level, the one with the lower slot comes first. All of them come
+//! before any that is woken later, so no process starves.
 
 use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
@@ -49,7 +54,8 @@ impl Block {
     }
 }
 
-/// Where a process is woken from elsewhere. It may be used after the process has ended: then whoever has the seat next may be woken for nothing.
+/// The slot in which a process is woken from other threads. It may be used after the process has
+/// ended: then the process that has the slot next may be woken for nothing.
 #[derive(Debug)]
 pub(crate) struct Seat {
     number: usize,
@@ -58,7 +64,8 @@ pub(crate) struct Seat {
 }
 
 impl Seat {
-    /// Marks the process as woken at `level`. Wait-free: one instruction or two. The caller, who has `near` of the same owner, then signals the level.
+    /// Marks the process as woken at `level`. Wait-free: one instruction or two. The caller, which
+    /// has `near` of the same owner, then signals the level.
     #[inline]
     pub(crate) fn mark(&self, near: &Near, level: u8) {
         self.mark_partly(near, level, 2);
@@ -77,7 +84,8 @@ impl Seat {
         let number = self.number - NEAR;
         let (word, bit) = (number % SEATS / BITS, number % BITS);
         let level = usize::from(level);
-        // Release: who takes the bit sees all that happened before the wake. In this order, so that who finds a bit in the summary finds the word's.
+        // Release: the thread that takes the bit sees all that happened before the wake. In this
+        // order, so that a reader that finds a bit in the summary finds the word's.
         if steps > 0 {
             block.words[level][word].fetch_or(1 << bit, Ordering::AcqRel);
         }
@@ -91,7 +99,7 @@ impl Seat {
     }
 }
 
-/// The remote_wakes of one executor and who has them; the owner's alone.
+/// The wake slots of one executor and the processes that have them; the owner's alone.
 #[derive(Debug)]
 pub(crate) struct RemoteWakes<T> {
     blocks: Vec<Arc<Block>>,
@@ -108,7 +116,7 @@ impl<T: Copy> RemoteWakes<T> {
         }
     }
 
-    /// A seat for another one, who takes it by [`fill`](Self::fill). Allocates.
+    /// Reserves a slot for one more process; [`fill`](Self::fill) enters the process. Allocates.
     pub(crate) fn reserve(&mut self) -> Seat {
         let free = self.free.pop();
         let number = free.map_or(self.members.len(), |number| number as usize);
@@ -130,12 +138,13 @@ impl<T: Copy> RemoteWakes<T> {
         self.members[number] = Some(member);
     }
 
-    /// All who have a seat, in the order of their remote_wakes.
+    /// All processes that have a slot, in the order of the slots.
     pub(crate) fn members(&self) -> impl Iterator<Item = T> {
         self.members.iter().copied().flatten()
     }
 
-    /// The first who has the seat `number` or a later one; `number` is then the one behind.
+    /// The first process that has the slot `number` or a later one; `number` is then the one
+    /// behind.
     pub(crate) fn next(&self, number: &mut usize) -> Option<T> {
         let later = self.members.get(*number..)?;
         let (skipped, member) = later
@@ -146,22 +155,24 @@ impl<T: Copy> RemoteWakes<T> {
         Some(member)
     }
 
-    /// Gives the seat of this number to the next who comes. O(1).
+    /// Frees the slot of this number for the next process. O(1).
     pub(crate) fn leave(&mut self, number: usize) {
         self.members[number] = None;
         // Processes are numbered by 32 bits, so there are never more at once.
         self.free.push(number as u32);
     }
 
-    /// Gives all who were marked at `level`, in the order of their remote_wakes. `near` is this owner's. O(their number + remote_wakes / 4096).
+    /// Passes all processes that were marked at `level` to `woken`, in the order of their slots.
+    /// `near` is this owner's. O(their number + slots / 4096).
     pub(crate) fn take(&self, near: &Near, level: u8, mut woken: impl FnMut(T)) {
         for (word, member) in near.0.iter().zip(&self.members) {
-            // Asked first: who marks signals after it, so what is missed here is signalled again.
+            // Read first: a waker signals after it marks, so what is missed here is signalled
+            // again.
             if word.load(Ordering::Relaxed) & (1 << level) == 0 {
                 continue;
             }
             word.fetch_and(!(1 << level), Ordering::AcqRel);
-            // Else a late wake of one who has left.
+            // Otherwise a late wake of a process that has left.
             if let Some(member) = *member {
                 woken(member);
             }

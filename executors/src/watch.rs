@@ -1,8 +1,10 @@
-//! The files that the processes of one thread wait for: a reactor, and who waits for what.
+//! The files that the processes of one thread wait for: a reactor, and the waits of each file.
 //!
-//! A file is known to the reactor by the number of its descriptor, once for each thread, however many wait for it. Who waits is found from
-//! that number: the waits lie in 256 lists by it. Descriptors are small and dense, so a list is short, and nothing has to grow.
-//! After a report the reactor forgets what a file was watched for, but not the file: the next wait for it needs one system call.
+//! A file is known to the reactor by the number of its descriptor, once for each thread, however
+//! many wait for it. The waits are found from that number: they lie in 256 lists by it. Descriptors
+//! are small and dense, so a list is short, and nothing has to grow. After a report the reactor
+//! forgets what a file was watched for, but not the file: the next wait for it needs one system
+//! call.
 
 use crate::file_error::FileError;
 use crate::file_waits::{Node, Waits, both};
@@ -108,9 +110,10 @@ pub(crate) struct ThreadFiles {
     /// The thread, as `this_thread` says it.
     thread: usize,
     reactor: Reactor,
-    /// Held also while the reactor is told, so that it is never told less than what the lists want.
+    /// Held also while the reactor is updated, so that it never watches for less than what the
+    /// lists want.
     waits: PiLock<Waits>,
-    /// How many wait. Read by the owner, to whom a wait of its own is never hidden.
+    /// Number of waits. Read by the owner, to which a wait of its own is never hidden.
     count: AtomicUsize,
     /// Since the last look; the owner's alone.
     rounds: AtomicU32,
@@ -169,7 +172,7 @@ impl ThreadFiles {
         Ok(())
     }
 
-    /// Whether `node` still waits; if so, from now on for who polls with `cx`.
+    /// Whether `node` still waits; if so, from now on for the task that polls with `cx`.
     ///
     /// # Safety
     ///
@@ -202,7 +205,8 @@ impl ThreadFiles {
             waits.remove(node);
         }
         let is_last = self.count.fetch_sub(1, Ordering::Release) == 1;
-        // While others wait for the same file it stays watched for at least what they want; what they do not want ends nobody's wait.
+        // While others wait for the same file it stays watched for at least what they want; what
+        // they do not want ends no wait.
         if waits.interest(file.as_raw_fd()).is_none() {
             // It fails if the file was closed behind our back; then the kernel has forgotten it.
             let _ = self.reactor.deregister(file);
@@ -217,28 +221,29 @@ impl ThreadFiles {
         }
     }
 
-    /// Readies all who wait for what the file is ready for, the most urgent first.
+    /// Readies all waits for what the file is ready for, the most urgent first.
     fn report(&self, fd: RawFd, readiness: Readiness) {
         self.ready(fd, |node| node.wants(readiness));
         let waits = self.waits.lock();
         let Some(interest) = waits.interest(fd) else {
             return;
         };
-        // The report disarmed the file for the others too.
-        // SAFETY: a wait that is listed borrows the file. If it was leaked and the file closed, the kernel refuses or watches another
-        // file by that number: a hint that nobody takes for more.
+        // The report disarmed the file for the others too. SAFETY: a wait that is listed borrows
+        // the file. If it was leaked and the file closed, the kernel refuses or watches another
+        // file by that number: readiness is only a hint, and no code takes it for more.
         let file = unsafe { BorrowedFd::borrow_raw(fd) };
         let outcome = self.reactor.rearm(file, fd as u64, interest);
         drop(waits);
         if outcome.is_err() {
-            // They try again, and are told why not.
+            // They try again, and get the error.
             self.ready(fd, |_| true);
         }
     }
 
     /// Readies those of `fd` that are `meant`.
     fn ready(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) {
-        // One by one, so that nobody is woken under the lock. The waits may be gone when they are woken: their wakes are not.
+        // One by one, so that no wake occurs under the lock. The waits may be gone when they are
+        // woken: their wakes are not.
         loop {
             let ready = self.waits.lock().take(fd, &meant);
             let Some(ready) = ready else {

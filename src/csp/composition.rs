@@ -76,13 +76,13 @@ pub struct ProcessPart {
     pub children: Vec<ProcessPart>,
 }
 
-/// Who uses an end of a channel.
+/// A user of an end of a channel.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum EndUser {
     /// The process of this name.
     Process(String),
-    /// Somebody outside of the system: a plain thread, or a process of another system.
+    /// Outside of the system: a plain thread, or a process of another system.
     Outside,
 }
 
@@ -102,11 +102,11 @@ pub struct ChannelPart {
     pub external: bool,
     /// Whether it was poisoned, or all its senders or receivers are gone.
     pub ended: bool,
-    /// Who sent last, or offered to; `None` if nobody has.
+    /// The last user that sent, or offered to; `None` if there is none.
     pub sender: Option<EndUser>,
-    /// Who received last, or offered to; `None` if nobody has.
+    /// The last user that received, or offered to; `None` if there is none.
     pub receiver: Option<EndUser>,
-    /// Who waits.
+    /// The waiting parts.
     pub waiting: Vec<WaitingPart>,
 }
 
@@ -120,19 +120,19 @@ pub enum ChannelKind {
     Buffered(usize),
     /// Not a channel, but where processes wait for each other.
     Barrier,
-    /// Not a channel, but a lock. Its receiver is who holds it.
+    /// Not a channel, but a lock. Its receiver is the holder.
     Mutex,
-    /// Not a channel, but a condition variable. Its receiver is who last notified.
+    /// Not a channel, but a condition variable. Its receiver is the last notifier.
     Condition,
-    /// Not a channel, but permits. Its receiver is who last took some.
+    /// Not a channel, but permits. Its receiver is the last user that took some.
     Semaphore,
 }
 
-/// One who waits at a channel, barrier or lock.
+/// A user that waits at a channel, barrier or lock.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub struct WaitingPart {
-    /// Who.
+    /// The waiting user.
     pub user: EndUser,
     /// Whether it waits to send; at a channel, it else waits to receive.
     pub sends: bool,

@@ -1,4 +1,4 @@
-//! Recording: what each process tells, and the thread that writes it.
+//! Recording: the events of each process, and the thread that writes them.
 
 use super::error::RecordError;
 use super::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// The room of a process' ring, if not stated.
 pub(crate) const ROOM: usize = 64 << 10;
-/// How many branches of a process are told apart, the process itself among them.
+/// Highest number of distinct branches of a process, the process itself among them.
 const MOST_STRANDS: usize = 64;
 /// How often the thread looks at the rings.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -38,7 +38,8 @@ pub struct RecordReport {
     /// How many events of the recording were lost, since a process made more than its room holds until the thread that writes came. From the first
     /// lost one on the recording says nothing of that process.
     pub lost: u64,
-    /// How many processes did what is not recorded: a replay may differ there and nobody would know, so none begins. The run's error names the first.
+    /// Number of processes that did what is not recorded. A replay may differ there unnoticed, so
+    /// none begins. The run's error names the first.
     pub outside: u64,
     /// How many bytes the file has.
     pub bytes: u64,
@@ -63,14 +64,14 @@ struct Writing {
 #[derive(Default)]
 struct Known {
     rings: Vec<Listed>,
-    /// How many processes of each name there were, by who spawned them.
+    /// Number of processes of each name, by the process that spawned them.
     names: HashMap<(u32, Name), u32>,
 }
 
 /// A process, with its ring.
 #[derive(Clone)]
 struct Listed {
-    /// Who spawned it: its number from 1, or 0.
+    /// The process that spawned it: its number from 1, or 0.
     parent: u32,
     name: Name,
     /// Which it is of its name and parent.
@@ -117,7 +118,8 @@ impl Recorder {
         writer.flush().map_err(failed)?;
         let shared = Arc::downgrade(&recorder);
         let (wakes, woken) = mpsc::channel();
-        // Not `std`'s: who records may have a real-time policy and one core, and this thread is to have neither.
+        // Not `std`'s: the recording thread may have a real-time policy and one core, and this
+        // thread is to have neither.
         let thread = spawn(
             Attributes::framework("luna-record", Policy::Other),
             |_| Ok::<_, Infallible>(()),
@@ -164,10 +166,10 @@ impl Recorder {
         let mut bytes = Vec::with_capacity(MOST_AT_ONCE);
         // One that is gone has never begun.
         while let Some(recorder) = shared.upgrade() {
-            // Before the look: what is put in after it has been set is nobody's whose end is waited for.
+            // Before the look: no end is waited for that is entered after the flag has been set.
             let stops = recorder.stops.load(Ordering::Acquire);
             let count = lock(&recorder.known).rings.len();
-            // Here, and the new ones alone: who spawns waits for the lock.
+            // Here, and the new ones alone: a spawning thread waits for the lock.
             rings.reserve(count - rings.len());
             rings.extend_from_slice(&lock(&recorder.known).rings[rings.len()..count]);
             for (number, listed) in rings.iter().enumerate().skip(announced) {
@@ -217,7 +219,7 @@ impl Recorder {
         Ok(0)
     }
 
-    /// The first who did what is not recorded.
+    /// The first process that did what is not recorded.
     pub(crate) fn outside(&self) -> Option<RecordError> {
         let known = lock(&self.known);
         known.rings.iter().find_map(|listed| {

@@ -69,8 +69,9 @@ impl System {
         }
     }
 
-    /// Refuses to start, with an error, if anything that was asked for cannot be had: policies, cores, locked memory. And a deadlock, which
-    /// otherwise is only told, is an emergency that ends the system with [`Error::Deadlock`](crate::Error::Deadlock).
+    /// Refuses to start, with an error, if anything that was asked for cannot be had: policies,
+    /// cores, locked memory. And a deadlock, which otherwise is only reported, is an emergency that
+    /// ends the system with [`Error::Deadlock`](crate::Error::Deadlock).
     pub fn strict(&mut self) -> &mut Self {
         self.plan.settings().strict = true;
         self
@@ -95,7 +96,8 @@ impl System {
         self
     }
 
-    /// Says who wakes the loops at their slots: their executors, which is the default, or the timer manager. The loops' code is the same.
+    /// Sets what wakes the loops at their slots: their executors, which is the default, or the
+    /// timer manager. The loops' code is the same.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -144,7 +146,8 @@ impl System {
         Ok(TimerManager::new(manager))
     }
 
-    /// Pins the timer manager's thread to `core`; to none if not stated. One whose loops are all on one core is best on the same: then one core is woken for a tick, and not two
+    /// Pins the timer manager's thread to `core`; to none if not stated. If all loops of the
+    /// manager are on one core, that core is best: then one core is woken for a tick, and not two
     /// (`docs/time-sources.md`). Where it cannot be had that is a [`Shortfall`](crate::Shortfall).
     ///
     /// ```
@@ -172,7 +175,7 @@ impl System {
     /// report gives [numbers](crate::EarlierProcesses), there is no [handle](Self::process_handle) to be had any more, and their names may be
     /// given again. 1024 if not stated; processes that were spawned before the run, or have a thread of their own, are always remembered.
     ///
-    /// So a system whose processes come and go for ever does not grow.
+    /// So a system that starts and ends processes for ever does not grow.
     pub fn remember_ended(&mut self, processes: usize) -> &mut Self {
         self.plan.settings().remembered = Some(processes);
         self
@@ -205,9 +208,11 @@ impl System {
         self
     }
 
-    /// Runs the system on a clock that moves only as a simulator says, in lock-step with it; the rest is as with a [virtual clock](Self::virtual_clock). The
-    /// simulator keeps the driver. If that is dropped, the processes that still live are cancelled, and the system ends as [`End::Undriven`](crate::End::Undriven). A
-    /// second call makes a new clock; the driver of the first is told that its system has ended.
+    /// Runs the system on a clock that moves only as a simulator commands, in lock-step with it;
+    /// the rest is as with a [virtual clock](Self::virtual_clock). The simulator keeps the driver.
+    /// If that is dropped, the processes that still live are cancelled, and the system ends as
+    /// [`End::Undriven`](crate::End::Undriven). A second call makes a new clock; the driver of the
+    /// first is notified that its system has ended.
     ///
     /// ```
     /// use luna::{End, prelude::*};
@@ -245,17 +250,20 @@ impl System {
         let former = std::mem::replace(&mut self.plan.settings().clock, ClockPlan::Driven(clock));
         drop(former);
         if self.plan.has_begun() {
-            // Nobody will ever take it: its driver is to know.
+            // The clock will never be used: its driver is notified.
             self.plan.settings().clock = ClockPlan::Real;
         }
         driver
     }
 
-    /// Records what nobody can foresee of the run, into a file: see [`record`](crate::record). Made when the system starts.
+    /// Records the run's nondeterministic inputs into a file: see [`record`](crate::record). The
+    /// file is made when the system starts.
     ///
-    /// Each process has room for 64 KiB of events that are yet to be written ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
-    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): nobody waits for the file. Recorded processes take the general
-    /// way for each communication, some tens of nanoseconds longer than the short one of one executor. The run's error is
+    /// Each process has room for 64 KiB of events that are yet to be written
+    /// ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
+    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): no process waits
+    /// for the file. Recorded processes take the slow path for each communication, some tens of
+    /// nanoseconds longer than the fast path of one executor. The run's error is
     /// [`Error::Record`](crate::Error::Record) if the file cannot be written.
     pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
         self.record_room(path, ROOM)
@@ -267,7 +275,8 @@ impl System {
         self
     }
 
-    /// Lets the recording keep a text: what the program has to be told to describe the same system again. [`Recording::note`] gives it.
+    /// Stores a text in the recording: what the program needs to describe the same system again.
+    /// [`Recording::note`] gives it.
     pub fn record_note(&mut self, note: impl Into<String>) -> &mut Self {
         self.plan.settings().tapes.note = note.into();
         self
@@ -320,18 +329,23 @@ impl System {
 
     /// Lets `body` stand in for the process called `process`, with that one's channel ends.
     ///
-    /// For a part of the machine that is not there, or not to be used: a sensor that replays a recording, an algorithm that is still to be written. The process must be
-    /// declared by [`replaceable`](ProcessBuilder::replaceable), and that after this call: so the set-up says first who is replaced, and then builds the same
-    /// network as ever. The stand-in runs where the process would, with its name and priority. The [report](Report::stand_ins) names it.
+    /// For a part of the machine that is not there, or not to be used: a sensor that replays a
+    /// recording, an algorithm that is still to be written. The process must be declared by
+    /// [`replaceable`](ProcessBuilder::replaceable), and that after this call: so the set-up first
+    /// names the replaced processes, and then builds the same network as ever. The stand-in runs
+    /// where the process would, with its name and priority. The [report](Report::stand_ins) names
+    /// it.
     ///
     /// `body` takes the same ends and gives anything that can be spawned. That the channels fit means that the ends are of one type, which is compared when
     /// the process is declared.
     ///
     /// # Errors
     ///
-    /// [`SetupError::StandInTooLate`](crate::SetupError::StandInTooLate) if the process is there already, and
-    /// [`DuplicateName`](crate::SetupError::DuplicateName) if it has a stand-in. Those that come later: `replaceable` fails if the ends are of other
-    /// types, `spawn` if the process is declared without its ends, and [`run`](Self::run) if nobody has declared a process of that name.
+    /// [`SetupError::StandInTooLate`](crate::SetupError::StandInTooLate) if the process is there
+    /// already, and [`DuplicateName`](crate::SetupError::DuplicateName) if it has a stand-in. Those
+    /// that come later: `replaceable` fails if the ends are of other types, `spawn` if the process
+    /// is declared without its ends, and [`run`](Self::run) if no process of that name was
+    /// declared.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -452,7 +466,8 @@ impl System {
         self
     }
 
-    /// Opens devices: each once, by name, shared by those who use it, and closed when the last of them has finished. See [`devices`](crate::devices).
+    /// Opens devices: each once, by name, shared by its users, and closed when the last of them has
+    /// finished. See [`devices`](crate::devices).
     ///
     /// ```
     /// use luna::devices::{Node, Sharing};
@@ -541,7 +556,8 @@ impl System {
     }
 }
 
-/// A system that was never run is over: what was described is dropped, also if a body or a function holds an [`Executor`] of it. Whoever else has one can spawn nothing more.
+/// A system that was never run is over: what was described is dropped, also if a body or a function
+/// holds an [`Executor`] of it. Any remaining handle of it can spawn nothing more.
 ///
 /// If processes were spawned, a line on standard error says that none of them has run. There is none while the thread panics, and none after a call of the set-up, or `run`, has returned
 /// an error: the program ends because of that.

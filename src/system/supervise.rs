@@ -37,7 +37,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     if current::home().is_some() {
         return Err(SetupError::Nested.into());
     }
-    // Also in a blocking call of a process whose time is virtual: this system has a clock of its own.
+    // Also in a blocking call of a process on virtual time: this system has a clock of its own.
     let _clock = Clock::REAL.enter();
     // Signals are for the emergency manager, which has a higher priority; and a stack for handlers, should this thread use up its own.
     let _handlers = HandlerStack::here();
@@ -96,7 +96,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         recording,
         ..
     } = launched;
-    // Who has failed before time stood still; what they return while they are being ended says nothing.
+    // The processes that failed before time stood still. Errors that processes return while they
+    // are being ended do not count.
     let failed_before = standstill.and_then(|_| {
         let reaper = Reaper {
             plan,
@@ -106,7 +107,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         reaper.reap();
         plan.members().started.first_error().cloned()
     });
-    // Nobody's function is called any more; loops that have not ended yet take their own deadlines.
+    // No callback is called any more; loops that have not ended yet take their own deadlines.
     let (timers, callback_panic) = timers.map(ManagerThread::stop).unzip();
     let end = Reaper {
         plan,
@@ -115,7 +116,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     };
     let threads = system_threads.end(|deadline, done| wait_until(&end, deadline, done));
     end.reap();
-    // Who was left behind may have ended since.
+    // A detached thread may have ended since.
     plan.members().started.note_last_ends(living, emergency);
     end.reap();
     drop(parent);
@@ -126,7 +127,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     });
     #[cfg(unix)]
     plan.devices().let_go();
-    // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
+    // Only now: a process that was cancelled where time stood still may have raised one, or
+    // panicked, on the way out.
     let was_emergency = emergency.is_safe();
     stolen.sample(|window| {
         // Where time is virtual each recording is to be the same.
@@ -139,11 +141,11 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         guardian.end(safety.failed().next().is_none());
     }
     for function in safety.failed() {
-        // Only now: standard error may be a pipe that nobody reads.
+        // Only now: standard error may be a pipe without a reader.
         notice!("luna: emergency function {function}; the others ran");
     }
     plan.parameters().end();
-    // Nobody of the system records any more, but who was left behind.
+    // Only detached threads of the system can still record.
     #[cfg_attr(
         not(feature = "logger"),
         expect(unused_variables, reason = "without the logger there is none")
@@ -329,7 +331,7 @@ fn watch(
     let mut look_again = Instant::NEVER;
     let mut seen_before = None;
     let mut rest = SHORTEST_REST;
-    // Where time jumps, nobody could say when it would look.
+    // On a virtual clock there is no defined time for a look.
     let every = launched
         .look_at_parameters
         .filter(|_| !launched.clock.is_virtual());
@@ -367,7 +369,7 @@ fn watch(
         for line in lines {
             notice!("{line}");
         }
-        // What a hypervisor takes makes nobody late where time stands meanwhile.
+        // Time that a hypervisor takes makes no loop late where time stands meanwhile.
         let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
             stolen.sample_if_due(|window| tell_stolen(running, window))
         } else {
@@ -432,7 +434,8 @@ struct Reaper<'a> {
 }
 
 impl Reaper<'_> {
-    /// Whether anybody has ended since the last time, or there is another reason to come again soon. O(their number).
+    /// Whether a process has ended since the last time, or there is another reason to come again
+    /// soon. O(their number).
     fn reap(&self) -> bool {
         let mut have_ended = false;
         let Common {
@@ -490,7 +493,8 @@ impl Reaper<'_> {
     }
 }
 
-/// Waits for a thread's end, and reaps who ends meanwhile. There is no event for it, and nobody is in a hurry: so it looks now and then.
+/// Waits for a thread's end, and reaps the processes that end meanwhile. There is no event for it,
+/// and it is not urgent: so it polls at intervals.
 fn wait_until(reaper: &Reaper<'_>, deadline: Instant, done: &dyn Fn() -> bool) -> bool {
     let mut pause = Duration::from_micros(20);
     while !done() {
@@ -528,8 +532,9 @@ fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> O
     }
 }
 
-/// The error that a run returns whose time did not stand still: a panic's before all others, since it is the cause; none if a signal ended the system, since what
-/// processes return while they are being ended says nothing.
+/// The error that a run returns if its time did not stand still: a panic's before all others, since
+/// it is the cause; none if a signal ended the system, since what processes return while they are
+/// being ended does not count.
 fn error_of_run(started: &Register, cause: Option<Error>, report: &Report) -> Option<Error> {
     match report.end {
         // What they return while they are being ended says nothing.

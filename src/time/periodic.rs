@@ -30,7 +30,8 @@ pub enum Overrun {
     /// stays on its grid. A cycle that is late by less than a period is thus never lost, and two slots are never served for one.
     #[default]
     SkipToGrid,
-    /// The late cycle runs at once and begins a new grid. For loops whose distance matters more than their phase.
+    /// The late cycle runs at once and begins a new grid. For loops that need an even distance more
+    /// than a fixed phase.
     Rephase,
 }
 
@@ -98,8 +99,8 @@ enum Prepared {
     AtFirstCycle,
 }
 
-/// Begins a loop called `name` whose slots are `period` apart: the first one a period from now, or with [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of
-/// this period have.
+/// Begins a loop called `name` with slots `period` apart: the first one a period from now, or with
+/// [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of this period have.
 ///
 /// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle never shifts the following ones. Slots
 /// that come while the loop is busy are treated by its [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates
@@ -156,7 +157,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
     });
     let parameters = match prepared {
         None => scope.parameters(),
-        // The process is not here yet; who is, if anybody, is another.
+        // The process is not here yet; a current process, if any, is another.
         Some(_) => None,
     };
     let slot_of_timer = scope
@@ -266,13 +267,16 @@ impl Periodic {
         Ok(self)
     }
 
-    /// Wakes `guard` before each slot, and waits for the slot itself on the clock: for those who pay processor time for latency.
+    /// Wakes `guard` before each slot, and waits for the slot itself on the clock: pays processor
+    /// time for latency.
     ///
-    /// What the guard covers of the thread's wake-up no longer makes the cycle late. It costs up to `guard` of the processor in each period. While the
-    /// loop spins, processes of its executor that are ready at its level or above run first, as ever, whoever readied them, and each turn of the
-    /// spin looks for them. Processes of lower levels are not started, since the loop would be late by their whole poll: they wait for the slot,
-    /// `guard` at most. Threads of lower priority on the same core wait as long. Each turn counts as a poll of the process. Zero, the default, is no guard, and on a
-    /// virtual clock there is none. O(1).
+    /// What the guard covers of the thread's wake-up no longer makes the cycle late. It costs up to
+    /// `guard` of the processor in each period. While the loop spins, processes of its executor
+    /// that are ready at its level or above run first, as ever, whatever readied them, and each
+    /// turn of the spin looks for them. Processes of lower levels are not started, since the loop
+    /// would be late by their whole poll: they wait for the slot, `guard` at most. Threads of lower
+    /// priority on the same core wait as long. Each turn counts as a poll of the process. Zero, the
+    /// default, is no guard, and on a virtual clock there is none. O(1).
     ///
     /// On the reference machine a wake-up takes 26 µs; a good guard is twice the 99th percentile that [`LoopReport`](crate::LoopReport) shows without one.
     ///
@@ -406,7 +410,7 @@ impl Periodic {
         {
             run = Some(asked.nanos_since(began));
             self.statistics().run_time.record(asked.nanos_since(began));
-            // That of the process whose cycle it is: a loop may be handed on.
+            // The ledger of the process that runs this cycle: a loop may be handed on.
             if let Some(ledger) = Ledger::current()
                 && ledger.cycle_ends(self.name(), began, asked)
             {
@@ -437,7 +441,7 @@ impl Periodic {
             // Behind time: still a scheduling point, else it would keep the executor from timers, wakes and its own cancellation.
             luna_executors::yield_now().await;
         } else {
-            // Time that is virtual stands while anybody spins.
+            // Virtual time stands while a process spins.
             let guard = if Clock::is_virtual_here() {
                 0
             } else {
@@ -463,7 +467,7 @@ impl Periodic {
         cycle
     }
 
-    /// What the recorded loop was told.
+    /// The cycle from the replay log.
     #[cold]
     async fn replayed(&mut self) -> Cycle {
         let Some([number, deadline, lateness, missed]) = record::cycle() else {
@@ -621,8 +625,9 @@ impl Periodic {
     }
 }
 
-// What it shares with its system is behind a lock under which nothing of the user's runs, and what is its own is whole whenever that runs: at an await. A loop whose cycle was left by a
-// panic goes on with the next slot.
+// What it shares with its system is behind a lock under which no user code runs, and its own state
+// is whole whenever user code runs: at an await. A loop that a panic left in the middle of a cycle
+// goes on with the next slot.
 impl UnwindSafe for Periodic {}
 impl RefUnwindSafe for Periodic {}
 

@@ -35,7 +35,7 @@ pub(super) enum Order {
     MoveTo(Instant),
     /// All that was asked is done.
     Rest,
-    /// Nobody will move time any more.
+    /// Time will never move any more.
     Undriven,
 }
 
@@ -60,12 +60,12 @@ impl Drive {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How often something was asked: to be read before a look at who can run.
+    /// Number of requests so far: to be read before a look for a process that can run.
     pub(super) fn requests(&self) -> u64 {
         self.state().requests
     }
 
-    /// Nobody could run after `requests` were asked; the earliest deadline is `next`.
+    /// No process could run after `requests` were made; the earliest deadline is `next`.
     pub(super) fn at_rest(&self, requests: u64, next: Instant) -> Order {
         let mut state = self.state();
         if state.requests != requests {
@@ -76,7 +76,8 @@ impl Drive {
         }
         let now = self.clock.now();
         if state.limit == Instant::NEVER {
-            // Behind the last deadline nothing is left to move for; who is woken later waits for the driver's leave.
+            // After the last deadline there is nothing to move for; a process that is woken later
+            // waits for the driver's leave.
             state.limit = now;
         }
         if now < state.limit {
@@ -100,7 +101,8 @@ impl Drive {
     }
 }
 
-/// A driven clock on the side of what it is the clock of. When it is dropped, its driver is told that all is over.
+/// The system's side of a driven clock. When it is dropped, its driver is notified that the system
+/// is over.
 pub struct DrivenClock(pub(super) Arc<Drive>);
 
 impl Drop for DrivenClock {
@@ -117,12 +119,15 @@ impl fmt::Debug for DrivenClock {
 
 /// Moves the time of a system, step by step: the simulator's side of lock-step co-simulation.
 ///
-/// The system's processes run on a thread of their own, the driver is wherever the simulator is. Time stands between two calls, and each call returns when every process
-/// has come to rest at the instant that was asked for: nobody can run before time moves on, or something comes from outside. All deadlines up to that instant, it
-/// included, have been served in their order, each at its own instant. What the simulator and the processes exchange meanwhile (through channels, or variables) is thus
-/// the same in each run.
+/// The system's processes run on a thread of their own, the driver is wherever the simulator is.
+/// Time stands between two calls, and each call returns when every process has come to rest at the
+/// instant that was asked for: no process can run before time moves on, or something comes from
+/// outside. All deadlines up to that instant, it included, have been served in their order, each at
+/// its own instant. What the simulator and the processes exchange meanwhile (through channels, or
+/// variables) is thus the same in each run.
 ///
-/// When the driver is dropped nobody can move time any more: the processes that still live are cancelled, and the system ends in good order.
+/// When the driver is dropped time cannot move any more: the processes that still live are
+/// cancelled, and the system ends in good order.
 ///
 /// `System::driven_clock` of the crate `luna-rt` makes one, and shows an example.
 pub struct ClockDriver {
@@ -218,8 +223,9 @@ impl ClockDriver {
         Ok(())
     }
 
-    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). By nothing, it lets those run whom something from outside has woken;
-    /// by [`Duration::MAX`], it moves on to [`Instant::NEVER`], as described there.
+    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). By nothing, it runs the
+    /// processes that something from outside has woken; by [`Duration::MAX`], it moves on to
+    /// [`Instant::NEVER`], as described there.
     ///
     /// # Errors
     ///
@@ -228,8 +234,9 @@ impl ClockDriver {
         self.advance_to(self.now() + duration)
     }
 
-    /// When the next deadline of a process comes, once all are at rest at the present instant; `None` if nobody waits for the time. A simulator with steps of its own
-    /// choice need not stop before that.
+    /// When the next deadline of a process comes, once all are at rest at the present instant;
+    /// `None` if no process waits for the time. A simulator with steps of its own choice need not
+    /// stop before that.
     ///
     /// # Errors
     ///

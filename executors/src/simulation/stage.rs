@@ -23,10 +23,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long nobody runs, in the machine's time, while ends are looked after. What looks after them may itself wait for processes: then they go on.
+/// The longest pause of all processes, in the machine's time, while ends are handled. The handler
+/// may itself wait for processes: then they go on.
 const LONGEST_ATTENDANCE: Duration = Duration::from_secs(1);
 
-/// How many turns are taken after a request to stop until it is followed though somebody can still run.
+/// Number of turns after a request to stop until it is followed although a process can still run.
 const TURNS_TO_STOP: u64 = 100_000;
 
 /// What others share with a simulation's thread. Each change is followed by a wake of the thread.
@@ -42,7 +43,7 @@ pub(crate) struct Stage {
     is_released: AtomicBool,
     is_stopping: AtomicBool,
     time_stands: AtomicBool,
-    /// How many ends have been looked after; all there will be, if nobody does.
+    /// Number of ends that have been handled; all there will be, if there is no handler.
     attended: AtomicU64,
     calls: CallsUnderWay,
     most_turns: u64,
@@ -50,7 +51,7 @@ pub(crate) struct Stage {
 }
 
 thread_local! {
-    /// The stage whose thread this is.
+    /// The stage that this thread runs.
     static HERE: Cell<*const Stage> = const { Cell::new(ptr::null()) };
 }
 
@@ -222,7 +223,7 @@ pub(super) fn run(stage: &Arc<Stage>) {
         given_up: 0,
     }
     .play();
-    // Whoever comes now is refused.
+    // What arrives now is refused.
     let late = stage.arrivals().take();
     for executor in late.into_iter().flatten() {
         executor.refuse_all();
@@ -243,14 +244,15 @@ struct Play<'a> {
     turns: u64,
     /// How many since a request to stop was seen.
     turns_to_stop: u64,
-    /// Up to which end nobody waits any more until it has been looked after.
+    /// The number of the last end that is no longer waited for although it was not handled.
     given_up: u64,
 }
 
 impl Play<'_> {
     fn play(mut self) {
         loop {
-            // Before the look at who can run: what was asked for then is done if nobody can.
+            // Before the look for a process that can run: requests made until then are done if none
+            // can.
             let asked = self.stage.driven.as_ref().map_or(0, |d| d.0.requests());
             self.take_in();
             if self.is_to_be_attended() {
@@ -284,8 +286,8 @@ impl Play<'_> {
         }
     }
 
-    /// Whether somebody has ended whose end is to be looked after before anybody else runs: what is dropped then wakes others, and when it does must not depend on how fast
-    /// another thread is.
+    /// Whether a process has ended that is to be handled before any other process runs: what is
+    /// dropped then wakes others, and when it does must not depend on how fast another thread is.
     #[inline]
     fn is_to_be_attended(&self) -> bool {
         self.stage.is_to_be_attended(self.given_up)
@@ -352,7 +354,7 @@ impl Play<'_> {
             || self.members.iter().any(|one| one.shared.is_stopping())
     }
 
-    /// Nobody can run, or is to. `false` if this is the end.
+    /// No process can run, or none is to. `false` if this is the end.
     fn rest(&mut self, asked: u64) -> bool {
         if self.is_to_stop() {
             return self.stop();
@@ -377,7 +379,7 @@ impl Play<'_> {
                 return true;
             }
             Oldest::Done(delivery) => {
-                // What it drops may be the user's, whose panic is nobody's here.
+                // What it drops may be the user's; a panic in it belongs to no process here.
                 if let Err(payload) = panics::catch(delivery) {
                     std::mem::forget(payload);
                 }
@@ -442,7 +444,8 @@ impl Play<'_> {
         if all && self.members.is_empty() {
             return self.stage.has_arrivals.load(Ordering::Acquire);
         }
-        // Those who are cancelled end at their next turn, also if they were never released; who does not has a wake under way from elsewhere.
+        // Cancelled processes end at their next turn, also if they were never released; one that
+        // does not end has a wake under way from another thread.
         let now = self.stage.clock.now();
         let mut closed = self.members.iter().filter(|one| one.is_closed());
         if closed.any(|one| one.has_work(now, true)) {
@@ -457,7 +460,7 @@ impl Play<'_> {
         self.members.iter().filter(|one| one.is_closed()).count()
     }
 
-    /// Gives everybody who was cancelled a turn, released or not.
+    /// Gives every cancelled process a turn, released or not.
     fn serve_cancelled(&mut self) {
         let now = self.stage.clock.now();
         for index in (0..self.members.len()).rev() {
@@ -469,7 +472,8 @@ impl Play<'_> {
         }
     }
 
-    /// Sleeps until somebody signals. If `still`, only others can end it, which who looks after the system is to know.
+    /// Sleeps until a signal arrives. If `still`, only other threads can end the sleep; the
+    /// observer of quiescence is notified of that.
     fn sleep(&self, still: bool) {
         let asleep = self.members.iter();
         let asleep = asleep.take_while(|one| one.shared.inbound().fall_asleep());

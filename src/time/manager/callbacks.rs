@@ -11,7 +11,7 @@ use luna_platform::lock::PiLock;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-/// What a callback is told: which of its deadlines has come.
+/// The argument of a callback: which of its deadlines has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Firing {
@@ -50,7 +50,7 @@ struct Table {
     free: Vec<usize>,
     /// Those that the callbacks' timer is armed for.
     timed: Heap,
-    /// Those for whose deadlines a base ticks.
+    /// The callbacks with deadlines for which a timer group ticks.
     ridden: Heap,
     /// What the timer is armed for.
     armed: Option<u64>,
@@ -124,7 +124,7 @@ impl Callbacks {
         table.reserve(most);
     }
 
-    /// There will be nobody to call any: an error if there is one, and for each that comes.
+    /// No callback will be called: an error if there is one already, and for each that comes.
     pub(super) fn refuse(&self) -> Result<(), SetupError> {
         let mut table = self.table.lock();
         table.is_refused = true;
@@ -226,7 +226,8 @@ impl Callbacks {
     /// Calls those that are due by now, each of them once at most; gives the panic of one with its name. Manager's thread alone.
     pub(super) fn call_due(&self, engine: &Engine, mut on_panic: impl FnMut(String, String)) {
         let mut table = self.table.lock();
-        // Who is set during this pass, as those are that rest, comes in the next: ticks and all others come before.
+        // A callback that is set during this pass, as those are that rest, comes in the next: ticks
+        // and all others come before.
         let due_by = Instant::now();
         for _ in 0..table.entries.len() {
             let now = Instant::now();
@@ -266,7 +267,7 @@ impl Callbacks {
         table.arm(engine);
     }
 
-    /// Calls nobody any more, and drops the functions. Not for the real-time path.
+    /// Stops all calls, and drops the functions. Not for the real-time path.
     pub(super) fn end(&self, engine: Option<&Engine>) {
         let mut functions = Vec::new();
         let mut table = self.table.lock();
@@ -277,7 +278,7 @@ impl Callbacks {
         }
         drop(table);
         for function in functions {
-            // The panic hook tells it; the others are to be dropped all the same.
+            // The panic hook reports it; the others are to be dropped all the same.
             let _ = catch_unwind(AssertUnwindSafe(|| drop(function)));
         }
     }
@@ -368,7 +369,7 @@ impl Table {
         }
     }
 
-    /// Takes out the first that was due at `due_by`; what it is to be told if it is called `now`.
+    /// Takes out the first that was due at `due_by`, with its argument for a call `now`.
     fn take_due(&mut self, due_by: Instant, now: Instant) -> Option<(usize, Firing)> {
         let firsts = [self.timed.first(), self.ridden.first()];
         let (_, callback) = firsts
@@ -416,7 +417,8 @@ impl Table {
         counted.longest = counted.longest.max(taken);
         counted.latest = counted.latest.max(firing.lateness);
         if entry.is_gone {
-            // Its function is dropped by whoever takes the place, or at the end: not here, on the path.
+            // Its function is dropped by the next user of the place, or at the end: not here, on
+            // the path.
             self.free.push(callback);
         } else if let Some(period) = entry.period()
             && entry.turn == turn
@@ -425,7 +427,7 @@ impl Table {
             entry.deadline = entry.deadline.plus_nanos(period);
             self.list(callback, engine);
         } else if entry.period().is_none() && self.timed.remove(callback) {
-            // Set in the call, whose end was not known then.
+            // Set in the call, before the call's end was known.
             self.list(callback, engine);
         }
     }
