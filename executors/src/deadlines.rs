@@ -63,7 +63,8 @@ impl Deadlines {
         }
     }
 
-    /// Wakes all whose deadline has come. Called between two polls, when the bit is set.
+    /// Wakes all processes with a deadline that has come. Called between two polls, when the bit is
+    /// set.
     #[inline(never)]
     pub(crate) fn look(&self) {
         if self.looks.get() == 0 && !self.begin() {
@@ -104,7 +105,7 @@ impl Deadlines {
         true
     }
 
-    /// Looks no more, and has the alarm tell of the next deadline. Without an alarm it looks on.
+    /// Looks no more, and sets the alarm to the next deadline. Without an alarm it looks on.
     #[cold]
     fn end(&self) {
         let inbound = self.shared.inbound();

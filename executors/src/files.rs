@@ -19,19 +19,22 @@ use std::task::{Context, Poll};
 
 /// Waits until reading from `file` does not block: it has something to read, is at its end, or has an error.
 ///
-/// It is a hint: another reader may be faster, so keep the file in non-blocking mode, read, and wait again if that would block. The most
-/// urgent of several who wait for one file is readied first, but all of them are.
+/// It is a hint: another reader may be faster, so keep the file in non-blocking mode, read, and
+/// wait again if that would block. The most urgent of several waits for one file is readied first,
+/// but all of them are.
 ///
 /// Works in the processes of an executor, in an [`OsThread`](crate::OsThread) and in [`block_on`](crate::block_on). The thread sleeps
 /// in an epoll from its first such wait on; while it is busy it looks at its files every 64 polls, so a process that waits
 /// for one is readied at the latest after 64 polls of others (and as many more for each 64 files that became ready before).
 ///
-/// Real-time path: yes, apart from the first wait of a thread, which makes the epoll: see [`prepare_files`](crate::prepare_files).
-/// Nothing is allocated. A wait costs one system call, two for a file that this thread has not waited for before; O(w) steps for
-/// w waits of this thread whose descriptors are equal modulo 256. Where nobody ever waits for a file an
-/// executor pays one branch a poll.
+/// Real-time path: yes, apart from the first wait of a thread, which makes the epoll: see
+/// [`prepare_files`](crate::prepare_files). Nothing is allocated. A wait costs one system call, two
+/// for a file that this thread has not waited for before; O(w) steps for w waits of this thread on
+/// descriptors equal modulo 256. Where no process ever waits for a file an executor pays one branch
+/// a poll.
 ///
-/// Cancel-safe: a wait that is dropped is withdrawn, at the price of one system call if nobody else waits for the file.
+/// Cancel-safe: a wait that is dropped is withdrawn, at the price of one system call if nothing
+/// else waits for the file.
 ///
 /// # Errors
 ///

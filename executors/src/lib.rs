@@ -59,7 +59,7 @@ mod watch;
 #[cfg(not(loom))]
 mod yield_now;
 
-/// Where files have no descriptors nobody waits for them.
+/// Where files have no descriptors nothing waits for them.
 #[cfg(all(not(unix), not(loom)))]
 mod watch {
     use luna_platform::bell::Bell;

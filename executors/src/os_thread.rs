@@ -62,9 +62,10 @@ pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
     }))
 }
 
-/// As [`block_on`], and tells `stuck` when the process has waited for `patience`, and neither a deadline, nor a file, nor a call on the pool
-/// is there to wake it: then only another thread can. `stuck` is given the process' number, and says whether it has heard enough;
-/// if not, it is told again after the next such wait. It runs between two polls, so it may take its time.
+/// As [`block_on`], and calls `stuck` when the process has waited for `patience`, and neither a
+/// deadline, nor a file, nor a call on the pool is there to wake it: then only another thread can.
+/// `stuck` gets the process' number, and returns whether it needs no more calls; if not, it is
+/// called again after the next such wait. It runs between two polls, so it may take its time.
 ///
 /// # Errors
 ///
@@ -115,7 +116,7 @@ fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
     deadline == Instant::NEVER && !watch::is_waiting(parker.bell())
 }
 
-/// Runs `future` on this thread, which is no home yet.
+/// Runs `future` on this thread, which runs no processes yet.
 fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Quiescence, &Parker, Instant) -> bool,
@@ -174,7 +175,7 @@ fn run<F: Future>(
         events::name_process(id.get(), level, || record.name().to_owned());
     }
     let mut cx = Context::from_waker(&waker);
-    // It may block, and nobody's first blocking call is to allocate.
+    // It may block, and a first blocking call must not allocate.
     park::prepare();
     prepare_thread();
     current::set_on_path(record.is_some());
@@ -183,7 +184,7 @@ fn run<F: Future>(
             process.count_poll();
         }
         events::begin_turn(id.get());
-        // SAFETY: this thread is the home, and the process ends with this function.
+        // SAFETY: this thread is the process' executor, and the process ends with this function.
         let polled = unsafe { current::with_process(&process, || future.as_mut().poll(&mut cx)) };
         if let Poll::Ready(output) = polled {
             current::set_on_path(false);
@@ -387,7 +388,8 @@ impl OsThread {
         }
     }
 
-    /// How long the thread has run from the release of its process to its end, once it has ended; nothing where the system does not tell, and on a simulation's thread.
+    /// How long the thread has run from the release of its process to its end, once it has ended;
+    /// `None` where the system does not report it, and on a simulation's thread.
     pub fn processor_time(&self) -> Option<Duration> {
         match &self.runs {
             Runs::OnThread(shared, _) => shared.counted.get(),
@@ -419,7 +421,7 @@ impl OsThread {
                 self.process.cancel();
                 shared.advance(Phase::STOPPING);
             }
-            // When nobody can run: so it is the same in each run.
+            // When no process can run: so it is the same in each run.
             Runs::OnStage(executor) => executor.request_stop(),
             Runs::Nowhere => {}
         }
@@ -434,7 +436,7 @@ impl OsThread {
         }
     }
 
-    /// Leaves the thread to itself: for one whose process hangs in a blocking call.
+    /// Detaches the thread: for one with a process that hangs in a blocking call.
     pub fn abandon(mut self) {
         if let Runs::OnStage(executor) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
             executor.abandon();
@@ -493,7 +495,8 @@ impl Held {
 }
 
 impl Held {
-    /// Sleeps until a wake or `deadline`; says whether it was a wake. Where only others can end it, who looks after the system is to know.
+    /// Sleeps until a wake or `deadline`; returns whether it was a wake. Where only other threads
+    /// can end the sleep, the observer of quiescence is notified of that.
     fn sleep(&self, deadline: Instant) -> bool {
         let spin = self.spin.load(Ordering::Relaxed);
         if spin > 0 {

@@ -19,7 +19,8 @@ use std::task::{Context, Poll};
 /// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there is no system, and under other
 /// runtimes it is the future and nothing else.
 ///
-/// In a recording with events its turns are told, with its name. The parts of a process that have no name are told as the process.
+/// In a recording with events its turns are recorded, with its name. The parts of a process that
+/// have no name are recorded as the process.
 ///
 /// Real-time path: yes; nothing is allocated. The first poll and the end take a priority-inheriting lock for a few steps, O(1); the
 /// polls in between cost some stores. Cancel-safe if the future is.
@@ -65,7 +66,8 @@ pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
 #[must_use = "a sub-process does nothing unless awaited"]
 pub struct Named<F> {
     tree: Option<Arc<Tree>>,
-    /// The process in which it is listed while its turns are not told: that of almost every poll.
+    /// The process in which it is listed while its turns are not recorded: that of almost every
+    /// poll.
     untold: Option<ProcessId>,
     is_told: bool,
     node: Place,
@@ -209,7 +211,7 @@ impl<F: Future> Named<F> {
         unsafe { Pin::new_unchecked(&mut self.future) }.poll(cx)
     }
 
-    /// A poll that is the first one in this place, or is told, or of what no system looks at.
+    /// A poll that is the first one in this place, or is recorded, or is outside of any system.
     ///
     /// # Safety
     ///

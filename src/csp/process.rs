@@ -78,12 +78,13 @@ pub trait Process {
     /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked, cancelled), off the real-time path, on
     /// the thread that runs the system. Then the process is dropped.
     ///
-    /// A panic in here, or in the drop, ends nobody else; the other processes go on and are cleaned up, and it is no emergency, since the body is gone. When all have
-    /// ended it is the [`run`](crate::System::run)'s error, with the process' name, unless there is a graver one.
+    /// A panic in here, or in the drop, ends no other process; the other processes go on and are
+    /// cleaned up, and it is no emergency, since the body is gone. When all have ended it is the
+    /// [`run`](crate::System::run)'s error, with the process' name, unless there is a graver one.
     fn post_run(&mut self) {}
 }
 
-/// How `spawn` tells what it was given. Inferred, never written.
+/// The kind of argument that `spawn` was given. Inferred, never written.
 #[doc(hidden)]
 #[derive(Debug)]
 pub struct ViaFuture;
@@ -94,7 +95,7 @@ pub struct ViaProcess;
 #[derive(Debug)]
 pub struct ViaClosure;
 
-/// What can be spawned as a process; `M` is inferred and tells the three kinds apart.
+/// What can be spawned as a process; `M` is inferred and separates the three kinds.
 ///
 /// - a future with output `luna::Result<()>` that is `Send`;
 /// - a closure that makes one: it runs on the executor's thread, so the future need not be `Send`;
@@ -220,8 +221,8 @@ pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
         .unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))))
 }
 
-/// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic hook tells, must not keep the other processes
-/// from being cleaned up. Gives it.
+/// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic
+/// hook reports, must not keep the other processes from being cleaned up. Returns the panic.
 pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
     let mut resident = resident?;
     let cleaned_up = panics::catch(move || {
@@ -421,7 +422,8 @@ impl Verdict {
             Err(failure) => Ended::Failed(failure),
         };
         events::note_failure();
-        // It is to be said of soon, and its own end is told to nobody who is not listening for any.
+        // The failure is to be reported soon; the process' own end notifies only threads that wait
+        // for any end.
         Common::with(|common| common.living.announce_next());
         Self(Some(ended))
     }
@@ -538,7 +540,7 @@ fn poll_until_failure<F: Future>(
     cx: &mut Context<'_>,
 ) -> Poll<Result<F::Output, Failure>> {
     let polled = body.poll(cx);
-    // Also of a body that has ended, one of whose branches it was: the next process' poll must not find it.
+    // Also of a body that has ended and had the branch: the next process' poll must not find it.
     match FAILURE.get() {
         Some(failure) => {
             cold_path();
@@ -553,8 +555,9 @@ fn poll_until_failure<F: Future>(
 ///
 /// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls. A panic passes through.
 ///
-/// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel that is marked external or whose other
-/// end another thread has used), it says once on standard error what it waits for, and waits on.
+/// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel
+/// that is marked external or was used at its other end by another thread), it says once on
+/// standard error what it waits for, and waits on.
 ///
 /// # Errors
 ///

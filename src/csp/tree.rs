@@ -1,7 +1,8 @@
 //! The named sub-processes of a system as a list, and how it is read while they come and go.
 //!
-//! The nodes lie in the futures ([`Named`](super::named::Named)), in the order of their first polls; each says by number under which one it
-//! runs. Nobody follows those numbers but who looks, once it has copied them, so a node refers to no other one but its neighbours.
+//! The nodes lie in the futures ([`Named`](super::named::Named)), in the order of their first
+//! polls; each holds the number of the node under which it runs. Only the reader follows those
+//! numbers, once it has copied them, so a node refers to no other one but its neighbours.
 
 use luna_core::current::ProcessId;
 use luna_platform::lock::PiLock;
@@ -15,8 +16,8 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 ///
 /// # Invariants
 ///
-/// While it is listed it is pinned, `id`, `parent` and `process` are written under the list's lock and by its future alone, the links under the lock
-/// by anybody, and `name` not at all.
+/// While it is listed it is pinned, `id`, `parent` and `process` are written under the list's lock
+/// and by its future alone, the links under the lock by any thread, and `name` not at all.
 pub(crate) struct Node {
     before: Option<NonNull<Node>>,
     after: Option<NonNull<Node>>,
@@ -81,7 +82,8 @@ pub(crate) struct Tree {
 
 /// # Invariants
 ///
-/// `first` and `last` are the ends of a doubly linked chain of live, pinned nodes, whose ids rise but for marks.
+/// `first` and `last` are the ends of a doubly linked chain of live, pinned nodes, in rising order
+/// of ids but for marks.
 pub(crate) struct List {
     first: Option<NonNull<Node>>,
     pub(crate) last: Option<NonNull<Node>>,

@@ -34,7 +34,8 @@ pub enum RecordError {
         /// What is here in its place.
         found: String,
     },
-    /// A recorded process did what a recording does not hold, so that a replay could differ and nobody would know.
+    /// A recorded process did what a recording does not hold, so that a replay could differ
+    /// unnoticed.
     Outside {
         /// The process.
         process: String,

@@ -27,7 +27,7 @@ pub(super) enum BlockKind {
     End = 5,
     /// What a process did that is not recorded: its number, and a text.
     Outside = 6,
-    /// What the program is to be told.
+    /// The note that the program reads back.
     Note = 7,
     /// What a parameter began with: how long its name is, that, and the value as a text.
     Parameter = 8,

@@ -111,7 +111,8 @@ pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [
 
 /// Says what goes outside, so that a replay compares it: the first that differs ends the replay with [`RecordError::Diverged`].
 ///
-/// It gives the value to nobody: that is done beside it. Real-time path: yes; O(size of the value), no allocation, no lock.
+/// It does not deliver the value: that is done beside it. Real-time path: yes; O(size of the
+/// value), no allocation, no lock.
 ///
 /// ```
 /// luna::record::output("motor", &0.5_f64);
@@ -125,7 +126,7 @@ pub fn output<T: Value>(name: &str, value: &T) {
     }
 }
 
-/// A cycle of a periodic loop: what it is told.
+/// A cycle of a periodic loop: its data.
 const CYCLE: u32 = 0;
 
 /// Lets a loop's wait in. `true`: it is replayed, and does not wait for the time.
@@ -134,14 +135,14 @@ pub(crate) async fn enters_cycle() -> bool {
     current::tape(|tape| tape.is_replay()).unwrap_or_default()
 }
 
-/// Records what a loop is told.
+/// Records a loop's cycle.
 pub(crate) fn note_cycle(told: [u64; 4]) {
     let mut bytes = [0; 32];
     told.write(&mut bytes);
     current::tape(|tape| tape.put(About::Cycle, CYCLE, &bytes));
 }
 
-/// What a replayed loop is told.
+/// The cycle of a replayed loop.
 pub(crate) fn cycle() -> Option<[u64; 4]> {
     let mut bytes = [0; 32];
     current::tape(|tape| tape.get(About::Cycle, CYCLE, &mut bytes)).flatten()?;
@@ -158,8 +159,9 @@ pub(crate) async fn hold() {
 
 /// Calls `call` on a thread that may block, as [`blocking`](crate::blocking) does, and records what it gave; in a replay gives that, and does not call it.
 ///
-/// What it gives has a byte form, so that it can be recorded; of a plain `blocking` nothing is known, and a recorded system that uses it is told so. Cancel-safe as
-/// `blocking`: dropped, the call still runs to its end, and nobody learns what it gave.
+/// Its result has a byte form, so that it can be recorded. A plain `blocking` is not recorded, and
+/// a recorded system that uses it gets an error. Cancel-safe as `blocking`: dropped, the call still
+/// runs to its end, and its result is lost.
 ///
 /// ```
 /// # luna::run(async {
@@ -334,7 +336,8 @@ enum Track {
 /// The track of a process. What is shared of it is no more than its memory: it is used in the process' polls, and as its body goes.
 struct Kept(Track);
 
-// SAFETY: a process is polled, and its body dropped, by one thread at a time, and nobody else uses its track.
+// SAFETY: a process is polled, and its body dropped, by one thread at a time, and nothing else uses
+// its track.
 unsafe impl Send for Kept {}
 // SAFETY: as above.
 unsafe impl Sync for Kept {}

@@ -25,7 +25,7 @@ pub struct Recording {
 /// The events of one process.
 #[derive(Debug, Clone)]
 pub(super) struct Recorded {
-    /// Who spawned it: its number from 1, or 0.
+    /// The process that spawned it: its number from 1, or 0.
     pub(super) parent: u32,
     pub(super) name: String,
     /// Which of its name and parent it is.
@@ -114,7 +114,7 @@ impl Recording {
             BlockKind::Process => {
                 let (parent, rest) = word(rest)?;
                 let (occurrence, name) = word(rest)?;
-                // Numbers are those of their order, and who spawns was there before.
+                // Numbers are those of their order, and the spawning process was there before.
                 if number as usize != self.processes.len() || parent > number {
                     return None;
                 }

@@ -21,7 +21,7 @@ fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
         // It is not asked for: what is simulated may be a larger machine.
         return Ok(());
     }
-    // Where the machine does not tell its cores, the start will.
+    // Where the machine does not report its cores, the start reports that.
     let Some(available) = SystemFacts::gather().online_cores else {
         return Ok(());
     };
@@ -62,11 +62,14 @@ macro_rules! place_methods {
 
         /// Looks for work for `time` before each sleep, at most 1 ms; without this the thread sleeps as soon as it has nothing to do.
         ///
-        /// A wake from another core then takes some hundred nanoseconds instead of microseconds. The thread burns its core meanwhile, and its process or
-        /// processes run the later the more others want that core; so it needs one to itself. Where it is not pinned, or another executor or thread of
-        /// this system is pinned to the same core or to none, it sleeps at once, which is a [`Shortfall`](crate::Shortfall): said in the report, and an
-        /// error of a [`strict`](crate::System::strict) system. A thread that comes while the system runs ends the looking of those whose core it shares.
-        /// Of other programs nothing is known here: isolate the core.
+        /// A wake from another core then takes some hundred nanoseconds instead of microseconds.
+        /// The thread burns its core meanwhile, and its process or processes run the later the more
+        /// other threads want that core; so it needs one to itself. Where it is not pinned, or
+        /// another executor or thread of this system is pinned to the same core or to none, it
+        /// sleeps at once, which is a [`Shortfall`](crate::Shortfall): stated in the report, and an
+        /// error of a [`strict`](crate::System::strict) system. A thread that comes while the
+        /// system runs ends the spinning of the threads that share its core. Other programs are not
+        /// known here: isolate the core.
         ///
         /// ```
         /// use luna::prelude::*;
@@ -240,9 +243,10 @@ impl ProcessBuilder {
         self
     }
 
-    /// Lets others have the same name: for processes that come and go, of which nobody asks for one by its name. Reports and errors name each of them so. It is
-    /// also what costs a spawn least, since no name is to be made up, and none to be looked for. No name of a process that has one of its own is in the way; a
-    /// [replaceable](Self::replaceable) process always has.
+    /// Lets others have the same name: for processes that come and go and are not looked up by
+    /// name. Reports and errors name each of them so. It is also what costs a spawn least, since no
+    /// name is to be made up, and none to be looked for. No name of a process that has one of its
+    /// own is in the way; a [replaceable](Self::replaceable) process always has.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -277,8 +281,8 @@ impl ProcessBuilder {
     /// Allows the process so much time for one poll, that is from when it is given the processor until it awaits something that is not there yet.
     /// Measured by the clock on the wall, for about 50 ns a poll; [`OnOverrun`] says what happens when it takes longer, when it has.
     ///
-    /// A poll that never ends is never measured: a [`Watchdog`](crate::Watchdog) finds that. The time counts also while another thread has taken the
-    /// processor: the report tells one from the other.
+    /// A poll that never ends is never measured: a [`Watchdog`](crate::Watchdog) finds that. The
+    /// time counts also while another thread has taken the processor: the report separates the two.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -300,9 +304,10 @@ impl ProcessBuilder {
         self
     }
 
-    /// Allows the process so much time for a cycle of each of its loops, that is from when the cycle begins until the loop calls
-    /// [`next`](crate::Periodic::next). How late the cycle began does not count, since that is another's fault: [`LateCycle`](crate::LateCycle) looks
-    /// for whose. What it waits for within the cycle does.
+    /// Allows the process so much time for a cycle of each of its loops, that is from when the
+    /// cycle begins until the loop calls [`next`](crate::Periodic::next). How late the cycle began
+    /// does not count, since another process caused that: [`LateCycle`](crate::LateCycle) looks for
+    /// the cause. What it waits for within the cycle does.
     ///
     /// ```
     /// use luna::{BudgetKind, prelude::*};
@@ -426,7 +431,8 @@ impl ProcessBuilder {
         ends: E,
         body: impl FnOnce(E) -> P,
     ) -> Result<ProcessId> {
-        // All that can be refused is refused before the stand-in is taken: otherwise a second attempt would run the process itself, and nobody would be told.
+        // All that can be refused is refused before the stand-in is taken: otherwise a second
+        // attempt would run the process itself unnoticed.
         let (system, place, spec, ledger) = self.checked()?;
         let name = system.reserve(spec.name())?;
         let declared = system.stand_ins().declare::<E>(spec.name());

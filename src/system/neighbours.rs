@@ -1,6 +1,8 @@
-//! Who shares a core with whom: a thread that looks for work before it sleeps must not keep another one of the system from running.
+//! Which threads share a core: a thread that looks for work before it sleeps must not keep another
+//! one of the system from running.
 //!
-//! User space does not see who waits for a core, so it goes by the plan. A thread that is not pinned may come to any core, so it shares all of them.
+//! User space does not see which threads wait for a core, so it goes by the plan. A thread that is
+//! not pinned may come to any core, so it shares all of them.
 
 use super::plan::{ExecutorPlan, NamedThread, Place, ProcessPlan};
 use crate::csp::composition::ThreadPart;
@@ -54,8 +56,9 @@ pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPla
     }
 }
 
-/// A thread may come to those that have been started: refuses it what it cannot have beside them, and takes from them what they cannot have beside
-/// it, which is said on standard error. Does nothing to a process that has no thread of its own.
+/// A thread may come to those that have been started: refuses it what it cannot have beside them,
+/// and takes from them what they cannot have beside it, which is reported on standard error. Does
+/// nothing to a process that has no thread of its own.
 pub(super) fn join(
     plan: &mut ProcessPlan,
     executors: &[ExecutorHandle],

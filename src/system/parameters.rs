@@ -74,8 +74,11 @@ impl System {
         Ok(others.inspect_err(|_| self.plan.note_refusal())?)
     }
 
-    /// Reads the file of parameters again whenever it has changed: the thread that runs the system looks at its time, length and number four times a second, and reads it when two looks
-    /// have found the same. What is refused then is told on standard error, and the values stay. An empty file counts as one that is not written yet. Not on a virtual clock, where nobody could say when it would be.
+    /// Reads the file of parameters again whenever it has changed: the thread that runs the system
+    /// looks at its time, length and number four times a second, and reads it when two looks have
+    /// found the same. What is refused then is reported on standard error, and the values stay. An
+    /// empty file counts as one that is not written yet. Not on a virtual clock, where the time of
+    /// a look is undefined.
     ///
     /// Write another file and rename it: then it is never there by halves. What is written in place with a pause of half a second in the middle is read as it is then.
     pub fn reload_parameters_on_change(&mut self) -> &mut Self {

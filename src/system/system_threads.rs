@@ -24,14 +24,15 @@ pub(super) struct SystemThreads<'a> {
     pub(super) executors: VecDeque<(String, Executor)>,
     /// The plan has them as long as processes may start.
     pub(super) threads: VecDeque<NamedThread>,
-    /// Somebody was left behind: its body lives on.
+    /// A thread was detached: its body lives on.
     pub(super) has_left_behind: bool,
     /// The run has come to its end.
     pub(super) is_over: bool,
 }
 
 impl SystemThreads<'_> {
-    /// Asks all threads to end, waits for them a bounded time, by `wait`, and leaves behind who does not.
+    /// Asks all threads to end, waits for them a bounded time, by `wait`, and detaches those that
+    /// do not end.
     pub(super) fn end(
         &mut self,
         wait: impl Fn(Instant, &dyn Fn() -> bool) -> bool,
@@ -111,7 +112,8 @@ impl Drop for SystemThreads<'_> {
             done()
         });
         if self.has_left_behind {
-            // Now, or by an end that came before the panic. Whose they are nobody looks up any more.
+            // Now, or by an end that came before the panic. Their owners are not looked up any
+            // more.
             for left_behind in self.plan.members().started.left_behind() {
                 std::mem::forget(left_behind.take_resident());
             }

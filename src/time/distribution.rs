@@ -3,7 +3,8 @@
 use hdrhistogram::Histogram;
 use std::time::Duration;
 
-/// The longest time that the histogram tells apart: longer ones count as this long there. The exact maximum is kept beside it.
+/// The longest time that the histogram resolves: longer ones count as this long there. The exact
+/// maximum is kept beside it.
 const LONGEST: u64 = 1 << 37;
 
 /// Times in nanoseconds: their number, exact minimum, maximum, mean and standard deviation, and percentiles within 0.8 %.

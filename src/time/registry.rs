@@ -71,10 +71,10 @@ pub(crate) struct Scope {
     /// Whether they have started.
     has_begun: AtomicBool,
     has_loops: AtomicBool,
-    /// Who runs the system is told through this of the first loop.
+    /// Through this the first loop notifies the thread that runs the system.
     living: Option<Arc<ProcessRegistry>>,
     clock: Clock,
-    /// Who wakes the loops, if it is not their executors.
+    /// The manager that wakes the loops, if their executors do not.
     manager: Option<Arc<Manager>>,
     /// What loops take as their cycles begin.
     parameters: Option<Arc<Store>>,
@@ -85,7 +85,7 @@ pub(crate) struct Scope {
     reason = "a loop takes its statistics along: a pointer, not a kilobyte of them"
 )]
 struct Loops {
-    /// Room that nobody uses yet.
+    /// Unused room.
     free: Vec<Box<Statistics>>,
     /// Loops that have ended.
     ended: Vec<Box<Statistics>>,
@@ -149,7 +149,7 @@ impl Scope {
     /// The processes start now. To be said before the first of them runs.
     pub(crate) fn begin(&self) -> Instant {
         let now = self.clock.now();
-        // Whoever is released sees what came before the release.
+        // A process that is released sees what came before the release.
         self.start.store(now.as_nanos(), Ordering::Relaxed);
         self.has_begun.store(true, Ordering::Relaxed);
         if let Some(manager) = &self.manager {
@@ -168,7 +168,7 @@ impl Scope {
         self.has_begun.load(Ordering::Relaxed)
     }
 
-    /// Who wakes the loops, if it is not their executors.
+    /// The manager that wakes the loops, if their executors do not.
     pub(crate) fn manager(&self) -> Option<&Arc<Manager>> {
         self.manager.as_ref()
     }
@@ -196,7 +196,8 @@ impl Scope {
         self.enter(false)
     }
 
-    /// As [`enter_until_dropped`](Self::enter_until_dropped), for a `pre_run`: of whom the loops are that are made there, shows when they begin.
+    /// As [`enter_until_dropped`](Self::enter_until_dropped), for a `pre_run`: the process that
+    /// owns the loops made there is known only when they begin.
     pub(crate) fn enter_to_prepare(self: Arc<Self>) -> Entered {
         self.enter(true)
     }
@@ -223,8 +224,9 @@ impl Scope {
         self.has_loops.load(Ordering::Relaxed)
     }
 
-    /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to compare the names. The first one makes a system call, to
-    /// tell who runs the system.
+    /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to
+    /// compare the names. The first one makes a system call, to notify the thread that runs the
+    /// system.
     pub(crate) fn enroll(
         self: &Arc<Self>,
         name: &str,
@@ -261,7 +263,7 @@ impl Scope {
         }
         statistics.period = period;
         if self.grows {
-            // Nobody reports it.
+            // It is not reported.
             statistics.late.set_threshold(Duration::MAX);
         } else {
             statistics.late.begin(period, Instant::now());

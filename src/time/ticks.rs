@@ -65,7 +65,7 @@ pub struct Ticks {
     /// The slot that was served last, or 0.
     number: u64,
     chosen: Stamp,
-    /// By whose clock the first slot was set; none if it was given.
+    /// The clock by which the first slot was set; none if it was given.
     clock: Option<usize>,
 }
 
@@ -83,7 +83,8 @@ pub struct Tick {
     pub missed: u64,
 }
 
-/// The clock that the process goes by. One that is recorded goes by its recording, and by the clock of none who described the system.
+/// The clock that the process goes by. One that is recorded goes by its recording, and by no clock
+/// of the process that described the system.
 fn clock_here() -> usize {
     match current::is_taped() {
         true => usize::MAX,
@@ -139,7 +140,8 @@ impl Ticks {
     pub fn tick(&mut self) -> When<NextTick<'_>> {
         let here = clock_here();
         if self.clock.is_some_and(|clock| clock != here) {
-            // Made where the system was described, say, whose clock has nothing to do with the system's.
+            // Made where the system was described, say, on a clock that has nothing to do with the
+            // system's.
             self.first = super::now().plus_nanos(self.period);
             self.number = 0;
             self.clock = Some(here);

@@ -24,7 +24,7 @@ pub(crate) enum End<O> {
 }
 
 impl<O: ExitValue> End<O> {
-    /// As its record is told, where `keep` finds a place for what was said.
+    /// As its record stores it. `keep` finds a place for the exit value.
     pub(crate) fn told(self, keep: impl FnOnce(O) -> Words) -> RawExit {
         match self {
             End::Completed(words) if !words.is_nothing() => RawExit::Said(keep(words)),
@@ -38,7 +38,8 @@ impl<O: ExitValue> End<O> {
 /// A process' body, with all that the framework does around each of its polls. It is always polled with the same record.
 pub(crate) struct Body<F: Future>(Room<F, F::Output>);
 
-/// The room of a body is that of its last words too: whatever they are, there is memory for them when it ends.
+/// The room of a body is that of its exit value too: whatever it is, there is memory for it when
+/// the body ends.
 enum Room<F, O> {
     Running(F),
     Said(O),
@@ -115,7 +116,8 @@ impl<F: Future> Body<F> {
         }
     }
 
-    /// Drops the future. One that panicked is never polled again, so nobody sees what it left half done. Says how it ended after all.
+    /// Drops the future. One that panicked is never polled again, so its half-done state stays
+    /// invisible. Returns how it ended after all.
     #[cold]
     pub(crate) fn end(
         self: Pin<&mut Self>,
@@ -124,8 +126,8 @@ impl<F: Future> Body<F> {
     ) -> End<F::Output> {
         // SAFETY: the future is dropped in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
-        // the middle, and so is what it held.
+        // Dropping the body ends its channels before the end of the process is published. A body
+        // that has not completed was left in the middle, and so is what it held.
         let abandoned = !matches!(end, End::Completed(_) | End::Over);
         let poisons = abandoned && record.is_poisoned();
         let dropped = catch_unwind(AssertUnwindSafe(|| {
@@ -178,12 +180,12 @@ pub(crate) struct Recorded<F: Future> {
     body: Body<F>,
     record: Arc<Record>,
     living: Arc<ProcessRegistry>,
-    /// For its last words, which outlive it. None once they are there.
+    /// For its exit value, which outlives it. `None` once the value is there.
     room: Option<Box<MaybeUninit<F::Output>>>,
 }
 
 impl<F: Future<Output: ExitValue>> Recorded<F> {
-    /// Allocates, unless there can be no last words.
+    /// Allocates, unless there can be no exit value.
     pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<ProcessRegistry>) -> Self {
         Self {
             body: Body::new(future),

@@ -1,4 +1,5 @@
-//! What a process says as it ends, for who reaps it: kept where there was room for it from the start, since a process ends on the real-time path.
+//! Exit value: what a process returns as it ends, for the code that reaps it. It is kept where
+//! there was room for it from the start, since a process ends on the real-time path.
 
 use std::any::TypeId;
 use std::fmt;
@@ -27,7 +28,7 @@ pub(crate) struct Words {
     methods: &'static WordsMethods,
 }
 
-/// What is done with last words, each at most once, on any thread.
+/// What is done with an exit value, each at most once, on any thread.
 pub(crate) struct WordsMethods {
     pub(crate) type_id: fn() -> TypeId,
     /// Moves them out to the other place, and lets go of the first.

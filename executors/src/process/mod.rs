@@ -27,7 +27,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a process is to be: its name, its level, and who looks at its polls.
+/// What a process is to be: its name, its level, and its poll monitor.
 #[derive(Debug, Clone)]
 pub struct ProcessSpec {
     id: ProcessId,
@@ -88,14 +88,14 @@ impl ProcessSpec {
         self
     }
 
-    /// Lists the process when it has ended, for who asks [`ProcessRegistry::take_ended`].
+    /// Lists the process when it has ended, for [`ProcessRegistry::take_ended`].
     #[must_use]
     pub fn listed(mut self) -> Self {
         self.listed = true;
         self
     }
 
-    /// Says that nobody is in a hurry to learn of its end, unless it is cancelled or panics: see [`ProcessRegistry::rest`].
+    /// Makes its end unhurried, unless it is cancelled or panics: see [`ProcessRegistry::rest`].
     #[must_use]
     pub fn unhurried(mut self) -> Self {
         self.unhurried = true;
@@ -271,8 +271,9 @@ impl ProcessHandle {
         self.0.body().map(copy_words).unwrap_or_default()
     }
 
-    /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the
-    /// real-time path: it frees; O(1).
+    /// The exit value of its body, if it is of this type and was not taken before. Until it is
+    /// taken it keeps the memory of the process, so it is to be taken. Off the real-time path: it
+    /// frees; O(1).
     #[inline]
     pub fn take_last_words<O: ExitValue>(&self) -> Option<O> {
         self.0.take_words()

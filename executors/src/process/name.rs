@@ -48,7 +48,7 @@ impl Name {
         let Some(head) = NonNull::new(unsafe { alloc(layout) }.cast::<Head>()) else {
             handle_alloc_error(layout)
         };
-        // SAFETY: it is room for the head and for the text behind it, and nobody else's.
+        // SAFETY: it is room for the head and for the text behind it, and owned by this call alone.
         unsafe {
             head.write(Head {
                 references: AtomicU32::new(1),
@@ -95,7 +95,8 @@ impl Clone for Name {
 impl Drop for Name {
     #[inline]
     fn drop(&mut self) {
-        // AcqRel, and no fence, which ThreadSanitizer does not know: who frees it does so after all that others did with it.
+        // AcqRel, and no fence, which ThreadSanitizer does not know: the thread that frees it does
+        // so after all that others did with it.
         if self.head().references.fetch_sub(1, Ordering::AcqRel) == 1 {
             let layout = layout(self.head().length as usize);
             // SAFETY: it was the last one; by the invariant this was allocated.

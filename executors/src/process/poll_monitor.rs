@@ -1,4 +1,4 @@
-//! Who looks at each poll of a process: for budgets. Processes without one pay nothing.
+//! The monitor of each poll of a process: for budgets. Processes without one pay nothing.
 
 use luna_platform::clock::Instant;
 use std::any::Any;
@@ -27,7 +27,7 @@ pub enum Verdict {
 }
 
 thread_local! {
-    /// That of the process whose poll is under way.
+    /// The monitor of the process with the poll that is under way.
     static OVERSEER: RefCell<Option<Arc<dyn PollMonitor>>> = const { RefCell::new(None) };
 }
 

@@ -338,7 +338,7 @@ impl Record {
         Some(timing.longest_poll.load(Ordering::Relaxed))
     }
 
-    /// The factory of its replay log.
+    /// Installs its replay log around each poll.
     pub(super) fn taper(&self) -> Option<&Arc<dyn Taper>> {
         self.timing.as_ref()?.taper.as_deref()
     }

@@ -21,16 +21,16 @@ pub(super) struct Member {
     guest: Guest,
     tasks: Tasks,
     events: events::Kept,
-    /// Whether it was named to who records it.
+    /// Whether its name was recorded.
     is_named: bool,
-    /// Whether nobody could run when its last turns ended.
+    /// Whether no process could run when its last turns ended.
     rests: bool,
     /// How many turns it has left until all have had theirs.
     left: u64,
-    /// It takes nobody in any more, and its processes are cancelled.
+    /// It accepts no more processes, and its processes are cancelled.
     is_closed: bool,
     _enrolled: Enrolled,
-    /// Last, so that who waits for its end waits for all of the above.
+    /// Last, so that a thread that waits for this end waits for all of the above.
     _end: End,
 }
 
@@ -128,8 +128,8 @@ impl Member {
                     if self.timers.next_deadline() <= now {
                         self.timers.expire(now);
                     }
-                    // SAFETY: who comes is given a turn below, before anything else is done, or
-                    // retired.
+                    // SAFETY: each dequeued process is given a turn below, before anything else is
+                    // done, or retired.
                     let Some(owner) = (unsafe { current::next_ready() }) else {
                         break;
                     };
@@ -159,7 +159,8 @@ impl Member {
         (taken, goes_on)
     }
 
-    /// Tells who records it its name, and whether it rests now. Who `rested` before and polled nobody, which depends on other threads, has nothing to tell.
+    /// Records its name, and whether it rests now. Nothing is recorded for a member that `rested`
+    /// before and polled nothing, since that depends on other threads.
     #[cold]
     fn tell(&mut self, rested: bool) {
         if !std::mem::replace(&mut self.is_named, true) {
@@ -171,7 +172,8 @@ impl Member {
         }
     }
 
-    /// Takes in what came from elsewhere: new processes, and wakes that are not less urgent than who is ready here.
+    /// Takes in what came from other threads: new processes, and wakes that are not less urgent
+    /// than the processes that are ready here.
     #[inline]
     fn look_outside(&self) {
         let shared = &self.shared;
@@ -194,7 +196,8 @@ impl Member {
         }
     }
 
-    /// Takes nobody in any more, and cancels its processes; does nothing the second time. Says whether all of them have ended.
+    /// Accepts no more processes, and cancels those it has; does nothing the second time. Returns
+    /// whether all of them have ended.
     pub(super) fn close(&mut self) -> bool {
         if !std::mem::replace(&mut self.is_closed, true) {
             self.shared.advance(Phase::STOPPING);

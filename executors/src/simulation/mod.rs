@@ -15,10 +15,12 @@
 //!     nothing                                                               sleep: only somebody from outside can go on
 //! ```
 //!
-//! **Why every run is the same.** One thread decides all, and nothing it decides by depends on how long anything took: not the machine's clock, not
-//! addresses, not the order in which threads happen to run. Other threads come in at rest alone: results of blocking calls in the order of their
-//! beginnings, burials before anybody else runs, requests to stop when nobody can run. What is left are threads and files outside of the system, which wake
-//! processes when they will.
+//! **Why every run is the same.** One thread decides all, and nothing it decides by depends on how
+//! long anything took: not the machine's clock, not addresses, not the order in which threads
+//! happen to run. Other threads come in at rest alone: results of blocking calls in the order of
+//! their beginnings, the handling of ends before any other process runs, requests to stop when no
+//! process can run. What is left are threads and files outside of the system, which wake processes
+//! at any time.
 //!
 //! `Play::rest` in `stage` is the one place where the thread waits for a deadline, real or virtual: a recorder that replays, or a thread that times others, begins there.
 
@@ -56,7 +58,7 @@ pub enum Standstill {
     Undriven,
     /// So many turns were taken without any time passing, the last one by this process.
     Livelock {
-        /// Who had the last turn.
+        /// The process that had the last turn.
         process: ProcessId,
         /// How many there were.
         turns: u64,
@@ -65,8 +67,10 @@ pub enum Standstill {
 
 /// One thread that runs all executors which are [started](crate::Executor::start_simulated) on it, on a virtual clock, in a fixed order: the same in each run.
 ///
-/// The executor whose thread would have the highest priority comes first, of equals the one that was started first; each has so many turns at a
-/// time that one whose processes never wait does not keep the others from theirs. Dropping it cancels all processes, and waits for their end.
+/// The executor with the thread that would have the highest priority comes first, of equals the one
+/// that was started first; each has so many turns at a time that one with processes that never wait
+/// does not keep the others from theirs. Dropping it cancels all processes, and waits for their
+/// end.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -91,7 +95,8 @@ pub struct Simulation {
     thread: Option<Thread<()>>,
 }
 
-/// A simulation, for those who start executors on it. Cloning it is cheap; it does not keep the simulation running.
+/// A handle that starts executors on a simulation. Cloning it is cheap; it does not keep the
+/// simulation running.
 #[derive(Clone)]
 pub struct SimulationHandle(pub(crate) Arc<Stage>);
 
@@ -119,7 +124,7 @@ impl Simulation {
         })
     }
 
-    /// For those who start executors on it.
+    /// A handle that starts executors on it.
     pub fn handle(&self) -> SimulationHandle {
         SimulationHandle(self.stage.clone())
     }
@@ -129,12 +134,13 @@ impl Simulation {
         self.stage.release();
     }
 
-    /// Asks the thread to cancel all processes and end, without waiting for it: as soon as nobody can run.
+    /// Asks the thread to cancel all processes and end, without waiting for it: as soon as no
+    /// process can run.
     pub fn request_stop(&self) {
         self.stage.request_stop();
     }
 
-    /// Leaves the thread to itself: for one whose process hangs.
+    /// Detaches the thread: for one with a process that hangs.
     pub fn abandon(mut self) {
         self.thread = None;
     }
@@ -161,7 +167,8 @@ impl SimulationHandle {
         self.0.stop_time();
     }
 
-    /// Says that somebody looks after processes that end in a hurry ([`ProcessRegistry::hurried`]), as those whose ends others are to see: time waits until that was
+    /// Declares that processes that end in a hurry ([`ProcessRegistry::hurried`]), as those with
+    /// ends that others are to see, are handled by the caller: time waits until that was
     /// [done](Self::attended).
     pub fn attend(&self) {
         self.0.attend();

@@ -334,7 +334,7 @@ fn announced_and_dropped_or_built_in_the_turn_of_another() {
         yield_now().await;
     });
     assert_eq!(parent.wait(), Exit::Completed);
-    // Who waits may be told before the end is listed.
+    // A waiter may be notified before the end is listed.
     executor.stop();
     let mut ended = Vec::new();
     living.take_ended(|id| ended.push(id));

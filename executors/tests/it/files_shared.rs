@@ -14,7 +14,7 @@ use std::pin::pin;
 use std::sync::Arc;
 use support::{Gate, Log, executor, poll_once, until, watchdog};
 
-/// A file as the kernel tells it from others: the number of its descriptor may have been another's before.
+/// A file as the kernel identifies it: the number of its descriptor may have been another's before.
 #[derive(Clone, Copy)]
 struct Identity {
     fd: RawFd,
@@ -163,7 +163,7 @@ fn a_dropped_wait_is_withdrawn_and_leaves_the_others() {
         far.write_all(b"x").unwrap();
         stays.await.unwrap();
         assert_eq!(known(file), (1, false), "known, and not armed");
-        // A ready one that nobody looked at.
+        // A ready one that was never polled.
         let mut ready = pin!(readable(&near));
         assert_eq!(poll_once(&mut ready).await, None);
         yield_now().await;

@@ -1,4 +1,4 @@
-//! Who ran instead: only what a process did is laid to it.
+//! Which process ran instead: only what a process did is attributed to it.
 
 #![cfg(not(loom))]
 

@@ -1,5 +1,5 @@
-//! An operation that is polled by a process, moved out of it, and left waiting when the process is gone: it wakes nobody, and whoever
-//! polls it next goes on with it.
+//! An operation that is polled by a process, moved out of it, and left waiting when the process is
+//! gone: it wakes no process, and the next task that polls it goes on with it.
 
 #![cfg(not(loom))]
 

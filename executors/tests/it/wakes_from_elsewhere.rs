@@ -161,7 +161,8 @@ fn a_high_wake_does_not_wait_behind_low_ones() {
     assert_eq!(order.len(), 503);
 }
 
-/// Those who were woken since the executor looked come in the order of their making, and before all who are woken later.
+/// The processes that were woken since the executor looked come in the order of their making, and
+/// before all that are woken later.
 #[test]
 fn nobody_of_a_level_is_overtaken_by_one_who_is_woken_later() {
     let _watchdog = watchdog("nobody_of_a_level_is_overtaken_by_one_who_is_woken_later");

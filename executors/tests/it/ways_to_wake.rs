@@ -94,7 +94,8 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
             [[Pull::Waker; 10], [Pull::Here(Place::Last); 10]].concat(),
         )
         .await;
-        // Nobody wakes it any more after the next poll, so the lower one below runs, and then this one again.
+        // Nothing wakes it after the next poll, so the lower one below runs, and then this one
+        // again.
         let mut polls = 0;
         poll_fn(move |cx| {
             polls += 1;
@@ -117,7 +118,7 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
     assert_eq!((process.wait(), process.polls()), (Exit::Completed, 4));
 }
 
-/// A process whose polls do random things, and which hands its waker to all the attackers.
+/// A process with polls that do random things, and which hands its waker to all the attackers.
 struct Attacked {
     random: Random,
     wakers: Arc<Mutex<Vec<Waker>>>,
@@ -144,7 +145,7 @@ impl Future for Attacked {
             assert!(self.random.below(8) > 0, "on purpose");
             return Poll::Ready(());
         }
-        // Somebody must come back: itself, in one of the ways, or an attacker.
+        // A wake must follow: from itself, in one of the ways, or from an attacker.
         match self.random.below(3) {
             0 => cx.waker().wake_by_ref(),
             1 => current::ready_again(cx, Place::Last),
@@ -154,7 +155,7 @@ impl Future for Attacked {
     }
 }
 
-/// Wakes, drops and cancels at random until it is told to stop and nothing is left to wake.
+/// Wakes, drops and cancels at random until the stop flag is set and nothing is left to wake.
 fn attack(
     mut random: Random,
     wakers: &Mutex<Vec<Waker>>,

@@ -96,7 +96,8 @@ impl Drop for Token {
     }
 }
 
-/// Keeps whoever comes until it is opened, from any thread. It uses wakers, as other people's futures do.
+/// Keeps each arrival until it is opened, from any thread. It uses wakers, as other people's
+/// futures do.
 #[derive(Clone, Default)]
 pub struct Gate(Arc<Mutex<State>>);
 

@@ -16,7 +16,7 @@ impl<F> fmt::Debug for Branch<F> {
     }
 }
 
-/// What a branch gives: a `Result`, whose error turns into [`Error`].
+/// What a branch gives: a `Result`, with an error that turns into [`Error`].
 #[diagnostic::on_unimplemented(
     message = "a branch of `par!` gives `{Self}`, where a `Result` is expected",
     label = "this branch gives no `Result`",
@@ -43,7 +43,7 @@ impl<F> Branch<F> {
     }
 }
 
-/// A branch whose error is, or can still be inferred to be, [`Error`].
+/// A branch with an error that is, or can still be inferred to be, [`Error`].
 pub trait Exact {
     /// The branch.
     type Branch;

@@ -87,7 +87,7 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
         // SAFETY: as above.
         let branch = unsafe { Pin::new_unchecked(branch) };
         if *failed || current::branch_failed() {
-            // One that a panic has left behind is nobody's.
+            // An end that a panic has left behind belongs to no branch.
             current::take_branch_end();
         }
         let polled = current::with_branch_below(*failed, below, number, || branch.poll(cx));

@@ -67,7 +67,8 @@ impl BranchLog {
             if let Kind::Outcome { stamp: taken, .. } = event.kind
                 && taken != 0
             {
-                // Of several in a row the last: nobody else runs between them here, so what they take has to be there before the first.
+                // Of several in a row the last: nothing else runs between them here, so what they
+                // take has to be there before the first.
                 stamp = taken;
             }
         }

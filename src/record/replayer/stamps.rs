@@ -2,7 +2,8 @@
 
 use luna_platform::clock::{Instant, VirtualClock};
 
-/// After all stamps: who has not ended by then waits for something that was not recorded.
+/// After all stamps: a process that has not ended by then waits for something that was not
+/// recorded.
 pub(super) const END: u64 = 1 << 61;
 
 /// After all stamps, and before the end: what was under way when its process was cut.

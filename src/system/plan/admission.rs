@@ -32,7 +32,7 @@ impl Drop for Reservation<'_> {
 }
 
 impl Plan {
-    /// Takes the name of a process whose body is still to be made.
+    /// Takes the name of a process that has no body yet.
     pub(crate) fn reserve<'a>(&'a self, name: &Name) -> Result<Reservation<'a>> {
         drop(self.admit(Ok(name))?);
         Ok(Reservation {
@@ -41,7 +41,7 @@ impl Plan {
         })
     }
 
-    /// As [`add_reserved`](Self::add_reserved), for a process whose type is not known.
+    /// As [`add_reserved`](Self::add_reserved), for a process of unknown type.
     pub(crate) fn add_reserved_boxed(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
         let mut members = self.members();
@@ -83,7 +83,7 @@ impl Plan {
         }
     }
 
-    /// As [`add_process`](Self::add_process), for one whose name is [reserved](Self::reserve).
+    /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
     pub(crate) fn add_reserved<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
         let id = plan.id();
         let members = self.members();
@@ -165,7 +165,8 @@ impl Plan {
         if let Ok(name) = name
             && !members.started.take_name(name)
         {
-            // Who had it may have ended, and others may know that, though its executor has not told of it yet.
+            // The process that had it may have ended, and others may know that, though its executor
+            // has not reported it yet.
             if let Some(running) = &members.running {
                 members.started.look_for_ends(&running.common.emergency);
             }
@@ -197,7 +198,7 @@ impl Plan {
             })
     }
 
-    /// Forgets a process that has ended before it was entered: its end is told before that.
+    /// Forgets a process that has ended before it was entered: its end is reported before that.
     fn never_entered(&self, running: &Running, id: ProcessId) {
         let Common {
             living, emergency, ..

@@ -32,7 +32,7 @@ impl ExecutorPlan {
     }
 }
 
-/// A process to be, whose body `B` makes.
+/// A described process; `B` makes its body.
 pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
     pub(crate) place: Place,
     pub(crate) spec: ProcessSpec,

@@ -89,8 +89,9 @@ fn what_is_kept_of_processes_that_come_and_go_does_not_grow() {
                     }?;
                     on.process_handle(child).unwrap().join().await;
                     let members = plan.members();
-                    // Each has an entry and a name, a place in the order of the ends, perhaps two funerals before somebody comes to hold them; and some
-                    // have not been looked at since they ended, where the system's own thread is slow to come.
+                    // Each has an entry and a name, a place in the order of the ends, perhaps two
+                    // exit records before a waiter comes to hold them; and some have not been
+                    // looked at since they ended, where the system's own thread is slow to come.
                     let (size, funerals) = (members.started.size(), members.started.funerals.len());
                     assert!(
                         size - funerals <= 10 * (REMEMBERED + 2),

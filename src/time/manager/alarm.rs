@@ -76,7 +76,9 @@ impl Alarm {
         }
     }
 
-    /// Sleeps until a timer expires or [`wake`](Self::wake) is called; calls `expired` with the number of each base whose timer has, and how often it has. May end without a cause.
+    /// Sleeps until a timer expires or [`wake`](Self::wake) is called; calls `expired` with the
+    /// number of each timer group with an expired timer, and how often it has expired. May end
+    /// without a cause.
     pub(super) fn wait(&self, expired: &mut dyn FnMut(usize, u64)) {
         match self {
             Alarm::Files(files) => {

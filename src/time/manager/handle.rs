@@ -115,9 +115,10 @@ impl TimerCallback {
 
     /// Calls it once, at `deadline`, which may have passed; no more at what it was set to before.
     ///
-    /// For an instant that has passed it is called at once, but not before it has rested after its last call for as long as that took, and for 100 µs at least:
-    /// one that sets itself to the past in each call takes half of a core at most, and keeps nobody from being called. Each such call counts as late
-    /// ([`Firing::lateness`]).
+    /// For an instant that has passed it is called at once, but not before it has rested after its
+    /// last call for as long as that took, and for 100 µs at least: one that sets itself to the
+    /// past in each call takes half of a core at most, and does not keep other callbacks from being
+    /// called. Each such call counts as late ([`Firing::lateness`]).
     pub fn at(&self, deadline: Instant) {
         self.set(Wish::At(deadline));
     }

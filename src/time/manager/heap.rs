@@ -20,7 +20,7 @@ impl Heap {
         }
     }
 
-    /// The first deadline, and whose it is; of equal ones the member with the lowest number. O(1).
+    /// The first deadline, and its member; of equal ones the member with the lowest number. O(1).
     pub(super) fn first(&self) -> Option<(u64, usize)> {
         self.order
             .first()
@@ -42,7 +42,7 @@ impl Heap {
         }
         self.order.swap_remove(place as usize);
         if (place as usize) < self.order.len() {
-            // Who stands there now came from the end, of whichever branch.
+            // The member that stands there now came from the end, of whichever branch.
             let place = self.rise(place as usize);
             self.sink(place);
         }

@@ -38,7 +38,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use timer_groups::{Place, TimerGroups};
 
-/// Who wakes the loops of a system at their slots. Set by [`System::timers`](crate::System::timers); the loops' code is the same.
+/// What wakes the loops of a system at their slots. Set by
+/// [`System::timers`](crate::System::timers); the loops' code is the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum Timers {
@@ -48,12 +49,18 @@ pub enum Timers {
     /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps on one timer for each period and wakes the loops of a tick in order of priority, across
     /// executors and OS threads.
     ///
-    /// For systems of several threads whose loops are to begin in order and in phase, for callbacks ([`TimerManager`]), and for machines with few timers. A wake-up takes one thread switch
-    /// more than [`Executor`](Self::Executor); `docs/time-sources.md` has the figures. In a system in which no thread asks for a real-time policy the manager has none either.
+    /// For systems of several threads with loops that are to begin in order and in phase, for
+    /// callbacks ([`TimerManager`]), and for machines with few timers. A wake-up takes one thread
+    /// switch more than [`Executor`](Self::Executor); `docs/time-sources.md` has the figures. In a
+    /// system in which no thread asks for a real-time policy the manager has none either.
     ///
-    /// A loop whose period is a multiple of another's rides on the other's ticks, if they are in phase. A loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on
-    /// the common grid, not when it is made, so that all loops of a period are in phase. Loops that leave the common grid ([`correct`](crate::Periodic::correct),
-    /// [`Overrun::Rephase`](crate::Overrun::Rephase)), and those of a seventeenth period at once, take their executor's deadlines. So do delays, [`ticks`](crate::ticks()) and [`Timer`](crate::Timer)s.
+    /// A loop with a multiple of another's period joins the other's ticks, if they are in phase. A
+    /// loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on the
+    /// common grid, not when it is made, so that all loops of a period are in phase. Loops that
+    /// leave the common grid ([`correct`](crate::Periodic::correct),
+    /// [`Overrun::Rephase`](crate::Overrun::Rephase)), and those of a seventeenth period at once,
+    /// take their executor's deadlines. So do delays, [`ticks`](crate::ticks()) and
+    /// [`Timer`](crate::Timer)s.
     Manager,
 }
 
@@ -108,7 +115,7 @@ impl Manager {
 
     /// The processes start at `start`: callbacks that were started before begin to count.
     pub(crate) fn begin(&self, start: Instant) {
-        // Whoever is released sees what came before the release.
+        // A process that is released sees what came before the release.
         self.start.store(start.as_nanos(), Ordering::Relaxed);
         if let Some(engine) = self.engine.get() {
             self.callbacks.begin(start, engine);

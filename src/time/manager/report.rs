@@ -1,4 +1,4 @@
-//! What the manager did, told when the system has ended.
+//! What the manager did, reported when the system has ended.
 
 use crate::time::short;
 use luna_platform::thread::Policy;

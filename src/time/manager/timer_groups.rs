@@ -1,8 +1,11 @@
-//! Which loops share a timer: timer_groups, on whose ticks the slots of several loops lie.
+//! Which loops share a timer: timer groups. On the ticks of a group lie the slots of several loops.
 //!
-//! A base has the period of a loop of its own. Loops whose period is a multiple of that, and whose slots lie on its ticks, ride on it. When a finer base comes that carries another one's
-//! ticks, or the last loop of a base's own period goes, that base is *stale*: nobody joins it, and who is on it looks for another place when it waits for the next time. So at most
-//! one timer ticks where one is enough, but for the period in which loops move, and no node is ever moved from list to list.
+//! A timer group has the period of a loop of its own. Loops with a multiple of that period, and
+//! with slots on its ticks, join it. When a finer group comes that carries another one's ticks, or
+//! the last loop of a group's own period goes, that group is *stale*: no loop joins it, and each of
+//! its loops looks for another place when it waits for the next time. So at most one timer ticks
+//! where one is enough, but for the period in which loops move, and no node is ever moved from list
+//! to list.
 
 use luna_core::tick_list::TickList;
 use luna_platform::clock::Instant;
@@ -22,7 +25,7 @@ pub(super) trait Arm {
 pub(super) struct TimerGroups {
     rows: PiLock<Box<[Row]>>,
     timer_groups: Box<[TimerGroup]>,
-    /// Changes when who has a place may find a better one.
+    /// Changes when a loop that has a place may find a better one.
     generation: AtomicU64,
     /// How often there was no room.
     refused: AtomicU64,
@@ -36,7 +39,7 @@ struct Row {
     /// Where its ticks lie: the remainder of their instants by the period.
     offset: u64,
     members: u32,
-    /// Those whose own period it is.
+    /// The loops that have its period as their own.
     own: u32,
     is_stale: bool,
 }
@@ -134,12 +137,13 @@ impl TimerGroups {
         Some(&self.timer_groups[place.base?].list)
     }
 
-    /// Nobody fires any more.
+    /// No timer fires any more.
     pub(super) fn close(&self) {
         self.timer_groups.iter().for_each(|base| base.list.close());
     }
 
-    /// Sees to it that a tick comes at `at`, the next slot of whoever has `place`, if there is room. O(1) where nothing has changed.
+    /// Ensures that a tick comes at `at`, the next slot of the loop that has `place`, if there is
+    /// room. O(1) where nothing has changed.
     #[inline]
     pub(super) fn settle(&self, place: &mut Place, at: Instant, timers: &impl Arm) {
         let generation = self.generation.load(Ordering::Acquire);
@@ -222,7 +226,8 @@ impl TimerGroups {
         if others_move {
             self.generation.fetch_add(1, Ordering::Release);
         }
-        // From the next tick on, which may come before this loop's next slot: others join who have theirs there.
+        // From the next tick on, which may come before this loop's next slot: other loops with
+        // slots there join.
         let ahead = at.nanos_since(timers.now()) / period;
         let first = Instant::from_nanos(at.as_nanos() - ahead * period);
         timers.arm(base, first, period);
@@ -236,7 +241,7 @@ impl TimerGroups {
         let others_look = if row.members == 0 {
             row.is_stale = false;
             timers.disarm(base);
-            // Who found no room may find some.
+            // A loop that found no room may find some.
             self.refused() > 0
         } else {
             row.own == 0 && !std::mem::replace(&mut row.is_stale, true)
