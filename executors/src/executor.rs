@@ -346,7 +346,7 @@ impl Executor {
         &self.handle
     }
 
-    /// What the thread got of the attributes that were asked for; nothing on a simulation's.
+    /// What the thread got of the requested attributes; `None` on a simulation's thread.
     pub fn obtained(&self) -> Option<&Obtained> {
         match &self.runs {
             Runs::OnThread(thread) => Some(thread.obtained()),
@@ -444,8 +444,9 @@ impl Drop for Executor {
 }
 
 impl ExecutorHandle {
-    /// From now on the thread sleeps as soon as it has nothing to do, whatever [`Attributes::spin_before_sleep`] said: for when another thread comes to
-    /// its core. Says whether that changes anything. Real-time path: yes; one atomic operation.
+    /// From now on the thread sleeps as soon as it has nothing to do, regardless of
+    /// [`Attributes::spin_before_sleep`]: for when another thread comes to its core. Returns
+    /// whether that changes anything. Real-time path: yes; one atomic operation.
     pub fn end_spin(&self) -> bool {
         self.shared.spin.swap(0, Ordering::Relaxed) > 0
     }
@@ -466,7 +467,7 @@ impl ExecutorHandle {
         handle
     }
 
-    /// A process that counts as one that lives, and has nothing to do yet. Allocates; runs nothing of the user's.
+    /// A process that counts as living, and has nothing to do yet. Allocates; runs no user code.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -483,7 +484,7 @@ impl ExecutorHandle {
     /// # Ok(()) }
     /// ```
     pub fn announce(&self, spec: ProcessSpec) -> Announced {
-        // Processes that come and go for ever do not fill the memory.
+        // Processes that come and go without end do not fill the memory.
         reclaim::collect();
         let is_home = current::home() == Some(self.shared.home);
         let record = Record::new(spec, &self.shared.living, is_home);
@@ -498,7 +499,7 @@ impl ExecutorHandle {
 #[must_use = "a process that is announced and not started ends as cancelled"]
 pub struct Announced {
     to_be: ToBe,
-    /// What [`is_built_here`](Self::is_built_here) has said.
+    /// The result of [`is_built_here`](Self::is_built_here).
     decided: Option<bool>,
 }
 
@@ -655,7 +656,8 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
-    // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say.
+    // Panics of bodies are caught where they are polled. This one comes from elsewhere: a foreign
+    // waker, say.
     if let Err(payload) = lived {
         current::set_on_path(false);
         shared.give_up(payload);
@@ -722,7 +724,8 @@ fn round(shared: &Arc<Shared>, deadlines: &Deadlines, take_in: bool) -> bool {
     true
 }
 
-/// Takes in what others ask of the executor, and looks at its deadlines. `false` if the phase is another by that.
+/// Takes in the requests of other threads, and looks at the deadlines. `false` if that has changed
+/// the phase.
 #[cold]
 fn look_outside(
     shared: &Arc<Shared>,

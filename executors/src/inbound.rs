@@ -47,7 +47,7 @@ impl Signals {
         (levels != 0).then(|| (31 - levels.leading_zeros()) as u8)
     }
 
-    /// Whether attention was asked for.
+    /// Whether attention was requested.
     #[inline]
     pub(crate) fn attention(self) -> bool {
         self.0 & ATTENTION != 0
@@ -102,7 +102,7 @@ impl Inbound {
         self.signal(ATTENTION);
     }
 
-    /// As a waker that marks no more than so many steps, and does not signal.
+    /// As a waker that marks at most `steps` steps, and does not signal.
     #[cfg(loom)]
     pub(crate) fn mark_partly(&self, seat: &Seat, level: u8, steps: usize) {
         seat.mark_partly(&self.near, level, steps);
@@ -124,7 +124,7 @@ impl Inbound {
     /// What waits outside. One load; owner only.
     #[inline]
     pub(crate) fn signals(&self) -> Signals {
-        // An owner that looks is awake, so nothing of its sleep is there.
+        // An owner that looks is awake, so no bit of its sleep is set.
         Signals(self.signals.load(Ordering::Relaxed))
     }
 
@@ -217,7 +217,8 @@ impl Inbound {
         self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);
     }
 
-    /// Sleeps, with `before` when others know it already, and `after` when what they have signalled is not taken yet.
+    /// Sleeps. `before` runs when other threads see the sleep already, and `after` when their
+    /// signals are not taken yet.
     #[inline]
     fn sleep_between(&self, deadline: Instant, before: impl FnOnce(), after: impl FnOnce()) {
         self.bell.quiet();

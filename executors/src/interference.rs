@@ -18,7 +18,7 @@ const NOTABLE: u64 = 10_000;
 /// How many polls are remembered: the last ones.
 const REMEMBERED: usize = 16;
 
-/// One turn of a process on an executor, as [`interference`] knows it.
+/// One turn of a process on an executor, as [`interference`] reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Turn {
@@ -69,13 +69,13 @@ thread_local! {
     };
 }
 
-/// Says that `process` has just been polled. One store.
+/// Notes that `process` has just been polled. One store.
 #[inline]
 pub(crate) fn polled(process: ProcessId) {
     MEMORY.with(|memory| memory.polled.set(process.get()));
 }
 
-/// Says that the executor looks at the clock, between two polls.
+/// Notes that the executor looks at the clock, between two polls.
 #[inline]
 pub(crate) fn look(now: Instant) {
     MEMORY.with(|memory| {
@@ -88,7 +88,8 @@ pub(crate) fn look(now: Instant) {
     });
 }
 
-/// Says that the clock was looked at in the middle of the poll that has just ended, if it was not between it and the one before.
+/// Notes that the clock was looked at in the middle of the poll that has just ended, if it was not
+/// between it and the one before.
 pub(crate) fn looked(at: Instant) {
     MEMORY.with(|memory| {
         if memory.looked.get() == 0 {
@@ -97,7 +98,7 @@ pub(crate) fn looked(at: Instant) {
     });
 }
 
-/// Says that the executor does not look between the next polls: which of them took how long will not be known.
+/// Notes that the executor does not look between the next polls: their durations will not be known.
 pub(crate) fn look_no_more() {
     MEMORY.with(|memory| memory.looked.set(0));
 }
@@ -179,7 +180,7 @@ pub fn interference(
     counts: impl Fn(&Turn) -> bool,
 ) -> Option<Interference> {
     MEMORY.with(|memory| {
-        // The process that asks has not been noted as polled yet, so this is the one before it.
+        // The calling process has not been noted as polled yet, so this is the one before it.
         let last = memory.poll_since(memory.looked.get(), until);
         let turns = || {
             let turns = memory.polls.iter().filter_map(Cell::get).chain(last);
@@ -198,9 +199,10 @@ pub fn interference(
     })
 }
 
-/// Says that a process of this executor looks at the clock at the begin of its poll: what has passed since the last look was the poll before.
-/// To be called before anything else of the poll has taken
-/// time. Real-time path: yes; O(1), no system call. Does nothing where a process is alone on its thread.
+/// Notes that a process of this executor looks at the clock at the begin of its poll: what has
+/// passed since the last look was the poll before. To be called before anything else of the poll
+/// has taken time. Real-time path: yes; O(1), no system call. Does nothing where a process is alone
+/// on its thread.
 ///
 /// The executor looks too between the polls that follow, so that the end of this one is known:
 /// loops that wake together, and are the only ones that wait for the clock, are separated by this.

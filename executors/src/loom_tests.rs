@@ -13,7 +13,8 @@ use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use std::time::Duration;
 
-/// The executor's part that its wakers see, and a process' part: its seat, and what its wakers bring.
+/// The executor's part that its wakers see, and a process' part: its wake slot, and what its wakers
+/// bring.
 struct Process {
     seat: Seat,
     level: u8,
@@ -121,7 +122,7 @@ fn two_wakers_of_an_owner_who_looks_before_it_sleeps() {
     all_are_seen_by([3, 7], [0, 1], true);
 }
 
-/// The second process' seat is not among those beside the signals.
+/// The second process' wake slot is not among those beside the signals.
 #[test]
 fn a_wake_from_a_seat_further_off_is_never_slept_through() {
     all_are_seen([3, 3], [1]);

@@ -140,7 +140,7 @@ fn run_here<F: Future>(
     )
 }
 
-/// Says that the process of a record goes.
+/// Clears the record's pointer to its process.
 struct Forget<'a>(&'a Record);
 
 impl Drop for Forget<'_> {
@@ -380,7 +380,7 @@ impl OsThread {
         &self.process
     }
 
-    /// What the thread got of the attributes that were asked for; nothing on a simulation's.
+    /// What the thread got of the requested attributes; `None` on a simulation's thread.
     pub fn obtained(&self) -> Option<&Obtained> {
         match &self.runs {
             Runs::OnThread(_, thread) => Some(thread.obtained()),
@@ -414,7 +414,8 @@ impl OsThread {
         }
     }
 
-    /// Asks the process to end, without waiting for it. A blocking call in it ends by itself or not at all.
+    /// Requests the end of the process, without waiting for it. A blocking call in it ends by
+    /// itself or not at all.
     pub fn request_stop(&self) {
         match &self.runs {
             Runs::OnThread(shared, _) => {

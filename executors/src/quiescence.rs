@@ -1,8 +1,9 @@
-//! Whether a thread that runs processes sleeps with nothing of its own that could wake it: what a deadlock report is founded on.
+//! Whether a thread that runs processes sleeps with nothing of its own that could wake it: the
+//! basis of a deadlock report.
 //!
 //! A thread of the system (an executor's, or that of an OS-thread process) is *still* while it
-//! sleeps without a deadline and without files to wait for. It says so in a word of its own, which
-//! no other thread writes on the path:
+//! sleeps without a deadline and without files to wait for. It publishes this in a word of its own,
+//! which no other thread writes on the path:
 //!
 //! ```text
 //!   home                                        who looks (not real-time)
@@ -98,7 +99,7 @@ impl Quiescence {
         self.calls.load(Ordering::Acquire) > 0
     }
 
-    /// Asks for a ring when the thread falls still for the next time, or its last call ends.
+    /// Requests a ring when the thread falls still for the next time, or its last call ends.
     pub(crate) fn watch(&self) {
         self.word.fetch_or(WATCHED, Ordering::AcqRel);
     }
@@ -113,7 +114,7 @@ pub(crate) trait Sleeper: Send + Sync {
 
 /// What was seen of some homes.
 pub(crate) enum Look {
-    /// All were still at one instant, each in the stretch said.
+    /// All were still at one instant, each in the given stretch.
     Still(Vec<Stretch>),
     /// One was not; it rings when it falls still.
     Stirring,
@@ -141,7 +142,7 @@ pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
     Look::Unclear
 }
 
-/// Asks every thread for a ring when it falls still for the next time.
+/// Requests a ring from every thread when it falls still for the next time.
 pub(crate) fn watch_all<S: Sleeper + ?Sized>(homes: &[&S]) {
     homes.iter().for_each(|home| home.quiescence().watch());
 }

@@ -21,7 +21,8 @@ use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 /// How many remote_wakes have a word beside the signals: what is left of their line. A model is to have remote_wakes of both kinds.
 pub(crate) const NEAR: usize = if cfg!(loom) { 1 } else { 10 };
 
-/// The words of the first remote_wakes: at which levels each was woken. They lie where the owner's signals do.
+/// The words of the first wake slots: the levels at which each was woken. They lie where the
+/// owner's signals do.
 #[derive(Debug)]
 pub(crate) struct Near([AtomicU32; NEAR]);
 
@@ -55,11 +56,11 @@ impl Block {
 }
 
 /// The slot in which a process is woken from other threads. It may be used after the process has
-/// ended: then the process that has the slot next may be woken for nothing.
+/// ended: then the process that has the slot next may get a spurious wake.
 #[derive(Debug)]
 pub(crate) struct Seat {
     number: usize,
-    /// Where the bits of a seat behind the near ones are.
+    /// Where the bits of a wake slot behind the near ones are.
     block: Option<Arc<Block>>,
 }
 
@@ -71,7 +72,7 @@ impl Seat {
         self.mark_partly(near, level, 2);
     }
 
-    /// As a waker that goes no further than so many steps.
+    /// As a waker that stops after `steps` steps.
     #[inline(always)]
     pub(crate) fn mark_partly(&self, near: &Near, level: u8, steps: usize) {
         let Some(block) = &self.block else {

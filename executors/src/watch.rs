@@ -107,7 +107,7 @@ impl Drop for FilesGuard {
 /// Its thread alone enlists, reports and sleeps. A wait that is dropped on another thread withdraws itself from there, hence the
 /// lock; it is free in all other cases.
 pub(crate) struct ThreadFiles {
-    /// The thread, as `this_thread` says it.
+    /// The thread, as the value of `this_thread`.
     thread: usize,
     reactor: Reactor,
     /// Held also while the reactor is updated, so that it never watches for less than what the
@@ -158,7 +158,8 @@ impl ThreadFiles {
         // SAFETY: the node is the caller's, and in no list.
         let own = unsafe { node.as_ref() }.interest;
         let interest = waits.interest(fd).map_or(own, |others| both(own, others));
-        // Mostly it was waited for before. If it was closed since, this is another file by the same number, and the kernel knows it.
+        // Mostly it was waited for before. If it was closed since, this is another file by the same
+        // number, and the kernel treats it as another.
         match self.reactor.rearm(file, fd as u64, interest) {
             Err(ReactorError::NotRegistered { .. }) => {
                 self.reactor.register(file, fd as u64, interest)

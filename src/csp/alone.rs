@@ -11,7 +11,8 @@ use std::time::Duration;
 /// channels are not marked here.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Says what `process` waits for, if no other thread is known to use that; whether it was said.
+/// Prints what `process` waits for, if no other thread is known to use that; returns whether it was
+/// printed.
 pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
     let body = Sleeping {
         id: process,

@@ -38,9 +38,9 @@ pub struct ThreadPart {
     pub name: String,
     /// What it is.
     pub kind: ThreadKind,
-    /// The policy that it has; before the start, that was asked for.
+    /// The policy that it has; before the start, the requested one.
     pub policy: Policy,
-    /// The core that it is pinned to; before the start, that was asked for.
+    /// The core that it is pinned to; before the start, the requested one.
     pub core: Option<usize>,
     /// Its processes, in the order of their spawning, also those that have ended.
     pub processes: Vec<ProcessPart>,

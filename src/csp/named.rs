@@ -108,7 +108,8 @@ impl<F> Named<F> {
         unsafe { &(*self.node.0.get()).name }.as_str()
     }
 
-    /// Sees to it that the node is listed under what it is being polled in. Gives its id, 0 where there is no system.
+    /// Ensures that the node is listed under what it is being polled in. Returns its id, 0 where
+    /// there is no system.
     ///
     /// # Safety
     ///
@@ -185,7 +186,7 @@ impl<F: Future> Named<F> {
     ///
     /// The future is pinned.
     unsafe fn poll_within(&mut self, within: u64, cx: &mut Context<'_>) -> Poll<F::Output> {
-        /// Says that it does not run any more, also when it has panicked.
+        /// Notes that it does not run any more, also when it has panicked.
         struct Ended<'a> {
             within: u64,
             is_running: &'a AtomicBool,

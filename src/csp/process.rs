@@ -152,9 +152,10 @@ impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
             resident: Some(Box::new(resident)),
             build: move || {
                 let at = at;
-                // SAFETY: the resident outlives the body, which is dropped before the record says that the process has ended (or else
-                // the record says that it was left, and the resident stays for ever), and does not touch the process in between; so this is the
-                // only access while the body lives.
+                // SAFETY: the resident outlives the body. The body is dropped before the record
+                // shows that the process has ended; or the record shows that it was left, and the
+                // resident stays for ever. The resident does not touch the process in between. So
+                // this is the only access while the body lives.
                 let process: &'static mut P = unsafe { &mut *at.0 };
                 process.run()
             },
@@ -551,12 +552,13 @@ fn poll_until_failure<F: Future>(
     }
 }
 
-/// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor `'static` is asked for.
+/// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor
+/// `'static` is required.
 ///
 /// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls. A panic passes through.
 ///
 /// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel
-/// that is marked external or was used at its other end by another thread), it says once on
+/// that is marked external or was used at its other end by another thread), it prints once on
 /// standard error what it waits for, and waits on.
 ///
 /// # Errors

@@ -217,8 +217,8 @@ impl Tree {
         }
     }
 
-    /// Copies some of the nodes behind the mark, for which there is room, and moves the mark behind them; says whether the list, or `end`, is
-    /// reached.
+    /// Copies some of the nodes behind the mark, for which there is room, and moves the mark behind
+    /// them; returns whether the list, or `end`, is reached.
     fn read_on(&self, mark: &Mark<'_>, end: u64, found: &mut Vec<SubProcess>) -> bool {
         let mut list = self.list.lock();
         for _ in 0..AT_ONCE {

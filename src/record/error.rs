@@ -10,7 +10,7 @@ pub enum RecordError {
     File {
         /// Its path.
         path: String,
-        /// What the system says.
+        /// The message of the system.
         message: String,
     },
     /// It is no recording.

@@ -27,7 +27,8 @@ pub(super) enum Kind {
     },
     /// The process has returned.
     Ended,
-    /// It was ended; whether in the middle of an operation. If not, that it is a call says that the branch_log may have gone on after its last operation.
+    /// It was ended; whether in the middle of an operation. If not, a call means that the branch
+    /// log may have gone on after its last operation.
     Cut(bool),
 }
 

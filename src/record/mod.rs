@@ -1,9 +1,12 @@
 //! Recording a run, and replaying it: see [`System::record`](crate::System::record) and [`System::replay`](crate::System::replay).
 //!
-//! A process that communicates by channels with one sender and one receiver, and makes no choices, sees the same in every run, however long anything takes (Kahn, 1974).
-//! So recorded is only what could have been otherwise: which guard an alternative chose, whether an operation at once or with a
-//! timeout succeeded, what the clock said, how an operation failed, what came from outside ([`input`]), and in which order processes got through where several compete. A replay on
-//! a virtual clock gives all that again, and compares what goes outside ([`output`]). `docs/record-and-replay.md` says what is recorded, and what is not.
+//! A process that communicates by channels with one sender and one receiver, and makes no choices,
+//! sees the same in every run, however long anything takes (Kahn, 1974). So only nondeterministic
+//! events are recorded: which guard an alternative chose, whether an operation at once or with a
+//! timeout succeeded, the clock as it was read, how an operation failed, what came from outside
+//! ([`input`]), and in which order processes got through where several compete. A replay on a
+//! virtual clock reproduces all that, and compares what goes outside ([`output`]).
+//! `docs/record-and-replay.md` lists what is recorded, and what is not.
 //!
 //! ```
 //! use luna::prelude::*;
@@ -95,7 +98,7 @@ pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
     }
 }
 
-/// As [`input`], for bytes that `fill` writes: says whether they were given by the recording instead.
+/// As [`input`], for bytes that `fill` writes: returns whether the recording gave them instead.
 pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [u8])) -> bool {
     let is_replay = current::tape(|tape| tape.is_replay()) == Some(true);
     current::tape(|tape| match is_replay {
@@ -109,7 +112,8 @@ pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [
     .unwrap_or_default()
 }
 
-/// Says what goes outside, so that a replay compares it: the first that differs ends the replay with [`RecordError::Diverged`].
+/// Passes what goes outside, so that a replay compares it: the first difference ends the replay
+/// with [`RecordError::Diverged`].
 ///
 /// It does not deliver the value: that is done beside it. Real-time path: yes; O(size of the
 /// value), no allocation, no lock.
@@ -198,7 +202,7 @@ impl<F: Future> Future for Untaped<F> {
     }
 }
 
-/// Lets an operation in that waits for something outside: says whether that is to be done.
+/// Begins an operation that waits for something outside: returns whether it is to be done.
 pub(crate) async fn enters() -> Turn {
     std::future::poll_fn(|cx| {
         current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
@@ -283,13 +287,13 @@ pub(crate) enum ReplayLogs {
 }
 
 impl ReplayLogs {
-    /// Whether processes have tapes.
+    /// Whether processes have replay logs.
     #[inline]
     pub(crate) fn are_there(&self) -> bool {
         !matches!(self, ReplayLogs::None)
     }
 
-    /// Gives the process its tape.
+    /// Gives the process its replay log.
     #[cold]
     pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
         let parent = current::tape(|tape| tape.process()).unwrap_or_default();

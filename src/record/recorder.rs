@@ -35,8 +35,8 @@ const MOST_AT_ONCE: usize = 32 << 10;
 pub struct RecordReport {
     /// How many events were recorded; of a replay, how many of them came again.
     pub events: u64,
-    /// How many events of the recording were lost, since a process made more than its room holds until the thread that writes came. From the first
-    /// lost one on the recording says nothing of that process.
+    /// Number of lost events of the recording: a process made more than its room holds before the
+    /// writing thread came. From its first lost event on the recording has nothing of that process.
     pub lost: u64,
     /// Number of processes that did what is not recorded. A replay may differ there unnoticed, so
     /// none begins. The run's error names the first.
@@ -271,7 +271,7 @@ pub(super) fn file_error(path: &Path, error: &std::io::Error) -> RecordError {
     }
 }
 
-/// A file that knows how much was written.
+/// A file that counts what was written.
 pub(super) struct Counting {
     file: File,
     bytes: u64,
@@ -367,7 +367,8 @@ impl Track {
         }
     }
 
-    /// Its body is gone: if it has not returned, it was ended. Each branch_log says how far it had come: a replay is to go there, and no further.
+    /// Its body is gone: if it has not returned, it was ended. Each branch log records how far it
+    /// had come: a replay is to go there, and no further.
     pub(crate) fn cut(&self) {
         if self.has_ended.replace(true) {
             return;

@@ -46,7 +46,8 @@ impl Recording {
         }
     }
 
-    /// Reads a recording as far as it is whole, and says what is wrong after that. A replay of one goes up to there.
+    /// Reads a recording as far as it is whole, and returns the fault behind that. A replay of one
+    /// goes up to there.
     ///
     /// # Errors
     ///
@@ -160,7 +161,7 @@ impl Recording {
         &self.system
     }
 
-    /// What [`System::record_note`](crate::System::record_note) said.
+    /// The text of [`System::record_note`](crate::System::record_note).
     pub fn note(&self) -> &str {
         &self.note
     }

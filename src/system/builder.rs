@@ -14,11 +14,11 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Whether the machine has the core that was asked for. Whether this program may use it, the start will show.
+/// Whether the machine has the requested core. The start shows whether this program may use it.
 fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
     let Some(core) = core else { return Ok(()) };
     if plan.settings().clock.kind().is_virtual() {
-        // It is not asked for: what is simulated may be a larger machine.
+        // It is not requested: what is simulated may be a larger machine.
         return Ok(());
     }
     // Where the machine does not report its cores, the start reports that.
@@ -38,16 +38,18 @@ fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
 
 macro_rules! place_methods {
     () => {
-        /// Pins the thread to `core`, by the operating system's number of it. Whether the machine has it is looked at when the executor or process is made; not in a system
-        /// on a [virtual clock](crate::System::virtual_clock), if that was said before.
+        /// Pins the thread to `core`, by the operating system's number of it. Whether the machine
+        /// has it is checked when the executor or process is made; not in a system on a
+        /// [virtual clock](crate::System::virtual_clock), if that was set before.
         pub fn core(mut self, core: usize) -> Self {
             self.core = Some(core);
             self.attributes = self.attributes.core(core);
             self
         }
 
-        /// Runs the thread under `policy`: SCHED_FIFO or SCHED_RR with a priority of 1 to 97, or none (the default); an OS thread without a core also under
-        /// SCHED_DEADLINE ([`Policy::deadline`] says what to know of it).
+        /// Runs the thread under `policy`: SCHED_FIFO or SCHED_RR with a priority of 1 to 97, or
+        /// none (the default); an OS thread without a core also under SCHED_DEADLINE
+        /// ([`Policy::deadline`] has its limits).
         pub fn policy(mut self, policy: Policy) -> Self {
             self.attributes = self.attributes.policy(policy);
             self
@@ -278,8 +280,9 @@ impl ProcessBuilder {
         self
     }
 
-    /// Allows the process so much time for one poll, that is from when it is given the processor until it awaits something that is not there yet.
-    /// Measured by the clock on the wall, for about 50 ns a poll; [`OnOverrun`] says what happens when it takes longer, when it has.
+    /// Sets the longest time of one poll of the process, that is from when it is given the
+    /// processor until it awaits something that is not there yet. Measured by the clock on the
+    /// wall, for about 50 ns a poll; [`OnOverrun`] sets what happens after a poll that took longer.
     ///
     /// A poll that never ends is never measured: a [`Watchdog`](crate::Watchdog) finds that. The
     /// time counts also while another thread has taken the processor: the report separates the two.
@@ -338,9 +341,10 @@ impl ProcessBuilder {
         self
     }
 
-    /// Reads before each poll what the kernel counts of the thread, so that the report of an overrun says exactly how long it was on the processor,
-    /// and how often it was taken off. Three system calls, about two microseconds a poll: for the search, not for the machine. Without it the counts
-    /// go back to the overrun before, or the start.
+    /// Reads before each poll what the kernel counts of the thread, so that the report of an
+    /// overrun states exactly how long it was on the processor, and how often it was taken off.
+    /// Three system calls, about two microseconds a poll: for the search, not for the machine.
+    /// Without it the counts go back to the overrun before, or the start.
     pub fn accounted(mut self) -> Self {
         self.budgets.accounted = true;
         self
@@ -360,8 +364,8 @@ impl ProcessBuilder {
         system.add_process(plan)
     }
 
-    /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and gives its handle: to wait for its end, say. Not for the real-time path, as
-    /// `spawn`.
+    /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and
+    /// returns its handle: to wait for its end, say. Not for the real-time path, as `spawn`.
     ///
     /// # Errors
     ///
@@ -464,7 +468,7 @@ impl ProcessBuilder {
         }
     }
 
-    /// What was said of the process, if it can be.
+    /// The description of the process, if it is valid.
     #[inline]
     #[expect(clippy::type_complexity, reason = "the parts of a plan")]
     fn checked(self) -> Result<(Arc<Plan>, Place, ProcessSpec, Option<Arc<Ledger>>)> {

@@ -1,4 +1,4 @@
-//! Which clock a system goes by: the machine's, or one of its own.
+//! The clock of a system: the machine's, or one of its own.
 
 use crate::error::{Error, Result};
 use luna_executors::{DrivenClock, Pace, ProcessRegistry, Simulation};
@@ -43,7 +43,7 @@ impl ClockPlan {
     }
 }
 
-/// Which clock a system goes by.
+/// The clock of a system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum ClockKind {

@@ -1,4 +1,4 @@
-//! Makes the picture of a system from its plan, its threads, and what its processes say of themselves.
+//! Makes the picture of a system from its plan, its threads, and the views of its processes.
 
 use super::plan::{ExecutorPlan, Members, On, Place, Plan};
 use crate::csp::composition::{
@@ -48,7 +48,8 @@ impl Observer {
         Self { plan }
     }
 
-    /// What the system is made of at this moment: as [`System::composition`](crate::System::composition), which says more.
+    /// The parts of the system at this moment: see
+    /// [`System::composition`](crate::System::composition).
     pub fn composition(&self) -> Composition {
         // Each is read by itself: the parts first, since the user of a channel is looked up among
         // them.

@@ -14,7 +14,8 @@ use luna_core::current::{ProcessId, User};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A deadlock: every process of a system waits, and nothing that the system knows of can wake one of them.
+/// A deadlock: every process of a system waits, and nothing known to the system can wake one of
+/// them.
 ///
 /// The system knows of deadlines, files, calls of [`blocking`](crate::blocking), of processes that
 /// compute or block, and of channels that are marked [`external`](crate::Sender::external) or were
@@ -101,7 +102,7 @@ pub enum Operation {
     Notified,
     /// To acquire permits of a semaphore.
     Acquire,
-    /// To learn how another process ended.
+    /// Waits for the end of another process.
     Join,
     /// Nothing: it is in an alternative without an open guard, which is STOP.
     Stop,

@@ -26,10 +26,10 @@ use crate::notice::notice;
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
 
-/// For how many loops room is reserved unless `System::max_loops` says another number: 745 KiB in
-/// all. One reserve for the system: which processes have loops is known only when their bodies
-/// run, and in a large system few do. A reserve that grew with the number of processes was most of
-/// what each of them took.
+/// Default number of loops with reserved room, if `System::max_loops` sets no other: 745 KiB in
+/// all. One reserve for the system: which processes have loops is known only when their bodies run,
+/// and in a large system few do. A reserve that grew with the number of processes was most of what
+/// each of them took.
 const LOOPS: usize = 16;
 
 /// A system with processes that are ready to be released.

@@ -38,11 +38,13 @@ use std::sync::Arc;
 
 /// A machine's software: executors and OS threads, the processes on them, and what to do in an emergency.
 ///
-/// First the system is described: [`executor`](Self::executor) and [`thread`](Self::thread) say where processes can run, and their
-/// `process(..).spawn(..)` which do. Then [`run`](Self::run) starts all of it together and returns when it has ended.
+/// First the system is described: [`executor`](Self::executor) and [`thread`](Self::thread) define
+/// where processes can run, and their `process(..).spawn(..)` which processes run there. Then
+/// [`run`](Self::run) starts all of it together and returns when it has ended.
 ///
-/// Best effort is the default: what the operating system refuses (a policy without the privilege, say) is done without, and said once on
-/// standard error and in the report. [`strict`](Self::strict) refuses to start instead.
+/// Best effort is the default: if the operating system refuses something (a policy without the
+/// privilege, say), the system runs without it and reports that once on standard error and in the
+/// report. [`strict`](Self::strict) refuses to start instead.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -165,17 +167,20 @@ impl System {
         self
     }
 
-    /// Sets room aside for so many callbacks of the timer manager, those that are made before the start among them; 64 if not stated.
+    /// Reserves room for `callbacks` callbacks of the timer manager, including those that are made
+    /// before the start; 64 if not stated.
     pub fn max_timers(&mut self, callbacks: usize) -> &mut Self {
         self.plan.settings().max_timers = Some(callbacks);
         self
     }
 
-    /// Remembers so many of the processes that were spawned on an executor while the system ran and have ended: those that ended last. Of the others the
-    /// report gives [numbers](crate::EarlierProcesses), there is no [handle](Self::process_handle) to be had any more, and their names may be
-    /// given again. 1024 if not stated; processes that were spawned before the run, or have a thread of their own, are always remembered.
+    /// Sets how many ended processes are remembered, of those that were spawned on an executor
+    /// while the system ran: those that ended last. Of the others the report gives
+    /// [numbers](crate::EarlierProcesses), no [handle](Self::process_handle) is available any more,
+    /// and their names may be given again. 1024 if not stated; processes that were spawned before
+    /// the run, or have a thread of their own, are always remembered.
     ///
-    /// So a system that starts and ends processes for ever does not grow.
+    /// So a system that starts and ends processes without end does not grow.
     pub fn remember_ended(&mut self, processes: usize) -> &mut Self {
         self.plan.settings().remembered = Some(processes);
         self
@@ -183,11 +188,15 @@ impl System {
 
     /// Runs the system on a clock of its own: when no process can run, time jumps to the next deadline, so hours take moments, and every run is the same.
     ///
-    /// Processes, loops, delays and timeouts are as ever; only the threads differ: one runs all executors and OS-thread processes, the one of the highest policy first, of
-    /// equals the one that was described first. Computing takes no time. Policies, cores and locked memory are not asked for. A blocking call within an OS-thread process
-    /// stops all, so it goes through [`blocking`](crate::blocking), and one that waits for a channel panics as on an executor. `docs/time.md` says what else there is to know.
+    /// Processes, loops, delays and timeouts behave as on the real clock; only the threads differ.
+    /// One thread runs all executors and OS-thread processes, the one of the highest policy first,
+    /// of equals the one that was described first. Computing takes no time. Policies, cores and
+    /// locked memory are not requested. A blocking call within an OS-thread process stops all, so
+    /// it goes through [`blocking`](crate::blocking), and one that waits for a channel panics as on
+    /// an executor. `docs/time.md` describes the rest.
     ///
-    /// Say it before the executors and threads are described: those that come later may name cores that this machine has not.
+    /// Call it before the executors and threads are described: later descriptions may name cores
+    /// that this machine has not.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -269,7 +278,7 @@ impl System {
         self.record_room(path, ROOM)
     }
 
-    /// As [`record`](Self::record), with room for so many bytes of each process; at least 256.
+    /// As [`record`](Self::record), with room for `bytes` bytes of each process; at least 256.
     pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
         self.plan.settings().tapes.mode = Mode::Record(path.into(), bytes);
         self
@@ -285,16 +294,19 @@ impl System {
     /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same processes, described in the same way, do the same again, and what they
     /// give outside is compared. The run's error is [`Error::Record`](crate::Error::Record) with the first difference, if there is one.
     ///
-    /// Time moves from event to event, so it says nothing: delays, loops and timeouts end when they ended in the recording. What was under way when the recorded system
-    /// was ended goes on as far as it had come, and is ended then.
+    /// Time moves from event to event, so durations have no meaning: delays, loops and timeouts end
+    /// when they ended in the recording. What was under way when the recorded system was ended goes
+    /// on as far as it had come, and is ended then.
     pub fn replay(&mut self, recording: &Recording) -> &mut Self {
         self.virtual_clock();
         self.plan.settings().tapes.replay(recording);
         self
     }
 
-    /// Allows so many polls at one instant of a virtual clock, at least one; 1 000 000 000 if not stated. Since time does not move while any process can run, one that yields for
-    /// ever would else stop it for good: after so many the system ends with [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
+    /// Sets the highest number of polls at one instant of a virtual clock, at least one; 1 000 000
+    /// 000 if not stated. Time does not move while any process can run, so a process that yields
+    /// for ever would stop it for good. After that many polls the system ends with
+    /// [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
     ///
     /// ```
     /// use luna::{Error, prelude::*};
@@ -327,7 +339,8 @@ impl System {
         Thread::new(self.plan.clone(), name)
     }
 
-    /// Lets `body` stand in for the process called `process`, with that one's channel ends.
+    /// Lets `body` stand in for the process called `process`, with the channel ends of that
+    /// process.
     ///
     /// For a part of the machine that is not there, or not to be used: a sensor that replays a
     /// recording, an algorithm that is still to be written. The process must be declared by
@@ -509,9 +522,10 @@ impl System {
 
     /// What the system is made of at this moment: a tree of threads, processes and named sub-processes, and the channels between them.
     ///
-    /// Before [`run`](Self::run) it shows what was asked for, then what there is. Since `run` keeps this thread busy, another one asks an
-    /// [`observer`](Self::observer). Not for the real-time path: it allocates, and takes plain locks; each process' named
-    /// sub-processes are read in pieces of a few at a time.
+    /// Before [`run`](Self::run) it shows what was requested, then what was obtained. Since `run`
+    /// keeps this thread busy, another one uses an [`observer`](Self::observer). Not for the
+    /// real-time path: it allocates, and takes plain locks; each process' named sub-processes are
+    /// read in pieces of a few at a time.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -538,19 +552,25 @@ impl System {
     /// In this order: memory is locked and the threads are made, with their attributes; every process' `pre_run` runs; then all bodies
     /// are released. While they run this thread sleeps, runs `post_run` of those that end, and frees what they leave.
     ///
-    /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then cancel all processes; the report is returned as
-    /// usual, and says so. A second signal ends the program at once. A process that does not end
-    /// within two seconds then is left behind. This thread blocks those three and SIGQUIT while it
-    /// is in here, so that the emergency manager's own takes them, as soon as they come; SIGHUP and
-    /// SIGQUIT only if the program neither handles nor ignores them.
+    /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then
+    /// cancel all processes; the report is returned as usual, and names the signal. A second signal
+    /// ends the program at once. A process that does not end within two seconds then is left
+    /// behind. This thread blocks those three and SIGQUIT while it is in here, so that the
+    /// emergency manager's own takes them, as soon as they come; SIGHUP and SIGQUIT only if the
+    /// program neither handles nor ignores them.
     ///
     /// # Errors
     ///
-    /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or has been run before; the first error of a `pre_run`,
-    /// with its process' name; then the report is had from [`report`](Self::report). A panic or else the first error of a process, in the order of spawning, when all have ended: when a process
-    /// fails the others go on. What is returned is not printed here too, unless the system goes on for a second without the process: then standard error says so while it runs. The errors
-    /// of the other processes that have failed are printed at the end. Else a panic in a [`post_run`](crate::Process::post_run), also behind a signal. [`Error::Deadlock`](crate::Error::Deadlock) if the system is
-    /// [`strict`](Self::strict) and every process waits for another.
+    /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or
+    /// has been run before; the first error of a `pre_run`, with its process' name; then
+    /// [`report`](Self::report) returns the report. A panic or else the first error of a process,
+    /// in the order of spawning, when all have ended: when a process fails the others go on. The
+    /// returned error is not printed here too, unless the system goes on for a second without the
+    /// process: then it is printed on standard error while the system runs. The errors of the other
+    /// processes that have failed are printed at the end. Else a panic in a
+    /// [`post_run`](crate::Process::post_run), also behind a signal.
+    /// [`Error::Deadlock`](crate::Error::Deadlock) if the system is [`strict`](Self::strict) and
+    /// every process waits for another.
     pub fn run(&self) -> Result<Report> {
         supervise::run(&self.plan).inspect_err(|_| self.plan.note_refusal())
     }
@@ -559,8 +579,9 @@ impl System {
 /// A system that was never run is over: what was described is dropped, also if a body or a function
 /// holds an [`Executor`] of it. Any remaining handle of it can spawn nothing more.
 ///
-/// If processes were spawned, a line on standard error says that none of them has run. There is none while the thread panics, and none after a call of the set-up, or `run`, has returned
-/// an error: the program ends because of that.
+/// If processes were spawned, a line on standard error reports that none of them has run. There is
+/// none while the thread panics, and none after a call of the set-up, or `run`, has returned an
+/// error: the program ends because of that.
 impl Drop for System {
     fn drop(&mut self) {
         self.plan.abandon();

@@ -1,8 +1,8 @@
 //! Which threads share a core: a thread that looks for work before it sleeps must not keep another
 //! one of the system from running.
 //!
-//! User space does not see which threads wait for a core, so it goes by the plan. A thread that is
-//! not pinned may come to any core, so it shares all of them.
+//! User space does not see which threads wait for a core, so this module uses the plan. A thread
+//! that is not pinned may come to any core, so it shares all of them.
 
 use super::plan::{ExecutorPlan, NamedThread, Place, ProcessPlan};
 use crate::csp::composition::ThreadPart;
@@ -28,7 +28,8 @@ fn refusal(
     }
 }
 
-/// Refuses the threads of a system that is about to start what they cannot have beside each other. O(threads²), and only for those that ask.
+/// Refuses the threads of a system that is about to start what they cannot have beside each other.
+/// O(threads²), and only for those that request it.
 pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPlan]) {
     let mut all: Vec<(String, &mut Attributes)> = Vec::new();
     for executor in executors {

@@ -34,7 +34,8 @@ impl System {
         self
     }
 
-    /// The value that a parameter has at the start, whatever file and environment say; also when the file is [read again](Parameters::reload). A name or value that is wrong fails the start.
+    /// Sets the value of a parameter at the start, over file and environment; also when the file is
+    /// [read again](Parameters::reload). A name or value that is wrong fails the start.
     pub fn set_parameter(&mut self, name: &str, value: impl Into<Value>) -> &mut Self {
         self.plan.parameters().give_value(name, value.into());
         self

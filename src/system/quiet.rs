@@ -14,8 +14,8 @@ use luna_platform::thread::Mode;
 use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
-/// The time between two looks that find nothing, at first and at most: a system with threads that
-/// wake each other rings for nothing.
+/// The time between two looks that find nothing, at first and at most: threads that wake each other
+/// cause rings without a deadlock.
 const SHORTEST_PAUSE: Duration = Duration::from_micros(200);
 const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 

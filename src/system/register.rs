@@ -19,7 +19,7 @@ use luna_executors::{Exit, Name, ProcessHandle, ProcessRegistry};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 
-/// How many of those that have ended are remembered unless asked for.
+/// Default number of ended processes that are remembered.
 pub(super) const REMEMBERED: usize = 1024;
 
 /// Spreads numbers that are given out one after the other, and names, which are the program's own: nothing here withstands ones that are chosen to collide.
@@ -217,7 +217,7 @@ impl Register {
         }
         if may_be_forgotten {
             self.ended.push_back(id);
-            // Two, so that one which is kept for its news is made up for.
+            // Two, to make up for one that is kept for its news.
             for _ in 0..2 {
                 if self.ended.len() > self.most_ended {
                     self.forget_one();
@@ -278,7 +278,7 @@ impl Register {
         };
         if let Some(ledger) = member.ledger() {
             if ledger.has_news() || ledger.emergency().is_some() {
-                // There is something to be said of it yet.
+                // There is something to be reported of it yet.
                 self.members.insert(id, member);
                 self.ended.push_back(id);
                 return;

@@ -18,8 +18,9 @@ impl System {
     /// So they do at every other signal that ends a program by default and that the program neither
     /// handles nor ignores. `docs/safety.md` says what is guaranteed, and what is not.
     ///
-    /// One that panics does not keep the next from running. One that takes longer than its limit is left behind at low priority, and another thread goes on with the next:
-    /// [`on_emergency_within`](Self::on_emergency_within). The report says how it went with each.
+    /// One that panics does not keep the next from running. One that takes longer than its limit is
+    /// left behind at low priority, and another thread goes on with the next:
+    /// [`on_emergency_within`](Self::on_emergency_within). The report states the outcome of each.
     ///
     /// A function is called in the middle of anything, also of a crash. The crashed thread may hold
     /// any lock, that of the memory allocator too. The best functions write to a device that is
@@ -71,7 +72,7 @@ impl System {
         function: impl FnMut() + Send + 'static,
     ) -> &mut Self {
         let emergency = self.plan.emergency();
-        // After the run it would never be called, as ever.
+        // After the run it would never be called.
         if let Err(error) = emergency.add_function(name, limit, Box::new(function))
             && !self.plan.has_begun()
         {
@@ -121,7 +122,8 @@ impl System {
         EmergencyTrigger::new(self.plan.emergency().clone())
     }
 
-    /// The system's safety state, from now on and also after its end. In a process [`luna::safety`](crate::safety()) gives it.
+    /// The system's safety state, from now on and also after its end. In a process
+    /// [`luna::safety`](crate::safety()) returns it.
     pub fn safety(&self) -> Safety {
         Safety::new(self.plan.emergency().clone())
     }
@@ -129,7 +131,8 @@ impl System {
     /// Makes it an emergency when the program that started this one ends, in whatever way: a
     /// supervisor or a remote shell. Without it the machine is unattended.
     ///
-    /// Linux alone (5.3 or later); elsewhere [`run`](Self::run) says so as a shortfall of the system. Costs a thread that sleeps.
+    /// Linux alone (5.3 or later); elsewhere [`run`](Self::run) reports a shortfall of the system.
+    /// Costs a thread that sleeps.
     pub fn emergency_at_parents_death(&mut self) -> &mut Self {
         self.plan.settings().parents_death = true;
         self

@@ -28,7 +28,8 @@ use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-/// How long the thread that runs the system leaves ends that are in no hurry alone after it has looked after some: at first, and if there are always more.
+/// The pause of the thread that runs the system between two passes over unhurried ends: at first,
+/// and if there are always more.
 const SHORTEST_REST: Duration = Duration::from_millis(1);
 const LONGEST_REST: Duration = Duration::from_millis(16);
 
@@ -240,7 +241,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // Whatever has ended the system: something may not be as its process was to leave it.
     .or_else(|| members.started.first_cleanup().cloned());
     let error = match (error, recorded) {
-        // What processes return in a replay that has gone astray says nothing.
+        // Errors that processes return in a replay that has diverged do not count.
         (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
         (None, Err(error)) => Some(error.into()),
         (None, Ok(_)) => running.common.tapes.outside().map(Error::from),
@@ -256,7 +257,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
 }
 
-/// Says once what is done without.
+/// Reports once what the system runs without.
 fn announce_shortfalls(
     plan: &Plan,
     of_system: &[Shortfall],
@@ -346,8 +347,8 @@ fn watch(
         let reaper = Reaper {
             plan,
             running,
-            // The run returns the error that an emergency came of; what others return from then on
-            // says nothing.
+            // The run returns the error that caused an emergency; errors that others return from
+            // then on do not count.
             errors: (!emergency.has_begun()).then_some(pending),
         };
         let have_ended = reaper.reap();
@@ -409,7 +410,7 @@ fn watch(
     }
 }
 
-/// What the report needs to say why cycles were late.
+/// What the report needs to explain why cycles were late.
 struct Known<'a> {
     started: &'a Register,
     stolen: Stolen,
@@ -429,7 +430,8 @@ impl Witness for Known<'_> {
 struct Reaper<'a> {
     plan: &'a Plan,
     running: &'a Running,
-    /// Where errors go; nowhere while processes are being ended, since what they return then says nothing.
+    /// Where errors go; `None` while processes are being ended, since their errors do not count
+    /// then.
     errors: Option<&'a PendingErrors>,
 }
 
@@ -537,7 +539,7 @@ fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> O
 /// being ended does not count.
 fn error_of_run(started: &Register, cause: Option<Error>, report: &Report) -> Option<Error> {
     match report.end {
-        // What they return while they are being ended says nothing.
+        // Errors that processes return while they are being ended do not count.
         End::Signal(_) | End::Undriven | End::Livelock => None,
         End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
         End::Overrun | End::Emergency => cause,

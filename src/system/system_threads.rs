@@ -31,8 +31,8 @@ pub(super) struct SystemThreads<'a> {
 }
 
 impl SystemThreads<'_> {
-    /// Asks all threads to end, waits for them a bounded time, by `wait`, and detaches those that
-    /// do not end.
+    /// Requests the end of all threads, waits for them a bounded time, by `wait`, and detaches
+    /// those that do not end.
     pub(super) fn end(
         &mut self,
         wait: impl Fn(Instant, &dyn Fn() -> bool) -> bool,
@@ -57,7 +57,8 @@ impl SystemThreads<'_> {
                 if ended {
                     executor.stop();
                 } else {
-                    // Said first: whatever panics from here on, what its bodies refer to stays.
+                    // Set first: if anything panics from here on, what the threads' bodies refer to
+                    // stays.
                     self.has_left_behind = true;
                     executor.abandon();
                 }

@@ -40,7 +40,7 @@ impl Warnings {
         (lines, next)
     }
 
-    /// What has not been said yet, at the end.
+    /// What has not been reported yet, at the end.
     pub(super) fn rest(members: &Members) -> Vec<String> {
         let with_news = members.started.overseen().filter_map(|(_, member)| {
             let ledger = member.ledger()?;

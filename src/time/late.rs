@@ -80,14 +80,14 @@ pub(crate) struct LateCycles {
     count: u64,
     accounting: Accounting,
     worst: [Option<Note>; KEPT],
-    /// When the loop asked for the cycle that is to begin, and how long the one before ran.
+    /// When the loop requested the cycle that is to begin, and how long the one before ran.
     asked: Instant,
     previous_run: Option<u64>,
     /// The second argument of the last late cycle's event.
     in_event: u64,
 }
 
-/// What the report knows and the path did not.
+/// What is known to the report and was not known on the path.
 pub(crate) trait Witness {
     /// A process' name.
     fn name_of(&self, process: ProcessId) -> Option<String>;
@@ -106,7 +106,8 @@ impl LateCycles {
         self.accounting.begin(now);
     }
 
-    /// It was made elsewhere, and begins here now: nothing of what the kernel has counted so far is the loop's.
+    /// It was made elsewhere, and begins here now: the kernel's counts so far do not belong to the
+    /// loop.
     pub(crate) fn begin_here(&mut self, now: Instant) {
         self.asked = now;
         if self.threshold != u64::MAX {
@@ -122,10 +123,11 @@ impl LateCycles {
         self.accounted = true;
     }
 
-    /// The loop asks for its next cycle; the one before ran so many nanoseconds.
+    /// The loop requests its next cycle; the one before ran so many nanoseconds.
     pub(crate) fn asked(&mut self, now: Instant, previous_run: Option<u64>) {
         self.asked = now;
-        // A future that was dropped, and another that asks again: the cycle before is still the same.
+        // A future that was dropped, and another that requests again: the cycle before is still the
+        // same.
         self.previous_run = previous_run.or(self.previous_run);
     }
 
@@ -162,7 +164,7 @@ impl LateCycles {
         let interference = luna_executors::interference(waited_from, began, |turn| !is_rest(turn));
         // Also of a cycle that is not kept: the next reading counts from here.
         let usage = self.accounting.turn(began);
-        // What the kernel counts says nothing of a time that is virtual, and differs between runs.
+        // The kernel's counts have no meaning on virtual time, and differ between runs.
         let is_real = !Clock::is_virtual_here();
         let note = Note {
             number,

@@ -1,4 +1,4 @@
-//! What a report says of a late cycle.
+//! The text of a report about a late cycle.
 
 use super::accounting::{UsageSince, short};
 use luna_core::events::code::late;

@@ -95,20 +95,23 @@ pub struct Periodic {
 enum Prepared {
     /// With all bodies.
     AtStart,
-    /// Beside processes that run, as its body asks for the first cycle.
+    /// Beside processes that run, as its body requests the first cycle.
     AtFirstCycle,
 }
 
 /// Begins a loop called `name` with slots `period` apart: the first one a period from now, or with
 /// [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of this period have.
 ///
-/// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle never shifts the following ones. Slots
-/// that come while the loop is busy are treated by its [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates
-/// nothing, since it takes the room for its statistics from a reserve of the system, of 16 loops or as many as [`System::max_loops`](crate::System::max_loops) says.
-/// O(loops, and processes with [parameters](crate::parameters)).
+/// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle
+/// never shifts the following ones. Slots that come while the loop is busy are treated by its
+/// [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates nothing,
+/// since it takes the room for its statistics from a reserve of the system, of 16 loops or as set
+/// by [`System::max_loops`](crate::System::max_loops). O(loops, and processes with
+/// [parameters](crate::parameters)).
 ///
-/// In [`pre_run`](crate::Process::pre_run) it makes a loop that begins with the bodies: its first slot is a period after all of them are released; in a process that is spawned
-/// while the system runs, a period after the body first asks for one.
+/// In [`pre_run`](crate::Process::pre_run) it makes a loop that begins with the bodies: its first
+/// slot is a period after all of them are released; in a process that is spawned while the system
+/// runs, a period after the body first requests one.
 ///
 /// Each loop of a system has a line of its own in the report, also when it has ended. So a name is used once, even if the loop of that name was dropped; and a loop that was
 /// dropped keeps its room ([`System::max_loops`](crate::System::max_loops)). To loop again keep the `Periodic`, and ask it for the next cycle.
@@ -272,11 +275,11 @@ impl Periodic {
     ///
     /// What the guard covers of the thread's wake-up no longer makes the cycle late. It costs up to
     /// `guard` of the processor in each period. While the loop spins, processes of its executor
-    /// that are ready at its level or above run first, as ever, whatever readied them, and each
-    /// turn of the spin looks for them. Processes of lower levels are not started, since the loop
-    /// would be late by their whole poll: they wait for the slot, `guard` at most. Threads of lower
-    /// priority on the same core wait as long. Each turn counts as a poll of the process. Zero, the
-    /// default, is no guard, and on a virtual clock there is none. O(1).
+    /// that are ready at its level or above run first, whatever readied them, and each turn of the
+    /// spin looks for them. Processes of lower levels are not started, since the loop would be late
+    /// by their whole poll: they wait for the slot, `guard` at most. Threads of lower priority on
+    /// the same core wait as long. Each turn counts as a poll of the process. Zero, the default, is
+    /// no guard, and on a virtual clock there is none. O(1).
     ///
     /// On the reference machine a wake-up takes 26 µs; a good guard is twice the 99th percentile that [`LoopReport`](crate::LoopReport) shows without one.
     ///

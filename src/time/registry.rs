@@ -63,7 +63,8 @@ impl fmt::Debug for LoopName {
 /// What the processes of one system have in common, found through their thread.
 pub(crate) struct Scope {
     loops: PiLock<Loops>,
-    /// Whether more room may be allocated when it is asked for: outside of a system, where nothing is started together.
+    /// Whether more room may be allocated on demand: outside of a system, where nothing is started
+    /// together.
     grows: bool,
     most: usize,
     /// In nanoseconds: what the common grids of loops count from.
@@ -126,7 +127,7 @@ impl Scope {
         })
     }
 
-    /// Makes room when it is asked for.
+    /// Allocates room on demand.
     pub(crate) fn free_standing() -> Arc<Self> {
         Arc::new(Self {
             loops: PiLock::new(Loops {
@@ -146,7 +147,7 @@ impl Scope {
         })
     }
 
-    /// The processes start now. To be said before the first of them runs.
+    /// The processes start now. To be called before the first of them runs.
     pub(crate) fn begin(&self) -> Instant {
         let now = self.clock.now();
         // A process that is released sees what came before the release.

@@ -83,7 +83,7 @@ pub struct LoopReport {
     pub wake_latency: Distribution,
     /// From one cycle's begin to the next one's.
     pub cycle_time: Distribution,
-    /// From a cycle's begin until the loop asked for the next.
+    /// From a cycle's begin until the loop requested the next.
     pub run_time: Distribution,
     /// From which lateness on a cycle is late: see [`Periodic::late_after`](crate::Periodic::late_after).
     pub late_after: Duration,
@@ -116,7 +116,7 @@ impl LoopReport {
 mod tests {
     use super::*;
 
-    /// What the documentation of `System::max_loops` says.
+    /// The figure in the documentation of `System::max_loops`.
     #[test]
     fn the_room_of_a_loop_takes_about_50_kib() {
         let room = Statistics::new();

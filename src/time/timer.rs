@@ -52,7 +52,7 @@ impl Timer {
         self.deadline = deadline;
     }
 
-    /// Does not fire any more; says whether it was set. O(1).
+    /// Does not fire any more; returns whether it was set. O(1).
     ///
     /// ```
     /// let mut timer = luna::Timer::new();
@@ -74,8 +74,8 @@ impl Timer {
         self.is_set().then_some(self.deadline)
     }
 
-    /// Waits until it fires, and gives its deadline; it is then no longer set. If it is not set, it waits for ever. Alone, or as a guard of an
-    /// alternative.
+    /// Waits until it fires, and returns its deadline; it is then no longer set. If it is not set,
+    /// it waits for ever. Alone, or as a guard of an alternative.
     ///
     /// Cancel-safe: if it is not chosen it stays set. Real-time path: yes; O(log n) for n delays of this thread, no allocation.
     ///

@@ -14,10 +14,10 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// How a body ended, with what it said: before that is put where others find it.
+/// How a body ended, with its exit value before that is published.
 pub(crate) enum End<O> {
     Completed(O),
-    /// Its tape says that nothing more comes: dropped where it waits.
+    /// Its replay log has no further events: dropped where it waits.
     Over,
     Cancelled,
     Panicked(Box<dyn Any + Send>),
@@ -70,7 +70,8 @@ impl<F: Future> Body<F> {
         }
     }
 
-    /// Polls the future with all that may be asked for around a poll, and catches its panic; says how it is to [end](Self::end), if it is. Not to be called once it has ended.
+    /// Polls the future with all optional work around a poll, and catches its panic; returns how it
+    /// is to [end](Self::end), if it is. Not to be called once it has ended.
     pub(crate) fn poll_attentively(
         self: Pin<&mut Self>,
         record: &Record,
@@ -155,7 +156,7 @@ impl<F: Future> Body<F> {
         }
     }
 
-    /// Keeps what it said in the place of the body, which has [ended](Self::end).
+    /// Keeps its exit value in the place of the body, which has [ended](Self::end).
     pub(crate) fn keep(self: Pin<&mut Self>, words: F::Output) {
         // SAFETY: there is no future any more.
         unsafe { self.get_unchecked_mut() }.0 = Room::Said(words);

@@ -18,11 +18,12 @@ impl ExitValue for () {
     }
 }
 
-/// Last words, wherever they lie.
+/// An exit value, wherever it lies.
 ///
 /// # Invariants
 ///
-/// `place` leads to words that may be sent to other threads, and that `methods` know; they are this value's alone.
+/// `place` leads to an exit value that may be sent to other threads, and that `methods` handle; it
+/// is owned by this value alone.
 pub(crate) struct Words {
     place: NonNull<()>,
     methods: &'static WordsMethods,
@@ -43,7 +44,7 @@ unsafe impl Send for Words {}
 impl Words {
     /// # Safety
     ///
-    /// `place` is one as the type's invariant says, and is given away.
+    /// `place` is one as the type's invariant requires, and its ownership passes to the new value.
     pub(crate) unsafe fn new(place: NonNull<()>, methods: &'static WordsMethods) -> Self {
         Self { place, methods }
     }

@@ -110,7 +110,7 @@ impl Drop for Join<'_> {
         }
         let mut shown = self.record.shown.lock();
         let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
-        // SAFETY: the lock is held, and `listed` says whether the node is in the list.
+        // SAFETY: the lock is held, and `listed` shows whether the node is in the list.
         unsafe {
             if (*node.as_ptr()).listed.load(Ordering::Relaxed) {
                 shown.joining.remove(node.cast());

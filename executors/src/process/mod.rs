@@ -136,7 +136,8 @@ impl ProcessSpec {
         self
     }
 
-    /// Lets `taper` put the process' [tape](luna_core::replay_log) in around each of its polls. Processes without one pay nothing.
+    /// Lets `taper` install the process' [replay log](luna_core::replay_log) around each of its
+    /// polls. Processes without one pay nothing.
     #[doc(hidden)]
     #[must_use]
     pub fn taped(mut self, taper: Arc<dyn Taper>) -> Self {
@@ -202,7 +203,7 @@ impl fmt::Display for Exit {
 #[derive(Clone)]
 pub struct ProcessHandle(pub(crate) Arc<Record>);
 
-// What it shows is behind a lock under which nothing of the user's runs, or atomic.
+// What it shows is atomic, or behind a lock under which no user code runs.
 impl std::panic::UnwindSafe for ProcessHandle {}
 impl std::panic::RefUnwindSafe for ProcessHandle {}
 
@@ -238,7 +239,8 @@ impl ProcessHandle {
         (self.polls() > 0).then(|| Duration::from_nanos(longest))
     }
 
-    /// Asks the process to end: its body is dropped on its own thread, where it waits, as soon as that thread comes to it.
+    /// Requests the end of the process: its body is dropped on its own thread, where it waits, as
+    /// soon as that thread comes to it.
     ///
     /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its next await. Does nothing to one that
     /// has ended. Real-time path: yes for a process that lives; O(1), a system call only if its thread sleeps. If the process ends at the same
@@ -247,13 +249,14 @@ impl ProcessHandle {
         self.0.cancel();
     }
 
-    /// Waits until the process has ended, and says how. Cancel-safe. Real-time path: yes, but for the message of a panic,
-    /// which is allocated here.
+    /// Waits until the process has ended, and returns how. Cancel-safe. Real-time path: yes, but
+    /// for the message of a panic, which is allocated here.
     pub fn join(&self) -> Join<'_> {
         Join::new(&self.0)
     }
 
-    /// Blocks this thread until the process has ended, and says how. Not for processes of an executor: they [`join`](Self::join).
+    /// Blocks this thread until the process has ended, and returns how. Not for processes of an
+    /// executor: they [`join`](Self::join).
     pub fn wait(&self) -> Exit {
         luna_core::park::block_on(self.join())
     }
@@ -263,7 +266,7 @@ impl ProcessHandle {
         join::joiners(&self.0)
     }
 
-    /// The words that lie in its body, of which some are addresses of what it holds; empty where the
+    /// The machine words of its body, some of which are addresses of what it holds; empty where the
     /// system does not let them be seen. The kernel copies them as they are, also while the body
     /// runs or goes, so they are a hint for reports: what the body holds behind a box is not among
     /// them, and what it has given away may still be. Not for the real-time path: it allocates.
@@ -292,7 +295,7 @@ impl fmt::Debug for ProcessHandle {
     }
 }
 
-/// What a panic said.
+/// The message of a panic.
 pub fn panic_message(payload: &(dyn Any + Send)) -> String {
     if let Some(text) = payload.downcast_ref::<&str>() {
         (*text).to_owned()

@@ -71,7 +71,7 @@ impl Deref for Name {
 
     #[inline]
     fn deref(&self) -> &str {
-        // SAFETY: the invariant: the text is as long as the head says, and was a `str`.
+        // SAFETY: the invariant: the text has the length in the head, and was a `str`.
         unsafe {
             let text = self.0.add(1).cast::<u8>();
             let text = NonNull::slice_from_raw_parts(text, self.head().length as usize);

@@ -13,7 +13,7 @@ pub trait PollMonitor: Any + Send + Sync {
     /// A poll begins.
     fn poll_begins(&self, now: Instant);
 
-    /// The poll that began at `began` has ended, and says what becomes of the process.
+    /// The poll that began at `began` has ended. The verdict decides what becomes of the process.
     fn poll_ends(&self, began: Instant, now: Instant) -> Verdict;
 }
 

@@ -23,7 +23,7 @@ use std::task::Waker;
 /// How it ended, before any query: the message of a panic is made off the real-time path.
 pub(crate) enum RawExit {
     Completed,
-    /// Completed, and has said something.
+    /// Completed, with an exit value.
     Said(Words),
     Cancelled,
     Panicked(Box<dyn Any + Send>),
@@ -36,9 +36,9 @@ impl Outcome {
     const NONE: u8 = 0;
     const COMPLETED: u8 = 1;
     const CANCELLED: u8 = 2;
-    /// What was said is behind the lock.
+    /// The panic's payload is behind the lock.
     const PANICKED: u8 = 3;
-    /// Completed, and what was said is behind the lock.
+    /// Completed, and the exit value is behind the lock.
     const SAID: u8 = 4;
 }
 
@@ -74,7 +74,8 @@ impl Notice {
 ///
 /// # Invariants
 ///
-/// It is changed under the record's lock. A process that is here while that is held is live, and has a waker: it says before it goes.
+/// It is changed under the record's lock. A process that is here while the lock is held is live,
+/// and has a waker: it clears this before it goes.
 struct Seen(AtomicPtr<Process>);
 
 impl Seen {
@@ -118,7 +119,7 @@ impl Seen {
         process.map_or(self.last_polls().unwrap_or(0), Process::polls)
     }
 
-    /// Says that the process goes.
+    /// Clears the pointer: the process goes.
     ///
     /// # Safety
     ///
@@ -166,7 +167,7 @@ enum Beside {
     Waker(Box<Waker>),
     /// What it has panicked with.
     Panic(Box<dyn Any + Send>),
-    /// What it has said.
+    /// Its exit value.
     Words(Words),
 }
 
@@ -300,7 +301,7 @@ impl Record {
         })
     }
 
-    /// What was said, if it is of this type and was not taken.
+    /// The exit value, if it is of this type and was not taken.
     #[inline]
     pub(super) fn take_words<O: ExitValue>(&self) -> Option<O> {
         if self.outcome.load(Ordering::Acquire) != Outcome::SAID {
@@ -410,7 +411,7 @@ impl Record {
         self.fate.load(Ordering::Relaxed) & Fate::POISONED != 0
     }
 
-    /// Says how to wake it before it is there. Allocates.
+    /// Sets the waker before the process is there. Allocates.
     pub(crate) fn set_waker(&self, waker: Waker) {
         let waker = Box::new(waker);
         let before = {
@@ -424,7 +425,8 @@ impl Record {
         drop(before);
     }
 
-    /// Says where it is. The process, which has a waker, stays there until it has [finished](Self::finish), or it was [forgotten](Self::forget_process).
+    /// Sets the address of the process. The process, which has a waker, stays there until it has
+    /// [finished](Self::finish), or it was [forgotten](Self::forget_process).
     ///
     /// # Safety
     ///
@@ -454,7 +456,7 @@ impl Record {
         }
     }
 
-    /// Says that the process goes.
+    /// Clears the address: the process goes.
     pub(crate) fn forget_process(&self) {
         let waker = {
             let mut shown = self.shown.lock();

@@ -14,8 +14,8 @@ use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Counts the processes that have not ended, so that one thread can wait for the last; and knows their threads, so that it can see when
-/// none of them will ever wake by itself.
+/// Counts the processes that have not ended, so that one thread can wait for the last. It also has
+/// their threads, to detect that none of them will ever wake by itself.
 ///
 /// # Invariants
 ///
@@ -31,7 +31,7 @@ pub struct ProcessRegistry {
     resting: AtomicUsize,
     /// Whether the next end is in a hurry in any case.
     is_urgent: AtomicBool,
-    /// Those that were asked for and have ended, the last one first.
+    /// The listed processes that have ended, the last one first.
     ended: AtomicPtr<Record>,
     /// The threads that live, in the order of their start. A plain lock: threads take it as they start and end, off the path.
     threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,

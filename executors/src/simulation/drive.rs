@@ -1,4 +1,4 @@
-//! A clock that moves only as its driver says: lock-step with a simulator.
+//! A clock that moves only as its driver commands: lock-step with a simulator.
 
 use luna_core::park::Parker;
 use luna_core::reclaim::Shared;
@@ -16,7 +16,7 @@ pub(super) struct Drive {
 }
 
 struct State {
-    /// How often the driver has asked for something, and up to which of that all is done.
+    /// Number of requests of the driver, and up to which of them all is done.
     requests: u64,
     served: u64,
     /// How far time may go.
@@ -145,7 +145,7 @@ pub enum DriveError {
     },
     /// Time does not go back.
     Past {
-        /// What was asked for.
+        /// The requested instant.
         asked: Instant,
         /// The time on the clock.
         now: Instant,

@@ -34,7 +34,7 @@ pub(super) struct Member {
     _end: End,
 }
 
-/// Says that an executor has stopped.
+/// Marks the executor as stopped when it is dropped.
 struct End(Arc<Shared>);
 
 impl Drop for End {

@@ -46,7 +46,7 @@ use std::sync::Arc;
 pub enum Pace {
     /// It jumps to the next deadline when no process can run.
     Jumping,
-    /// As its driver says.
+    /// As its driver commands.
     Driven(DrivenClock),
 }
 
@@ -56,7 +56,7 @@ pub enum Pace {
 pub enum Standstill {
     /// Its driver is gone.
     Undriven,
-    /// So many turns were taken without any time passing, the last one by this process.
+    /// The limit of turns without any time passing was reached, the last one by this process.
     Livelock {
         /// The process that had the last turn.
         process: ProcessId,
@@ -68,8 +68,8 @@ pub enum Standstill {
 /// One thread that runs all executors which are [started](crate::Executor::start_simulated) on it, on a virtual clock, in a fixed order: the same in each run.
 ///
 /// The executor with the thread that would have the highest priority comes first, of equals the one
-/// that was started first; each has so many turns at a time that one with processes that never wait
-/// does not keep the others from theirs. Dropping it cancels all processes, and waits for their
+/// that was started first; each has a bounded number of turns at a time, so one with processes that
+/// never wait does not starve the others. Dropping it cancels all processes, and waits for their
 /// end.
 ///
 /// ```
@@ -174,7 +174,7 @@ impl SimulationHandle {
         self.0.attend();
     }
 
-    /// The first so many of those were looked after.
+    /// The first `ends` of those were handled.
     pub fn attended(&self, ends: u64) {
         self.0.attended(ends);
     }

@@ -161,7 +161,8 @@ impl Stage {
         }
     }
 
-    /// Whether there were more ends in a hurry than those that have been looked after and those up to `given_up`.
+    /// Whether there were more hurried ends than those that have been handled and those up to
+    /// `given_up`.
     #[inline]
     fn is_to_be_attended(&self, given_up: u64) -> bool {
         let ends = self.living.hurried();
@@ -175,7 +176,7 @@ impl Stage {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Says once why nothing goes on.
+    /// Reports once why nothing goes on.
     fn stand_still(&self, why: Standstill) {
         let mut standstill = self
             .standstill
@@ -235,7 +236,7 @@ pub(super) fn run(stage: &Arc<Stage>) {
     reclaim::collect();
 }
 
-/// What the thread itself knows.
+/// The state of the thread itself.
 struct Play<'a> {
     stage: &'a Arc<Stage>,
     /// The most urgent first, of equals the one that came first.

@@ -1,7 +1,8 @@
 //! The memory of tasks: at a multiple of [`Process::ALIGN`], from the allocator's fast path.
 //!
-//! An allocator gives what is aligned to more than two words by a long way, which splits what it finds: several times as dear as all else that a spawn allocates. So
-//! a task takes what is aligned to half of what it needs, and half of that more.
+//! An allocator serves an alignment of more than two words by a slow path, which splits what it
+//! finds: several times as expensive as all else that a spawn allocates. So a task requests half of
+//! the alignment that it needs, and that much more memory.
 
 use luna_core::current::Process;
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
@@ -33,7 +34,8 @@ pub(super) fn allocate<T>() -> (NonNull<T>, u8) {
         handle_alloc_error(layout)
     };
     let skipped = start.addr().get().wrapping_neg() % align;
-    // SAFETY: either nothing is skipped, or there is as much more than a `T` takes: `start` is aligned to half of what is asked for.
+    // SAFETY: either nothing is skipped, or there is as much more than a `T` takes: `start` is
+    // aligned to half of the needed alignment.
     (unsafe { start.add(skipped) }.cast(), skipped as u8)
 }
 

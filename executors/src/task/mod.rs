@@ -97,7 +97,8 @@ struct Task {
 
 /// What is seldom done with a body: found by its process' methods.
 struct BodyMethods {
-    /// Polls it, if it was not cancelled, with all that may be asked for around a poll; `true` if it has ended.
+    /// Polls it, if it was not cancelled, with all optional work around a poll; `true` if it has
+    /// ended.
     poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
     /// Ends a body that has panicked.
     end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
@@ -208,7 +209,8 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
             // SAFETY: a task that has a wake slot is not retired, so it is live, and this is its
             // executor's thread.
             unsafe {
-                // What it had inherited may have been given back meanwhile, or the wake was one of the seat's former owner.
+                // What it had inherited may have been given back meanwhile, or the wake was one of
+                // the slot's former owner.
                 let process = &task.as_ref().process;
                 process.ready_at(level.min(process.level()), Place::Last);
             }
@@ -299,7 +301,8 @@ unsafe fn end_body<F>(task: NonNull<Task>, end: End<F::Output>)
 where
     F: Future<Output: ExitValue>,
 {
-    // SAFETY: the contract. No borrow of the body is left when others learn of what it said, and from then on it is theirs.
+    // SAFETY: the caller's contract. No borrow of the body is left when the exit value is
+    // published, and from then on it belongs to the threads that take it.
     unsafe {
         let this = task.as_ref();
         let end = body::<F>(task).end(&this.record, end);
@@ -348,7 +351,7 @@ unsafe fn discard_words<F: Future>(owner: NonNull<()>) {
     }
 }
 
-/// As [`Methods::ready_elsewhere`] says.
+/// As [`Methods::ready_elsewhere`] requires.
 ///
 /// # Safety
 ///
@@ -540,7 +543,7 @@ unsafe fn retire(task: NonNull<Task>) {
 ///
 /// # Safety
 ///
-/// As [`Methods::free`] says; `owner` is the task.
+/// As [`Methods::free`] requires; `owner` is the task.
 unsafe fn free(owner: NonNull<()>) {
     // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the last that is done here.
     unsafe {

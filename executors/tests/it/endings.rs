@@ -20,7 +20,7 @@ use std::thread::ThreadId;
 use std::time::Duration;
 use support::{Drops, Gate, Log, executor, quiet_panics, until, watchdog};
 
-/// Says on which thread it was dropped. Not `Send`.
+/// Reports on which thread it was dropped. Not `Send`.
 struct WhereDropped(
     Log<ThreadId>,
     #[expect(dead_code, reason = "makes it `!Send`")] Rc<()>,

@@ -36,7 +36,7 @@ fn identity(file: &UnixStream) -> Identity {
     }
 }
 
-/// How many epolls of this program know the file, and whether any of them is armed for it.
+/// Number of epolls of this program that contain the file, and whether any of them is armed for it.
 fn known(file: Identity) -> (usize, bool) {
     let (mut count, mut armed) = (0, false);
     for info in std::fs::read_dir("/proc/self/fdinfo").unwrap() {

@@ -74,7 +74,8 @@ fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
             Sleep::until(slot).await;
             let now = Instant::now();
             let was_in_the_way = begun.try_recv().is_ok_and(|began| began < slot);
-            // Of a thread that lost its core until the hog's end the alarm rings too late to say.
+            // If a thread lost its core until the hog's end, its alarm rings too late to be
+            // meaningful.
             let of_hog = std::cell::Cell::new(None);
             let held = interference(slot, now, |turn| {
                 if turn.process == id {

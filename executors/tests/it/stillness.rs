@@ -187,7 +187,7 @@ fn patience_ends_only_where_nothing_can_wake() {
     );
     assert_eq!((outcome, told), (Ok(()), 0));
 
-    // Told twice, if it asks for that, and then no more.
+    // Notified twice, if it requests that, and then no more.
     let gates = [Gate::default(), Gate::default(), Gate::default()];
     let mut closed = gates.iter();
     let (later, outcome) = (

@@ -104,7 +104,7 @@ impl<F: Future<Output = Result<T>>, T> ParAll<F, T> {
         });
         self.running -= usize::from(!runs);
         if self.failed != failed_before {
-            // The siblings learn of it; this happens once.
+            // Notify the siblings; this happens once.
             self.branches.wake_all();
         }
     }
@@ -138,7 +138,8 @@ impl<F: Future<Output = Result<T>>, T> Future for ParAll<F, T> {
         );
         this.branches.stop_waiting();
         if current::branch_failed() && !this.failed {
-            // Everything in here has failed siblings outside, and learns of it as if they were inside.
+            // Everything in here has failed siblings outside, and is poisoned as if they were
+            // inside.
             this.failed = true;
             this.branches.wake_all();
         }

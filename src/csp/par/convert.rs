@@ -31,7 +31,8 @@ impl<F: Future> Branch<F>
 where
     F::Output: Outcome,
 {
-    /// Takes the branch as it was written. What it has to be is asked for here, where the compiler points at it.
+    /// Takes the branch as it was written. Its bounds are checked here, where the compiler points
+    /// at it.
     pub fn new(branch: F) -> Self {
         Branch(Cell::new(Some(branch)))
     }
@@ -77,7 +78,8 @@ where
     }
 }
 
-/// What is no branch, which [`Branch::new`] has said already: that there is this keeps the compiler from saying it in other words.
+/// What is no branch, which [`Branch::new`] has reported already: this keeps the compiler from
+/// reporting it a second time.
 pub trait Refused {
     /// Something with which it can go on.
     fn branch<T>(self) -> Pending<Result<T>>;

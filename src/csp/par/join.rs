@@ -69,8 +69,8 @@ impl<F, T> fmt::Debug for Slot<F, T> {
 }
 
 impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
-    /// Polls the branch once if it runs, the one of this number, `below` levels lower than its construct. Says whether it runs on, and notes in `failed` that it
-    /// has just failed.
+    /// Polls the branch once if it runs, the one of this number, `below` levels lower than its
+    /// construct. Returns whether it runs on, and notes in `failed` that it has just failed.
     #[inline]
     pub(super) fn poll(
         self: Pin<&mut Self>,
@@ -203,7 +203,7 @@ macro_rules! joins {
                     let mut turn = Turn::<BY_PRIORITY>::new(&mut this.failed);
                     $(turn.poll($slot.as_mut(), cx);)+
                     let running = turn.running;
-                    // The siblings of a branch that has just failed learn of it now; that happens once.
+                    // Notify the siblings of a branch that has just failed; that happens once.
                     if running && this.failed == failed_before {
                         return Poll::Pending;
                     }

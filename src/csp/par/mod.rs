@@ -109,7 +109,7 @@ macro_rules! pri_par {
     };
 }
 
-/// What both macros are: the flag says whether priorities fall.
+/// Common body of both macros: the flag sets whether priorities fall.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __par_of {

@@ -28,7 +28,7 @@ pub(crate) struct Track {
     pub(super) end: RefCell<Pin<Box<Sleep>>>,
     pub(super) begun: Cell<bool>,
     pub(super) outputs: Cell<u64>,
-    /// The recording says nothing more of it.
+    /// The recording has nothing more of it.
     pub(super) past_end: Cell<bool>,
     /// It returned in the recording. Else what a branch_log does after its last event was not recorded any more.
     pub(super) returns: bool,
@@ -139,7 +139,7 @@ impl Track {
             })));
     }
 
-    /// Something is done of which the recording says nothing more.
+    /// The process does something that is beyond the end of the recording.
     pub(super) fn beyond(&self, operation: u64, found: &str) {
         if self.replayer.is_whole {
             self.differ(operation, None, "nothing more".into(), found.into());

@@ -1,4 +1,4 @@
-//! A deadlock in words.
+//! The text of a deadlock.
 
 use super::{Deadlock, Operation, Partner, Wait};
 use std::fmt;

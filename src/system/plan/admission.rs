@@ -243,7 +243,7 @@ impl Plan {
             clean_up(plan.prepared.resident);
             return Err(self.ended(name));
         } else {
-            // Nothing of the user's runs there.
+            // No user code runs there.
             return match running.start(plan) {
                 Ok((member, Started::OnExecutor(mut pending))) => {
                     let handle = member.handle.clone();

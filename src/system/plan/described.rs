@@ -26,7 +26,7 @@ pub(crate) struct ExecutorPlan {
 }
 
 impl ExecutorPlan {
-    /// It as a part of the system, as it was asked for.
+    /// It as a part of the system, as requested.
     pub(crate) fn part(&self) -> ThreadPart {
         ThreadPart::asked(&self.name, ThreadKind::Executor, &self.attributes)
     }

@@ -79,7 +79,7 @@ impl Running {
         self.simulation.as_ref()?.standstill()
     }
 
-    /// Announces a prepared process on an executor. Nothing of the user's runs there.
+    /// Announces a prepared process on an executor. No user code runs there.
     pub(super) fn announce(
         &self,
         number: usize,

@@ -25,7 +25,8 @@ pub struct Firing {
     pub missed: u64,
 }
 
-/// A callback that takes longer holds up all that the manager wakes: it is counted. The least that one rests which is always late already.
+/// A callback that takes longer delays all that the manager wakes: it is counted. Also the least
+/// rest of a callback that is always late already.
 pub(super) const BUDGET: Duration = Duration::from_micros(100);
 
 type Function = Box<dyn FnMut(Firing) + Send>;
@@ -182,7 +183,7 @@ impl Callbacks {
         }
     }
 
-    /// Calls it no more; says whether it was set. O(log n); at most two system calls.
+    /// Calls it no more; returns whether it was set. O(log n); at most two system calls.
     pub(super) fn cancel(&self, callback: usize, engine: Option<&Engine>) -> bool {
         let mut table = self.table.lock();
         let was_set = table.unset(callback, engine);
@@ -245,7 +246,7 @@ impl Callbacks {
             let ended = Instant::now();
             let taken = ended - now;
             if let Err(payload) = outcome {
-                // It ends the system: nothing of what follows has to be in time.
+                // It ends the system: what follows need not be in time.
                 current::set_on_path(false);
                 let message = luna_executors::panic_message(&*payload);
                 // Its drop is the user's code too.
@@ -299,7 +300,7 @@ impl Table {
         self.ridden.reserve(members);
     }
 
-    /// Takes it out of its heap, and off its base.
+    /// Takes it out of its heap, and out of its timer group.
     fn unset(&mut self, callback: usize, engine: Option<&Engine>) -> bool {
         self.timed.remove(callback);
         self.ridden.remove(callback);
@@ -359,7 +360,7 @@ impl Table {
         heap.insert(callback, deadline);
     }
 
-    /// Arms the timer for the first deadline that no base ticks for.
+    /// Arms the timer for the first deadline that no timer group ticks for.
     fn arm(&mut self, engine: &Engine) {
         let first = self.timed.first().map(|(deadline, _)| deadline);
         if first != self.armed {

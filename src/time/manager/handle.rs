@@ -80,7 +80,9 @@ pub struct TimerCallback {
 }
 
 impl TimerCallback {
-    /// Calls it at each slot of the common grid of `period`, `phase` behind it, as [`Periodic::phase`](crate::Periodic::phase) says it of loops; no more at what it was set to before.
+    /// Calls it at each slot of the common grid of `period`, `phase` behind it, as
+    /// [`Periodic::phase`](crate::Periodic::phase) does for loops; no more at what it was set to
+    /// before.
     ///
     /// A slot can be served while it lasts; those that pass whole are missed, and counted. Before the system runs it counts from the start.
     ///
@@ -128,7 +130,8 @@ impl TimerCallback {
         self.at(Instant::now() + delay);
     }
 
-    /// Calls it no more; says whether it was set. A call that has begun goes on, and may end after this returns.
+    /// Calls it no more; returns whether it was set. A call that has begun goes on, and may end
+    /// after this returns.
     ///
     /// ```
     /// # let mut system = luna::System::new("machine");

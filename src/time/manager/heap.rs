@@ -1,6 +1,7 @@
-//! Deadlines in order, in room that was set aside: a binary heap that knows where each of its members is.
+//! Deadlines in order, in reserved room: a binary heap that keeps the position of each of its
+//! members.
 
-/// So many members as there is room for, by their numbers, each with one deadline at most.
+/// As many members as there is room for, by their numbers, each with one deadline at most.
 #[derive(Debug, Default)]
 pub(super) struct Heap {
     /// Each member's deadline is not before that of the one at half its index.

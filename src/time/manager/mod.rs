@@ -9,10 +9,13 @@
 //!     was fired                            e runs the callbacks that are due
 //! ```
 //!
-//! `timer_groups` says which loops share a timer, `alarm` is the timers, `slot_of_timer` a loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines,
-//! `thread` the thread's life, `handle` what the user has of it. That a tick is never slept through is for [`luna_core::tick_list`].
+//! `timer_groups` decides which loops share a timer, `alarm` is the timers, `slot_of_timer` a
+//! loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines, `thread`
+//! the thread's life, `handle` what the user has of it. [`luna_core::tick_list`] ensures that a
+//! tick is never slept through.
 //!
-//! Locks, in this order: the callbacks', the timer_groups', a list's. No more than O(loops of one base, or log of the callbacks) is done under one, and nothing of the user's.
+//! Locks, in this order: the callbacks', the timer groups', a list's. No more than O(loops of one
+//! group, or log of the callbacks) is done under one, and no user code runs there.
 
 mod alarm;
 mod callbacks;
@@ -64,10 +67,11 @@ pub enum Timers {
     Manager,
 }
 
-/// How many timers of the kernel there are for timer_groups: so many periods that are no multiples of each other, or phases, at a time.
+/// Number of kernel timers for timer groups: the most periods that are no multiples of each other,
+/// or phases, at a time.
 const BASES: usize = 16;
 
-/// The room for callbacks unless it is asked for.
+/// The default room for callbacks.
 pub(crate) const MOST_CALLBACKS: usize = 64;
 
 /// What loops, callbacks' handles and the thread share.
@@ -129,8 +133,9 @@ impl Manager {
         start.plus_nanos(since - since % period)
     }
 
-    /// The list of the base on which `place` waits for `at`, after it has found its place anew if that is to be; none if there is no room. O(1); O(timer_groups) and a system call where the place is a new
-    /// one.
+    /// The list of the timer group on which `place` waits for `at`, after it has found its place
+    /// anew if that is needed; none if there is no room. O(1); O(timer groups) and a system call
+    /// where the place is a new one.
     fn list_for(&self, place: &mut Place, at: Instant) -> Option<&TickList> {
         let engine = self.engine.get()?;
         engine.timer_groups.settle(place, at, &engine.alarm);

@@ -32,7 +32,7 @@ struct Shared {
 }
 
 impl ManagerThread {
-    /// Starts the thread, with room for so many loops.
+    /// Starts the thread, with room for `loops` loops.
     pub(crate) fn start(
         manager: Arc<Manager>,
         emergency: Arc<Emergency>,

@@ -14,7 +14,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The timers of the timer_groups.
 pub(super) trait Arm {
-    /// The timer of `base` expires at `first`, which may have passed, and every `period` nanoseconds from then on.
+    /// The timer of the group `base` expires at `first`, which may have passed, and every `period`
+    /// nanoseconds from then on.
     fn arm(&self, base: usize, first: Instant, period: u64);
     /// It expires no more.
     fn disarm(&self, base: usize);
@@ -31,7 +32,7 @@ pub(super) struct TimerGroups {
     refused: AtomicU64,
 }
 
-/// What is known of a base under the lock.
+/// The state of a timer group under the lock.
 #[derive(Debug, Clone, Copy, Default)]
 struct Row {
     /// 0 if it was never used.
@@ -44,13 +45,13 @@ struct Row {
     is_stale: bool,
 }
 
-/// What the thread and the loops use of a base without the lock.
+/// The state of a timer group that the thread and the loops use without the lock.
 pub(super) struct TimerGroup {
     pub(super) list: TickList,
     pub(super) counted: Counted,
 }
 
-/// What is counted of a base: by the manager's thread alone.
+/// The counters of a timer group: written by the manager's thread alone.
 #[derive(Debug, Default)]
 pub(super) struct Counted {
     pub(super) period: AtomicU64,
@@ -83,7 +84,7 @@ impl Place {
         }
     }
 
-    /// The number of its base.
+    /// The number of its timer group.
     pub(super) fn base(&self) -> Option<usize> {
         self.base
     }
@@ -262,7 +263,7 @@ impl Counted {
         }
     }
 
-    /// Its timer has expired so many times when it was read at `now`.
+    /// Its timer has expired `times` times when it was read at `now`.
     pub(super) fn expired(&self, times: u64, now: Instant) {
         self.ticks.fetch_add(times, Ordering::Relaxed);
         self.missed.fetch_add(times - 1, Ordering::Relaxed);
