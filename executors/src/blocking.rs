@@ -1,4 +1,5 @@
-//! Blocking calls from processes that share an executor: a buddy thread makes the call, the process awaits it.
+//! Blocking calls from processes that share an executor: a buddy thread makes the call, the process
+//! awaits it.
 //!
 //! One pool for the program. A buddy that takes the last call that no other buddy is free for
 //! starts another buddy first. So calls that wait for each other do not get stuck, and no process
@@ -64,7 +65,8 @@ impl fmt::Display for NoBuddy {
 
 impl std::error::Error for NoBuddy {}
 
-/// Starts the first buddy thread if there is none, so that the first blocking call of a process need not.
+/// Starts the first buddy thread if there is none, so that the first blocking call of a process
+/// need not.
 ///
 /// # Errors
 ///
@@ -82,7 +84,8 @@ pub fn prepare_blocking() -> Result<(), NoBuddy> {
 
 /// Starts a buddy that is counted already.
 fn start_buddy() -> Result<(), NoBuddy> {
-    // Without a real-time policy and on any core: a blocking call must not disturb those that it was taken from.
+    // Without a real-time policy and on any core: a blocking call must not disturb those that it
+    // was taken from.
     let started = thread::spawn(
         Attributes::new("luna-buddy"),
         |_| Ok::<(), Infallible>(()),
@@ -161,8 +164,8 @@ enum CallState<T> {
 ///
 /// # Panics
 ///
-/// With the call's own panic, if it panics. If there is no buddy thread and none can be started; [`prepare_blocking`], which a system's start
-/// calls, finds that out before.
+/// With the call's own panic, if it panics. If there is no buddy thread and none can be started;
+/// [`prepare_blocking`], which a system's start calls, finds that out before.
 ///
 /// ```
 /// let length = luna_executors::block_on(async {

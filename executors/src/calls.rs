@@ -1,4 +1,5 @@
-//! The calls on the pool that the processes of a thread have begun: counted, since their ends wake processes.
+//! The calls on the pool that the processes of a thread have begun: counted, since their ends wake
+//! processes.
 
 use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
@@ -71,7 +72,8 @@ pub struct UnderWay {
 }
 
 impl UnderWay {
-    /// Begins on this thread, and is to be dropped after the wake that it leads to. On a thread that runs no processes it is counted nowhere. Real-time path: yes; O(1), no allocation.
+    /// Begins on this thread, and is to be dropped after the wake that it leads to. On a thread
+    /// that runs no processes it is counted nowhere. Real-time path: yes; O(1), no allocation.
     pub fn begin() -> Self {
         let desk = HERE.with_borrow(Clone::clone);
         let mut number = None;

@@ -25,7 +25,8 @@
 //! process waiting is known with its begin and its end ([`interference`]). Of the turn in which the
 //! alarm goes off, its end and the time of the alarm are known.
 //!
-//! Without an alarm (the portable backend, or a kernel that refuses it) the executor looks as long as any deadline is armed.
+//! Without an alarm (the portable backend, or a kernel that refuses it) the executor looks as long
+//! as any deadline is armed.
 
 use crate::executor::Shared;
 use crate::inbound::DEADLINE;
@@ -36,15 +37,17 @@ use luna_platform::clock::Instant;
 use luna_platform::sync::Arc;
 use std::cell::Cell;
 
-/// For how many rounds the executor looks at the clock: together they cost about as much as an alarm that is armed, goes off, and is disarmed.
+/// For how many rounds the executor looks at the clock: together they cost about as much as an
+/// alarm that is armed, goes off, and is disarmed.
 const LOOKS: u32 = 32;
 
 /// The deadlines of an executor's thread.
 ///
 /// # Invariants
 ///
-/// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is busy, it announces what comes before `armed`, which the
-/// alarm is armed for or has gone off for; [`Instant::NEVER`] if it is not armed.
+/// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is
+/// busy, it announces what comes before `armed`, which the alarm is armed for or has gone off for;
+/// [`Instant::NEVER`] if it is not armed.
 pub(crate) struct Deadlines {
     shared: Arc<Shared>,
     timers: Arc<TimerQueue>,
@@ -312,7 +315,8 @@ mod tests {
                     if sleep.as_mut().poll(cx).is_ready() || late > 1 {
                         return std::task::Poll::Ready(());
                     }
-                    // This turn began when the deadline had come long before. That may be once: another thread may take the core away just before the turn begins.
+                    // This turn began when the deadline had come long before. That may be once:
+                    // another thread may take the core away just before the turn begins.
                     late += u32::from(begin > deadline + TURN);
                     while Instant::now() < begin + TURN {}
                     cx.waker().wake_by_ref();

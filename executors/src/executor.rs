@@ -115,7 +115,8 @@ struct Arrival {
 type Build = Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>;
 
 impl Arrival {
-    /// Ends a process that is not built any more. What its builder holds is the user's: dropping it may panic.
+    /// Ends a process that is not built any more. What its builder holds is the user's: dropping it
+    /// may panic.
     fn refuse(self, living: &ProcessRegistry) {
         let Arrival { record, build } = self;
         match catch_unwind(AssertUnwindSafe(|| drop(build))) {
@@ -253,10 +254,11 @@ impl Shared {
     }
 }
 
-/// One OS thread that runs prioritized processes: higher levels first, first come first served within a level.
+/// One OS thread that runs prioritized processes: higher levels first, first come first served
+/// within a level.
 ///
-/// It starts held: processes can be spawned and are built on its thread, and run only after [`release`](Self::release). Dropping it
-/// stops it. Example: [`ProcessHandle`].
+/// It starts held: processes can be spawned and are built on its thread, and run only after
+/// [`release`](Self::release). Dropping it stops it. Example: [`ProcessHandle`].
 pub struct Executor {
     handle: ExecutorHandle,
     runs: Runs,
@@ -270,7 +272,8 @@ enum Runs {
     Nowhere,
 }
 
-/// Spawns processes on an executor, from anywhere. Cloning it is cheap; it does not keep the executor running.
+/// Spawns processes on an executor, from anywhere. Cloning it is cheap; it does not keep the
+/// executor running.
 #[derive(Clone)]
 pub struct ExecutorHandle {
     shared: Arc<Shared>,
@@ -322,8 +325,9 @@ impl Executor {
         })
     }
 
-    /// Starts one on the thread of a simulation, at once. Of its attributes only the policy counts: by its priority the simulation's executors come in their order.
-    /// Nothing is asked of the operating system.
+    /// Starts one on the thread of a simulation, at once. Of its attributes only the policy counts:
+    /// by its priority the simulation's executors come in their order. Nothing is asked of the
+    /// operating system.
     pub fn start_simulated(simulation: &SimulationHandle, attributes: &Attributes) -> Executor {
         let stage = &simulation.0;
         let shared = Shared::new(
@@ -403,7 +407,8 @@ impl Executor {
         }
     }
 
-    /// Cancels all processes, waits until they have ended, and ends the thread. A process that never awaits keeps it waiting.
+    /// Cancels all processes, waits until they have ended, and ends the thread. A process that
+    /// never awaits keeps it waiting.
     pub fn stop(mut self) {
         self.join();
     }
@@ -417,7 +422,8 @@ impl Executor {
         match std::mem::replace(&mut self.runs, Runs::Nowhere) {
             Runs::OnThread(thread) => {
                 self.request_stop();
-                // The run loop catches panics of processes; one of its own was reported by the panic hook.
+                // The run loop catches panics of processes; one of its own was reported by the
+                // panic hook.
                 let _ = thread.join();
             }
             Runs::OnStage => {
@@ -451,11 +457,13 @@ impl ExecutorHandle {
         self.shared.spin.swap(0, Ordering::Relaxed) > 0
     }
 
-    /// Makes a process of the future that `build` returns. `build` runs on the executor's thread, so the future need not be `Send`: right here, if this is
-    /// that thread and its processes have been released.
+    /// Makes a process of the future that `build` returns. `build` runs on the executor's thread,
+    /// so the future need not be `Send`: right here, if this is that thread and its processes have
+    /// been released.
     ///
-    /// On a stopped executor the process ends at once as cancelled. Not for the real-time path: it allocates, here and on the
-    /// executor's thread. O(1) apart from `build`, however many processes there are or have been.
+    /// On a stopped executor the process ends at once as cancelled. Not for the real-time path: it
+    /// allocates, here and on the executor's thread. O(1) apart from `build`, however many
+    /// processes there are or have been.
     pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
     where
         B: FnOnce() -> F + Send + 'static,
@@ -495,7 +503,8 @@ impl ExecutorHandle {
     }
 }
 
-/// A process to be, on its executor: see [`ExecutorHandle::announce`]. If it is dropped, the process ends as cancelled.
+/// A process to be, on its executor: see [`ExecutorHandle::announce`]. If it is dropped, the
+/// process ends as cancelled.
 #[must_use = "a process that is announced and not started ends as cancelled"]
 pub struct Announced {
     to_be: ToBe,
@@ -519,14 +528,16 @@ impl Announced {
         ProcessHandle(self.to_be.get().0.clone())
     }
 
-    /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is the user's. If not, it only hands it over.
+    /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is
+    /// the user's. If not, it only hands it over.
     pub fn is_built_here(&mut self) -> bool {
         let here = self.can_be_built_here();
         self.decided = Some(here);
         here
     }
 
-    /// In a turn that is looked at, or that drops what was left, a builder would count as a part of it: then it has a turn of its own.
+    /// In a turn that is looked at, or that drops what was left, a builder would count as a part of
+    /// it: then it has a turn of its own.
     fn can_be_built_here(&self) -> bool {
         let (_, shared) = self.to_be.get();
         current::home() == Some(shared.home)
@@ -536,8 +547,9 @@ impl Announced {
             && !current::dropped_ends_poison()
     }
 
-    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`]. On an executor that has stopped, gives the builder back: it is the
-    /// user's, and is dropped with what is given.
+    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`]. On an
+    /// executor that has stopped, gives the builder back: it is the user's, and is dropped with
+    /// what is given.
     #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
     pub fn start<B, F>(mut self, build: B) -> Option<Refused>
     where
@@ -587,7 +599,8 @@ impl Announced {
     }
 }
 
-/// A process that its executor did not take, since it has stopped. It ends as cancelled when this is dropped, with its builder.
+/// A process that its executor did not take, since it has stopped. It ends as cancelled when this
+/// is dropped, with its builder.
 pub struct Refused(Option<(Arrival, Arc<Shared>)>);
 
 impl Drop for Refused {
@@ -698,7 +711,8 @@ fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     }
 }
 
-/// Runs rounds; ends the process that panics in one. Catching it here and not around each poll saves that.
+/// Runs rounds; ends the process that panics in one. Catching it here and not around each poll
+/// saves that.
 pub(crate) fn turns(rounds: impl FnOnce()) {
     if let Err(payload) = catch_unwind(AssertUnwindSafe(rounds))
         && let Err(own) = task::interrupted(payload)

@@ -48,7 +48,8 @@ pub(crate) fn both(one: Interest, other: Interest) -> Interest {
 ///
 /// # Invariants
 ///
-/// A node that is `listed` is live, pinned, and in the list of its descriptor's number; no other is in any.
+/// A node that is `listed` is live, pinned, and in the list of its descriptor's number; no other is
+/// in any.
 pub(crate) struct Waits(Box<[WaitList]>);
 
 impl Waits {

@@ -66,8 +66,9 @@ impl Signals {
     }
 }
 
-/// The signals, the first remote_wakes, and the bell: what a wake from another core changes, on one line of memory that holds nothing else. (A line is 64
-/// bytes; two that lie side by side are fetched together on many processors.)
+/// The signals, the first remote_wakes, and the bell: what a wake from another core changes, on one
+/// line of memory that holds nothing else. (A line is 64 bytes; two that lie side by side are
+/// fetched together on many processors.)
 #[derive(Debug)]
 #[repr(C, align(128))]
 pub(crate) struct Inbound {
@@ -190,7 +191,8 @@ impl Inbound {
         self.sleep_between(deadline, || (), || ());
     }
 
-    /// As `sleep`, with nothing that ends it but a signal; the owner is still meanwhile, and `ring`s if it is watched.
+    /// As `sleep`, with nothing that ends it but a signal; the owner is still meanwhile, and
+    /// `ring`s if it is watched.
     pub(crate) fn sleep_still(&self, quiescence: &Quiescence, ring: impl FnOnce()) {
         self.sleep_between(
             Instant::NEVER,

@@ -24,7 +24,8 @@ const REMEMBERED: usize = 16;
 pub struct Turn {
     /// The process that was polled; of several between two looks at the clock the last one.
     pub process: ProcessId,
-    /// When the executor had looked at the clock before; or, of a turn in which a deadline came while the executor did not look, that deadline or a little later.
+    /// When the executor had looked at the clock before; or, of a turn in which a deadline came
+    /// while the executor did not look, that deadline or a little later.
     pub began: Instant,
     /// When it looked again.
     pub ended: Instant,
@@ -49,7 +50,8 @@ pub struct Interference {
 
 /// What an executor's thread remembers.
 struct Memory {
-    /// When the clock was looked at since the poll before the last; 0 if it was not, or something else than a poll came in between.
+    /// When the clock was looked at since the poll before the last; 0 if it was not, or something
+    /// else than a poll came in between.
     looked: Cell<u64>,
     /// The process that was polled last since then, as a number; 0 if none was.
     polled: Cell<u32>,
@@ -146,9 +148,10 @@ impl Memory {
 /// The process that held this executor longest between the two instants, by all its turns that
 /// took 10 µs or more of that time and that `counts`. Called in a poll.
 ///
-/// The last 16 such turns are known. The executor reads the clock between polls for 32 polls after it has slept, after a deadline and
-/// after a loop's cycle has begun; a turn in which a deadline comes later than that counts from the deadline on. `None` on a thread that is no executor's. Real-time path:
-/// yes; O(1), no system call.
+/// The last 16 such turns are known. The executor reads the clock between polls for 32 polls after
+/// it has slept, after a deadline and after a loop's cycle has begun; a turn in which a deadline
+/// comes later than that counts from the deadline on. `None` on a thread that is no executor's.
+/// Real-time path: yes; O(1), no system call.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

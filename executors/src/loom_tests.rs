@@ -1,5 +1,6 @@
-//! The wake protocol on every interleaving: no wake is lost or slept through, and none relies on another. And the protocol by which it is
-//! seen that all sleep: never while something is under way, and always in the end.
+//! The wake protocol on every interleaving: no wake is lost or slept through, and none relies on
+//! another. And the protocol by which it is seen that all sleep: never while something is under
+//! way, and always in the end.
 //!
 //! Run with `RUSTFLAGS="--cfg loom" cargo test -p luna-executors --release --lib`.
 
@@ -72,7 +73,8 @@ fn run_until<const N: usize>(
 
 fn model(f: impl Fn() + Sync + Send + 'static) {
     let mut builder = loom::model::Builder::new();
-    // Three switches where a thread could have gone on reach every known kind of lost wake, and bound the search.
+    // Three switches where a thread could have gone on reach every known kind of lost wake, and
+    // bound the search.
     builder.preemption_bound = builder.preemption_bound.or(Some(3));
     builder.check(f);
 }
@@ -148,7 +150,8 @@ fn two_wakers_of_one_process() {
     all_are_seen([7], [0, 0]);
 }
 
-/// One waker stands still for ever after any of its steps: the wake of another is seen all the same.
+/// One waker stands still for ever after any of its steps: the wake of another is seen all the
+/// same.
 #[test]
 fn a_waker_that_goes_no_further_holds_up_nobody() {
     for (member, steps) in [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2)] {

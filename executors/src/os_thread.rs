@@ -41,9 +41,11 @@ impl fmt::Display for Nested {
 
 impl std::error::Error for Nested {}
 
-/// Runs `future` as a process on this thread, until it is done. It may borrow and need not be `Send`; it may make blocking calls.
+/// Runs `future` as a process on this thread, until it is done. It may borrow and need not be
+/// `Send`; it may make blocking calls.
 ///
-/// Its deadlines and wakes are those of any process: one futex wait until the next deadline when nothing is to be done.
+/// Its deadlines and wakes are those of any process: one futex wait until the next deadline when
+/// nothing is to be done.
 ///
 /// # Errors
 ///
@@ -121,7 +123,8 @@ fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Quiescence, &Parker, Instant) -> bool,
 ) -> F::Output {
-    // Where a blocking call of a process on a virtual clock runs this, time stands until it is over.
+    // Where a blocking call of a process on a virtual clock runs this, time stands until it is
+    // over.
     let _clock = Clock::REAL.enter();
     let parker = Shared::new(Parker::new());
     let _files = watch::enter(parker.bell());
@@ -149,8 +152,9 @@ impl Drop for Forget<'_> {
     }
 }
 
-/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a wake. The process of a `record` is on the real-time path
-/// once all that it needs for this is there. The caller lets the thread wait for files.
+/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a
+/// wake. The process of a `record` is on the real-time path once all that it needs for this is
+/// there. The caller lets the thread wait for files.
 fn run<F: Future>(
     mut future: Pin<&mut F>,
     parker: &Shared<Parker>,
@@ -192,7 +196,8 @@ fn run<F: Future>(
         }
         events::end_turn(id.get(), false);
         loop {
-            // Before each park, also one that returns at once: a process that always readies itself again has deadlines and files too.
+            // Before each park, also one that returns at once: a process that always readies itself
+            // again has deadlines and files too.
             if timers.next_deadline() != Instant::NEVER {
                 timers.expire(Instant::now());
             }
@@ -208,7 +213,8 @@ fn run<F: Future>(
     }
 }
 
-/// An OS thread of its own for one process. It starts held, as an executor does; dropping it stops it.
+/// An OS thread of its own for one process. It starts held, as an executor does; dropping it stops
+/// it.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -270,7 +276,8 @@ impl Outside for Held {
 }
 
 impl OsThread {
-    /// Starts the thread with its attributes and builds the process on it; returns when both are done.
+    /// Starts the thread with its attributes and builds the process on it; returns when both are
+    /// done.
     ///
     /// # Errors
     ///
@@ -328,7 +335,8 @@ impl OsThread {
                 // Before the body is built, which may prepare to wait for files.
                 let files = watch::enter(own.parker.bell());
                 let enrolled = own.living.enroll(own.home, own.clone());
-                // Boxed, so that it does not move from here on; once for the process' life, and freed off the real-time path.
+                // Boxed, so that it does not move from here on; once for the process' life, and
+                // freed off the real-time path.
                 let body = catch_unwind(AssertUnwindSafe(build))
                     .map(|future| Box::pin(Recorded::new(future, of_body, own.living.clone())));
                 Ok((own, files, enrolled, body))
@@ -350,8 +358,10 @@ impl OsThread {
         }
     }
 
-    /// Starts the process on the thread of a simulation, as the only one of an [executor](Executor::start_simulated) of its own: it must not make blocking calls
-    /// there but through [`blocking`](crate::blocking). Returns when it is built; on the simulation's thread, where that cannot be waited for, before that.
+    /// Starts the process on the thread of a simulation, as the only one of an
+    /// [executor](Executor::start_simulated) of its own: it must not make blocking calls there but
+    /// through [`blocking`](crate::blocking). Returns when it is built; on the simulation's thread,
+    /// where that cannot be waited for, before that.
     pub fn start_simulated<B, F>(
         simulation: &SimulationHandle,
         attributes: &Attributes,
@@ -459,7 +469,8 @@ impl Held {
     ) {
         let _looking = (self.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(self.clone()));
         let _calls = calls::enter(self.quiescence.clone(), Some(self.living.clone()));
-        // Parks first, so that the wake which comes with the release is taken here and is no poll too many.
+        // Parks first, so that the wake which comes with the release is taken here and is no poll
+        // too many.
         loop {
             self.parker.park(Instant::NEVER);
             if self.phase.load(Ordering::Acquire) != Phase::HELD {
@@ -525,7 +536,8 @@ impl Drop for OsThread {
         self.request_stop();
         // An executor is stopped by its own drop.
         if let Runs::OnThread(_, thread) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
-            // The body catches its process' panic; one of the thread's own was reported by the panic hook.
+            // The body catches its process' panic; one of the thread's own was reported by the
+            // panic hook.
             let _ = thread.join();
         }
     }

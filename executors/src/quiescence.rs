@@ -132,7 +132,8 @@ pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
             Ok(stretches) => return Look::Still(stretches),
             Err(stirring) => {
                 stirring.quiescence().watch();
-                // What it does from here on it does under watch. If it is still without a cause to wake, it fell still just before.
+                // What it does from here on it does under watch. If it is still without a cause to
+                // wake, it fell still just before.
                 if is_stirring(stirring) {
                     return Look::Stirring;
                 }

@@ -18,7 +18,8 @@ use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-/// How many remote_wakes have a word beside the signals: what is left of their line. A model is to have remote_wakes of both kinds.
+/// How many remote_wakes have a word beside the signals: what is left of their line. A model is to
+/// have remote_wakes of both kinds.
 pub(crate) const NEAR: usize = if cfg!(loom) { 1 } else { 10 };
 
 /// The words of the first wake slots: the levels at which each was woken. They lie where the

@@ -22,11 +22,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 use std::task::Context;
 
-/// A thread that is busy looks at its files each time it has polled so often: it costs half a microsecond.
+/// A thread that is busy looks at its files each time it has polled so often: it costs half a
+/// microsecond.
 const ROUNDS_PER_LOOK: u32 = 64;
 
-/// Makes what this thread needs to wait for files, so that its first wait does not have to on the real-time path: three descriptors
-/// and 4 KiB. Does nothing where a wait was made before.
+/// Makes what this thread needs to wait for files, so that its first wait does not have to on the
+/// real-time path: three descriptors and 4 KiB. Does nothing where a wait was made before.
 ///
 /// # Errors
 ///
@@ -46,7 +47,8 @@ pub fn prepare_files() -> Result<(), FileError> {
 thread_local! {
     /// Where this thread hangs up its files, and these, while it runs processes.
     static HERE: RefCell<Option<Here>> = const { RefCell::new(None) };
-    /// Whether this thread has files to look at: what a round asks, in one load. Its address stands for the thread.
+    /// Whether this thread has files to look at: what a round asks, in one load. Its address stands
+    /// for the thread.
     static HAS_FILES: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -55,7 +57,8 @@ fn this_thread() -> usize {
     HAS_FILES.with(|flag| std::ptr::from_ref(flag).addr())
 }
 
-/// Looks at this thread's files now and then, without sleeping: called in each round of a busy thread. One branch where it has none.
+/// Looks at this thread's files now and then, without sleeping: called in each round of a busy
+/// thread. One branch where it has none.
 #[inline]
 pub(crate) fn glance(bell: &Bell) {
     if HAS_FILES.get() {
@@ -78,7 +81,8 @@ struct Here {
     files: Option<Arc<ThreadFiles>>,
 }
 
-/// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is dropped.
+/// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is
+/// dropped.
 pub(crate) fn enter(bell: &Bell) -> FilesGuard {
     let here = Here {
         hook: bell.hook().clone(),
@@ -104,8 +108,8 @@ impl Drop for FilesGuard {
 
 /// The files of one thread.
 ///
-/// Its thread alone enlists, reports and sleeps. A wait that is dropped on another thread withdraws itself from there, hence the
-/// lock; it is free in all other cases.
+/// Its thread alone enlists, reports and sleeps. A wait that is dropped on another thread withdraws
+/// itself from there, hence the lock; it is free in all other cases.
 pub(crate) struct ThreadFiles {
     /// The thread, as the value of `this_thread`.
     thread: usize,
@@ -146,7 +150,8 @@ impl ThreadFiles {
     ///
     /// # Safety
     ///
-    /// `node` is pinned, in no list, of `file`, and withdrawn from here before it dies. This is the files' thread.
+    /// `node` is pinned, in no list, of `file`, and withdrawn from here before it dies. This is the
+    /// files' thread.
     pub(crate) unsafe fn enlist(
         &self,
         node: NonNull<Node>,
@@ -167,7 +172,8 @@ impl ThreadFiles {
             outcome => outcome,
         }
         .map_err(FileError::Refused)?;
-        // SAFETY: by the contract it is in no list and pinned; the lock that guards the lists is held.
+        // SAFETY: by the contract it is in no list and pinned; the lock that guards the lists is
+        // held.
         unsafe { waits.insert(node, current::priority(), wakeup) };
         self.count.fetch_add(1, Ordering::Relaxed);
         Ok(())
@@ -273,7 +279,8 @@ impl Watch for ThreadFiles {
     }
 
     fn ring(&self) {
-        // A report that readies the thread's own process rings within its sleep, which is about to end: a ring would end the next.
+        // A report that readies the thread's own process rings within its sleep, which is about to
+        // end: a ring would end the next.
         if self.thread != this_thread() {
             self.reactor.wake();
         }

@@ -1,14 +1,16 @@
-//! What a system is made of: the tree of its threads, processes and sub-processes, and the channels between them, as data.
+//! What a system is made of: the tree of its threads, processes and sub-processes, and the channels
+//! between them, as data.
 
 use luna_core::current::ProcessId;
 use luna_executors::ProcessState;
 use luna_platform::thread::{Attributes, Obtained, Policy};
 use std::fmt;
 
-/// What a system was made of when it was looked at: see [`System::composition`](crate::System::composition).
+/// What a system was made of when it was looked at: see
+/// [`System::composition`](crate::System::composition).
 ///
-/// Its `Display` is the tree, indented, then the channels. While the system runs each part of it was so at some moment of the look, not
-/// all at the same.
+/// Its `Display` is the tree, indented, then the channels. While the system runs each part of it
+/// was so at some moment of the look, not all at the same.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Composition {
@@ -16,7 +18,8 @@ pub struct Composition {
     pub system: String,
     /// The executors, then the OS threads, in the order of their making.
     pub threads: Vec<ThreadPart>,
-    /// The channels and barriers that its processes have used or wait at, in the order of their making.
+    /// The channels and barriers that its processes have used or wait at, in the order of their
+    /// making.
     pub channels: Vec<ChannelPart>,
 }
 
@@ -68,7 +71,8 @@ pub struct ProcessPart {
     pub id: ProcessId,
     /// What it is.
     pub kind: ProcessKind,
-    /// What it was doing. A sub-process that does not run counts as waiting, also when its process is ready.
+    /// What it was doing. A sub-process that does not run counts as waiting, also when its process
+    /// is ready.
     pub state: ProcessState,
     /// Its level on its executor, 0 (lowest) to 31; of a sub-process, when it ran last.
     pub priority: u8,
@@ -163,7 +167,8 @@ impl ThreadPart {
 }
 
 impl Composition {
-    /// The first process or sub-process of this name, from the root down, parents before their children. O(processes).
+    /// The first process or sub-process of this name, from the root down, parents before their
+    /// children. O(processes).
     pub fn find(&self, name: &str) -> Option<&ProcessPart> {
         let roots = self.threads.iter().flat_map(|thread| &thread.processes);
         roots.into_iter().find_map(|process| process.find(name))

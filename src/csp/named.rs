@@ -1,4 +1,5 @@
-//! Named sub-processes: futures that show themselves, with a name, in the composition tree of the system while they live.
+//! Named sub-processes: futures that show themselves, with a name, in the composition tree of the
+//! system while they live.
 
 use super::tree::{Label, Node, Tree};
 use luna_core::current::{self, Process, ProcessId};
@@ -13,17 +14,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
-/// Gives a part of a process a name: it stands as a sub-process in the [`Composition`](crate::Composition) of the system from its first
-/// poll until it has ended or is dropped, under the named sub-process that it runs in, or else under its process.
+/// Gives a part of a process a name: it stands as a sub-process in the
+/// [`Composition`](crate::Composition) of the system from its first poll until it has ended or is
+/// dropped, under the named sub-process that it runs in, or else under its process.
 ///
-/// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there is no system, and under other
-/// runtimes it is the future and nothing else.
+/// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there
+/// is no system, and under other runtimes it is the future and nothing else.
 ///
 /// In a recording with events its turns are recorded, with its name. The parts of a process that
 /// have no name are recorded as the process.
 ///
-/// Real-time path: yes; nothing is allocated. The first poll and the end take a priority-inheriting lock for a few steps, O(1); the
-/// polls in between cost some stores. Cancel-safe if the future is.
+/// Real-time path: yes; nothing is allocated. The first poll and the end take a priority-inheriting
+/// lock for a few steps, O(1); the polls in between cost some stores. Cancel-safe if the future is.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -61,8 +63,9 @@ pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
 ///
 /// # Invariants
 ///
-/// `node` is in the list of `tree` exactly while there is a `tree`; it is then pinned. Its links, `id`, `parent` and `process` are
-/// written under the list's lock alone, and but for the links by this future alone. `untold` is `None`, or the process of the node, which is then listed.
+/// `node` is in the list of `tree` exactly while there is a `tree`; it is then pinned. Its links,
+/// `id`, `parent` and `process` are written under the list's lock alone, and but for the links by
+/// this future alone. `untold` is `None`, or the process of the node, which is then listed.
 #[must_use = "a sub-process does nothing unless awaited"]
 pub struct Named<F> {
     tree: Option<Arc<Tree>>,
@@ -78,7 +81,8 @@ pub struct Named<F> {
 /// Where a node lies.
 struct Place(UnsafeCell<Node>);
 
-// SAFETY: a node's links are guarded by the list's lock, wherever the future is; all else is its future's, or does not change while listed.
+// SAFETY: a node's links are guarded by the list's lock, wherever the future is; all else is its
+// future's, or does not change while listed.
 unsafe impl Send for Place {}
 // SAFETY: `&Named` gives access to the name alone, which does not change.
 unsafe impl Sync for Place {}
@@ -139,7 +143,8 @@ impl<F> Named<F> {
             let mut list = tree.list.lock();
             let (id, last) = (list.next_id, list.last);
             list.next_id += 1;
-            // SAFETY: the node is in no list, so it is this future's alone; it is pinned, and unlisted before it dies.
+            // SAFETY: the node is in no list, so it is this future's alone; it is pinned, and
+            // unlisted before it dies.
             unsafe {
                 (*node.as_ptr()).id = id;
                 (*node.as_ptr()).parent = parent;

@@ -30,7 +30,8 @@ use std::task::{Context, Poll};
 
 /// A process with three phases.
 ///
-/// A plain async block is a process too; implement this when there is something to set up or to clean up.
+/// A plain async block is a process too; implement this when there is something to set up or to
+/// clean up.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -62,21 +63,25 @@ use std::task::{Context, Poll};
 pub trait Process {
     /// Prepares the process: it may allocate and block.
     ///
-    /// The `pre_run` of all processes of a system, one after the other in the order of their spawning, ends before any body runs.
-    /// Runs on the thread that starts the system, or that spawns the process while the system runs.
+    /// The `pre_run` of all processes of a system, one after the other in the order of their
+    /// spawning, ends before any body runs. Runs on the thread that starts the system, or that
+    /// spawns the process while the system runs.
     ///
     /// # Errors
     ///
-    /// An error stops the start, which returns it with the process' name; what was prepared until then gets its `post_run`.
+    /// An error stops the start, which returns it with the process' name; what was prepared until
+    /// then gets its `post_run`.
     fn pre_run(&mut self) -> Result<()> {
         Ok(())
     }
 
-    /// The body: the real-time part. Made and run on the executor's thread, so its future need not be `Send`.
+    /// The body: the real-time part. Made and run on the executor's thread, so its future need not
+    /// be `Send`.
     fn run(&mut self) -> impl Future<Output = Result<()>>;
 
-    /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked, cancelled), off the real-time path, on
-    /// the thread that runs the system. Then the process is dropped.
+    /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked,
+    /// cancelled), off the real-time path, on the thread that runs the system. Then the process is
+    /// dropped.
     ///
     /// A panic in here, or in the drop, ends no other process; the other processes go on and are
     /// cleaned up, and it is no emergency, since the body is gone. When all have ended it is the
@@ -212,7 +217,8 @@ impl<B> fmt::Debug for Prepared<B> {
 pub(crate) trait Phases: Send {
     fn pre_run(&mut self) -> Result<()>;
     fn post_run(&mut self);
-    /// As [`words_of_body`](luna_executors::ProcessHandle::words_of_body), of what the body borrows.
+    /// As [`words_of_body`](luna_executors::ProcessHandle::words_of_body), of what the body
+    /// borrows.
     fn words(&self) -> Vec<usize>;
 }
 
@@ -241,7 +247,8 @@ pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
 ///
 /// # Invariants
 ///
-/// `place` came from a box and is freed by this value's drop alone. While a body lives, the body alone accesses it.
+/// `place` came from a box and is freed by this value's drop alone. While a body lives, the body
+/// alone accesses it.
 struct Resident<P> {
     place: *mut P,
     _owned: PhantomData<P>,
@@ -289,7 +296,8 @@ struct Place<P>(*mut P);
 // SAFETY: it leads to a `P: Send` that one thread at a time accesses.
 unsafe impl<P: Send> Send for Place<P> {}
 
-/// Starts a body of whatever type where it is to run, so that polling it goes through no virtual call.
+/// Starts a body of whatever type where it is to run, so that polling it goes through no virtual
+/// call.
 pub(crate) trait Start: Send {
     fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused>;
 
@@ -409,11 +417,13 @@ impl Drop for Frame {
     }
 }
 
-/// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an error.
+/// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an
+/// error.
 pub(crate) struct Verdict(pub(crate) Option<Ended>);
 
 impl Verdict {
-    /// On the current process. Apart, so that a turn which ends nothing has no room for what ends do.
+    /// On the current process. Apart, so that a turn which ends nothing has no room for what ends
+    /// do.
     #[cold]
     #[inline(never)]
     fn of(ended: Result<Result<()>, Failure>) -> Self {
@@ -456,7 +466,8 @@ impl From<Failure> for Error {
 }
 
 thread_local! {
-    /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that panics.
+    /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that
+    /// panics.
     static FAILURE: Cell<Option<Failure>> = const { Cell::new(None) };
 }
 
@@ -466,7 +477,8 @@ pub(crate) async fn fail_current(failure: Failure) -> ! {
     std::future::pending().await
 }
 
-/// A body with the failures that the framework finds in it. On a thread that has [entered](Common::enter_thread).
+/// A body with the failures that the framework finds in it. On a thread that has
+/// [entered](Common::enter_thread).
 pub(crate) struct Supervised<F> {
     body: ManuallyDrop<F>,
 }
@@ -555,7 +567,8 @@ fn poll_until_failure<F: Future>(
 /// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor
 /// `'static` is required.
 ///
-/// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls. A panic passes through.
+/// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls.
+/// A panic passes through.
 ///
 /// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel
 /// that is marked external or was used at its other end by another thread), it prints once on

@@ -90,7 +90,8 @@ pub(crate) struct List {
     pub(crate) next_id: u64,
 }
 
-// SAFETY: the list owns no node; the lock that guards it guards the nodes' links too, so it may go where the lock goes.
+// SAFETY: the list owns no node; the lock that guards it guards the nodes' links too, so it may go
+// where the lock goes.
 unsafe impl Send for List {}
 
 impl List {
@@ -98,9 +99,11 @@ impl List {
     ///
     /// # Safety
     ///
-    /// `node` is in no list, stays where it is, and is removed before it dies; `before` is in this one.
+    /// `node` is in no list, stays where it is, and is removed before it dies; `before` is in this
+    /// one.
     pub(crate) unsafe fn insert(&mut self, node: NonNull<Node>, before: Option<NonNull<Node>>) {
-        // SAFETY: the contract, and the invariant for those that are listed. Fields alone are borrowed, since others look at the rest.
+        // SAFETY: the contract, and the invariant for those that are listed. Fields alone are
+        // borrowed, since others look at the rest.
         unsafe {
             let after = match before {
                 Some(before) => (*before.as_ptr()).after.replace(node),
@@ -192,10 +195,12 @@ impl Tree {
         })
     }
 
-    /// The sub-processes that live, each of which was there at some moment of this call; parents before their children, unless they
-    /// were moved. Those that begin meanwhile are left out, so it ends.
+    /// The sub-processes that live, each of which was there at some moment of this call; parents
+    /// before their children, unless they were moved. Those that begin meanwhile are left out, so
+    /// it ends.
     ///
-    /// Not for the real-time path: it allocates, though never under the lock, which it holds for a few nodes at a time.
+    /// Not for the real-time path: it allocates, though never under the lock, which it holds for a
+    /// few nodes at a time.
     pub(crate) fn read(&self) -> Vec<SubProcess> {
         let node = UnsafeCell::new(Node::new(Label::new("")));
         let end = {
@@ -222,7 +227,8 @@ impl Tree {
     fn read_on(&self, mark: &Mark<'_>, end: u64, found: &mut Vec<SubProcess>) -> bool {
         let mut list = self.list.lock();
         for _ in 0..AT_ONCE {
-            // SAFETY: the mark is listed, so what follows it is, and is live. Fields alone are borrowed, since its future changes others.
+            // SAFETY: the mark is listed, so what follows it is, and is live. Fields alone are
+            // borrowed, since its future changes others.
             unsafe {
                 let Some(next) = (*mark.node().as_ptr()).after else {
                     return true;

@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-/// Why a program cannot be recorded or replayed, or has not done in the replay what it did when it was recorded.
+/// Why a program cannot be recorded or replayed, or has not done in the replay what it did when it
+/// was recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RecordError {
@@ -54,7 +55,8 @@ pub struct Divergence {
     pub event: u64,
     /// The process.
     pub process: String,
-    /// Which of its operations, counted from 1; those of a branch of a parallel construct are counted on their own.
+    /// Which of its operations, counted from 1; those of a branch of a parallel construct are
+    /// counted on their own.
     pub operation: u64,
     /// Which of its outputs it is, counted from 1, if it is one.
     pub output: Option<u64>,

@@ -1,7 +1,8 @@
 //! How an event is written.
 //!
-//! A byte with its kind and two flags (it is of the process itself, and follows the branch_log's last event), then what the flags leave open: the path of
-//! the branch, by how many operations it is later. Then what belongs to the kind. Numbers are varints.
+//! A byte with its kind and two flags (it is of the process itself, and follows the branch_log's
+//! last event), then what the flags leave open: the path of the branch, by how many operations it
+//! is later. Then what belongs to the kind. Numbers are varints.
 
 use luna_core::replay_log::{About, What};
 

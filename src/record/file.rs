@@ -1,4 +1,5 @@
-//! The file: a head, then blocks, each with its length and a checksum over its place in the file, its kind and its bytes.
+//! The file: a head, then blocks, each with its length and a checksum over its place in the file,
+//! its kind and its bytes.
 
 use super::error::RecordError;
 use std::io::Write;

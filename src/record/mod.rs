@@ -1,4 +1,5 @@
-//! Recording a run, and replaying it: see [`System::record`](crate::System::record) and [`System::replay`](crate::System::replay).
+//! Recording a run, and replaying it: see [`System::record`](crate::System::record) and
+//! [`System::replay`](crate::System::replay).
 //!
 //! A process that communicates by channels with one sender and one receiver, and makes no choices,
 //! sees the same in every run, however long anything takes (Kahn, 1974). So only nondeterministic
@@ -63,7 +64,8 @@ use std::task::{Context, Poll};
 pub(crate) use value::LONGEST;
 use value::name_of;
 
-/// Whether the process that calls this is recorded or replayed: for what can be done in two ways, of which one cannot be recorded. Real-time path: yes; O(1).
+/// Whether the process that calls this is recorded or replayed: for what can be done in two ways,
+/// of which one cannot be recorded. Real-time path: yes; O(1).
 ///
 /// ```
 /// assert!(!luna::record::is_recorded());
@@ -72,10 +74,13 @@ pub fn is_recorded() -> bool {
     current::is_taped()
 }
 
-/// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was recorded, and does not call it.
+/// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was
+/// recorded, and does not call it.
 ///
-/// For all that comes from elsewhere than from other processes: a sensor's register, a device, a random number. Outside of a recorded process it is `read` alone.
-/// Real-time path: yes; O(size of the value), no allocation, no lock. In a replay that has [diverged](RecordError::Diverged) the value is that of zero bytes.
+/// For all that comes from elsewhere than from other processes: a sensor's register, a device, a
+/// random number. Outside of a recorded process it is `read` alone. Real-time path: yes; O(size of
+/// the value), no allocation, no lock. In a replay that has [diverged](RecordError::Diverged) the
+/// value is that of zero bytes.
 ///
 /// ```
 /// assert_eq!(luna::record::input("sensor", || 7_u16), 7);
@@ -161,7 +166,8 @@ pub(crate) async fn hold() {
     .await;
 }
 
-/// Calls `call` on a thread that may block, as [`blocking`](crate::blocking) does, and records what it gave; in a replay gives that, and does not call it.
+/// Calls `call` on a thread that may block, as [`blocking`](crate::blocking) does, and records what
+/// it gave; in a replay gives that, and does not call it.
 ///
 /// Its result has a byte form, so that it can be recorded. A plain `blocking` is not recorded, and
 /// a recorded system that uses it gets an error. Cancel-safe as `blocking`: dropped, the call still
@@ -337,7 +343,8 @@ enum Track {
     Replay(replayer::Track),
 }
 
-/// The track of a process. What is shared of it is no more than its memory: it is used in the process' polls, and as its body goes.
+/// The track of a process. What is shared of it is no more than its memory: it is used in the
+/// process' polls, and as its body goes.
 struct Kept(Track);
 
 // SAFETY: a process is polled, and its body dropped, by one thread at a time, and nothing else uses

@@ -211,7 +211,8 @@ impl Recorder {
                 writer.flush()?;
                 return Ok(writer.into_inner().get_ref().bytes);
             }
-            // What a round has found is in the file before the next: the last events of a program that is killed are those that are looked for.
+            // What a round has found is in the file before the next: the last events of a program
+            // that is killed are those that are looked for.
             writer.flush()?;
             drop(recorder);
             let _ = woken.recv_timeout(PAUSE);
@@ -289,7 +290,8 @@ impl std::io::Write for Counting {
     }
 }
 
-/// What records one process. Its room is there when the process begins; nothing of it allocates or waits after that.
+/// What records one process. Its room is there when the process begins; nothing of it allocates or
+/// waits after that.
 pub(crate) struct Track {
     recorder: Arc<Recorder>,
     ring: Arc<ByteRing>,
@@ -380,7 +382,8 @@ impl Track {
         for branch_log in used.chain([&self.branch_logs[0]]) {
             match branch_log.runs.get() {
                 true => self.last(branch_log, CUT_WITHIN, false),
-                // If another branch_log has done something since, it may have gone on to that: as into a parallel construct, or out of it.
+                // If another branch_log has done something since, it may have gone on to that: as
+                // into a parallel construct, or out of it.
                 false => self.last(branch_log, CUT, branch_log.begun.get() < begun),
             }
         }

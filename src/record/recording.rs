@@ -8,7 +8,8 @@ use luna_core::replay_log::About;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// A recording that was read from its file, to be given to [`System::replay`](crate::System::replay). It can be replayed any number of times.
+/// A recording that was read from its file, to be given to
+/// [`System::replay`](crate::System::replay). It can be replayed any number of times.
 #[derive(Debug, Clone)]
 pub struct Recording {
     pub(super) system: String,
@@ -177,7 +178,8 @@ impl Recording {
         counts.sum::<usize>() as u64
     }
 
-    /// How many of these are [outputs](crate::record::output), or bytes written by a link, which a replay compares.
+    /// How many of these are [outputs](crate::record::output), or bytes written by a link, which a
+    /// replay compares.
     pub fn outputs(&self) -> u64 {
         let events = self.processes.iter().flat_map(|process| &process.events);
         let is_output = |event: &&Event| {
@@ -192,7 +194,8 @@ impl Recording {
         events.filter(is_output).count() as u64
     }
 
-    /// Whether the recording is whole: it was written to its end, and nothing was lost for want of room.
+    /// Whether the recording is whole: it was written to its end, and nothing was lost for want of
+    /// room.
     pub fn is_whole(&self) -> bool {
         self.is_whole
     }

@@ -3,7 +3,8 @@
 /// The most bytes that a value has.
 pub(crate) const LONGEST: usize = 256;
 
-/// A value of fixed size with a byte form: what an [`input`](super::input) or [`output`](super::output) can be.
+/// A value of fixed size with a byte form: what an [`input`](super::input) or
+/// [`output`](super::output) can be.
 ///
 /// Numbers, `bool`, and arrays and pairs of such have one. At most 256 bytes.
 ///

@@ -55,14 +55,16 @@ macro_rules! place_methods {
             self
         }
 
-        /// Gives the thread a stack of `bytes`, at least 128 KiB; 2 MiB if not stated. All of it is touched before the start. For processes that keep or move large values;
-        /// what is on an executor shares its stack, one turn at a time.
+        /// Gives the thread a stack of `bytes`, at least 128 KiB; 2 MiB if not stated. All of it is
+        /// touched before the start. For processes that keep or move large values; what is on an
+        /// executor shares its stack, one turn at a time.
         pub fn stack_size(mut self, bytes: usize) -> Self {
             self.attributes = self.attributes.stack_size(bytes);
             self
         }
 
-        /// Looks for work for `time` before each sleep, at most 1 ms; without this the thread sleeps as soon as it has nothing to do.
+        /// Looks for work for `time` before each sleep, at most 1 ms; without this the thread
+        /// sleeps as soon as it has nothing to do.
         ///
         /// A wake from another core then takes some hundred nanoseconds instead of microseconds.
         /// The thread burns its core meanwhile, and its process or processes run the later the more
@@ -116,8 +118,9 @@ impl ExecutorBuilder {
     ///
     /// # Errors
     ///
-    /// A [`SetupError`]: a core that the machine has not, a priority out of range, a stack too small, a time to look for work that is too long, a name
-    /// that another executor or thread has, or a system that has been run.
+    /// A [`SetupError`]: a core that the machine has not, a priority out of range, a stack too
+    /// small, a time to look for work that is too long, a name that another executor or thread has,
+    /// or a system that has been run.
     ///
     /// ```
     /// use luna::{Error, Policy, SetupError, System};
@@ -153,8 +156,8 @@ thread_local! {
     static SHARED_NAME: RefCell<Option<Name>> = const { RefCell::new(None) };
 }
 
-/// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow the system, so processes can
-/// keep one to spawn others.
+/// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow
+/// the system, so processes can keep one to spawn others.
 #[derive(Clone)]
 pub struct Executor {
     plan: Arc<Plan>,
@@ -168,7 +171,8 @@ impl Executor {
         ProcessBuilder::new(plan, name, Ok(Place::Executor(self.number)))
     }
 
-    /// A spawned process of this system, from when it runs. Not for the real-time path, as [`System::process_handle`](crate::System::process_handle).
+    /// A spawned process of this system, from when it runs. Not for the real-time path, as
+    /// [`System::process_handle`](crate::System::process_handle).
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
     }
@@ -274,7 +278,8 @@ impl ProcessBuilder {
         self
     }
 
-    /// Measures the longest time that the process keeps the processor, for about 50 ns each time it gets it.
+    /// Measures the longest time that the process keeps the processor, for about 50 ns each time it
+    /// gets it.
     pub fn timed(mut self) -> Self {
         self.timed = true;
         self
@@ -352,13 +357,15 @@ impl ProcessBuilder {
 
     /// Adds the process to the system. It starts with the others; if they run already, at once.
     ///
-    /// `process` is a future, a closure that makes one on the executor's thread, or a [`Process`](crate::Process): see
-    /// [`IntoProcess`]. While the system runs this is not for the real-time path: it allocates, and `pre_run` runs right here.
+    /// `process` is a future, a closure that makes one on the executor's thread, or a
+    /// [`Process`](crate::Process): see [`IntoProcess`]. While the system runs this is not for the
+    /// real-time path: it allocates, and `pre_run` runs right here.
     ///
     /// # Errors
     ///
-    /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process has, a thread that makes no sense, a system that has
-    /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
+    /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process
+    /// has, a thread that makes no sense, a system that has ended. While the system runs also an
+    /// error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         let (system, plan) = self.planned(process)?;
         system.add_process(plan)
@@ -369,7 +376,8 @@ impl ProcessBuilder {
     ///
     /// # Errors
     ///
-    /// As [`spawn`](Self::spawn), and [`SetupError::NotRunning`] before the system runs: nothing was added then.
+    /// As [`spawn`](Self::spawn), and [`SetupError::NotRunning`] before the system runs: nothing
+    /// was added then.
     ///
     /// ```
     /// use luna::{Exit, prelude::*};
@@ -388,7 +396,8 @@ impl ProcessBuilder {
     pub fn start<M>(self, process: impl IntoProcess<M>) -> Result<ProcessHandle> {
         let (system, plan) = self.planned(process)?;
         let handle = system.start_process(plan)?;
-        // Only of a system that runs, and on a thread that runs processes, which ends some time: what waits to be started does not wait for that.
+        // Only of a system that runs, and on a thread that runs processes, which ends some time:
+        // what waits to be started does not wait for that.
         if current::home().is_some() {
             SPARE_PLANS.with(|spare| {
                 if !spare.keeps(&system) {
@@ -420,16 +429,18 @@ impl ProcessBuilder {
         Ok((system, plan))
     }
 
-    /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart from its body, so that the set-up can let another one stand in
-    /// for it: see [`System::stand_in`](crate::System::stand_in), with an example.
+    /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart
+    /// from its body, so that the set-up can let another one stand in for it: see
+    /// [`System::stand_in`](crate::System::stand_in), with an example.
     ///
-    /// `ends` is of any type: best one that is made for this process, with a field for each end, so that it can be taken for no other. `body` makes the process of it,
-    /// unless there is a stand-in, which then is given the ends.
+    /// `ends` is of any type: best one that is made for this process, with a field for each end, so
+    /// that it can be taken for no other. `body` makes the process of it, unless there is a
+    /// stand-in, which then is given the ends.
     ///
     /// # Errors
     ///
-    /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of another type. After an error the stand-in waits as before, so that it
-    /// may be tried again.
+    /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of
+    /// another type. After an error the stand-in waits as before, so that it may be tried again.
     pub fn replaceable<E: Send + 'static, M, P: IntoProcess<M>>(
         self,
         ends: E,
@@ -443,7 +454,8 @@ impl ProcessBuilder {
         // Without the lock: what is made here is the user's.
         match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
-                // From here on it is used up, so the name stays taken, also if what is the user's panics.
+                // From here on it is used up, so the name stays taken, also if what is the user's
+                // panics.
                 name.keep();
                 let prepared = stand_in.prepare(ends);
                 system.add_reserved_boxed(ProcessPlan {

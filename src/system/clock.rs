@@ -5,7 +5,8 @@ use luna_executors::{DrivenClock, Pace, ProcessRegistry, Simulation};
 use std::fmt;
 use std::sync::Arc;
 
-/// How many turns are taken at one instant of a virtual clock before that is called a livelock, if not stated.
+/// How many turns are taken at one instant of a virtual clock before that is called a livelock, if
+/// not stated.
 const MOST_TURNS: u64 = 1_000_000_000;
 
 /// The clock that a system is to go by.
@@ -50,7 +51,8 @@ pub enum ClockKind {
     /// The machine's.
     #[default]
     Real,
-    /// One that jumps to the next deadline when no process can run: [`System::virtual_clock`](crate::System::virtual_clock).
+    /// One that jumps to the next deadline when no process can run:
+    /// [`System::virtual_clock`](crate::System::virtual_clock).
     Virtual,
     /// One that a simulator moves: [`System::driven_clock`](crate::System::driven_clock).
     Driven,

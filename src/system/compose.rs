@@ -14,7 +14,8 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;
 
-/// A handle to look at a system while it runs: see [`System::observer`](crate::System::observer). Cloning it is cheap.
+/// A handle to look at a system while it runs: see [`System::observer`](crate::System::observer).
+/// Cloning it is cheap.
 ///
 /// ```
 /// use luna::prelude::*;

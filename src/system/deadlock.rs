@@ -23,9 +23,11 @@ use std::sync::Arc;
 /// that waits for anything else (another runtime's channel, say) may be woken by it, so no deadlock
 /// is reported then.
 ///
-/// Two things cannot be seen, and are to be marked `external()`: an end (or a party of a barrier) that a thread outside of the system holds and has not used yet; and a
-/// channel that a process waits for together with something that is none of LUNA's, as in a race of both. A [barrier](crate::Barrier) that a thread of its own
-/// ([`luna::run`](crate::run)) has come to is known to have such a party; one with parties in two systems is to be marked.
+/// Two things cannot be seen, and are to be marked `external()`: an end (or a party of a barrier)
+/// that a thread outside of the system holds and has not used yet; and a channel that a process
+/// waits for together with something that is none of LUNA's, as in a race of both. A
+/// [barrier](crate::Barrier) that a thread of its own ([`luna::run`](crate::run)) has come to is
+/// known to have such a party; one with parties in two systems is to be marked.
 ///
 /// The process that an end belongs to is known once it has used the end. For an unused end the
 /// report names the processes that contain the channel's address in their bodies
@@ -63,8 +65,8 @@ use std::sync::Arc;
 pub struct Deadlock {
     /// The system's name.
     pub system: String,
-    /// What the processes wait for: in the order of their spawning, and all that one waits for, if it is an alternative or a parallel
-    /// construct, one after the other.
+    /// What the processes wait for: in the order of their spawning, and all that one waits for, if
+    /// it is an alternative or a parallel construct, one after the other.
     pub waits: Vec<Wait>,
     /// Processes of which each waits for the next, and the last for the first. Empty where no such
     /// circle is known.
@@ -235,8 +237,8 @@ struct Known<'a, F, R> {
 
 impl<F, R: Fn(ProcessId, usize) -> bool> Known<'_, F, R> {
     /// The places of the processes that appear to hold the other end than the one at which `role`
-    /// waits. Both kinds of end have the channel's address in them, so those that wait with the same
-    /// end do not count.
+    /// waits. Both kinds of end have the channel's address in them, so those that wait with the
+    /// same end do not count.
     fn holders(&self, meeting: &Meeting, role: Role) -> Vec<usize> {
         let has_this_end = |id: ProcessId| {
             let mut waiting = meeting.waiting.iter();
@@ -304,7 +306,8 @@ fn wait_of(
     })
 }
 
-/// The first circle in a walk along `edges`, which lead from each to others, from the first on. O(edges).
+/// The first circle in a walk along `edges`, which lead from each to others, from the first on.
+/// O(edges).
 fn cycle(edges: &[Vec<usize>]) -> Vec<usize> {
     let mut is_done = vec![false; edges.len()];
     let mut is_on_way = vec![false; edges.len()];

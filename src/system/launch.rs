@@ -23,7 +23,8 @@ use super::plan::{ExecutorPlan, Place, Settings};
 use super::register::REMEMBERED;
 use crate::notice::notice;
 
-/// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
+/// The heap that is fetched before the start when memory is locked: what bodies allocate in spite
+/// of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
 
 /// Default number of loops with reserved room, if `System::max_loops` sets no other: 745 KiB in
@@ -110,7 +111,8 @@ fn launch_described(
     } else {
         Mode::BestEffort
     };
-    // On a clock of its own nothing has to come in time, so nothing is asked of the machine for that.
+    // On a clock of its own nothing has to come in time, so nothing is asked of the machine for
+    // that.
     let real_time = !is_virtual
         && (executor_plans
             .iter()
@@ -379,7 +381,8 @@ struct Held {
 }
 
 impl Held {
-    /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up, last first.
+    /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up,
+    /// last first.
     fn start_all(
         &mut self,
         running: &Running,
@@ -412,7 +415,8 @@ impl Held {
         Ok(())
     }
 
-    /// Ends what was started of a system that does not start. Its executors are gone already, and with them their bodies.
+    /// Ends what was started of a system that does not start. Its executors are gone already, and
+    /// with them their bodies.
     fn undo(mut self) {
         self.threads.clear();
         self.members

@@ -36,7 +36,8 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A machine's software: executors and OS threads, the processes on them, and what to do in an emergency.
+/// A machine's software: executors and OS threads, the processes on them, and what to do in an
+/// emergency.
 ///
 /// First the system is described: [`executor`](Self::executor) and [`thread`](Self::thread) define
 /// where processes can run, and their `process(..).spawn(..)` which processes run there. Then
@@ -79,8 +80,9 @@ impl System {
         self
     }
 
-    /// Keeps all memory of the program in memory while the system runs (`mlockall`), and touches stacks and heap before the start, so that
-    /// no page fault makes a process wait. Needs CAP_IPC_LOCK or an unlimited limit.
+    /// Keeps all memory of the program in memory while the system runs (`mlockall`), and touches
+    /// stacks and heap before the start, so that no page fault makes a process wait. Needs
+    /// CAP_IPC_LOCK or an unlimited limit.
     pub fn lock_memory(&mut self) -> &mut Self {
         self.plan.settings().lock_memory = true;
         self
@@ -91,8 +93,8 @@ impl System {
     /// there is room for 16 loops (0.8 MiB), however many processes there are. Loops that have
     /// ended count: their statistics are kept for the report.
     ///
-    /// One loop more is an error where it begins ([`SetupError::TooManyLoops`](crate::SetupError::TooManyLoops)).
-    /// The others go on.
+    /// One loop more is an error where it begins
+    /// ([`SetupError::TooManyLoops`](crate::SetupError::TooManyLoops)). The others go on.
     pub fn max_loops(&mut self, loops: usize) -> &mut Self {
         self.plan.settings().max_loops = Some(loops);
         self
@@ -137,7 +139,8 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`SetupError::NoTimerManager`](crate::SetupError::NoTimerManager): the system has none, or has been started.
+    /// [`SetupError::NoTimerManager`](crate::SetupError::NoTimerManager): the system has none, or
+    /// has been started.
     pub fn timer_manager(&self) -> Result<TimerManager> {
         let manager = self.plan.settings().manager.clone();
         let none = || SetupError::NoTimerManager {
@@ -186,7 +189,8 @@ impl System {
         self
     }
 
-    /// Runs the system on a clock of its own: when no process can run, time jumps to the next deadline, so hours take moments, and every run is the same.
+    /// Runs the system on a clock of its own: when no process can run, time jumps to the next
+    /// deadline, so hours take moments, and every run is the same.
     ///
     /// Processes, loops, delays and timeouts behave as on the real clock; only the threads differ.
     /// One thread runs all executors and OS-thread processes, the one of the highest policy first,
@@ -291,8 +295,10 @@ impl System {
         self
     }
 
-    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same processes, described in the same way, do the same again, and what they
-    /// give outside is compared. The run's error is [`Error::Record`](crate::Error::Record) with the first difference, if there is one.
+    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same
+    /// processes, described in the same way, do the same again, and what they give outside is
+    /// compared. The run's error is [`Error::Record`](crate::Error::Record) with the first
+    /// difference, if there is one.
     ///
     /// Time moves from event to event, so durations have no meaning: delays, loops and timeouts end
     /// when they ended in the recording. What was under way when the recorded system was ended goes
@@ -349,8 +355,8 @@ impl System {
     /// where the process would, with its name and priority. The [report](Report::stand_ins) names
     /// it.
     ///
-    /// `body` takes the same ends and gives anything that can be spawned. That the channels fit means that the ends are of one type, which is compared when
-    /// the process is declared.
+    /// `body` takes the same ends and gives anything that can be spawned. That the channels fit
+    /// means that the ends are of one type, which is compared when the process is declared.
     ///
     /// # Errors
     ///
@@ -398,13 +404,16 @@ impl System {
         Ok(self)
     }
 
-    /// Records the [signals](crate::Signal) and [messages](crate::message()) of the system in a new file at `path`, from the start to the end; one that is there is replaced.
-    /// `luna convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in [`Report::logging`](crate::Report::logging).
+    /// Records the [signals](crate::Signal) and [messages](crate::message()) of the system in a new
+    /// file at `path`, from the start to the end; one that is there is replaced. `luna convert`
+    /// makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in
+    /// [`Report::logging`](crate::Report::logging).
     ///
-    /// An ordinary thread writes the file. The processes write to rings of their threads, which is wait-free; a ring that is full drops what is new, and counts it.
+    /// An ordinary thread writes the file. The processes write to rings of their threads, which is
+    /// wait-free; a ring that is full drops what is new, and counts it.
     ///
-    /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to that file, `LUNA_LOG=tcp://HOST:PORT` (or `udp://`) to `luna record` on another
-    /// computer.
+    /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to
+    /// that file, `LUNA_LOG=tcp://HOST:PORT` (or `udp://`) to `luna record` on another computer.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -457,7 +466,8 @@ impl System {
     /// # Ok::<(), luna::Error>(())
     /// ```
     ///
-    /// With the feature `events`, `recording.events()` records CSP events too: `docs/logger.md` has what they are.
+    /// With the feature `events`, `recording.events()` records CSP events too: `docs/logger.md` has
+    /// what they are.
     ///
     #[cfg_attr(feature = "events", doc = "```")]
     #[cfg_attr(not(feature = "events"), doc = "```ignore")]
@@ -513,14 +523,16 @@ impl System {
         self.plan.members().report.clone()
     }
 
-    /// A spawned process, to look at and to cancel, from when the system runs. Not for the real-time path: it takes the plan's plain
-    /// lock, so a process asks for its handles before its loop. Also from [`Executor::process_handle`]. None for one that has ended and is not
+    /// A spawned process, to look at and to cancel, from when the system runs. Not for the
+    /// real-time path: it takes the plan's plain lock, so a process asks for its handles before its
+    /// loop. Also from [`Executor::process_handle`]. None for one that has ended and is not
     /// [remembered](Self::remember_ended); a handle that was had before stays.
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
     }
 
-    /// What the system is made of at this moment: a tree of threads, processes and named sub-processes, and the channels between them.
+    /// What the system is made of at this moment: a tree of threads, processes and named
+    /// sub-processes, and the channels between them.
     ///
     /// Before [`run`](Self::run) it shows what was requested, then what was obtained. Since `run`
     /// keeps this thread busy, another one uses an [`observer`](Self::observer). Not for the
@@ -542,15 +554,18 @@ impl System {
         self.observer().composition()
     }
 
-    /// A handle to look at the system with while it runs, for another thread or for a process of it. Cloning it is cheap.
+    /// A handle to look at the system with while it runs, for another thread or for a process of
+    /// it. Cloning it is cheap.
     pub fn observer(&self) -> Observer {
         Observer::new(self.plan.clone())
     }
 
-    /// Runs the system: returns when all processes have ended, and `post_run` of each, and all threads.
+    /// Runs the system: returns when all processes have ended, and `post_run` of each, and all
+    /// threads.
     ///
-    /// In this order: memory is locked and the threads are made, with their attributes; every process' `pre_run` runs; then all bodies
-    /// are released. While they run this thread sleeps, runs `post_run` of those that end, and frees what they leave.
+    /// In this order: memory is locked and the threads are made, with their attributes; every
+    /// process' `pre_run` runs; then all bodies are released. While they run this thread sleeps,
+    /// runs `post_run` of those that end, and frees what they leave.
     ///
     /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then
     /// cancel all processes; the report is returned as usual, and names the signal. A second signal

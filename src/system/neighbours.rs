@@ -11,7 +11,8 @@ use luna_executors::ExecutorHandle;
 use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::Attributes;
 
-/// Why a thread on `core` is not to look for work before it sleeps: a neighbour, which is pinned to `neighbours_core`, may want to run there.
+/// Why a thread on `core` is not to look for work before it sleeps: a neighbour, which is pinned to
+/// `neighbours_core`, may want to run there.
 fn refusal(
     core: Option<usize>,
     neighbour: &str,
@@ -113,7 +114,8 @@ mod tests {
 
     const TIME: Duration = Duration::from_micros(20);
 
-    /// An executor or an OS thread that looks for work before it sleeps, on `core`; and what the one that comes is refused.
+    /// An executor or an OS thread that looks for work before it sleeps, on `core`; and what the
+    /// one that comes is refused.
     fn after_one_has_come(core: usize, comes: Attributes) -> [(bool, Option<Shortfall>); 2] {
         let attributes = || Attributes::new("first").core(core).spin_before_sleep(TIME);
         let executor = Executor::start(attributes()).unwrap();

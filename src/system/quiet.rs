@@ -1,4 +1,5 @@
-//! Looks whether a system has come to a standstill: the supervising thread's part of the deadlock report.
+//! Looks whether a system has come to a standstill: the supervising thread's part of the deadlock
+//! report.
 //!
 //! That thread sleeps. A thread of the system that it watches rings it when that one falls still,
 //! and only then it looks, at most so often. In a system with a periodic loop no thread stays still
@@ -28,7 +29,8 @@ pub(super) struct Lookout {
     told: Option<Deadlock>,
 }
 
-/// A deadlock, and how often processes had been polled when it was found: once more, and it is one no more.
+/// A deadlock, and how often processes had been polled when it was found: once more, and it is one
+/// no more.
 struct Found {
     deadlock: Deadlock,
     polls: u64,
@@ -76,8 +78,8 @@ impl Lookout {
         (self.told.as_ref().filter(|_| is_new), Instant::NEVER)
     }
 
-    /// The deadlock at the system's end: none if it has gone on since. One that has ended the system
-    /// counts, whatever ran on the way to safety.
+    /// The deadlock at the system's end: none if it has gone on since. One that has ended the
+    /// system counts, whatever ran on the way to safety.
     pub(super) fn into_found(self, plan: &Plan, running: &Running) -> Option<Deadlock> {
         let has_ended_it = running.mode == Mode::Strict;
         let found = self

@@ -22,7 +22,8 @@ use std::hash::{BuildHasherDefault, Hasher};
 /// Default number of ended processes that are remembered.
 pub(super) const REMEMBERED: usize = 1024;
 
-/// Spreads numbers that are given out one after the other, and names, which are the program's own: nothing here withstands ones that are chosen to collide.
+/// Spreads numbers that are given out one after the other, and names, which are the program's own:
+/// nothing here withstands ones that are chosen to collide.
 #[derive(Default)]
 pub(super) struct Spread(u64);
 
@@ -439,7 +440,8 @@ fn process_report(member: &Member) -> ProcessReport {
     }
 }
 
-/// A set of numbers as stretches, each from its first to its last: those of processes that come and go are few.
+/// A set of numbers as stretches, each from its first to its last: those of processes that come and
+/// go are few.
 #[derive(Default)]
 struct Numbers {
     /// Without a gap in a stretch, and with one between two.

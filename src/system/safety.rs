@@ -26,8 +26,11 @@ impl System {
     /// any lock, that of the memory allocator too. The best functions write to a device that is
     /// open already, and neither allocate nor lock.
     ///
-    /// Functions run with SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. A program that one starts by `std::process` inherits that, and such a signal does not end it unless it unblocks it (shells do so for what they run, few others do): have it
-    /// started before, or empty the mask in [`pre_exec`](https://doc.rust-lang.org/std/os/unix/process/trait.CommandExt.html#tymethod.pre_exec).
+    /// Functions run with SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. A program that one starts by
+    /// `std::process` inherits that, and such a signal does not end it unless it unblocks it
+    /// (shells do so for what they run, few others do): have it started before, or empty the mask
+    /// in
+    /// [`pre_exec`](https://doc.rust-lang.org/std/os/unix/process/trait.CommandExt.html#tymethod.pre_exec).
     ///
     /// A panic in a process makes an emergency before the panic hook prints, which takes long with
     /// a backtrace; so also one that the body catches, unless by
@@ -41,10 +44,12 @@ impl System {
         self.on_emergency_within(name, LIMIT, function)
     }
 
-    /// Registers a function as [`on_emergency`](Self::on_emergency) does, with the time that it may take, on the machine's clock.
+    /// Registers a function as [`on_emergency`](Self::on_emergency) does, with the time that it may
+    /// take, on the machine's clock.
     ///
-    /// When that is over it goes on at low priority (SCHED_OTHER, nice 19) if it can, and another thread, which was made before the start, begins the next; seven may hang
-    /// so. It is noticed at most a millisecond late.
+    /// When that is over it goes on at low priority (SCHED_OTHER, nice 19) if it can, and another
+    /// thread, which was made before the start, begins the next; seven may hang so. It is noticed
+    /// at most a millisecond late.
     ///
     /// # Panics
     ///
@@ -81,8 +86,10 @@ impl System {
         self
     }
 
-    /// Registers a function that runs each time the [safe state](Safety::enter_safe_state) is entered, on the thread of the emergency functions, and in half a second as
-    /// they: for outputs that no process drives. The processes run on; they ask [`Safety::is_safe_state`]. On a virtual clock it runs when it comes to it, while time goes on.
+    /// Registers a function that runs each time the [safe state](Safety::enter_safe_state) is
+    /// entered, on the thread of the emergency functions, and in half a second as they: for outputs
+    /// that no process drives. The processes run on; they ask [`Safety::is_safe_state`]. On a
+    /// virtual clock it runs when it comes to it, while time goes on.
     ///
     /// # Panics
     ///
@@ -138,7 +145,8 @@ impl System {
         self
     }
 
-    /// Starts `guardian` with the system: a program of its own that brings the machine to safety if this one is killed. See [`Guardian`].
+    /// Starts `guardian` with the system: a program of its own that brings the machine to safety if
+    /// this one is killed. See [`Guardian`].
     pub fn guardian(&mut self, guardian: Guardian) -> &mut Self {
         self.plan.settings().guardian = Some(guardian);
         self

@@ -114,7 +114,8 @@ impl StandIns {
 }
 
 impl StandIn {
-    /// Makes the process of the ends that were [declared](StandIns::declare). Calls what is the user's.
+    /// Makes the process of the ends that were [declared](StandIns::declare). Calls what is the
+    /// user's.
     pub(super) fn prepare<E: Send + 'static>(self, ends: E) -> Prepared<Box<dyn Start>> {
         (self.prepare)(Box::new(ends))
     }

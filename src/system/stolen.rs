@@ -10,10 +10,12 @@ use luna_platform::steal::StealMeter;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The time between two samples. At some 30 µs a sample this is 0.03 % of a core that is not a real-time one.
+/// The time between two samples. At some 30 µs a sample this is 0.03 % of a core that is not a
+/// real-time one.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// The same on a machine from which nothing has been stolen since it began: a real one, most likely.
+/// The same on a machine from which nothing has been stolen since it began: a real one, most
+/// likely.
 const LONG_PAUSE: Duration = Duration::from_secs(1);
 
 /// The most windows that are kept: those in which something was stolen, the last ones.

@@ -40,7 +40,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
     // Also in a blocking call of a process on virtual time: this system has a clock of its own.
     let _clock = Clock::REAL.enter();
-    // Signals are for the emergency manager, which has a higher priority; and a stack for handlers, should this thread use up its own.
+    // Signals are for the emergency manager, which has a higher priority; and a stack for handlers,
+    // should this thread use up its own.
     let _handlers = HandlerStack::here();
     let _held_back = HeldBack::here();
     let mut launched = launch(plan)?;
@@ -311,8 +312,9 @@ fn tell_stolen(running: &Running, window: &Window) {
     log.tell_stolen(window.core, window.stolen, window.length());
 }
 
-/// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way. No process starts from then on. Gives
-/// the OS threads to the system_threads, and the deadlock that was found, if one was.
+/// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way.
+/// No process starts from then on. Gives the OS threads to the system_threads, and the deadlock
+/// that was found, if one was.
 fn watch(
     system_threads: &mut SystemThreads<'_>,
     launched: &Launched,

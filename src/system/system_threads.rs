@@ -16,7 +16,8 @@ const GRACE: Duration = Duration::from_secs(2);
 /// How often a panic's end looks whether a thread has ended.
 const LOOKS_EVERY: Duration = Duration::from_millis(1);
 
-/// The threads that run processes. Dropped before the run is over, the thread that runs the system panics.
+/// The threads that run processes. Dropped before the run is over, the thread that runs the system
+/// panics.
 pub(super) struct SystemThreads<'a> {
     pub(super) plan: &'a Plan,
     /// What runs the executors, if their time is virtual.

@@ -14,7 +14,8 @@ use std::time::Duration;
 /// How many late cycles of a loop are kept: the worst ones.
 pub(crate) const KEPT: usize = 8;
 
-/// Unless stated otherwise a cycle is late from this part of its period on, but not below the shortest lateness.
+/// Unless stated otherwise a cycle is late from this part of its period on, but not below the
+/// shortest lateness.
 const PART_OF_PERIOD: u64 = 10;
 const SHORTEST: u64 = 50_000;
 
@@ -131,7 +132,8 @@ impl LateCycles {
         self.previous_run = previous_run.or(self.previous_run);
     }
 
-    /// A cycle begins that was to at `slot`. O(1); three system calls if it is late, or each is accounted for.
+    /// A cycle begins that was to at `slot`. O(1); three system calls if it is late, or each is
+    /// accounted for.
     #[inline]
     pub(crate) fn cycle_begins(&mut self, number: u64, slot: Instant, now: Instant) -> bool {
         luna_executors::look_at_clock(now);

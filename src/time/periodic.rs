@@ -23,11 +23,12 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum Overrun {
-    /// Every slot gets its cycle: late ones follow at once, one after the other, until the loop has caught up. For loops that must
-    /// do each step, such as an integrator.
+    /// Every slot gets its cycle: late ones follow at once, one after the other, until the loop has
+    /// caught up. For loops that must do each step, such as an integrator.
     CatchUp,
-    /// A slot can be served while it lasts, that is until the next one comes; one that has passed whole is missed, and the loop
-    /// stays on its grid. A cycle that is late by less than a period is thus never lost, and two slots are never served for one.
+    /// A slot can be served while it lasts, that is until the next one comes; one that has passed
+    /// whole is missed, and the loop stays on its grid. A cycle that is late by less than a period
+    /// is thus never lost, and two slots are never served for one.
     #[default]
     SkipToGrid,
     /// The late cycle runs at once and begins a new grid. For loops that need an even distance more
@@ -113,13 +114,16 @@ enum Prepared {
 /// slot is a period after all of them are released; in a process that is spawned while the system
 /// runs, a period after the body first requests one.
 ///
-/// Each loop of a system has a line of its own in the report, also when it has ended. So a name is used once, even if the loop of that name was dropped; and a loop that was
-/// dropped keeps its room ([`System::max_loops`](crate::System::max_loops)). To loop again keep the `Periodic`, and ask it for the next cycle.
+/// Each loop of a system has a line of its own in the report, also when it has ended. So a name is
+/// used once, even if the loop of that name was dropped; and a loop that was dropped keeps its room
+/// ([`System::max_loops`](crate::System::max_loops)). To loop again keep the `Periodic`, and ask it
+/// for the next cycle.
 ///
 /// # Errors
 ///
-/// A [`SetupError`]: a period of zero or of more than 292 years, a name that another loop of the system has or had, a name of more than 63 bytes,
-/// more loops than there is room for, or no process around.
+/// A [`SetupError`]: a period of zero or of more than 292 years, a name that another loop of the
+/// system has or had, a name of more than 63 bytes, more loops than there is room for, or no
+/// process around.
 ///
 /// ```
 /// use std::time::Duration;
@@ -190,7 +194,8 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
 }
 
 impl Periodic {
-    /// Treats slots that come while the loop is busy by `policy`; the default is [`Overrun::SkipToGrid`].
+    /// Treats slots that come while the loop is busy by `policy`; the default is
+    /// [`Overrun::SkipToGrid`].
     ///
     /// ```
     /// # use std::time::Duration;
@@ -205,8 +210,9 @@ impl Periodic {
         self
     }
 
-    /// Ends the process with [`Error::Overrun`](crate::Error::Overrun) when `cycles` cycles in a row were late, that is when the loop
-    /// came back after the next slot had begun. A cycle in time begins the count anew. 0 counts as 1.
+    /// Ends the process with [`Error::Overrun`](crate::Error::Overrun) when `cycles` cycles in a
+    /// row were late, that is when the loop came back after the next slot had begun. A cycle in
+    /// time begins the count anew. 0 counts as 1.
     ///
     /// ```
     /// use std::time::Duration;
@@ -228,12 +234,15 @@ impl Periodic {
         self
     }
 
-    /// Puts the loop on the grid that all loops of its period have in common, `phase` behind it: slot `k` begins at the start of the
-    /// [`System`](crate::System) (or of [`luna::run`](crate::run)) plus `phase` plus `k` periods, from slot 1 on.
+    /// Puts the loop on the grid that all loops of its period have in common, `phase` behind it:
+    /// slot `k` begins at the start of the [`System`](crate::System) (or of
+    /// [`luna::run`](crate::run)) plus `phase` plus `k` periods, from slot 1 on.
     ///
-    /// Loops of one period with different phases thus keep their distance exactly, on whichever executors they run, and a slot has the same
-    /// number in all of them. The loop joins at its first [`next`](Self::next): slots before that are not missed, and the first
-    /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a loop's grid begins when the loop is made, or with
+    /// Loops of one period with different phases thus keep their distance exactly, on whichever
+    /// executors they run, and a slot has the same number in all of them. The loop joins at its
+    /// first [`next`](Self::next): slots before that are not missed, and the first
+    /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a
+    /// loop's grid begins when the loop is made, or with
     /// [`Timers::Manager`](crate::Timers::Manager) at the slot of phase 0 that lasts then. O(1).
     ///
     /// [`Overrun::Rephase`] and [`correct`](Self::correct) leave the common grid.
@@ -281,7 +290,8 @@ impl Periodic {
     /// the same core wait as long. Each turn counts as a poll of the process. Zero, the default, is
     /// no guard, and on a virtual clock there is none. O(1).
     ///
-    /// On the reference machine a wake-up takes 26 µs; a good guard is twice the 99th percentile that [`LoopReport`](crate::LoopReport) shows without one.
+    /// On the reference machine a wake-up takes 26 µs; a good guard is twice the 99th percentile
+    /// that [`LoopReport`](crate::LoopReport) shows without one.
     ///
     /// # Errors
     ///
@@ -314,13 +324,16 @@ impl Periodic {
         Ok(self)
     }
 
-    /// Moves the following slots by `ns` nanoseconds, later if it is positive; gives by how much they were moved. For a loop that follows another clock, such
-    /// as a field bus': it calls this in each cycle with its offset to that.
+    /// Moves the following slots by `ns` nanoseconds, later if it is positive; gives by how much
+    /// they were moved. For a loop that follows another clock, such as a field bus': it calls this
+    /// in each cycle with its offset to that.
     ///
-    /// In one cycle the slots move by at most a hundredth of the period either way, all calls together; a period below 100 ns is not moved. What goes beyond
-    /// that is dropped, not carried over: the next cycle measures what is left of the offset anew, and would count it twice.
-    /// A clock that drifts by less than 1 % is so followed from any offset, within 50 cycles or somewhat more. Numbers, and with them which slots were missed, stay
-    /// exact: no slot is doubled or left out. Real-time path: yes; O(1).
+    /// In one cycle the slots move by at most a hundredth of the period either way, all calls
+    /// together; a period below 100 ns is not moved. What goes beyond that is dropped, not carried
+    /// over: the next cycle measures what is left of the offset anew, and would count it twice. A
+    /// clock that drifts by less than 1 % is so followed from any offset, within 50 cycles or
+    /// somewhat more. Numbers, and with them which slots were missed, stay exact: no slot is
+    /// doubled or left out. Real-time path: yes; O(1).
     ///
     /// ```
     /// use std::time::Duration;
@@ -346,9 +359,10 @@ impl Periodic {
         moved
     }
 
-    /// Calls a cycle late from this lateness on; if not stated a tenth of the period, at least 50 µs. The report looks for the cause of late cycles
-    /// ([`LateCycle`](crate::LateCycle)), for three system calls that never wait in such a cycle, about two microseconds; [`Duration::MAX`] calls
-    /// none late.
+    /// Calls a cycle late from this lateness on; if not stated a tenth of the period, at least 50
+    /// µs. The report looks for the cause of late cycles ([`LateCycle`](crate::LateCycle)), for
+    /// three system calls that never wait in such a cycle, about two microseconds;
+    /// [`Duration::MAX`] calls none late.
     #[must_use]
     pub fn late_after(mut self, lateness: Duration) -> Self {
         self.statistics().late.set_threshold(lateness);
@@ -378,10 +392,14 @@ impl Periodic {
         Duration::from_nanos(self.period)
     }
 
-    /// Ends the cycle, and waits for the next slot. With the new cycle the [parameters](crate::Parameter) of the process that has made the loop get the values that were set last.
+    /// Ends the cycle, and waits for the next slot. With the new cycle the
+    /// [parameters](crate::Parameter) of the process that has made the loop get the values that
+    /// were set last.
     ///
-    /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
-    /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the process ends.
+    /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the
+    /// same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
+    /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the
+    /// process ends.
     ///
     /// ```
     /// use std::time::Duration;
@@ -441,7 +459,8 @@ impl Periodic {
         }
         self.statistics().late.asked(asked, run);
         if target <= asked {
-            // Behind time: still a scheduling point, else it would keep the executor from timers, wakes and its own cancellation.
+            // Behind time: still a scheduling point, else it would keep the executor from timers,
+            // wakes and its own cancellation.
             luna_executors::yield_now().await;
         } else {
             // Virtual time stands while a process spins.
@@ -500,7 +519,8 @@ impl Periodic {
         }
     }
 
-    /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its executor's deadline.
+    /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its
+    /// executor's deadline.
     async fn wait_for_tick(&mut self, at: Instant) -> bool {
         match &mut self.slot_of_timer {
             Some(slot_of_timer) if self.is_on_grid => slot_of_timer.wait(at).await,
@@ -518,7 +538,8 @@ impl Periodic {
         self.come = self.grid.last_at(now).max(before + 1);
         self.number = match self.overrun {
             Overrun::CatchUp => before + 1,
-            // The slot that lasts at this moment: later than the one waited for if the wake-up itself came that late.
+            // The slot that lasts at this moment: later than the one waited for if the wake-up
+            // itself came that late.
             Overrun::SkipToGrid | Overrun::Rephase => self.come,
         };
         let skipped = self.number - before - 1;
@@ -581,8 +602,9 @@ impl Periodic {
         self.is_on_grid = self.trim.nanos() == 0;
     }
 
-    /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots were missed on the old one. The slot that
-    /// lasts at `now` is not among them: it is served late, as the first of the new grid.
+    /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots
+    /// were missed on the old one. The slot that lasts at `now` is not among them: it is served
+    /// late, as the first of the new grid.
     fn leave_grid(&mut self, now: Instant) -> u64 {
         let first = now - self.period();
         let missed = self.close_grid(self.grid.last_at(first));
@@ -597,7 +619,8 @@ impl Periodic {
         self.come = self.number;
     }
 
-    /// Accounts for all slots of the present grid up to `last`: those that were not served are missed. Gives their number.
+    /// Accounts for all slots of the present grid up to `last`: those that were not served are
+    /// missed. Gives their number.
     fn close_grid(&mut self, last: u64) -> u64 {
         let elapsed = self.grid.elapsed(last);
         let unserved = last.saturating_sub(self.number);

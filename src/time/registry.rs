@@ -277,7 +277,8 @@ impl Scope {
         Ok(statistics)
     }
 
-    /// Takes back the statistics of a loop that has ended. O(1); the room for it was made with the statistics.
+    /// Takes back the statistics of a loop that has ended. O(1); the room for it was made with the
+    /// statistics.
     pub(crate) fn retire(&self, statistics: Box<Statistics>) {
         self.loops.lock().ended.push(statistics);
     }

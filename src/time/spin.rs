@@ -2,7 +2,8 @@
 
 use super::Instant;
 
-/// The longest guard, as a part of the period: what is spun away stays below one processor's sixteenth.
+/// The longest guard, as a part of the period: what is spun away stays below one processor's
+/// sixteenth.
 pub(super) const LONGEST_PART: u64 = 16;
 
 /// Waits on the clock for `slot`, and gives the time that it read last, which is not before it.

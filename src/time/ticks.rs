@@ -7,14 +7,17 @@ use luna_core::current;
 use luna_platform::clock::{Clock, nanos};
 use std::time::Duration;
 
-/// A timer channel: it ticks each `period`, the first time a period from now; where that is another clock than its process', as where a
-/// system on a [virtual clock](crate::System::virtual_clock) is described, from when it is first waited for.
+/// A timer channel: it ticks each `period`, the first time a period from now; where that is another
+/// clock than its process', as where a system on a [virtual clock](crate::System::virtual_clock) is
+/// described, from when it is first waited for.
 ///
-/// For a process that does other things too: its ticks are guards of alternatives beside its channels. A loop that does nothing else between its cycles
-/// has more of [`periodic`](crate::periodic): statistics and a choice of what to do about late cycles.
+/// For a process that does other things too: its ticks are guards of alternatives beside its
+/// channels. A loop that does nothing else between its cycles has more of
+/// [`periodic`](crate::periodic): statistics and a choice of what to do about late cycles.
 ///
-/// Slots are absolute, so a tick that is served late shifts none. A slot can be served while it lasts, that is until the next one comes; one that has passed whole is
-/// missed, and counted. Real-time path: yes; O(1), no allocation.
+/// Slots are absolute, so a tick that is served late shifts none. A slot can be served while it
+/// lasts, that is until the next one comes; one that has passed whole is missed, and counted.
+/// Real-time path: yes; O(1), no allocation.
 ///
 /// # Errors
 ///
@@ -120,10 +123,11 @@ impl Ticks {
         self.slot_after(self.number)
     }
 
-    /// Waits for the next tick; one that is due is given at once. Alone, or as a guard of an alternative.
+    /// Waits for the next tick; one that is due is given at once. Alone, or as a guard of an
+    /// alternative.
     ///
-    /// Cancel-safe: a tick that was not chosen stays due while its slot lasts. Real-time path: yes; O(log n) for n delays of this thread, no
-    /// allocation.
+    /// Cancel-safe: a tick that was not chosen stays due while its slot lasts. Real-time path: yes;
+    /// O(log n) for n delays of this thread, no allocation.
     ///
     /// ```
     /// use std::time::Duration;

@@ -35,7 +35,8 @@ impl<O: ExitValue> End<O> {
     }
 }
 
-/// A process' body, with all that the framework does around each of its polls. It is always polled with the same record.
+/// A process' body, with all that the framework does around each of its polls. It is always polled
+/// with the same record.
 pub(crate) struct Body<F: Future>(Room<F, F::Output>);
 
 /// The room of a body is that of its exit value too: whatever it is, there is memory for it when
@@ -51,7 +52,8 @@ impl<F: Future> Body<F> {
         Self(Room::Running(future))
     }
 
-    /// Polls the future and nothing else. If it is ready or panics, [`end`](Self::end) is to be called.
+    /// Polls the future and nothing else. If it is ready or panics, [`end`](Self::end) is to be
+    /// called.
     ///
     /// # Safety
     ///
@@ -61,7 +63,8 @@ impl<F: Future> Body<F> {
         self: Pin<&mut Self>,
         cx: &mut Context<'_>,
     ) -> Poll<F::Output> {
-        // SAFETY: the future is never moved: it is polled pinned, and dropped in place; by the contract it is there.
+        // SAFETY: the future is never moved: it is polled pinned, and dropped in place; by the
+        // contract it is there.
         unsafe {
             match &mut self.get_unchecked_mut().0 {
                 Room::Running(future) => Pin::new_unchecked(future).poll(cx),

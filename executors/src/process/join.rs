@@ -28,7 +28,8 @@ pub(super) struct JoinNode {
 ///
 /// # Invariants
 ///
-/// `node` is accessed under the record's lock alone, once it is listed, but for `listed`; while that is so it is in the record's list.
+/// `node` is accessed under the record's lock alone, once it is listed, but for `listed`; while
+/// that is so it is in the record's list.
 #[must_use = "a join does nothing unless awaited"]
 pub struct Join<'a> {
     record: &'a Record,
@@ -81,7 +82,8 @@ impl Future for Join<'_> {
             if self.record.has_ended() {
                 return true;
             }
-            // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
+            // SAFETY: the lock is held; the node is pinned with the future and leaves the list
+            // before it dies.
             unsafe {
                 if listed.load(Ordering::Relaxed) {
                     renewal.store((*node.as_ptr()).wait.wakeup_mut());

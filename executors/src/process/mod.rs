@@ -233,7 +233,8 @@ impl ProcessHandle {
         self.0.polls()
     }
 
-    /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it has run.
+    /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it
+    /// has run.
     pub fn longest_poll(&self) -> Option<Duration> {
         let longest = self.0.longest_poll()?;
         (self.polls() > 0).then(|| Duration::from_nanos(longest))
@@ -242,8 +243,9 @@ impl ProcessHandle {
     /// Requests the end of the process: its body is dropped on its own thread, where it waits, as
     /// soon as that thread comes to it.
     ///
-    /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its next await. Does nothing to one that
-    /// has ended. Real-time path: yes for a process that lives; O(1), a system call only if its thread sleeps. If the process ends at the same
+    /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its
+    /// next await. Does nothing to one that has ended. Real-time path: yes for a process that
+    /// lives; O(1), a system call only if its thread sleeps. If the process ends at the same
     /// moment, this call may be the last to refer to its memory, and frees it.
     pub fn cancel(&self) {
         self.0.cancel();
@@ -261,7 +263,8 @@ impl ProcessHandle {
         luna_core::park::block_on(self.join())
     }
 
-    /// The processes that wait in a [`join`](Self::join) for its end. Not for the real-time path: it allocates.
+    /// The processes that wait in a [`join`](Self::join) for its end. Not for the real-time path:
+    /// it allocates.
     pub fn joiners(&self) -> Vec<ProcessId> {
         join::joiners(&self.0)
     }

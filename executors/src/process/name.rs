@@ -1,4 +1,5 @@
-//! The name of a process: one word, and what it leads to eight bytes longer than the text, since each process has one.
+//! The name of a process: one word, and what it leads to eight bytes longer than the text, since
+//! each process has one.
 
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 use std::borrow::Borrow;
@@ -20,7 +21,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 ///
 /// # Invariants
 ///
-/// It leads to a head that `layout` of its length was allocated for, with that much text behind it, and is counted in it.
+/// It leads to a head that `layout` of its length was allocated for, with that much text behind it,
+/// and is counted in it.
 pub struct Name(NonNull<Head>);
 
 struct Head {

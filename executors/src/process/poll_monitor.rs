@@ -22,7 +22,8 @@ pub trait PollMonitor: Any + Send + Sync {
 pub enum Verdict {
     /// It goes on.
     GoOn,
-    /// It is ended, unless it has just ended by itself: its body is dropped where it waits, and the channel ends in it poison their channels.
+    /// It is ended, unless it has just ended by itself: its body is dropped where it waits, and the
+    /// channel ends in it poison their channels.
     Poison,
 }
 
@@ -31,17 +32,20 @@ thread_local! {
     static OVERSEER: RefCell<Option<Arc<dyn PollMonitor>>> = const { RefCell::new(None) };
 }
 
-/// Makes the thread's room for it, before the real-time path begins: the first touch registers a destructor, which may allocate.
+/// Makes the thread's room for it, before the real-time path begins: the first touch registers a
+/// destructor, which may allocate.
 pub(crate) fn prepare() {
     OVERSEER.with(|_| {});
 }
 
-/// The poll_monitor of the process that is being polled on this thread, if it has one. Real-time path: yes; O(1), no system call.
+/// The poll_monitor of the process that is being polled on this thread, if it has one. Real-time
+/// path: yes; O(1), no system call.
 pub fn poll_monitor() -> Option<Arc<dyn PollMonitor>> {
     OVERSEER.with(|poll_monitor| poll_monitor.borrow().clone())
 }
 
-/// Makes it the one that [`poll_monitor`] gives. No process is polled within another's poll, so there is none to be restored.
+/// Makes it the one that [`poll_monitor`] gives. No process is polled within another's poll, so
+/// there is none to be restored.
 pub(super) fn set(now: Option<Arc<dyn PollMonitor>>) {
     OVERSEER.set(now);
 }

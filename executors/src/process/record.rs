@@ -70,7 +70,8 @@ impl Notice {
     pub(crate) const RECORDED: u8 = 8;
 }
 
-/// What the record sees of the process itself, in one word: nothing yet, where it lies, or how often it was polled before it went.
+/// What the record sees of the process itself, in one word: nothing yet, where it lies, or how
+/// often it was polled before it went.
 ///
 /// # Invariants
 ///
@@ -89,7 +90,8 @@ impl Seen {
         (word & 1 != 0).then_some((word >> 1) as u64)
     }
 
-    /// How often the process was polled, if it has gone: without the lock, since that does not change any more.
+    /// How often the process was polled, if it has gone: without the lock, since that does not
+    /// change any more.
     fn last_polls(&self) -> Option<u64> {
         Self::polls_of_gone(self.0.load(Ordering::Acquire))
     }
@@ -201,7 +203,8 @@ struct Timing {
 }
 
 impl Record {
-    /// A process that counts among those that live. `is_home`: the calling thread is the executor that it is to run on.
+    /// A process that counts among those that live. `is_home`: the calling thread is the executor
+    /// that it is to run on.
     pub(crate) fn new(spec: ProcessSpec, living: &ProcessRegistry, is_home: bool) -> Arc<Self> {
         living.enter();
         let shown = Shown {
@@ -385,7 +388,8 @@ impl Record {
         began
     }
 
-    /// Ends a timed poll. If the poll_monitor wants the process ended, it counts as cancelled from here on.
+    /// Ends a timed poll. If the poll_monitor wants the process ended, it counts as cancelled from
+    /// here on.
     #[cold]
     pub(super) fn end_poll(&self, began: Instant) {
         let now = Instant::now();
@@ -536,7 +540,8 @@ impl Record {
         while let Some(node) = shown.joining.pop() {
             // No further waiter can come.
             let is_last = shown.joining.is_empty();
-            // SAFETY: a node in the list is live and guarded by the lock that is held; its join uses it no more once it is not listed.
+            // SAFETY: a node in the list is live and guarded by the lock that is held; its join
+            // uses it no more once it is not listed.
             let ready = unsafe {
                 let node = node.cast::<JoinNode>().as_ptr();
                 let ready = (*node).wait.wakeup_mut().take().map(|wakeup| wakeup.take());

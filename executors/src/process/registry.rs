@@ -1,4 +1,5 @@
-//! The processes and threads of one system: how many processes live, and whether all threads sleep for good.
+//! The processes and threads of one system: how many processes live, and whether all threads sleep
+//! for good.
 
 use super::record::Record;
 use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
@@ -33,7 +34,8 @@ pub struct ProcessRegistry {
     is_urgent: AtomicBool,
     /// The listed processes that have ended, the last one first.
     ended: AtomicPtr<Record>,
-    /// The threads that live, in the order of their start. A plain lock: threads take it as they start and end, off the path.
+    /// The threads that live, in the order of their start. A plain lock: threads take it as they
+    /// start and end, off the path.
     threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,
 }
 
@@ -45,7 +47,8 @@ const MOST_KEPT: usize = 32;
 ///
 /// # Invariants
 ///
-/// While `of` is not null it is live. `newest` leads to `oldest` as a chain of records, each owned by its place there.
+/// While `of` is not null it is live. `newest` leads to `oldest` as a chain of records, each owned
+/// by its place there.
 struct Kept {
     of: Cell<*const ProcessRegistry>,
     /// Number of processes that have ended and still count as living. The next process made on this
@@ -96,7 +99,8 @@ impl Kept {
     }
 }
 
-/// All threads of a [`ProcessRegistry`] slept at one instant, without deadlines, files, calls on the pool or wakes under way.
+/// All threads of a [`ProcessRegistry`] slept at one instant, without deadlines, files, calls on
+/// the pool or wakes under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stillness(Vec<(Home, Stretch)>);
 
@@ -133,13 +137,14 @@ impl ProcessRegistry {
         self.hurried.load(Ordering::Acquire)
     }
 
-    /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a thread falls still that
-    /// [`still`](Self::still) or [`watch`](Self::watch) waits for.
+    /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a
+    /// thread falls still that [`still`](Self::still) or [`watch`](Self::watch) waits for.
     pub fn changes(&self) -> u32 {
         self.changes.word().load(Ordering::Acquire)
     }
 
-    /// Sleeps until the number is no longer `seen`, or until `deadline`. May return without a cause.
+    /// Sleeps until the number is no longer `seen`, or until `deadline`. May return without a
+    /// cause.
     pub fn wait(&self, seen: u32, deadline: Instant) {
         self.wait_as(&self.watchful, seen, deadline);
     }
@@ -186,8 +191,9 @@ impl ProcessRegistry {
         }
     }
 
-    /// Gives the numbers of the processes that have ended since the last call, in the order of their ends; of those that are to be
-    /// [listed](crate::ProcessSpec::listed). O(their number). It may free memory, so it is not for the real-time path.
+    /// Gives the numbers of the processes that have ended since the last call, in the order of
+    /// their ends; of those that are to be [listed](crate::ProcessSpec::listed). O(their number).
+    /// It may free memory, so it is not for the real-time path.
     pub fn take_ended(&self, mut each: impl FnMut(ProcessId)) {
         for record in self.take_told() {
             each(record.id());
@@ -321,13 +327,15 @@ impl ProcessRegistry {
         })
     }
 
-    /// Whether there was an instant during this call at which all threads slept with nothing of their own to wake them: no deadline, no
-    /// file that is waited for, no call on the pool under way, and no wake under way from one to another. If not, the number of
+    /// Whether there was an instant during this call at which all threads slept with nothing of
+    /// their own to wake them: no deadline, no file that is waited for, no call on the pool under
+    /// way, and no wake under way from one to another. If not, the number of
     /// [`changes`](Self::changes) changes as soon as it is worth another look.
     ///
-    /// Threads that have ended do not count; one that blocks within a poll, as in a blocking receive, counts as busy. What other
-    /// threads do meanwhile (plain ones, those of other systems) may end the stillness at any time: [`is_yet`](Self::is_yet).
-    /// Not for the real-time path: O(threads), and it allocates.
+    /// Threads that have ended do not count; one that blocks within a poll, as in a blocking
+    /// receive, counts as busy. What other threads do meanwhile (plain ones, those of other
+    /// systems) may end the stillness at any time: [`is_yet`](Self::is_yet). Not for the real-time
+    /// path: O(threads), and it allocates.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -382,7 +390,8 @@ impl ProcessRegistry {
             .map(|&(home, stretch)| (home, Some(stretch))))
     }
 
-    /// From now on each thread's next falling still changes the number of [`changes`](Self::changes), once.
+    /// From now on each thread's next falling still changes the number of
+    /// [`changes`](Self::changes), once.
     pub fn watch(&self) {
         watch_all(&sleepers(&self.threads()));
     }

@@ -185,15 +185,18 @@ impl ClockDriver {
         self.drive.clock.now()
     }
 
-    /// Moves time on to `instant`, and returns when every process is at rest there. Waits for the system's start, if that is still to come; and for blocking calls
-    /// that processes make, as long as they take. Blocks the calling thread; not for a process.
+    /// Moves time on to `instant`, and returns when every process is at rest there. Waits for the
+    /// system's start, if that is still to come; and for blocking calls that processes make, as
+    /// long as they take. Blocks the calling thread; not for a process.
     ///
-    /// [`Instant::NEVER`] means for as long as a process has a deadline: the clock then stays where the last one was. A process that always takes another, as a
-    /// loop does, lets that never return.
+    /// [`Instant::NEVER`] means for as long as a process has a deadline: the clock then stays where
+    /// the last one was. A process that always takes another, as a loop does, lets that never
+    /// return.
     ///
     /// # Errors
     ///
-    /// [`DriveError::Past`] before the present; [`DriveError::Ended`] if all processes ended on the way, or had before: the clock then stands where the last one did.
+    /// [`DriveError::Past`] before the present; [`DriveError::Ended`] if all processes ended on the
+    /// way, or had before: the clock then stands where the last one did.
     pub fn advance_to(&mut self, instant: Instant) -> Result<(), DriveError> {
         let mut state = self.drive.state();
         let now = self.now();

@@ -105,8 +105,9 @@ impl Member {
         self.guest.leave();
     }
 
-    /// Polls its processes until none is ready, its turns are up, `most` have been taken, or `is_outdone`. Gives how many were taken, and whether the executor goes
-    /// on: not after a panic outside of any process.
+    /// Polls its processes until none is ready, its turns are up, `most` have been taken, or
+    /// `is_outdone`. Gives how many were taken, and whether the executor goes on: not after a panic
+    /// outside of any process.
     pub(super) fn serve(
         &mut self,
         now: Instant,
@@ -137,7 +138,8 @@ impl Member {
                         events::tell_executor(events::code::AWAKE);
                     }
                     taken += 1;
-                    // SAFETY: it was just popped from this thread's queue, where only live tasks are: those of this executor, which is entered.
+                    // SAFETY: it was just popped from this thread's queue, where only live tasks
+                    // are: those of this executor, which is entered.
                     unsafe { task::run(owner) };
                     if taken >= most || is_outdone(self) {
                         break;

@@ -1,4 +1,5 @@
-//! Executors on a clock of their own: one thread runs all their processes in a fixed order, and time moves only when none can run.
+//! Executors on a clock of their own: one thread runs all their processes in a fixed order, and
+//! time moves only when none can run.
 //!
 //! ```text
 //!   take in new executors and processes
@@ -22,7 +23,8 @@
 //! process can run. What is left are threads and files outside of the system, which wake processes
 //! at any time.
 //!
-//! `Play::rest` in `stage` is the one place where the thread waits for a deadline, real or virtual: a recorder that replays, or a thread that times others, begins there.
+//! `Play::rest` in `stage` is the one place where the thread waits for a deadline, real or virtual:
+//! a recorder that replays, or a thread that times others, begins there.
 
 mod calls;
 mod drive;
@@ -65,7 +67,8 @@ pub enum Standstill {
     },
 }
 
-/// One thread that runs all executors which are [started](crate::Executor::start_simulated) on it, on a virtual clock, in a fixed order: the same in each run.
+/// One thread that runs all executors which are [started](crate::Executor::start_simulated) on it,
+/// on a virtual clock, in a fixed order: the same in each run.
 ///
 /// The executor with the thread that would have the highest priority comes first, of equals the one
 /// that was started first; each has a bounded number of turns at a time, so one with processes that
@@ -101,7 +104,8 @@ pub struct Simulation {
 pub struct SimulationHandle(pub(crate) Arc<Stage>);
 
 impl Simulation {
-    /// Starts the thread. No process runs before [`release`](Self::release). After `most_turns` polls at one instant it comes to a [`Standstill`].
+    /// Starts the thread. No process runs before [`release`](Self::release). After `most_turns`
+    /// polls at one instant it comes to a [`Standstill`].
     ///
     /// # Errors
     ///
@@ -162,7 +166,8 @@ impl SimulationHandle {
         self.0.clock()
     }
 
-    /// Time stands from now on: for an emergency, in which only what happens at this instant is of use. From any thread; one atomic operation.
+    /// Time stands from now on: for an emergency, in which only what happens at this instant is of
+    /// use. From any thread; one atomic operation.
     pub fn stop_time(&self) {
         self.0.stop_time();
     }

@@ -308,7 +308,8 @@ impl Play<'_> {
         self.stage.is_released.load(Ordering::Acquire)
     }
 
-    /// The first that has something to do and turns left; if only turns are lacking, all get theirs.
+    /// The first that has something to do and turns left; if only turns are lacking, all get
+    /// theirs.
     fn pick(&mut self) -> Option<usize> {
         let (now, released) = (self.stage.clock.now(), self.is_released());
         let mut is_up = false;

@@ -1,4 +1,5 @@
-//! The task of a process on an executor: its body in one allocation with all that is needed to wake, queue, poll and free it.
+//! The task of a process on an executor: its body in one allocation with all that is needed to
+//! wake, queue, poll and free it.
 //!
 //! ```text
 //!               waker or wakeup, from elsewhere        +--> its seat and a signal (inbound), then, by the owner, as below
@@ -357,7 +358,8 @@ unsafe fn discard_words<F: Future>(owner: NonNull<()>) {
 ///
 /// `owner` is a task that is referred to.
 unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
-    // SAFETY: the contract keeps the task, and with it its executor's part that others see, even if both end meanwhile.
+    // SAFETY: the contract keeps the task, and with it its executor's part that others see, even if
+    // both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
     events::ready(|| this.record.id().get());
     this.shared.inbound().wake(&this.seat, level);
@@ -539,13 +541,15 @@ unsafe fn retire(task: NonNull<Task>) {
     }
 }
 
-/// Lets go of the waker that a task has of itself: its process has ended, and no wakeup refers to it any more.
+/// Lets go of the waker that a task has of itself: its process has ended, and no wakeup refers to
+/// it any more.
 ///
 /// # Safety
 ///
 /// As [`Methods::free`] requires; `owner` is the task.
 unsafe fn free(owner: NonNull<()>) {
-    // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the last that is done here.
+    // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the
+    // last that is done here.
     unsafe {
         drop(owner.cast::<Task>().as_ref().process.take_waker());
     }
@@ -555,7 +559,8 @@ unsafe fn free(owner: NonNull<()>) {
 ///
 /// `head` is the field of a `Whole<F>` to which no reference remains. Its body has ended.
 unsafe fn free_retired<F: Future>(head: NonNull<Retired>) {
-    // SAFETY: the contract; `start` allocated it. What is left of the body is the framework's own, and can go on any thread.
+    // SAFETY: the contract; `start` allocated it. What is left of the body is the framework's own,
+    // and can go on any thread.
     unsafe {
         let task = head.byte_sub(offset_of!(Task, retired)).cast::<Task>();
         let skipped = task.as_ref().skipped;
@@ -571,7 +576,8 @@ unsafe fn free_retired<F: Future>(head: NonNull<Retired>) {
 mod tests {
     use super::*;
 
-    /// Each process pays for it: what is added here, or to a [`Process`], is added a million times in a system of a million.
+    /// Each process pays for it: what is added here, or to a [`Process`], is added a million times
+    /// in a system of a million.
     #[test]
     fn a_task_takes_little_beside_its_body() {
         assert!(size_of::<Task>() <= 208, "{}", size_of::<Task>());

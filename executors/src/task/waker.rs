@@ -16,7 +16,8 @@ pub(super) const FIRST: u32 = 1;
 ///
 /// The task begins with that count, and this is called once.
 pub(super) unsafe fn first(task: NonNull<Task>) -> Waker {
-    // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker is counted.
+    // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker
+    // is counted.
     unsafe { Waker::new(task.as_ptr().cast(), &TABLE) }
 }
 
@@ -33,7 +34,8 @@ unsafe fn task(data: *const ()) -> NonNull<Task> {
     unsafe { NonNull::new_unchecked(data.cast_mut().cast()) }
 }
 
-// SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is discarded.
+// SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is
+// discarded.
 
 unsafe fn clone(data: *const ()) -> RawWaker {
     // SAFETY: see above.

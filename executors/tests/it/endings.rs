@@ -1,4 +1,5 @@
-//! How processes end: by themselves, by a panic, cancelled in every state. What they held is dropped once, on their own thread.
+//! How processes end: by themselves, by a panic, cancelled in every state. What they held is
+//! dropped once, on their own thread.
 
 #![cfg(not(loom))]
 

@@ -1,4 +1,5 @@
-//! Several waits for one file, dropped waits, numbers used again, files by the hundred, busy executors.
+//! Several waits for one file, dropped waits, numbers used again, files by the hundred, busy
+//! executors.
 
 #![cfg(all(unix, not(loom)))]
 
@@ -120,7 +121,8 @@ fn a_reader_and_a_writer_of_one_file() {
     until(|| reader.state() == ProcessState::Waiting && writer.state() == ProcessState::Waiting);
     far.write_all(b"x").unwrap();
     until(|| log.len() == 1);
-    // The report for the reader disarmed the file for the writer too: it must have been armed again.
+    // The report for the reader disarmed the file for the writer too: it must have been armed
+    // again.
     until(|| reader.state() == ProcessState::Waiting);
     assert_eq!(writer.exit(), None);
     let mut sink = [0; 1 << 16];

@@ -57,7 +57,8 @@ fn a_turn_is_laid_to_who_had_it() {
     assert!(is_tried);
 }
 
-/// The executor does not read the clock before each poll then: what an alarm interrupts is known from the alarm on.
+/// The executor does not read the clock before each poll then: what an alarm interrupts is known
+/// from the alarm on.
 #[test]
 fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
     // Again if a busy machine gave the hog its turn too late to be in the way.

@@ -70,7 +70,8 @@ fn left_behind_by_processes_of_executors_that_end_and_are_freed() {
             other.release();
             support::until(|| moved.len() == 10);
         }
-        // The processes have ended; a spawn frees what is left of them, and its process takes over a place.
+        // The processes have ended; a spawn frees what is left of them, and its process takes over
+        // a place.
         support::until(|| {
             home.spawn(ProcessSpec::new("next"), || async {}).wait() == Exit::Completed
         });

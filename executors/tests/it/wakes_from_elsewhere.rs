@@ -1,4 +1,5 @@
-//! Other threads wake processes: none is lost, none waits behind less urgent ones, none does harm before the start or after the end.
+//! Other threads wake processes: none is lost, none waits behind less urgent ones, none does harm
+//! before the start or after the end.
 
 #![cfg(not(loom))]
 

@@ -1,5 +1,5 @@
-//! A process is woken by its wakers and without them, on its own thread and from elsewhere (see `task`). Here all is done at once, in all
-//! orders, by all threads, also while the process ends.
+//! A process is woken by its wakers and without them, on its own thread and from elsewhere (see
+//! `task`). Here all is done at once, in all orders, by all threads, also while the process ends.
 
 #![cfg(not(loom))]
 
@@ -42,7 +42,8 @@ fn pull(pull: Pull, cx: &Context<'_>) {
     }
 }
 
-/// Ends in its poll number `polls`, and pulls `pulls` in each, the last included. Each poll takes one reading of `cx` alone.
+/// Ends in its poll number `polls`, and pulls `pulls` in each, the last included. Each poll takes
+/// one reading of `cx` alone.
 async fn pulled(polls: usize, pulls: Vec<Pull>) {
     let mut count = 0;
     poll_fn(move |cx| {
@@ -114,7 +115,8 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
     });
     executor.release();
     assert_eq!(lower.wait(), Exit::Completed);
-    // Once to begin, once for twenty wakes in the first poll, once for as many in the second, and once for the last one.
+    // Once to begin, once for twenty wakes in the first poll, once for as many in the second, and
+    // once for the last one.
     assert_eq!((process.wait(), process.polls()), (Exit::Completed, 4));
 }
 

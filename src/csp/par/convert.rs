@@ -1,4 +1,5 @@
-//! Branches with errors of any type, by autoref specialization: a method of that name is looked for on `&&Branch`, then on `&&&Branch`, then on `&Branch`.
+//! Branches with errors of any type, by autoref specialization: a method of that name is looked for
+//! on `&&Branch`, then on `&&&Branch`, then on `&Branch`.
 
 use crate::error::{Error, Result};
 use std::cell::Cell;

@@ -7,7 +7,8 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// The future of [`par!`](crate::par), and of [`pri_par!`](crate::pri_par) where `BY_PRIORITY`: branches and their values.
+/// The future of [`par!`](crate::par), and of [`pri_par!`](crate::pri_par) where `BY_PRIORITY`:
+/// branches and their values.
 #[must_use = "a parallel construct does nothing unless awaited"]
 pub struct Join<T, const BY_PRIORITY: bool> {
     branches: T,
@@ -79,7 +80,8 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
         number: u32,
         failed: &mut bool,
     ) -> bool {
-        // SAFETY: a running branch is polled in its place, and dropped there when it is overwritten.
+        // SAFETY: a running branch is polled in its place, and dropped there when it is
+        // overwritten.
         let state = unsafe { &mut self.get_unchecked_mut().0 };
         let State::Running(branch) = state else {
             return false;
@@ -163,8 +165,8 @@ impl<'a, const BY_PRIORITY: bool> Turn<'a, BY_PRIORITY> {
             return;
         }
         if !self.gave_way && self.below > 0 && slot.is_running() {
-            // The process may have been given its turn for a more urgent branch. Whether this one has anything to do is not known,
-            // so the process comes again at this one's level.
+            // The process may have been given its turn for a more urgent branch. Whether this one
+            // has anything to do is not known, so the process comes again at this one's level.
             self.gave_way = current::with_branch_below(false, self.below, self.number, || {
                 current::give_way(cx)
             });

@@ -78,7 +78,8 @@ impl BranchLog {
         }
     }
 
-    /// As [`wait_for_calls`](Self::wait_for_calls), when the present operation's own event is the first.
+    /// As [`wait_for_calls`](Self::wait_for_calls), when the present operation's own event is the
+    /// first.
     pub(super) fn wait_for_calls_after_this(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         let own = self.events.pop_front();
         let polled = self.wait_for_calls(cx);

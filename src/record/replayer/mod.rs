@@ -38,7 +38,8 @@ pub(crate) struct Replayer {
     names: Mutex<HashMap<(u32, String), u32>>,
     first: Mutex<Option<RecordError>>,
     differs: AtomicBool,
-    /// All that was recorded has happened: what is left is dropped, and what comes of that was not recorded.
+    /// All that was recorded has happened: what is left is dropped, and what comes of that was not
+    /// recorded.
     is_over: AtomicBool,
     replayed: AtomicU64,
 }

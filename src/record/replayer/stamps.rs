@@ -14,7 +14,8 @@ pub(super) fn at(stamp: u64) -> Instant {
     VirtualClock::ORIGIN + std::time::Duration::from_nanos(stamp.min(END) * 2)
 }
 
-/// When what bears this stamp happens if it does not wait: its partner, which may, is there by then.
+/// When what bears this stamp happens if it does not wait: its partner, which may, is there by
+/// then.
 pub(super) fn after(stamp: u64) -> Instant {
     at(stamp) + std::time::Duration::from_nanos(1)
 }

@@ -15,7 +15,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// How often a process is polled without an event, when one of its branch_logs is past what was recorded: the others may have some left.
+/// How often a process is polled without an event, when one of its branch_logs is past what was
+/// recorded: the others may have some left.
 const MOST_IDLE_POLLS: u32 = 1000;
 
 /// What replays one process.
@@ -30,7 +31,8 @@ pub(crate) struct Track {
     pub(super) outputs: Cell<u64>,
     /// The recording has nothing more of it.
     pub(super) past_end: Cell<bool>,
-    /// It returned in the recording. Else what a branch_log does after its last event was not recorded any more.
+    /// It returned in the recording. Else what a branch_log does after its last event was not
+    /// recorded any more.
     pub(super) returns: bool,
     /// A branch_log has done something at once after that: it cannot be made to wait for that.
     pub(super) has_overrun: Cell<bool>,
@@ -39,7 +41,8 @@ pub(crate) struct Track {
 }
 
 impl Track {
-    /// Whether the body is not to be polled any more: it has come further than the recording, or the replay has come to a difference, and it would only go on.
+    /// Whether the body is not to be polled any more: it has come further than the recording, or
+    /// the replay has come to a difference, and it would only go on.
     pub(crate) fn rests(&self) -> bool {
         let is_at_cut = |branch_log: &BranchLog| {
             let next = branch_log.events.front();
@@ -185,7 +188,8 @@ impl Track {
         let Some(event) = branch_log.events.front() else {
             return match current::branch_path() {
                 0 => Poll::Ready(Err("it goes on")),
-                // A branch that has no events, or none any more, foresees all, as its process goes on to its end.
+                // A branch that has no events, or none any more, foresees all, as its process goes
+                // on to its end.
                 _ if self.returns => Poll::Ready(Ok(Turn::Look)),
                 // How far it had come was not recorded.
                 _ => Poll::Pending,

@@ -57,7 +57,8 @@ impl Plan {
         Ok(id)
     }
 
-    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
+    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is
+    /// the user's, and those that have ended meanwhile.
     pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
         let id = plan.id();
         let members = self.admit(plan.own_name())?;
@@ -128,7 +129,8 @@ impl Plan {
                 )
                 .map(Some);
         }
-        // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
+        // The lock is kept from the look at the phase until it is entered: the end cannot come in
+        // between.
         let (mut member, mut announced, frame) =
             running.announce(number, plan.spec, plan.ledger, None);
         member.is_late = true;
@@ -208,7 +210,8 @@ impl Plan {
         members.started.never_entered(id);
     }
 
-    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
+    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without
+    /// the lock: they may take long, and spawn.
     fn start_late<'a>(
         &'a self,
         mut members: MutexGuard<'a, Members>,
@@ -238,7 +241,8 @@ impl Plan {
             }
             drop(members);
         } else if members.phase == Phase::Ended {
-            // On an executor the lock is kept from the look at the phase until it is entered: the end cannot come in between.
+            // On an executor the lock is kept from the look at the phase until it is entered: the
+            // end cannot come in between.
             drop(members);
             clean_up(plan.prepared.resident);
             return Err(self.ended(name));

@@ -58,7 +58,8 @@ fn the_end_of_a_system_looks_at_each_process_a_few_times() {
     }
     assert_eq!(system.run().unwrap().processes.len(), PROCESSES);
     let looks = system.plan.members().started.looks.get();
-    // One for each end, two for the report; a look for a deadlock, which takes a moment in which all sleep, is one more.
+    // One for each end, two for the report; a look for a deadlock, which takes a moment in which
+    // all sleep, is one more.
     assert!((3 * PROCESSES..=10 * PROCESSES).contains(&looks), "{looks}");
 }
 

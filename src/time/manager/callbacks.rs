@@ -137,7 +137,8 @@ impl Callbacks {
         }
     }
 
-    /// A callback that is not set; gives its number. Allocates only as long as the room is not closed, but for what is given.
+    /// A callback that is not set; gives its number. Allocates only as long as the room is not
+    /// closed, but for what is given.
     pub(super) fn add(&self, name: String, function: Function) -> Result<usize, SetupError> {
         let entry = Entry::new(name, function);
         let mut table = self.table.lock();
@@ -224,7 +225,8 @@ impl Callbacks {
         table.arm(engine);
     }
 
-    /// Calls those that are due by now, each of them once at most; gives the panic of one with its name. Manager's thread alone.
+    /// Calls those that are due by now, each of them once at most; gives the panic of one with its
+    /// name. Manager's thread alone.
     pub(super) fn call_due(&self, engine: &Engine, mut on_panic: impl FnMut(String, String)) {
         let mut table = self.table.lock();
         // A callback that is set during this pass, as those are that rest, comes in the next: ticks
@@ -333,8 +335,9 @@ impl Table {
         self.list(callback, engine);
     }
 
-    /// Puts it into the heap where its deadline belongs. If that is an instant that has passed, when it has rested since its last call: else one that always
-    /// sets itself to the past would be called without end, on a thread above all others, and before them.
+    /// Puts it into the heap where its deadline belongs. If that is an instant that has passed,
+    /// when it has rested since its last call: else one that always sets itself to the past would
+    /// be called without end, on a thread above all others, and before them.
     fn list(&mut self, callback: usize, engine: &Engine) {
         let entry = &mut self.entries[callback];
         let is_late = entry.period().is_none()

@@ -8,7 +8,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The timer manager of a system, for callbacks: from [`System::timer_manager`](crate::System::timer_manager). Cloning it is cheap; processes can keep one.
+/// The timer manager of a system, for callbacks: from
+/// [`System::timer_manager`](crate::System::timer_manager). Cloning it is cheap; processes can keep
+/// one.
 #[derive(Clone)]
 pub struct TimerManager {
     manager: Arc<Manager>,
@@ -19,11 +21,13 @@ impl TimerManager {
         Self { manager }
     }
 
-    /// A function that the manager's thread calls when it is set: see [`TimerCallback`]. Not for the real-time path: it allocates.
+    /// A function that the manager's thread calls when it is set: see [`TimerCallback`]. Not for
+    /// the real-time path: it allocates.
     ///
     /// # Errors
     ///
-    /// [`SetupError::CallbackOnVirtualClock`](crate::SetupError::CallbackOnVirtualClock) in a system that runs on a virtual clock; one that has a callback before does not start there.
+    /// [`SetupError::CallbackOnVirtualClock`](crate::SetupError::CallbackOnVirtualClock) in a
+    /// system that runs on a virtual clock; one that has a callback before does not start there.
     ///
     /// [`SetupError::TooManyTimers`]: the system runs, and the room that was set aside before the start is taken
     /// ([`System::max_timers`](crate::System::max_timers)).
@@ -40,16 +44,22 @@ impl TimerManager {
     }
 }
 
-/// A function that the timer manager calls on its own thread: each slot of a period, or once at an instant.
+/// A function that the timer manager calls on its own thread: each slot of a period, or once at an
+/// instant.
 ///
-/// That thread is above all processes, so **the function must be short**: while it runs, no loop of the system is woken. It must not wait, nor allocate. What takes longer than 100 µs is counted, and
-/// the longest time stands in the [report](crate::TimersReport). It is called after the loops of the same tick were woken; several that are due together in the order of their deadlines.
+/// That thread is above all processes, so **the function must be short**: while it runs, no loop of
+/// the system is woken. It must not wait, nor allocate. What takes longer than 100 µs is counted,
+/// and the longest time stands in the [report](crate::TimersReport). It is called after the loops
+/// of the same tick were woken; several that are due together in the order of their deadlines.
 ///
-/// A panic in it is an emergency like one in a process: the functions of [`on_emergency`](crate::System::on_emergency) run, and the system ends with
-/// [`Error::Callback`](crate::Error::Callback). Callbacks do not keep a system running, and end with it: their functions are dropped then, and setting one later does nothing.
+/// A panic in it is an emergency like one in a process: the functions of
+/// [`on_emergency`](crate::System::on_emergency) run, and the system ends with
+/// [`Error::Callback`](crate::Error::Callback). Callbacks do not keep a system running, and end
+/// with it: their functions are dropped then, and setting one later does nothing.
 ///
-/// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks, no allocation, at most two system calls. One may set and cancel itself. Dropping the handle
-/// ends the callback, off the path, since it frees the function.
+/// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks,
+/// no allocation, at most two system calls. One may set and cancel itself. Dropping the handle ends
+/// the callback, off the path, since it frees the function.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -84,11 +94,13 @@ impl TimerCallback {
     /// [`Periodic::phase`](crate::Periodic::phase) does for loops; no more at what it was set to
     /// before.
     ///
-    /// A slot can be served while it lasts; those that pass whole are missed, and counted. Before the system runs it counts from the start.
+    /// A slot can be served while it lasts; those that pass whole are missed, and counted. Before
+    /// the system runs it counts from the start.
     ///
     /// # Errors
     ///
-    /// [`SetupError::ZeroPeriod`], [`SetupError::PeriodTooLong`] (of more than 292 years) and [`SetupError::PhaseTooLong`] (of a period or more).
+    /// [`SetupError::ZeroPeriod`], [`SetupError::PeriodTooLong`] (of more than 292 years) and
+    /// [`SetupError::PhaseTooLong`] (of a period or more).
     pub fn every(&self, period: Duration, phase: Duration) -> Result<()> {
         let name = || "timer callback".to_owned();
         let (length, behind) = (nanos(period), nanos(phase));
@@ -125,7 +137,8 @@ impl TimerCallback {
         self.set(Wish::At(deadline));
     }
 
-    /// Calls it once, `delay` from now; no more at what it was set to before. After no delay, as [`at`](Self::at) an instant that has passed.
+    /// Calls it once, `delay` from now; no more at what it was set to before. After no delay, as
+    /// [`at`](Self::at) an instant that has passed.
     pub fn after(&self, delay: Duration) {
         self.at(Instant::now() + delay);
     }

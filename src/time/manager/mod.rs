@@ -1,4 +1,5 @@
-//! The timer manager: one thread above all others that sleeps on one timer of the kernel for each period, and wakes the loops of a tick in order of priority.
+//! The timer manager: one thread above all others that sleeps on one timer of the kernel for each
+//! period, and wakes the loops of a tick in order of priority.
 //!
 //! ```text
 //!   loop, in `next`                        manager's thread
@@ -46,11 +47,13 @@ use timer_groups::{Place, TimerGroups};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum Timers {
-    /// Each executor, and each OS-thread process, sleeps until the next deadline of its own: one wake-up for all loops of an executor, and no thread in between.
+    /// Each executor, and each OS-thread process, sleeps until the next deadline of its own: one
+    /// wake-up for all loops of an executor, and no thread in between.
     #[default]
     Executor,
-    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps on one timer for each period and wakes the loops of a tick in order of priority, across
-    /// executors and OS threads.
+    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps on one timer
+    /// for each period and wakes the loops of a tick in order of priority, across executors and OS
+    /// threads.
     ///
     /// For systems of several threads with loops that are to begin in order and in phase, for
     /// callbacks ([`TimerManager`]), and for machines with few timers. A wake-up takes one thread

@@ -178,7 +178,8 @@ impl TimerGroups {
         } else if place.base.is_none() {
             self.refused.fetch_add(1, Ordering::Relaxed);
         }
-        // Also of one that stays where it is for want of room: it looks again when something has changed.
+        // Also of one that stays where it is for want of room: it looks again when something has
+        // changed.
         place.generation = self.generation.load(Ordering::Relaxed);
     }
 

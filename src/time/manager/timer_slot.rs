@@ -30,7 +30,8 @@ impl TimerSlot {
         let Some(list) = self.manager.list_for(&mut self.place, at) else {
             return false;
         };
-        // The thread sleeps without a deadline of its own, and is woken all the same: so this is no deadlock.
+        // The thread sleeps without a deadline of its own, and is woken all the same: so this is no
+        // deadlock.
         let _under_way = UnderWay::begin();
         list.wait(at).await == Woken::ByTick
     }
