@@ -231,7 +231,7 @@ impl Inbound {
             .is_ok()
         {
             before();
-            // Whatever ended it, the owner looks again.
+            // The owner looks again, for any cause of the end.
             self.bell.wait(deadline);
             after();
             self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);

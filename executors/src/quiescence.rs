@@ -83,7 +83,8 @@ impl Quiescence {
         self.calls.fetch_sub(1, Ordering::AcqRel) == 1 && self.take_watch()
     }
 
-    /// Whether it was watched; it is no more. One rings for a watch, however many find it.
+    /// Clears the watch; returns whether there was one. One thread rings for a watch, however many
+    /// find it.
     fn take_watch(&self) -> bool {
         self.word.fetch_and(!WATCHED, Ordering::AcqRel) & WATCHED != 0
     }
@@ -112,28 +113,28 @@ pub(crate) trait Sleeper: Send + Sync {
     fn is_woken(&self) -> bool;
 }
 
-/// What was seen of some homes.
+/// The result of a look at several threads.
 pub(crate) enum Look {
     /// All were still at one instant, each in the given stretch.
     Still(Vec<Stretch>),
-    /// One was not; it rings when it falls still.
+    /// One thread was not still; it rings when it falls still.
     Stirring,
-    /// They changed from look to look: look again.
+    /// The threads changed from look to look: look again.
     Unclear,
 }
 
 /// How often a look starts anew because a thread fell still meanwhile.
 const TRIES: usize = 8;
 
-/// Looks at `homes`. O(homes), a bounded number of times; allocates.
+/// Looks at the threads `homes`. O(homes), a bounded number of times; allocates.
 pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
     for _ in 0..TRIES {
         match all_still(homes) {
             Ok(stretches) => return Look::Still(stretches),
             Err(stirring) => {
                 stirring.quiescence().watch();
-                // What it does from here on it does under watch. If it is still without a cause to
-                // wake, it fell still just before.
+                // From here on the thread acts under watch. If it is still without a cause to wake,
+                // it fell still just before.
                 if is_stirring(stirring) {
                     return Look::Stirring;
                 }

@@ -79,9 +79,8 @@ pub trait Process {
     /// be `Send`.
     fn run(&mut self) -> impl Future<Output = Result<()>>;
 
-    /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked,
-    /// cancelled), off the real-time path, on the thread that runs the system. Then the process is
-    /// dropped.
+    /// Cleans up: runs when the body has ended in any way (returned, failed, panicked, cancelled),
+    /// off the real-time path, on the thread that runs the system. Then the process is dropped.
     ///
     /// A panic in here, or in the drop, ends no other process; the other processes go on and are
     /// cleaned up, and it is no emergency, since the body is gone. When all have ended it is the
@@ -296,8 +295,7 @@ struct Place<P>(*mut P);
 // SAFETY: it leads to a `P: Send` that one thread at a time accesses.
 unsafe impl<P: Send> Send for Place<P> {}
 
-/// Starts a body of whatever type where it is to run, so that polling it goes through no virtual
-/// call.
+/// Starts a body of any type where it is to run, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
     fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused>;
 

@@ -1,6 +1,6 @@
 //! How an event is written.
 //!
-//! A byte with its kind and two flags (it is of the process itself, and follows the branch_log's
+//! A byte with its kind and two flags (it is of the process itself, and follows the branch log's
 //! last event), then what the flags leave open: the path of the branch, by how many operations it
 //! is later. Then what belongs to the kind. Numbers are varints.
 

@@ -216,12 +216,12 @@ pub(crate) async fn enters() -> Turn {
     .await
 }
 
-/// Tells what an operation that was let in has come to.
+/// Reports the result of an operation that has begun by [`enters`].
 pub(crate) fn leave(event: Event) {
     current::tape(|tape| tape.leave(event));
 }
 
-/// Records what an operation that was let in has read.
+/// Records what an operation that has begun by [`enters`] has read.
 pub(crate) fn note_read(bytes: &[u8]) {
     current::tape(|tape| tape.put(About::Read, 0, bytes));
 }

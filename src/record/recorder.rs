@@ -114,7 +114,7 @@ impl Recorder {
             writer: Mutex::new(None),
             path: path.to_owned(),
         });
-        // So that it is there, whatever becomes of the program.
+        // So that it is there, also if the program crashes.
         writer.flush().map_err(failed)?;
         let shared = Arc::downgrade(&recorder);
         let (wakes, woken) = mpsc::channel();

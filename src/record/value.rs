@@ -30,7 +30,7 @@ pub trait Value {
     const SIZE: usize;
     /// Writes it; there is room for exactly `SIZE` bytes.
     fn write(&self, into: &mut [u8]);
-    /// Makes it of `SIZE` bytes, whatever they are.
+    /// Makes it of any `SIZE` bytes.
     fn read(from: &[u8]) -> Self;
 }
 

@@ -23,11 +23,11 @@ use std::sync::Arc;
 /// that waits for anything else (another runtime's channel, say) may be woken by it, so no deadlock
 /// is reported then.
 ///
-/// Two things cannot be seen, and are to be marked `external()`: an end (or a party of a barrier)
+/// Two things cannot be seen, and must be marked `external()`: an end (or a party of a barrier)
 /// that a thread outside of the system holds and has not used yet; and a channel that a process
-/// waits for together with something that is none of LUNA's, as in a race of both. A
+/// waits for together with something outside of LUNA, as in a race of both. A
 /// [barrier](crate::Barrier) that a thread of its own ([`luna::run`](crate::run)) has come to is
-/// known to have such a party; one with parties in two systems is to be marked.
+/// known to have such a party; one with parties in two systems must be marked.
 ///
 /// The process that an end belongs to is known once it has used the end. For an unused end the
 /// report names the processes that contain the channel's address in their bodies

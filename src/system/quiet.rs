@@ -79,7 +79,7 @@ impl Lookout {
     }
 
     /// The deadlock at the system's end: none if it has gone on since. One that has ended the
-    /// system counts, whatever ran on the way to safety.
+    /// system counts, even if processes ran on the way to safety.
     pub(super) fn into_found(self, plan: &Plan, running: &Running) -> Option<Deadlock> {
         let has_ended_it = running.mode == Mode::Strict;
         let found = self

@@ -392,7 +392,7 @@ impl Register {
         self.looks.set(self.looks.get() + looks);
     }
 
-    /// How much is stored for processes, in whatever way.
+    /// The total number of entries stored for processes.
     #[cfg(test)]
     pub(super) fn size(&self) -> usize {
         self.members.len()

@@ -135,8 +135,8 @@ impl System {
         Safety::new(self.plan.emergency().clone())
     }
 
-    /// Makes it an emergency when the program that started this one ends, in whatever way: a
-    /// supervisor or a remote shell. Without it the machine is unattended.
+    /// Makes it an emergency when the program that started this one ends, in any way: a supervisor
+    /// or a remote shell. Without it the machine is unattended.
     ///
     /// Linux alone (5.3 or later); elsewhere [`run`](Self::run) reports a shortfall of the system.
     /// Costs a thread that sleeps.

@@ -239,7 +239,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
             .or_else(|| callback_panic.flatten().filter(|_| signal.is_none()))
             .or_else(|| caught_panic(&members.started, emergency, &report)),
     }
-    // Whatever has ended the system: something may not be as its process was to leave it.
+    // For any end of the system: something may not be as its process was to leave it.
     .or_else(|| members.started.first_cleanup().cloned());
     let error = match (error, recorded) {
         // Errors that processes return in a replay that has diverged do not count.

@@ -25,7 +25,7 @@ pub(super) struct SystemThreads<'a> {
     pub(super) executors: VecDeque<(String, Executor)>,
     /// The plan has them as long as processes may start.
     pub(super) threads: VecDeque<NamedThread>,
-    /// A thread was detached: its body lives on.
+    /// A thread was detached: its body still exists.
     pub(super) has_left_behind: bool,
     /// The run has come to its end.
     pub(super) is_over: bool,

@@ -133,7 +133,7 @@ mod tests {
         let mut grid = Grid::new(at(100), 10);
         grid.shift_behind(4, 3);
         assert_eq!((grid.slot(5), grid.slot(6)), (at(153), at(163)));
-        // Slot 4 has come, whatever its slot would be now.
+        // Slot 4 has come, wherever its slot would be now.
         assert_eq!(
             (
                 grid.last_at(at(140)),

@@ -39,8 +39,8 @@ impl<O: ExitValue> End<O> {
 /// with the same record.
 pub(crate) struct Body<F: Future>(Room<F, F::Output>);
 
-/// The room of a body is that of its exit value too: whatever it is, there is memory for it when
-/// the body ends.
+/// The room of a body is that of its exit value too: there is memory for any exit value when the
+/// body ends.
 enum Room<F, O> {
     Running(F),
     Said(O),

@@ -158,7 +158,7 @@ pub enum ProcessState {
     Running,
     /// Waiting for a communication, a deadline, or another event.
     Waiting,
-    /// Ended, in whatever way.
+    /// Ended, in any way.
     Ended,
 }
 

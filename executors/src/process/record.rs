@@ -1,4 +1,4 @@
-//! What outlives the body of a process: its name, what it does, and how it ended.
+//! The part of a process that outlives its body: its name, its counters, and how it ended.
 
 use super::exit_value::{ExitValue, Words};
 use super::join::JoinNode;
@@ -42,7 +42,7 @@ impl Outcome {
     const SAID: u8 = 4;
 }
 
-/// What is done when it ends, beside its level.
+/// Flags for the end of a process, stored beside its level.
 struct How;
 
 impl How {
@@ -51,7 +51,7 @@ impl How {
     const UNHURRIED: u8 = 1 << 6;
 }
 
-/// What may become of a process.
+/// Flags for what happened to a process.
 struct Fate;
 
 impl Fate {
@@ -59,7 +59,7 @@ impl Fate {
     const POISONED: u8 = 2;
 }
 
-/// Why an executor looks twice at a process before it polls it.
+/// Causes for an executor to check a process before it polls it.
 pub(crate) struct Notice;
 
 impl Notice {
@@ -70,8 +70,8 @@ impl Notice {
     pub(crate) const RECORDED: u8 = 8;
 }
 
-/// What the record sees of the process itself, in one word: nothing yet, where it lies, or how
-/// often it was polled before it went.
+/// The record's view of the process itself, in one word: nothing yet, its address, or how often it
+/// was polled before it went.
 ///
 /// # Invariants
 ///
@@ -84,7 +84,7 @@ impl Seen {
         Self(AtomicPtr::new(ptr::null_mut()))
     }
 
-    /// How often one that has gone was polled. No process lies at an odd address.
+    /// How often a process that has gone was polled. No process lies at an odd address.
     fn polls_of_gone(word: *mut Process) -> Option<u64> {
         let word = word.addr();
         (word & 1 != 0).then_some((word >> 1) as u64)
@@ -136,7 +136,7 @@ impl Seen {
     }
 }
 
-/// What outlives the body of a process.
+/// The part of a process that outlives its body.
 pub(crate) struct Record {
     pub(super) name: Name,
     pub(super) id: ProcessId,
@@ -145,29 +145,29 @@ pub(crate) struct Record {
     /// One of [`Outcome`].
     outcome: AtomicU8,
     pub(super) cancelled: AtomicBool,
-    /// What else became of it: some [`Fate`].
+    /// Further facts about its end: flags of [`Fate`].
     fate: AtomicU8,
     seen: Seen,
     /// The process' own thread takes it without atomics, unless others look at the process too.
     pub(super) shown: BiasedLock<Shown>,
-    /// If its polls are timed, be it for the poll_monitor's sake.
+    /// If its polls are timed, also if only the poll monitor needs that.
     timing: Option<Box<Timing>>,
     /// The process that ended before it, while it is listed.
     pub(super) after: AtomicPtr<Record>,
 }
 
-/// What is looked at and changed from other threads.
+/// State that other threads read and change.
 pub(super) struct Shown {
     pub(super) joining: WaitList,
     beside: Beside,
 }
 
-/// What there is of a process that is not there yet, or has ended.
+/// State of a process that is not there yet, or has ended.
 enum Beside {
     Nothing,
     /// How to wake one that is not there yet.
     Waker(Box<Waker>),
-    /// What it has panicked with.
+    /// The payload of its panic.
     Panic(Box<dyn Any + Send>),
     /// Its exit value.
     Words(Words),
@@ -196,15 +196,15 @@ impl Shown {
 struct Timing {
     poll_monitor: Option<Arc<dyn PollMonitor>>,
     taper: Option<Box<Arc<dyn Taper>>>,
-    /// It is not for the taper's sake alone.
+    /// The polls are timed: this is not here only for the taper.
     is_timed: bool,
     /// Written by the process' thread alone.
     longest_poll: AtomicU64,
 }
 
 impl Record {
-    /// A process that counts among those that live. `is_home`: the calling thread is the executor
-    /// that it is to run on.
+    /// Makes the record of a process that counts as living. `is_home`: the calling thread is the
+    /// executor that it is to run on.
     pub(crate) fn new(spec: ProcessSpec, living: &ProcessRegistry, is_home: bool) -> Arc<Self> {
         living.enter();
         let shown = Shown {
@@ -316,7 +316,7 @@ impl Record {
     #[cold]
     fn take_what_was_said<O: ExitValue>(&self) -> Option<O> {
         let mut shown = self.shown.lock();
-        // Looked at in their place: taken out and put back, they would be missing meanwhile.
+        // Checked in place: if they were taken out and put back, they would be missing meanwhile.
         let words = match &shown.beside {
             Beside::Words(words) if words.are::<O>() => {
                 std::mem::replace(&mut shown.beside, Beside::Nothing)
@@ -324,7 +324,7 @@ impl Record {
             _ => return None,
         };
         drop(shown);
-        // Without the lock: it frees.
+        // Outside of the lock: it frees.
         match words {
             Beside::Words(words) => words.take().ok(),
             _ => None,
@@ -367,7 +367,7 @@ impl Record {
         }
     }
 
-    /// How often it was given the processor.
+    /// How often it was polled.
     pub(super) fn polls(&self) -> u64 {
         self.seen.last_polls().unwrap_or_else(|| {
             let _shown = self.shown.lock();
@@ -376,7 +376,7 @@ impl Record {
         })
     }
 
-    /// Begins a timed poll; gives when.
+    /// Begins a timed poll; returns its start.
     #[cold]
     pub(super) fn begin_poll(&self) -> Instant {
         let began = Instant::now();
@@ -388,7 +388,7 @@ impl Record {
         began
     }
 
-    /// Ends a timed poll. If the poll_monitor wants the process ended, it counts as cancelled from
+    /// Ends a timed poll. If the poll monitor wants the process ended, it counts as cancelled from
     /// here on.
     #[cold]
     pub(super) fn end_poll(&self, began: Instant) {
@@ -402,7 +402,7 @@ impl Record {
         let Some(poll_monitor) = self.poll_monitor() else {
             return;
         };
-        // The record has another, so nothing is freed here.
+        // The record has another reference, so nothing is freed here.
         poll_monitor::set(None);
         if poll_monitor.poll_ends(began, now) == Verdict::Poison {
             self.fate.fetch_or(Fate::POISONED, Ordering::Relaxed);
@@ -434,14 +434,15 @@ impl Record {
     ///
     /// # Safety
     ///
-    /// That.
+    /// `process` is the process of this record. It has a waker, and stays at its address until it has
+    /// finished, or was forgotten.
     pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
         let before = {
             let mut shown = self.shown.lock();
             self.seen.0.store(process.as_ptr(), Ordering::Release);
             shown.take_waker()
         };
-        // Here, and not on the real-time path.
+        // Dropped here, and not on the real-time path.
         drop(before);
         if self.cancelled.load(Ordering::Acquire) {
             // SAFETY: the contract.

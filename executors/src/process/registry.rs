@@ -24,13 +24,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub struct ProcessRegistry {
     count: AtomicUsize,
     changes: Futex,
-    /// How many ends were in a hurry.
+    /// Number of hurried ends.
     hurried: AtomicU64,
-    /// How many threads wait that any end wakes.
+    /// Number of threads that wait and are woken by any end.
     watchful: AtomicUsize,
-    /// How many threads wait that an end which is in no hurry does not wake.
+    /// Number of threads that wait and are not woken by an unhurried end.
     resting: AtomicUsize,
-    /// Whether the next end is in a hurry in any case.
+    /// Whether the next end counts as hurried in any case.
     is_urgent: AtomicBool,
     /// The listed processes that have ended, the last one first.
     ended: AtomicPtr<Record>,
@@ -39,7 +39,7 @@ pub struct ProcessRegistry {
     threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,
 }
 
-/// How many ends an executor's thread keeps to itself at most.
+/// The largest batch of ends that an executor's thread keeps.
 const MOST_KEPT: usize = 32;
 
 /// The ends of unhurried processes that this thread has not reported yet: see
@@ -92,7 +92,7 @@ impl Kept {
         self.listed.set(self.listed.get() + 1);
     }
 
-    /// Gives the chain away, which begins at the newest.
+    /// Takes the chain, which begins at the newest, out.
     fn take(&self) -> *mut Record {
         self.listed.set(0);
         self.newest.replace(ptr::null_mut())
@@ -126,7 +126,7 @@ impl ProcessRegistry {
         }
     }
 
-    /// How many have not ended.
+    /// Number of processes that have not ended.
     pub fn count(&self) -> usize {
         self.count.load(Ordering::Acquire)
     }
@@ -138,7 +138,7 @@ impl ProcessRegistry {
     }
 
     /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a
-    /// thread falls still that [`still`](Self::still) or [`watch`](Self::watch) waits for.
+    /// thread falls still and [`still`](Self::still) or [`watch`](Self::watch) waits for that.
     pub fn changes(&self) -> u32 {
         self.changes.word().load(Ordering::Acquire)
     }
@@ -191,9 +191,9 @@ impl ProcessRegistry {
         }
     }
 
-    /// Gives the numbers of the processes that have ended since the last call, in the order of
-    /// their ends; of those that are to be [listed](crate::ProcessSpec::listed). O(their number).
-    /// It may free memory, so it is not for the real-time path.
+    /// Passes the numbers of the processes that have ended since the last call to `each`, in the
+    /// order of their ends; only those that are to be [listed](crate::ProcessSpec::listed). O(their
+    /// number). It may free memory, so it is not for the real-time path.
     pub fn take_ended(&self, mut each: impl FnMut(ProcessId)) {
         for record in self.take_told() {
             each(record.id());
@@ -247,11 +247,12 @@ impl ProcessRegistry {
         unsafe { self.list_chain(record, record) };
     }
 
-    /// Lists those of a chain from the newest to the oldest.
+    /// Lists the records of a chain from the newest to the oldest.
     ///
     /// # Safety
     ///
-    /// It is a chain of records that are owned by their places in it, and is given away.
+    /// It is a chain of records that are owned by their places in it. The caller gives up its
+    /// ownership.
     unsafe fn list_chain(&self, newest: *mut Record, oldest: *mut Record) {
         let mut first = self.ended.load(Ordering::Relaxed);
         while first != CLOSED {
@@ -284,7 +285,7 @@ impl ProcessRegistry {
         }
     }
 
-    /// Tells of the ends that this thread keeps. Real-time path: yes; O(1).
+    /// Reports the ends that this thread has batched. Real-time path: yes; O(1).
     #[inline]
     pub(crate) fn tell_kept(&self) {
         KEPT.with(|kept| {
@@ -390,8 +391,8 @@ impl ProcessRegistry {
             .map(|&(home, stretch)| (home, Some(stretch))))
     }
 
-    /// From now on each thread's next falling still changes the number of
-    /// [`changes`](Self::changes), once.
+    /// From now on the next time that a thread falls still changes the number of
+    /// [`changes`](Self::changes), once for each thread.
     pub fn watch(&self) {
         watch_all(&sleepers(&self.threads()));
     }
@@ -452,7 +453,7 @@ impl Drop for ProcessRegistry {
 struct Chain(Option<NonNull<Record>>);
 
 impl Chain {
-    /// Turns the chain round that begins at `first`, which the caller gives away.
+    /// Reverses the chain that begins at `first`. The caller gives up its ownership.
     fn reversed(first: *mut Record) -> Self {
         let mut behind = ptr::null_mut();
         let mut next = first;
@@ -516,7 +517,7 @@ impl Drop for Enrolled {
             place.map(|place| threads.remove(place))
         };
         drop(gone);
-        // It may have been the only one that stirred.
+        // It may have been the only thread that was not still.
         self.living.announce();
     }
 }

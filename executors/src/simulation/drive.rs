@@ -7,7 +7,8 @@ use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What the driver and the simulation's thread share. Plain locks: neither is on a real-time path.
+/// State shared by the driver and the simulation's thread. Plain locks: neither is on a real-time
+/// path.
 pub(super) struct Drive {
     pub(super) clock: Arc<VirtualClock>,
     pub(super) parker: Shared<Parker>,
@@ -19,7 +20,7 @@ struct State {
     /// Number of requests of the driver, and up to which of them all is done.
     requests: u64,
     served: u64,
-    /// How far time may go.
+    /// The latest time that the clock may reach.
     limit: Instant,
     /// The earliest deadline when all was at rest.
     next: Instant,
@@ -27,13 +28,13 @@ struct State {
     is_undriven: bool,
 }
 
-/// What the thread is to do at rest.
+/// The next step of the thread at rest.
 pub(super) enum Order {
-    /// Something has been asked since it looked.
+    /// A request has arrived since it looked.
     LookAgain,
     /// Move time, and look again.
     MoveTo(Instant),
-    /// All that was asked is done.
+    /// All requests are done.
     Rest,
     /// Time will never move any more.
     Undriven,
@@ -119,12 +120,12 @@ impl fmt::Debug for DrivenClock {
 
 /// Moves the time of a system, step by step: the simulator's side of lock-step co-simulation.
 ///
-/// The system's processes run on a thread of their own, the driver is wherever the simulator is.
-/// Time stands between two calls, and each call returns when every process has come to rest at the
-/// instant that was asked for: no process can run before time moves on, or something comes from
-/// outside. All deadlines up to that instant, it included, have been served in their order, each at
-/// its own instant. What the simulator and the processes exchange meanwhile (through channels, or
-/// variables) is thus the same in each run.
+/// The system's processes run on a thread of their own; the driver is in the simulator. Time stands
+/// between two calls, and each call returns when every process has come to rest at the requested
+/// instant: no process can run before time moves on, or something comes from outside. All deadlines
+/// up to that instant, it included, have been served in their order, each at its own instant. What
+/// the simulator and the processes exchange meanwhile (through channels, or variables) is thus the
+/// same in each run.
 ///
 /// When the driver is dropped time cannot move any more: the processes that still live are
 /// cancelled, and the system ends in good order.
@@ -190,8 +191,8 @@ impl ClockDriver {
     /// long as they take. Blocks the calling thread; not for a process.
     ///
     /// [`Instant::NEVER`] means for as long as a process has a deadline: the clock then stays where
-    /// the last one was. A process that always takes another, as a loop does, lets that never
-    /// return.
+    /// the last one was. If a process always sets another deadline, as a loop does, the call never
+    /// returns.
     ///
     /// # Errors
     ///
@@ -226,8 +227,8 @@ impl ClockDriver {
         Ok(())
     }
 
-    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). By nothing, it runs the
-    /// processes that something from outside has woken; by [`Duration::MAX`], it moves on to
+    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). A duration of zero runs
+    /// the processes that something from outside has woken; [`Duration::MAX`] moves on to
     /// [`Instant::NEVER`], as described there.
     ///
     /// # Errors

@@ -106,8 +106,8 @@ impl Member {
     }
 
     /// Polls its processes until none is ready, its turns are up, `most` have been taken, or
-    /// `is_outdone`. Gives how many were taken, and whether the executor goes on: not after a panic
-    /// outside of any process.
+    /// `is_outdone`. Returns how many turns were taken, and whether the executor goes on: not after
+    /// a panic outside of any process.
     pub(super) fn serve(
         &mut self,
         now: Instant,
@@ -148,7 +148,7 @@ impl Member {
             });
         }));
         current::set_on_path(false);
-        // Also a turn that ended in a panic was one.
+        // A turn that ended in a panic counts too.
         self.left = self.left.saturating_sub(taken);
         let goes_on = lived.is_ok();
         if let Err(payload) = lived {
@@ -217,7 +217,7 @@ impl Member {
         self.is_closed
     }
 
-    /// Its processes have panicked with what has: see the executors of real threads.
+    /// Its processes end as panicked with this payload: see the executors of real threads.
     fn give_up(&mut self, payload: Box<dyn Any + Send>) {
         self.is_closed = true;
         self.shared.give_up(payload);

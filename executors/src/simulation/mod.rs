@@ -172,9 +172,9 @@ impl SimulationHandle {
         self.0.stop_time();
     }
 
-    /// Declares that processes that end in a hurry ([`ProcessRegistry::hurried`]), as those with
-    /// ends that others are to see, are handled by the caller: time waits until that was
-    /// [done](Self::attended).
+    /// Declares that the caller handles processes that end in a hurry
+    /// ([`ProcessRegistry::hurried`]), as those with ends that others are to see: time waits until
+    /// that was [done](Self::attended).
     pub fn attend(&self) {
         self.0.attend();
     }

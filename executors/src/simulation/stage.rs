@@ -1,4 +1,4 @@
-//! The thread of a simulation, and what others share with it.
+//! The thread of a simulation, and the state that it shares with other threads.
 
 use super::calls::{CallsUnderWay, Delivery, Oldest};
 use super::drive::{DrivenClock, Order};
@@ -30,14 +30,15 @@ const LONGEST_ATTENDANCE: Duration = Duration::from_secs(1);
 /// Number of turns after a request to stop until it is followed although a process can still run.
 const TURNS_TO_STOP: u64 = 100_000;
 
-/// What others share with a simulation's thread. Each change is followed by a wake of the thread.
+/// The state that a simulation's thread shares with other threads. Each change is followed by a
+/// wake of the thread.
 pub(crate) struct Stage {
     clock: Arc<VirtualClock>,
     driven: Option<DrivenClock>,
     parker: Shared<Parker>,
     quiescence: Arc<Quiescence>,
     living: Arc<ProcessRegistry>,
-    /// Executors that are to be taken in; none any more once the thread has ended.
+    /// Executors that the thread has yet to add; `None` once the thread has ended.
     arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
     has_arrivals: AtomicBool,
     is_released: AtomicBool,
@@ -60,7 +61,7 @@ pub(crate) fn is_stage(stage: &Stage) -> bool {
     ptr::eq(HERE.get(), stage)
 }
 
-/// What rings instead of an executor's own bell.
+/// Replaces an executor's own bell: rings the simulation's thread.
 #[derive(Debug)]
 struct Forward(Shared<Parker>);
 
@@ -124,7 +125,8 @@ impl Stage {
         self.arrivals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes an executor in, as soon as the thread comes to it; `false` if it has ended.
+    /// Hands an executor to the thread, which adds it at its next round; `false` if the thread has
+    /// ended.
     pub(crate) fn admit(&self, executor: Arc<ExecutorShared>) -> bool {
         let bell = executor.inbound().bell();
         bell.hook().hang(Arc::new(Forward(self.parker.clone())));
@@ -239,11 +241,11 @@ pub(super) fn run(stage: &Arc<Stage>) {
 /// The state of the thread itself.
 struct Play<'a> {
     stage: &'a Arc<Stage>,
-    /// The most urgent first, of equals the one that came first.
+    /// The most urgent first, of equals the first added.
     members: Vec<Member>,
-    /// How many turns were taken at this instant.
+    /// Number of turns taken at this instant.
     turns: u64,
-    /// How many since a request to stop was seen.
+    /// Number of turns since a request to stop was seen.
     turns_to_stop: u64,
     /// The number of the last end that is no longer waited for although it was not handled.
     given_up: u64,
@@ -272,7 +274,7 @@ impl Play<'_> {
         }
     }
 
-    /// Takes in executors that were started.
+    /// Adds the executors that were started.
     fn take_in(&mut self) {
         if !self.stage.has_arrivals.load(Ordering::Relaxed)
             || !self.stage.has_arrivals.swap(false, Ordering::Acquire)
@@ -308,8 +310,8 @@ impl Play<'_> {
         self.stage.is_released.load(Ordering::Acquire)
     }
 
-    /// The first that has something to do and turns left; if only turns are lacking, all get
-    /// theirs.
+    /// The first member that has something to do and turns left; if only turns are lacking, all get
+    /// new ones.
     fn pick(&mut self) -> Option<usize> {
         let (now, released) = (self.stage.clock.now(), self.is_released());
         let mut is_up = false;
@@ -409,7 +411,7 @@ impl Play<'_> {
                 match driven.0.at_rest(asked, next) {
                     Order::LookAgain => {}
                     Order::MoveTo(instant) => self.move_to(instant),
-                    // Its driver may come with something, so this is no deadlock.
+                    // Its driver may still send input, so this is no deadlock.
                     Order::Rest => self.sleep(false),
                     Order::Undriven => {
                         self.stage.stand_still(Standstill::Undriven);
@@ -428,7 +430,7 @@ impl Play<'_> {
         self.members.iter_mut().for_each(Member::give_turns);
     }
 
-    /// Ends what is asked to end; `false` when that was all. Time stands meanwhile.
+    /// Ends what was requested to end; `false` when that was all. Time stands meanwhile.
     fn stop(&mut self) -> bool {
         let all = self.stage.is_stopping.load(Ordering::Acquire);
         let was_closed = self.closed();

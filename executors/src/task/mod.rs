@@ -43,7 +43,7 @@ use std::sync::atomic::AtomicU32;
 use std::task::{Context, Poll};
 
 thread_local! {
-    /// The tasks of the executor that this thread is that are not retired.
+    /// The tasks of this thread's executor that are not retired.
     static SEATS: RefCell<RemoteWakes<NonNull<Task>>> = const { RefCell::new(RemoteWakes::new()) };
     static TASKS: Cell<usize> = const { Cell::new(0) };
 }
@@ -67,7 +67,8 @@ impl Tasks {
         self.count
     }
 
-    /// Makes these the thread's, and keeps those that were: before a turn and after it.
+    /// Makes these tasks the thread's, and keeps the former ones here: called before a turn and
+    /// after it.
     pub(crate) fn exchange(&mut self) {
         SEATS.with_borrow_mut(|remote_wakes| std::mem::swap(remote_wakes, &mut self.remote_wakes));
         self.count = TASKS.replace(self.count);
@@ -84,10 +85,10 @@ impl Tasks {
 /// it is freed a waker.
 #[repr(C)]
 struct Task {
-    /// First, so that the task lies where its process lies.
+    /// First, so that task and process have the same address.
     process: Process,
     record: Arc<Record>,
-    /// Given back as the task is freed.
+    /// Dropped when the task is freed.
     shared: ManuallyDrop<Arc<Shared>>,
     seat: Seat,
     references: AtomicU32,
@@ -96,7 +97,7 @@ struct Task {
     retired: Retired,
 }
 
-/// What is seldom done with a body: found by its process' methods.
+/// Rare operations on a body: found through its process' methods.
 struct BodyMethods {
     /// Polls it, if it was not cancelled, with all optional work around a poll; `true` if it has
     /// ended.
@@ -140,7 +141,7 @@ where
     let (whole, skipped) = memory::allocate::<Whole<F>>();
     let level = record.level();
     let notices = record.notices();
-    // Each part is written where it lies: a whole that is made first is moved there by a copy.
+    // Each part is written in place: a whole that is made first would be copied there.
     let head = Task {
         process,
         record,
@@ -333,7 +334,7 @@ unsafe fn take_words<F: Future>(owner: NonNull<()>, to: *mut ()) {
     unsafe {
         let task = owner.cast::<Task>();
         let words = body::<F>(task).take_words();
-        // By the contract there are some.
+        // By the contract there is an exit value.
         to.cast::<F::Output>().write(words.unwrap_unchecked());
         waker::remove(task);
     }
@@ -541,7 +542,7 @@ unsafe fn retire(task: NonNull<Task>) {
     }
 }
 
-/// Lets go of the waker that a task has of itself: its process has ended, and no wakeup refers to
+/// Drops the waker that a task has of itself: its process has ended, and no pending wake refers to
 /// it any more.
 ///
 /// # Safety

@@ -1,4 +1,4 @@
-//! The exit value of a body: kept until it is taken, from whatever thread it ran on.
+//! The exit value of a body: kept until it is taken, from any thread that it ran on.
 
 use luna_executors::{
     Executor, Exit, ExitValue, OsThread, ProcessHandle, ProcessRegistry, ProcessSpec,

@@ -185,7 +185,8 @@ fn a_number_that_is_used_again_for_another_file() {
         for byte in 0..50 {
             let (near, mut far) = pair();
             if byte % 2 == 0 {
-                // The file lives on by another number, and stays known to the epoll by the old one.
+                // The file stays open by another number, and stays known to the epoll by the old
+                // one.
                 kept.push(near.try_clone().unwrap());
             }
             let mut wait = pin!(readable(&near));

@@ -121,8 +121,8 @@ macro_rules! pri_par {
 #[macro_export]
 macro_rules! __par_of {
     ($by_priority:literal, $($branch:expr),+) => {{
-        // Chooses by autoref, whatever the branch's error is: taken as it is if it is `luna::Error`
-        // or still open, else converted.
+        // Chooses by autoref, for any error of the branch: taken as it is if it is `luna::Error` or
+        // still open, else converted.
         #[allow(unused_imports, reason = "which of them is needed depends on the branches")]
         use $crate::__par::{Converted as _, Exact as _, Refused as _};
         $crate::__par::join::<$by_priority, _>(($((&&$crate::__par::Branch::new($branch)).branch(),)+))

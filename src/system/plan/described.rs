@@ -61,7 +61,7 @@ impl<B> ProcessPlan<B> {
 }
 
 impl<B: Build> ProcessPlan<B> {
-    /// It among others, whatever makes them.
+    /// The same description with a boxed body, for lists of mixed types.
     pub(super) fn boxed(self) -> ProcessPlan {
         ProcessPlan {
             place: self.place,

@@ -49,20 +49,20 @@ struct Table {
     entries: Vec<Entry>,
     /// Places of callbacks that were dropped.
     free: Vec<usize>,
-    /// Those that the callbacks' timer is armed for.
+    /// The callbacks with deadlines that the callbacks' timer is armed for.
     timed: Heap,
     /// The callbacks with deadlines for which a timer group ticks.
     ridden: Heap,
-    /// What the timer is armed for.
+    /// The deadline for which the timer is armed.
     armed: Option<u64>,
-    /// How many there is room for, once that is settled.
+    /// Number of callbacks that there is room for, once that is settled.
     most: Option<usize>,
     /// When the processes started.
     start: Option<Instant>,
     /// The system is on a virtual clock.
     is_refused: bool,
     has_ended: bool,
-    /// How many were dropped and made room for others.
+    /// Number of dropped callbacks that made room for others.
     replaced: u64,
 }
 
@@ -117,7 +117,8 @@ impl Callbacks {
         }
     }
 
-    /// From now on there is room for `most`, or those that are there if they are more. Allocates.
+    /// From now on there is room for `most` callbacks, or for the existing ones if they are more.
+    /// Allocates.
     pub(super) fn close_room(&self, most: usize) {
         let mut table = self.table.lock();
         let most = most.max(table.entries.len());
@@ -137,8 +138,8 @@ impl Callbacks {
         }
     }
 
-    /// A callback that is not set; gives its number. Allocates only as long as the room is not
-    /// closed, but for what is given.
+    /// Adds a callback that is not set; returns its number. Allocates only as long as the room is
+    /// not closed, apart from the arguments.
     pub(super) fn add(&self, name: String, function: Function) -> Result<usize, SetupError> {
         let entry = Entry::new(name, function);
         let mut table = self.table.lock();
@@ -164,7 +165,7 @@ impl Callbacks {
         };
         table.replaced += 1;
         let former = std::mem::replace(&mut table.entries[free], entry);
-        // Dropped without the lock: it is the user's.
+        // Dropped outside of the lock: it is user code.
         drop(table);
         drop(former);
         Ok(free)
@@ -207,7 +208,7 @@ impl Callbacks {
         if !entry.is_called {
             let function = entry.function.take();
             table.free.push(callback);
-            // Dropped without the lock: it is the user's.
+            // Dropped outside of the lock: it is user code.
             drop(table);
             drop(function);
         }
@@ -225,8 +226,8 @@ impl Callbacks {
         table.arm(engine);
     }
 
-    /// Calls those that are due by now, each of them once at most; gives the panic of one with its
-    /// name. Manager's thread alone.
+    /// Calls the callbacks that are due by now, each once at most; passes the panic of one with its
+    /// name to `on_panic`. Manager's thread alone.
     pub(super) fn call_due(&self, engine: &Engine, mut on_panic: impl FnMut(String, String)) {
         let mut table = self.table.lock();
         // A callback that is set during this pass, as those are that rest, comes in the next: ticks
@@ -286,7 +287,7 @@ impl Callbacks {
         }
     }
 
-    /// What was counted, and how many made room for others. Not for the real-time path.
+    /// The counters, and how many callbacks made room for others. Not for the real-time path.
     pub(super) fn reports(&self) -> (Vec<CallbackReport>, u64) {
         let table = self.table.lock();
         let reports = table.entries.iter().map(|entry| entry.counted.clone());
@@ -335,9 +336,9 @@ impl Table {
         self.list(callback, engine);
     }
 
-    /// Puts it into the heap where its deadline belongs. If that is an instant that has passed,
-    /// when it has rested since its last call: else one that always sets itself to the past would
-    /// be called without end, on a thread above all others, and before them.
+    /// Puts it into the heap where its deadline belongs. For an instant that has passed it waits
+    /// until it has rested since its last call. Otherwise a callback that always sets itself to the
+    /// past would be called without end, on a thread above all others, and before them.
     fn list(&mut self, callback: usize, engine: &Engine) {
         let entry = &mut self.entries[callback];
         let is_late = entry.period().is_none()

@@ -12,12 +12,12 @@ use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The timers of the timer_groups.
+/// The timers of the timer groups.
 pub(super) trait Arm {
     /// The timer of the group `base` expires at `first`, which may have passed, and every `period`
     /// nanoseconds from then on.
     fn arm(&self, base: usize, first: Instant, period: u64);
-    /// It expires no more.
+    /// The timer expires no more.
     fn disarm(&self, base: usize);
     /// The time on their clock.
     fn now(&self) -> Instant;
@@ -61,7 +61,7 @@ pub(super) struct Counted {
     pub(super) longest: AtomicU64,
 }
 
-/// The place of a loop, or of a periodic callback.
+/// The place of a loop, or of a periodic callback, in a timer group.
 #[derive(Debug)]
 pub(super) struct Place {
     period: u64,
@@ -73,7 +73,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Nowhere yet, for slots that are `period` nanoseconds apart.
+    /// Not in a group yet, for slots that are `period` nanoseconds apart.
     pub(super) fn new(period: u64) -> Self {
         Self {
             period,
@@ -123,7 +123,7 @@ impl TimerGroups {
         &self.timer_groups[number]
     }
 
-    /// All that were ever used.
+    /// All groups that were ever used.
     pub(super) fn used(&self) -> impl Iterator<Item = &TimerGroup> {
         let is_used = |base: &&TimerGroup| base.counted.period.load(Ordering::Relaxed) > 0;
         self.timer_groups.iter().filter(is_used)
@@ -178,12 +178,12 @@ impl TimerGroups {
         } else if place.base.is_none() {
             self.refused.fetch_add(1, Ordering::Relaxed);
         }
-        // Also of one that stays where it is for want of room: it looks again when something has
-        // changed.
+        // Also for a loop that stays where it is for want of room: it looks again when something
+        // has changed.
         place.generation = self.generation.load(Ordering::Relaxed);
     }
 
-    /// Gives the place up.
+    /// Leaves the place.
     pub(super) fn vacate(&self, place: &mut Place, timers: &impl Arm) {
         place.is_settled = false;
         if let Some(base) = place.base.take() {
@@ -203,7 +203,7 @@ impl TimerGroups {
             let fits = |row: &Row| row.members == 0 && wanted(row);
             rows.iter().position(fits)
         };
-        // The one that was the same before counts on; then one without a past.
+        // A group that had the same ticks before continues its counts; otherwise an unused one.
         let base = free(&|row| row.is_of(period, offset))
             .or_else(|| free(&|row| row.period == 0))
             .or_else(|| free(&|_| true))?;
@@ -255,7 +255,7 @@ impl TimerGroups {
 }
 
 impl Counted {
-    /// The timer is another one's from now on.
+    /// From now on the timer belongs to another group.
     fn begin(&self, period: u64, offset: u64) {
         self.period.store(period, Ordering::Relaxed);
         self.offset.store(offset, Ordering::Relaxed);
