@@ -18,8 +18,8 @@ use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-/// How many remote_wakes have a word beside the signals: what is left of their line. A model is to
-/// have remote_wakes of both kinds.
+/// Number of wake slots with a word beside the signals: what is left of their line. A model must
+/// have slots of both kinds.
 pub(crate) const NEAR: usize = if cfg!(loom) { 1 } else { 10 };
 
 /// The words of the first wake slots: the levels at which each was woken. They lie where the
@@ -33,12 +33,12 @@ impl Near {
     }
 }
 
-/// How many words a block has for each level; a model of all interleavings has to do with few.
+/// Number of words that a block has for each level; few in a model of all interleavings.
 const WORDS: usize = if cfg!(loom) { 1 } else { 64 };
 const BITS: usize = u64::BITS as usize;
 const SEATS: usize = WORDS * BITS;
 
-/// The bits of 4096 remote_wakes: four bytes for each.
+/// The bits of 4096 wake slots: four bytes for each.
 #[derive(Debug)]
 struct Block {
     /// For each level, which of its words may have a bit set.
@@ -124,7 +124,7 @@ impl<T: Copy> RemoteWakes<T> {
         let number = free.map_or(self.members.len(), |number| number as usize);
         if number == self.members.len() {
             self.members.push(None);
-            // So that leaving allocates nothing.
+            // So that `leave` allocates nothing.
             self.free.reserve(self.members.len() - self.free.len());
         }
         let block = number.checked_sub(NEAR).map(|number| {

@@ -1,5 +1,5 @@
-//! Named sub-processes: futures that show themselves, with a name, in the composition tree of the
-//! system while they live.
+//! Named sub-processes: futures that are shown, with a name, in the composition tree of the system
+//! while they live.
 
 use super::tree::{Label, Node, Tree};
 use luna_core::current::{self, Process, ProcessId};
@@ -88,7 +88,7 @@ unsafe impl Send for Place {}
 unsafe impl Sync for Place {}
 
 thread_local! {
-    /// The tree of the system that this thread works for.
+    /// The tree of the system to which this thread belongs.
     static TREE: RefCell<Option<Arc<Tree>>> = const { RefCell::new(None) };
     /// The sub-process that is being polled, 0 if none is.
     static WITHIN: Cell<u64> = const { Cell::new(0) };
@@ -168,7 +168,7 @@ impl<F> Named<F> {
         self.untold = None;
         if let Some(tree) = self.tree.take() {
             if std::mem::take(&mut self.is_told) {
-                // On a thread of another system its number would mean another one.
+                // On a thread of another system its number would denote another sub-process.
                 let is_here = TREE.try_with(|here| {
                     let here = here.borrow();
                     here.as_ref().is_some_and(|here| Arc::ptr_eq(here, &tree))

@@ -23,7 +23,7 @@ pub(crate) struct Node {
     after: Option<NonNull<Node>>,
     /// Rises along the list; 0 of a reader's mark.
     pub(crate) id: u64,
-    /// The id of the one that it runs in; 0 if it runs in the process itself.
+    /// The id of the node that it runs in; 0 if it runs in the process itself.
     pub(crate) parent: u64,
     pub(crate) process: Option<ProcessId>,
     pub(crate) name: Label,
@@ -70,7 +70,7 @@ impl Label {
     }
 
     pub(crate) fn as_str(&self) -> &str {
-        // It was cut between characters, so it is one.
+        // It was cut between characters, so it is valid UTF-8.
         std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
     }
 }

@@ -22,8 +22,8 @@ use std::hash::{BuildHasherDefault, Hasher};
 /// Default number of ended processes that are remembered.
 pub(super) const REMEMBERED: usize = 1024;
 
-/// Spreads numbers that are given out one after the other, and names, which are the program's own:
-/// nothing here withstands ones that are chosen to collide.
+/// The hasher for numbers that are given out one after the other, and for names, which are the
+/// program's own. It does not withstand keys that are chosen to collide.
 #[derive(Default)]
 pub(super) struct Spread(u64);
 
@@ -60,33 +60,33 @@ impl Hasher for Spread {
     }
 }
 
-/// What is still to be done for one that has ended, without the plan's lock.
+/// Work that is left for a process that has ended, to be done outside of the plan's lock.
 pub(super) struct Funeral {
     pub(super) resident: Option<Box<dyn Phases>>,
     /// The process that owns it, and its place in the order of starts.
     pub(super) of: Option<(u64, ProcessHandle)>,
-    /// It was ended for an overrun.
+    /// Its poll monitor ended it for an overrun.
     pub(super) was_sentenced: bool,
     pub(super) error: Option<Error>,
-    /// One that is forgotten: what a panic threw is the user's, and is dropped with it.
+    /// The handle of a forgotten process: a panic's payload is the user's, and is dropped with it.
     pub(super) forgotten: Option<ProcessHandle>,
 }
 
-/// Where an error is from, and which it is.
+/// The error, with its process' place in the order of starts.
 type Found = Option<(u64, Error)>;
 
 pub(crate) struct Register {
     members: ById<Member>,
     names: HashSet<Name, BuildHasherDefault<Spread>>,
-    /// How many were ever started: the next one's place in the order.
+    /// Number of processes ever started: the next one's place in the order.
     started: u64,
-    /// Those with budgets, in the order of their start.
+    /// The processes with budgets, in the order of their start.
     overseen: BTreeSet<(u64, ProcessId)>,
-    /// Those that ended before they were entered here.
+    /// The processes that ended before they were entered here.
     premature: HashSet<ProcessId>,
     funerals: VecDeque<Funeral>,
     has_news: bool,
-    /// Those that have ended and may be forgotten, in the order of their ends.
+    /// The processes that have ended and may be forgotten, in the order of their ends.
     ended: VecDeque<ProcessId>,
     pub(super) most_ended: usize,
     earlier: EarlierProcesses,
@@ -95,7 +95,7 @@ pub(crate) struct Register {
     first_panic: Found,
     /// The first panic while cleaning up.
     first_cleanup: Found,
-    /// How many members were looked at, one by one or all together.
+    /// Number of looks at members, one by one or all together.
     #[cfg(test)]
     looks: std::cell::Cell<usize>,
 }
@@ -143,7 +143,7 @@ impl Register {
         self.names.remove(name);
     }
 
-    /// Makes room for as many more.
+    /// Makes room for `more` more processes.
     pub(super) fn reserve(&mut self, more: usize) {
         self.members.reserve(more);
     }
@@ -165,7 +165,7 @@ impl Register {
         self.premature.remove(&id);
     }
 
-    /// Looks at those that have ended. O(their number).
+    /// Looks at the processes that have ended. O(their number).
     pub(super) fn note_ends(&mut self, living: &ProcessRegistry, emergency: &Emergency) {
         living.take_ended(|id| self.note_end(id, emergency));
     }
@@ -212,7 +212,7 @@ impl Register {
         let said = member.handle.take_last_words::<Verdict>();
         let said = said.and_then(|verdict| verdict.0);
         let may_be_forgotten = member.is_late && member.is_on_executor();
-        // Most have nothing that is to be seen to.
+        // Most ends leave no further work.
         if !member.is_plain() || said.is_some() || !matches!(exit, Some(Exit::Completed)) {
             self.see_to(id, exit, said, emergency);
         }
@@ -306,7 +306,7 @@ impl Register {
         }
     }
 
-    /// The next thing that is to be done for one that has ended.
+    /// The next piece of work for a process that has ended.
     pub(super) fn next_funeral(&mut self) -> Option<Funeral> {
         self.funerals.pop_front()
     }
@@ -332,7 +332,7 @@ impl Register {
         all
     }
 
-    /// Those with budgets, in the order of their start.
+    /// The processes with budgets, in the order of their start.
     pub(super) fn overseen(&self) -> impl Iterator<Item = (ProcessId, &Member)> {
         self.count_looks(self.overseen.len());
         let members = &self.members;
@@ -347,7 +347,7 @@ impl Register {
         self.members.values_mut().filter(|member| !member.reaped)
     }
 
-    /// The overrun for which the system ends, if it does for one, with its culprit.
+    /// The overrun that ends the system, if one does, with the process that caused it.
     pub(super) fn overrun(&self) -> Option<Error> {
         self.overseen().find_map(|(_, member)| {
             let offence = member.ledger()?.emergency()?;
@@ -360,7 +360,7 @@ impl Register {
         self.first_panic.as_ref().map(|(_, error)| error)
     }
 
-    /// A process that was started at this place of the order has panicked as it was cleaned up.
+    /// Notes a panic in the cleanup of the process at place `order` in the order of starts.
     pub(super) fn note_cleanup(&mut self, order: u64, error: &Error) {
         keep_first(&mut self.first_cleanup, order, error);
     }
@@ -440,13 +440,13 @@ fn process_report(member: &Member) -> ProcessReport {
     }
 }
 
-/// A set of numbers as stretches, each from its first to its last: those of processes that come and
-/// go are few.
+/// A set of numbers as ranges, each from its first to its last: processes that come and go leave
+/// few ranges.
 #[derive(Default)]
 struct Numbers {
-    /// Without a gap in a stretch, and with one between two.
+    /// First to last number. A range has no gaps, and there is a gap between two ranges.
     stretches: BTreeMap<u32, u32>,
-    /// The stretch that grows: most numbers follow the one before.
+    /// The range that grows: most numbers follow the one before.
     latest: Option<(u32, u32)>,
 }
 
@@ -461,7 +461,7 @@ impl Numbers {
         }
     }
 
-    /// Puts the latest stretch among the others.
+    /// Moves the latest range to the others.
     fn close(&mut self) {
         let Some((mut first, mut last)) = self.latest.take() else {
             return;
@@ -492,7 +492,7 @@ impl Numbers {
         is_latest || before.is_some_and(|(_, &last)| last >= number)
     }
 
-    /// How many stretches there are.
+    /// Number of ranges.
     #[cfg(test)]
     fn len(&self) -> usize {
         self.stretches.len() + usize::from(self.latest.is_some())

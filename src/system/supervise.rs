@@ -40,12 +40,13 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
     // Also in a blocking call of a process on virtual time: this system has a clock of its own.
     let _clock = Clock::REAL.enter();
-    // Signals are for the emergency manager, which has a higher priority; and a stack for handlers,
-    // should this thread use up its own.
+    // The emergency manager takes signals, since it has a higher priority. The handlers need a
+    // stack of their own, should this thread use up its stack.
     let _handlers = HandlerStack::here();
     let _held_back = HeldBack::here();
     let mut launched = launch(plan)?;
-    // Dropped before what was launched: the machine first, should this thread panic.
+    // Dropped before what was launched: the emergency functions come first, should this thread
+    // panic.
     let mut system_threads = SystemThreads {
         plan,
         simulation: launched.simulation.take(),
@@ -68,7 +69,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     if let Some(simulation) = &running.simulation {
         simulation.attend();
     }
-    // What an emergency has brought to safety before the start is not set in motion.
+    // If an emergency has run its functions before the start, the processes are not released.
     if !emergency.has_begun() {
         launched.emergency.arm();
         for (_, executor) in &system_threads.executors {
@@ -123,7 +124,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     end.reap();
     drop(parent);
     let signal = guard.stop().or_else(|| match emergency.cause() {
-        // A crash, by a signal that was then handled otherwise.
+        // A crash, by a signal that was then handled in another way.
         Some((_, Cause::Signal(number))) => Some(number),
         _ => None,
     });
@@ -133,7 +134,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // panicked, on the way out.
     let was_emergency = emergency.is_safe();
     stolen.sample(|window| {
-        // Where time is virtual each recording is to be the same.
+        // On virtual time each recording must be the same.
         if scope.has_loops() && !clock_kind.is_virtual() {
             tell_stolen(&running, window);
         }
@@ -162,7 +163,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
                 left_behind.name()
             );
         }
-        // Its body still lives, on the thread that was left to itself, and refers to them.
+        // Its body still exists, on the detached thread, and refers to them.
         std::mem::forget(left_behind.take_resident());
     }
     for line in Warnings::rest(&members) {
@@ -229,7 +230,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     };
     let livelock = livelock(&members.started, standstill, clock.now());
     if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
-        // What ended the system first, though something graver has come of it.
+        // The first cause of the system's end, though a graver error followed.
         notice!("luna: {livelock}");
     }
     let error = match report.end {
@@ -290,7 +291,7 @@ fn announce_shortfalls(
         .iter()
         .map(|(name, one)| format!("{name}: no {}", one.what()))
         .collect();
-    // The same reason and remedy often serve several.
+    // Several shortfalls often share one reason and remedy.
     let mut reasons: Vec<String> = Vec::new();
     for (_, one) in &all {
         let reason = format!("{}: {}", one.why(), one.remedy());
@@ -313,8 +314,8 @@ fn tell_stolen(running: &Running, window: &Window) {
 }
 
 /// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way.
-/// No process starts from then on. Gives the OS threads to the system_threads, and the deadlock
-/// that was found, if one was.
+/// No process starts from then on. Passes the OS threads to `system_threads`, and returns the
+/// deadlock that was found, if one was.
 fn watch(
     system_threads: &mut SystemThreads<'_>,
     launched: &Launched,
@@ -342,7 +343,8 @@ fn watch(
     loop {
         let seen = living.changes();
         if emergency.has_begun() && !emergency.is_safe() {
-            // The machine first: no `post_run` runs before the functions have, which is announced.
+            // The emergency functions come first: no `post_run` runs before they have, which is
+            // announced.
             living.wait(seen, Instant::NEVER);
             continue;
         }
@@ -473,7 +475,7 @@ impl Reaper<'_> {
                 errors.add(&error);
             }
             let panicked = if was_sentenced {
-                // What it holds outside of its body goes as the body went.
+                // What it holds outside of its body is dropped in the same way as the body was.
                 current::poison_dropped_ends(|| clean_up(resident))
             } else {
                 clean_up(resident)
@@ -512,7 +514,7 @@ fn wait_until(reaper: &Reaper<'_>, deadline: Instant, done: &dyn Fn() -> bool) -
     true
 }
 
-/// The livelock that a virtual clock has come to, if it has, at `now`.
+/// The livelock that a virtual clock has reached, if any, at `now`.
 fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) -> Option<Error> {
     match standstill? {
         Standstill::Livelock { process, turns } => Some(Error::Livelock {
@@ -524,8 +526,8 @@ fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) ->
     }
 }
 
-/// The error of a run that a panic has ended with which no process ended: it was an emergency
-/// before the body caught it.
+/// The error of a run that a panic has ended without ending a process: it was an emergency before
+/// the body caught it.
 fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> Option<Error> {
     let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
     let message = "it was caught, but not by `luna::catch_panic`";

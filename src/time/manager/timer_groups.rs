@@ -203,7 +203,7 @@ impl TimerGroups {
             let fits = |row: &Row| row.members == 0 && wanted(row);
             rows.iter().position(fits)
         };
-        // A group that had the same ticks before continues its counts; otherwise an unused one.
+        // First a group that had the same ticks: its counters continue. Then an unused one, then any.
         let base = free(&|row| row.is_of(period, offset))
             .or_else(|| free(&|row| row.period == 0))
             .or_else(|| free(&|_| true))?;
