@@ -6,7 +6,7 @@ use luna_platform::reactor::{BorrowedFd, Interest, Readiness};
 use std::os::fd::{AsRawFd, RawFd};
 use std::ptr::NonNull;
 
-/// In how many lists the waits lie.
+/// Number of lists for the waits.
 const LISTS: usize = 256;
 
 /// One wait.

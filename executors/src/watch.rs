@@ -22,8 +22,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 use std::task::Context;
 
-/// A thread that is busy looks at its files each time it has polled so often: it costs half a
-/// microsecond.
+/// A busy thread looks at its files once in this many polls: a look costs half a microsecond.
 const ROUNDS_PER_LOOK: u32 = 64;
 
 /// Makes what this thread needs to wait for files, so that its first wait does not have to on the
@@ -45,7 +44,7 @@ pub fn prepare_files() -> Result<(), FileError> {
 }
 
 thread_local! {
-    /// Where this thread hangs up its files, and these, while it runs processes.
+    /// The hook for this thread's files, and the files, while it runs processes.
     static HERE: RefCell<Option<Here>> = const { RefCell::new(None) };
     /// Whether this thread has files to look at: what a round asks, in one load. Its address stands
     /// for the thread.
@@ -94,7 +93,7 @@ pub(crate) fn enter(bell: &Bell) -> FilesGuard {
 
 #[must_use = "files can be waited for until the guard is dropped"]
 pub(crate) struct FilesGuard(
-    /// What was there before: a process may be made by a builder that runs another one first.
+    /// The former value: a process may be made by a builder that runs another one first.
     Option<Here>,
 );
 
@@ -138,7 +137,7 @@ impl ThreadFiles {
                 count: AtomicUsize::new(0),
                 rounds: AtomicU32::new(0),
             });
-            // The thread is awake, since it polls: this is the moment when a watch may be hung.
+            // The thread is awake, since it polls: only then may a watch be added.
             here.hook.hang(files.clone());
             HAS_FILES.set(true);
             here.files = Some(files.clone());
@@ -247,7 +246,7 @@ impl ThreadFiles {
         }
     }
 
-    /// Readies those of `fd` that are `meant`.
+    /// Readies the waits for `fd` that are `meant`.
     fn ready(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) {
         // One by one, so that no wake occurs under the lock. The waits may be gone when they are
         // woken: their wakes are not.
@@ -271,7 +270,7 @@ impl Watch for ThreadFiles {
         }) {
             Ok(ended) if ended.timed_out => Waited::TimedOut,
             Ok(_) => Waited::Woken,
-            // To go on would be to spin, at the highest priority maybe.
+            // To continue would be to spin, possibly at the highest priority.
             Err(error) => panic!(
                 "a thread's epoll failed; was a descriptor closed that belongs to another? {error}"
             ),

@@ -20,7 +20,7 @@ use std::time::Duration;
 const SHORTEST_PAUSE: Duration = Duration::from_micros(200);
 const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 
-/// When to look again, and what was found.
+/// When to look again, and the last finding.
 pub(super) struct Lookout {
     pause: Duration,
     not_before: Instant,
@@ -29,8 +29,8 @@ pub(super) struct Lookout {
     told: Option<Deadlock>,
 }
 
-/// A deadlock, and how often processes had been polled when it was found: once more, and it is one
-/// no more.
+/// A deadlock, and how often processes had been polled when it was found. After one more poll it is
+/// no deadlock any more.
 struct Found {
     deadlock: Deadlock,
     polls: u64,
@@ -117,7 +117,7 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found>
         let find = |refers: &dyn Fn(ProcessId, usize) -> bool| {
             find(plan.name(), &processes, &meetings, is_forgotten, refers)
         };
-        // Bodies are looked at only if there is something to explain.
+        // Bodies are read only if there is something to explain.
         find(&|_, _| false)?;
         let words = words_of_bodies(plan);
         let deadlock = find(&|id, address| {
@@ -136,7 +136,7 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found>
     None
 }
 
-/// What lies in the bodies of the processes that live.
+/// The machine words in the bodies of the processes that live.
 fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
     let members = plan.members();
     let all = members.started.in_order().into_iter();

@@ -13,13 +13,13 @@ pub(super) struct Grid {
     /// When slot `reference` would begin if it had been where the following ones are.
     at: Instant,
     reference: u64,
-    /// The last slot that had come when the loop joined the grid: the loop answers for those behind
-    /// it.
+    /// The last slot that had come when the loop joined the grid: the loop is responsible for those
+    /// behind it.
     joined: u64,
 }
 
 impl Grid {
-    /// Slot 0 begins at `origin`, and the loop answers for all behind it.
+    /// Slot 0 begins at `origin`, and the loop is responsible for all behind it.
     pub(super) fn new(origin: Instant, period: u64) -> Self {
         Self {
             period,
@@ -29,8 +29,8 @@ impl Grid {
         }
     }
 
-    /// Slot 0 begins at `origin`, and the loop answers for those that come after `now`, and never
-    /// for slot 0.
+    /// Slot 0 begins at `origin`, and the loop is responsible for those that come after `now`, and
+    /// never for slot 0.
     pub(super) fn joined_at(origin: Instant, period: u64, now: Instant) -> Self {
         let grid = Self::new(origin, period);
         Self {
@@ -57,7 +57,7 @@ impl Grid {
         self.reference + now.nanos_since(self.at) / self.period
     }
 
-    /// How many slots the loop answers for when `last` is the last that has come.
+    /// Number of slots that the loop is responsible for when `last` is the last that has come.
     pub(super) fn elapsed(&self, last: u64) -> u64 {
         last.saturating_sub(self.joined)
     }
@@ -79,8 +79,8 @@ impl Trim {
     /// The part of a period by which its next slots can be moved in one cycle.
     const PART: u64 = 100;
 
-    /// Adds `nanos`, as far as the sum stays within a hundredth of `period` either way; gives what
-    /// was added.
+    /// Adds `nanos`, as far as the sum stays within a hundredth of `period` either way; returns
+    /// what was added.
     pub(super) fn add(&mut self, nanos: i64, period: u64) -> i64 {
         // A hundredth of any number of 64 bits fits.
         let most = (period / Self::PART) as i64;

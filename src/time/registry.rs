@@ -40,7 +40,7 @@ impl LoopName {
     }
 
     pub(crate) fn as_str(&self) -> &str {
-        // It was made of a whole `str`, so it is one.
+        // It was made of a whole `str`, so it is valid UTF-8.
         std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
     }
 }
@@ -60,14 +60,14 @@ impl fmt::Debug for LoopName {
     }
 }
 
-/// What the processes of one system have in common, found through their thread.
+/// State that the processes of one system share, found through their thread.
 pub(crate) struct Scope {
     loops: PiLock<Loops>,
     /// Whether more room may be allocated on demand: outside of a system, where nothing is started
     /// together.
     grows: bool,
     most: usize,
-    /// In nanoseconds: what the common grids of loops count from.
+    /// The origin of the loops' common grids, in nanoseconds.
     start: AtomicU64,
     /// Whether they have started.
     has_begun: AtomicBool,
@@ -77,7 +77,7 @@ pub(crate) struct Scope {
     clock: Clock,
     /// The manager that wakes the loops, if their executors do not.
     manager: Option<Arc<Manager>>,
-    /// What loops take as their cycles begin.
+    /// The parameters that loops read as their cycles begin.
     parameters: Option<Arc<Store>>,
 }
 
@@ -174,7 +174,8 @@ impl Scope {
         self.manager.as_ref()
     }
 
-    /// What a loop of the current process is to take at each cycle's begin, if that has parameters.
+    /// The parameters that a loop of the current process reads at each cycle's begin, if the
+    /// process has any.
     pub(crate) fn parameters(&self) -> Option<Arc<Reader>> {
         let store = self.parameters.as_ref()?;
         store.reader(current::process(|process| {

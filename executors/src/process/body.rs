@@ -1,4 +1,4 @@
-//! The body of a process, and what is done around each of its polls.
+//! The body of a process, and the work around each of its polls.
 
 use super::exit_value::{ExitValue, Words};
 use super::record::{RawExit, Record};

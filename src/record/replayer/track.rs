@@ -1,4 +1,4 @@
-//! What replays one process, and finds where it does something else than was recorded.
+//! The replay of one process. It detects where the process differs from the recording.
 
 use super::Replayer;
 use super::branch_log::BranchLog;
@@ -15,11 +15,11 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// How often a process is polled without an event, when one of its branch_logs is past what was
-/// recorded: the others may have some left.
+/// Highest number of polls of a process without an event, when one of its branch logs is past what
+/// was recorded: the others may have some left.
 const MOST_IDLE_POLLS: u32 = 1000;
 
-/// What replays one process.
+/// The replay of one process.
 pub(crate) struct Track {
     pub(super) replayer: Arc<Replayer>,
     pub(super) name: String,
@@ -31,10 +31,11 @@ pub(crate) struct Track {
     pub(super) outputs: Cell<u64>,
     /// The recording has nothing more of it.
     pub(super) past_end: Cell<bool>,
-    /// It returned in the recording. Else what a branch_log does after its last event was not
-    /// recorded any more.
+    /// It returned in the recording. Otherwise operations of a branch log after its last event were
+    /// not recorded.
     pub(super) returns: bool,
-    /// A branch_log has done something at once after that: it cannot be made to wait for that.
+    /// A branch log has completed an operation at once after that: it cannot be made to wait for
+    /// that.
     pub(super) has_overrun: Cell<bool>,
     /// How often it was polled since the last event or operation.
     pub(super) idle_polls: Cell<u32>,
@@ -109,7 +110,7 @@ impl Track {
         }
     }
 
-    /// All that was recorded has to have come again.
+    /// Checks that all recorded events were replayed.
     pub(super) fn check_rest(&self) {
         if self.replayer.differs() || !self.replayer.is_whole || self.past_end.get() {
             return;
@@ -164,7 +165,8 @@ impl Track {
         f(branch_log)
     }
 
-    /// Takes the branch_log's next event, if it is of the present operation and a call as it is.
+    /// Takes the branch log's next event, if it belongs to the present operation and is a call
+    /// exactly if `is_call`.
     pub(super) fn take_event(&self, is_call: bool) -> Option<Noted> {
         self.with_strand(|branch_log| {
             let operation = branch_log.operations;
@@ -259,7 +261,7 @@ impl Track {
     }
 }
 
-/// An event in words.
+/// An event as text.
 pub(super) fn told(event: &Noted) -> String {
     let call = if event.is_call { " at once" } else { "" };
     match &event.kind {
