@@ -434,8 +434,8 @@ impl Record {
     ///
     /// # Safety
     ///
-    /// `process` is the process of this record. It has a waker, and stays at its address until it has
-    /// finished, or was forgotten.
+    /// `process` is the process of this record. It has a waker, and stays at its address until it
+    /// has finished, or was forgotten.
     pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
         let before = {
             let mut shown = self.shown.lock();

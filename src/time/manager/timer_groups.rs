@@ -1,11 +1,11 @@
 //! Which loops share a timer: timer groups. On the ticks of a group lie the slots of several loops.
 //!
-//! A timer group has the period of a loop of its own. Loops with a multiple of that period, and
-//! with slots on its ticks, join it. When a finer group comes that carries another one's ticks, or
-//! the last loop of a group's own period goes, that group is *stale*: no loop joins it, and each of
-//! its loops looks for another place when it waits for the next time. So at most one timer ticks
-//! where one is enough, but for the period in which loops move, and no node is ever moved from list
-//! to list.
+//! A timer group (*base* in the code) has the period of a loop of its own. Loops with a multiple of
+//! that period, and with slots on its ticks, join it. When a finer group comes that carries another
+//! one's ticks, or the last loop of a group's own period goes, that group is *stale*: no loop joins
+//! it, and each of its loops looks for another place when it waits for the next time. So at most
+//! one timer ticks where one is enough, but for the period in which loops move, and no node is ever
+//! moved from list to list.
 
 use luna_core::tick_list::TickList;
 use luna_platform::clock::Instant;
@@ -203,7 +203,8 @@ impl TimerGroups {
             let fits = |row: &Row| row.members == 0 && wanted(row);
             rows.iter().position(fits)
         };
-        // First a group that had the same ticks: its counters continue. Then an unused one, then any.
+        // First a group that had the same ticks: its counters continue. Then an unused one, then
+        // any.
         let base = free(&|row| row.is_of(period, offset))
             .or_else(|| free(&|row| row.period == 0))
             .or_else(|| free(&|_| true))?;
