@@ -3,7 +3,8 @@
 //!
 //! A thread of the system (an executor's, or that of an OS-thread process) is *still* while it
 //! sleeps without a deadline and without files to wait for. It publishes this in a word of its own,
-//! which no other thread writes on the path:
+//! which no other thread writes on the path. The left column is the thread, the right one the
+//! observer (not real-time):
 //!
 //! ```text
 //!   home                                        who looks (not real-time)
