@@ -1,7 +1,9 @@
-//! Blocking calls from processes that share an executor: a buddy thread makes the call, the process awaits it.
+//! Blocking calls from processes that share an executor: a buddy thread makes the call, the process
+//! awaits it.
 //!
-//! One pool for the program. A buddy that takes the last call nobody else could take starts another buddy first, so that calls that
-//! wait for each other do not get stuck, and so that no thread is ever started by a process, save for the very first.
+//! One pool for the program. A buddy that takes the last call that no other buddy is free for
+//! starts another buddy first. So calls that wait for each other do not get stuck, and no process
+//! ever starts a thread, save for the very first.
 
 use crate::calls::UnderWay;
 use luna_core::current;
@@ -63,7 +65,8 @@ impl fmt::Display for NoBuddy {
 
 impl std::error::Error for NoBuddy {}
 
-/// Starts the first buddy thread if there is none, so that the first blocking call of a process need not.
+/// Starts the first buddy thread if there is none, so that the first blocking call of a process
+/// need not.
 ///
 /// # Errors
 ///
@@ -81,14 +84,15 @@ pub fn prepare_blocking() -> Result<(), NoBuddy> {
 
 /// Starts a buddy that is counted already.
 fn start_buddy() -> Result<(), NoBuddy> {
-    // Without a real-time policy and on any core: a blocking call must not disturb those that it was taken from.
+    // Without a real-time policy and on any core: a blocking call must not disturb those that it
+    // was taken from.
     let started = thread::spawn(
         Attributes::new("luna-buddy"),
         |_| Ok::<(), Infallible>(()),
         |()| work(),
     );
     match started {
-        // It lives as long as the program: nobody joins it.
+        // It lives as long as the program and is never joined.
         Ok(_) => Ok(()),
         Err(error) => {
             POOL.state.lock().buddies -= 1;
@@ -112,8 +116,9 @@ fn work() {
                 // If no other buddy can be had, calls wait for this one.
                 let _ = start_buddy();
             }
-            // The call's own panic goes to who awaits it. That of a result which nobody awaits any more must not end the buddy; nor must one
-            // that the panic's own value makes as it is dropped, which is then left alone.
+            // The call's own panic goes to the process that awaits it. A panic in the drop of a
+            // result that is not awaited any more must not end the buddy; nor must one that the
+            // panic's own value makes as it is dropped, which is then left alone.
             if let Err(panic) = catch_unwind(AssertUnwindSafe(job))
                 && let Err(another) = catch_unwind(AssertUnwindSafe(|| drop(panic)))
             {
@@ -151,15 +156,16 @@ enum CallState<T> {
 
 /// Makes a blocking call on a buddy thread and awaits its result.
 ///
-/// The call starts at the first poll. Cancel-safe in that dropping the future forgets the result; a call that has started runs to its
-/// end. The executor goes on meanwhile, and other processes run. On a virtual clock time stands until the call is done, and results come in the order in which
-/// the calls were begun. Real-time path: no, since it allocates the call; the waiting itself
-/// holds up nobody. The buddy has no real-time policy.
+/// The call starts at the first poll. Cancel-safe in that dropping the future forgets the result; a
+/// call that has started runs to its end. The executor goes on meanwhile, and other processes run.
+/// On a virtual clock time stands until the call is done, and results come in the order in which
+/// the calls were begun. Real-time path: no, since it allocates the call; the waiting itself blocks
+/// no process. The buddy has no real-time policy.
 ///
 /// # Panics
 ///
-/// With the call's own panic, if it panics. If there is no buddy thread and none can be started; [`prepare_blocking`], which a system's start
-/// calls, finds that out before.
+/// With the call's own panic, if it panics. If there is no buddy thread and none can be started;
+/// [`prepare_blocking`], which a system's start calls, finds that out before.
 ///
 /// ```
 /// let length = luna_executors::block_on(async {

@@ -1,4 +1,5 @@
-//! The calls on the pool that the processes of a thread have begun: counted, since their ends wake processes.
+//! The calls on the pool that the processes of a thread have begun: counted, since their ends wake
+//! processes.
 
 use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
@@ -8,12 +9,12 @@ use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
 
-/// Where the calls of one thread are counted, and who is told when the last has ended.
+/// Where the calls of one thread are counted, with the observer to notify when the last has ended.
 #[derive(Clone)]
 pub(crate) struct Desk {
     quiescence: Arc<Quiescence>,
     living: Option<Arc<ProcessRegistry>>,
-    /// Whose thread it is, if it is one that decides when a call's result comes.
+    /// The stage, if the thread is one that decides when a call's result comes.
     stage: Option<Arc<Stage>>,
 }
 
@@ -54,8 +55,9 @@ impl Drop for DeskGuard {
     }
 }
 
-/// Something that is under way outside of all processes and wakes one of this thread's when it is done: a call on the pool, or the wait for a thread that keeps time. As long as it
-/// is there, nobody takes the system for deadlocked.
+/// Something that is under way outside of all processes and wakes one of this thread's when it is
+/// done: a call on the pool, or the wait for a thread that keeps time. As long as it exists, the
+/// system does not count as deadlocked.
 ///
 /// ```
 /// let under_way = luna_executors::UnderWay::begin();
@@ -70,7 +72,8 @@ pub struct UnderWay {
 }
 
 impl UnderWay {
-    /// Begins on this thread, and is to be dropped after the wake that it leads to. On a thread that runs no processes it is counted nowhere. Real-time path: yes; O(1), no allocation.
+    /// Begins on this thread, and is to be dropped after the wake that it leads to. On a thread
+    /// that runs no processes it is counted nowhere. Real-time path: yes; O(1), no allocation.
     pub fn begin() -> Self {
         let desk = HERE.with_borrow(Clone::clone);
         let mut number = None;
@@ -81,13 +84,14 @@ impl UnderWay {
         Self { desk, number }
     }
 
-    /// The clock of who has made the call.
+    /// The clock of the process that made the call.
     pub(crate) fn clock(&self) -> Clock {
         let stage = self.desk.as_ref().and_then(|desk| desk.stage.as_ref());
         stage.map_or(Clock::REAL, |stage| stage.clock())
     }
 
-    /// Makes the `delivery` of its result; or leaves that to the stage, whose thread makes it when its turn has come.
+    /// Makes the `delivery` of its result; or leaves that to the stage, which makes it when its
+    /// turn has come.
     pub(crate) fn deliver(&mut self, delivery: impl FnOnce() + Send + 'static) {
         match self.stage_to_tell() {
             None => delivery(),
@@ -103,7 +107,7 @@ impl UnderWay {
 
 impl Drop for UnderWay {
     fn drop(&mut self) {
-        // It was never made: nobody waits for it.
+        // It was never made: nothing waits for it.
         self.deliver_nothing();
         if let Some(desk) = &self.desk
             && desk.quiescence.end_call()

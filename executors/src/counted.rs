@@ -9,7 +9,8 @@ use std::time::Duration;
 pub(crate) struct Counted(OnceLock<Duration>);
 
 impl Counted {
-    /// Runs `run` on this thread and counts that alone. Two readings, before and after it: off the real-time path.
+    /// Runs `run` on this thread and counts that alone. Two readings, before and after it: off the
+    /// real-time path.
     pub(crate) fn count(&self, run: impl FnOnce()) {
         let before = usage::processor_time();
         run();

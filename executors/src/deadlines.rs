@@ -1,6 +1,7 @@
-//! How an executor learns that a deadline is due, without reading the clock before each poll.
+//! How an executor finds out that a deadline is due, without reading the clock before each poll.
 //!
-//! A bit of the word that each round looks at anyway ([`Inbound`]) says that the deadlines are to be looked at. It is set in one of two ways:
+//! A bit of the word that each round looks at anyway ([`Inbound`]) requests a look at the
+//! deadlines. It is set in one of two ways:
 //!
 //! ```text
 //!               a deadline is armed, or the executor wakes and has one
@@ -11,16 +12,21 @@
 //!     '---------------------------------- busy: an alarm of the kernel sets the bit
 //! ```
 //!
-//! *Looking* costs a clock read a round, which is less than a timer of the kernel as long as the thread soon sleeps again: a timer takes a system call to
-//! arm, another to disarm, and its signal when it goes off. A thread that has not slept for [`LOOKS`] rounds is *busy*: then the [`Alarm`] is armed for the earliest deadline. An earlier
-//! one that comes is announced by the timer queue ([`Attention`](luna_core::timer_queue::Attention)) and arms it again; a later one does not, and one
-//! that is cancelled lets it go off for nothing. So any number of timeouts that are set and dropped costs one system call. The thread disarms it before it
-//! sleeps, since it then has the deadline from its sleep, and a signal would make its wake-up late.
+//! *Looking* costs a clock read a round, which is less than a timer of the kernel as long as the
+//! thread soon sleeps again: a timer takes a system call to arm, another to disarm, and its signal
+//! when it goes off. A thread that has not slept for [`LOOKS`] rounds is *busy*: then the [`Alarm`]
+//! is armed for the earliest deadline. The timer queue announces an earlier deadline
+//! ([`Attention`](luna_core::timer_queue::Attention)), which arms it again. A later one does not,
+//! and after a cancelled one it goes off without effect. So any number of timeouts that are set and
+//! dropped costs one system call. The thread disarms it before it sleeps, since it then has the
+//! deadline from its sleep, and a signal would make its wake-up late.
 //!
-//! After a deadline the executor looks for [`LOOKS`] rounds too: so each turn that keeps the late process waiting is known with its begin and its
-//! end ([`interference`]). Of the turn in which the alarm goes off it knows the end, and when the alarm went off.
+//! After a deadline the executor looks for [`LOOKS`] rounds too: so each turn that keeps the late
+//! process waiting is known with its begin and its end ([`interference`]). Of the turn in which the
+//! alarm goes off, its end and the time of the alarm are known.
 //!
-//! Without an alarm (the portable backend, or a kernel that refuses it) the executor looks as long as any deadline is armed.
+//! Without an alarm (the portable backend, or a kernel that refuses it) the executor looks as long
+//! as any deadline is armed.
 
 use crate::executor::Shared;
 use crate::inbound::DEADLINE;
@@ -31,15 +37,17 @@ use luna_platform::clock::Instant;
 use luna_platform::sync::Arc;
 use std::cell::Cell;
 
-/// For how many rounds the executor looks at the clock: together they cost about as much as an alarm that is armed, goes off, and is disarmed.
+/// For how many rounds the executor looks at the clock: together they cost about as much as an
+/// alarm that is armed, goes off, and is disarmed.
 const LOOKS: u32 = 32;
 
 /// The deadlines of an executor's thread.
 ///
 /// # Invariants
 ///
-/// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is busy, it announces what comes before `armed`, which the
-/// alarm is armed for or has gone off for; [`Instant::NEVER`] if it is not armed.
+/// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is
+/// busy, it announces what comes before `armed`, which the alarm is armed for or has gone off for;
+/// [`Instant::NEVER`] if it is not armed.
 pub(crate) struct Deadlines {
     shared: Arc<Shared>,
     timers: Arc<TimerQueue>,
@@ -63,7 +71,8 @@ impl Deadlines {
         }
     }
 
-    /// Wakes all whose deadline has come. Called between two polls, when the bit is set.
+    /// Wakes all processes with a deadline that has come. Called between two polls, when the bit is
+    /// set.
     #[inline(never)]
     pub(crate) fn look(&self) {
         if self.looks.get() == 0 && !self.begin() {
@@ -89,7 +98,7 @@ impl Deadlines {
         inbound.take_look();
         let rung = self.take_rung();
         if self.is_busy.get() && rung.is_none() && !interference::is_looking() {
-            // Asked for a new deadline, which may have come in the turn that has just ended.
+            // Triggered by a new deadline, which may have come in the turn that has just ended.
             let deadline = self.timers.provided();
             if deadline > Instant::now() && self.arm(deadline) {
                 return false;
@@ -104,7 +113,7 @@ impl Deadlines {
         true
     }
 
-    /// Looks no more, and has the alarm tell of the next deadline. Without an alarm it looks on.
+    /// Looks no more, and sets the alarm to the next deadline. Without an alarm it looks on.
     #[cold]
     fn end(&self) {
         let inbound = self.shared.inbound();
@@ -275,13 +284,14 @@ mod tests {
         });
     }
 
-    /// The first poll boundary after a deadline notices it, also if one was armed for nothing before.
+    /// The first poll boundary after a deadline notices it, also if an alarm went off without
+    /// effect before.
     #[test]
     fn a_busy_executor_notices_a_deadline_after_the_turn_in_which_it_comes() {
         /// A turn, and what an interrupt may be late by.
         const TURN: Duration = Duration::from_millis(2);
         on_busy_executor(|| async {
-            // It goes off for nothing.
+            // It goes off without effect.
             drop({
                 let mut sleep = Box::pin(Sleep::until(Instant::now() + TURN));
                 poll(sleep.as_mut());
@@ -305,7 +315,8 @@ mod tests {
                     if sleep.as_mut().poll(cx).is_ready() || late > 1 {
                         return std::task::Poll::Ready(());
                     }
-                    // This turn began when the deadline had come long before. That may be once: another thread may take the core away just before the turn begins.
+                    // This turn began when the deadline had come long before. That may be once:
+                    // another thread may take the core away just before the turn begins.
                     late += u32::from(begin > deadline + TURN);
                     while Instant::now() < begin + TURN {}
                     cx.waker().wake_by_ref();

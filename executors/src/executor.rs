@@ -1,8 +1,9 @@
 //! The priority executor: one OS thread that runs many processes.
 //!
-//! Each round it looks, in this order, at one word that says what others ask of it and whether a deadline may be due ([`deadlines`](crate::deadlines)), at its files
-//! (if any was ever waited for, every so many rounds), and at the highest level of its run queue, whose first process it polls. With
-//! nothing to do it sleeps until the next deadline.
+//! Each round it looks, in this order, at one word that holds the requests of other threads and
+//! whether a deadline may be due ([`deadlines`](crate::deadlines)), at its files (if any was ever
+//! waited for, every so many rounds), and at the highest level of its run queue, the first process
+//! of which it polls. With nothing to do it sleeps until the next deadline.
 
 use crate::calls;
 use crate::counted::Counted;
@@ -90,7 +91,7 @@ pub(crate) struct Shared {
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     spin: AtomicU64,
     counted: Counted,
-    /// Whose thread it shares with others, if it has none of its own.
+    /// The stage that runs it, if it has no thread of its own.
     stage: Option<Arc<Stage>>,
     /// Its name, if it is on a stage: its thread has another.
     name: Option<Box<str>>,
@@ -114,7 +115,8 @@ struct Arrival {
 type Build = Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>;
 
 impl Arrival {
-    /// Ends a process that is not built any more. What its builder holds is the user's: dropping it may panic.
+    /// Ends a process that is not built any more. What its builder holds is the user's: dropping it
+    /// may panic.
     fn refuse(self, living: &ProcessRegistry) {
         let Arrival { record, build } = self;
         match catch_unwind(AssertUnwindSafe(|| drop(build))) {
@@ -252,10 +254,11 @@ impl Shared {
     }
 }
 
-/// One OS thread that runs prioritized processes: higher levels first, first come first served within a level.
+/// One OS thread that runs prioritized processes: higher levels first, first come first served
+/// within a level.
 ///
-/// It starts held: processes can be spawned and are built on its thread, and run only after [`release`](Self::release). Dropping it
-/// stops it. Example: [`ProcessHandle`].
+/// It starts held: processes can be spawned and are built on its thread, and run only after
+/// [`release`](Self::release). Dropping it stops it. Example: [`ProcessHandle`].
 pub struct Executor {
     handle: ExecutorHandle,
     runs: Runs,
@@ -269,7 +272,8 @@ enum Runs {
     Nowhere,
 }
 
-/// Spawns processes on an executor, from anywhere. Cloning it is cheap; it does not keep the executor running.
+/// Spawns processes on an executor, from anywhere. Cloning it is cheap; it does not keep the
+/// executor running.
 #[derive(Clone)]
 pub struct ExecutorHandle {
     shared: Arc<Shared>,
@@ -280,8 +284,9 @@ impl Executor {
     ///
     /// # Errors
     ///
-    /// What the system refused, if the attributes are strict or cannot be had in any way: [`SpawnError`] says why and what to do. A deadline
-    /// policy, whose budget would stop all processes at once, is refused here.
+    /// What the system refused, if the attributes are strict or cannot be had in any way:
+    /// [`SpawnError`] says why and what to do. A deadline policy, which would stop all processes at
+    /// once when its budget is used up, is refused here.
     pub fn start(attributes: Attributes) -> Result<Executor, SpawnError<Infallible>> {
         Self::start_counted(attributes, Arc::new(ProcessRegistry::new()))
     }
@@ -320,8 +325,9 @@ impl Executor {
         })
     }
 
-    /// Starts one on the thread of a simulation, at once. Of its attributes only the policy counts: by its priority the simulation's executors come in their order.
-    /// Nothing is asked of the operating system.
+    /// Starts one on the thread of a simulation, at once. Of its attributes only the policy counts:
+    /// by its priority the simulation's executors come in their order. Nothing is asked of the
+    /// operating system.
     pub fn start_simulated(simulation: &SimulationHandle, attributes: &Attributes) -> Executor {
         let stage = &simulation.0;
         let shared = Shared::new(
@@ -344,7 +350,7 @@ impl Executor {
         &self.handle
     }
 
-    /// What the thread got of the attributes that were asked for; nothing on a simulation's.
+    /// What the thread got of the requested attributes; `None` on a simulation's thread.
     pub fn obtained(&self) -> Option<&Obtained> {
         match &self.runs {
             Runs::OnThread(thread) => Some(thread.obtained()),
@@ -352,8 +358,9 @@ impl Executor {
         }
     }
 
-    /// How long the thread has run from the release of its processes until it was asked to stop, once it has stopped; nothing where the system does not tell, and on a
-    /// simulation's thread.
+    /// How long the thread has run from the release of its processes until it was asked to stop,
+    /// once it has stopped; `None` where the system does not report it, and on a simulation's
+    /// thread.
     pub fn processor_time(&self) -> Option<Duration> {
         self.handle.shared.counted.get()
     }
@@ -400,12 +407,13 @@ impl Executor {
         }
     }
 
-    /// Cancels all processes, waits until they have ended, and ends the thread. A process that never awaits keeps it waiting.
+    /// Cancels all processes, waits until they have ended, and ends the thread. A process that
+    /// never awaits keeps it waiting.
     pub fn stop(mut self) {
         self.join();
     }
 
-    /// Leaves the thread to itself: for one whose process hangs.
+    /// Detaches the thread: for one with a process that hangs.
     pub fn abandon(mut self) {
         self.runs = Runs::Nowhere;
     }
@@ -414,7 +422,8 @@ impl Executor {
         match std::mem::replace(&mut self.runs, Runs::Nowhere) {
             Runs::OnThread(thread) => {
                 self.request_stop();
-                // The run loop catches panics of processes; one of its own was reported by the panic hook.
+                // The run loop catches panics of processes; one of its own was reported by the
+                // panic hook.
                 let _ = thread.join();
             }
             Runs::OnStage => {
@@ -441,17 +450,20 @@ impl Drop for Executor {
 }
 
 impl ExecutorHandle {
-    /// From now on the thread sleeps as soon as it has nothing to do, whatever [`Attributes::spin_before_sleep`] said: for when another thread comes to
-    /// its core. Says whether that changes anything. Real-time path: yes; one atomic operation.
+    /// From now on the thread sleeps as soon as it has nothing to do, regardless of
+    /// [`Attributes::spin_before_sleep`]: for when another thread comes to its core. Returns
+    /// whether that changes anything. Real-time path: yes; one atomic operation.
     pub fn end_spin(&self) -> bool {
         self.shared.spin.swap(0, Ordering::Relaxed) > 0
     }
 
-    /// Makes a process of the future that `build` returns. `build` runs on the executor's thread, so the future need not be `Send`: right here, if this is
-    /// that thread and its processes have been released.
+    /// Makes a process of the future that `build` returns. `build` runs on the executor's thread,
+    /// so the future need not be `Send`: right here, if this is that thread and its processes have
+    /// been released.
     ///
-    /// On a stopped executor the process ends at once as cancelled. Not for the real-time path: it allocates, here and on the
-    /// executor's thread. O(1) apart from `build`, however many processes there are or have been.
+    /// On a stopped executor the process ends at once as cancelled. Not for the real-time path: it
+    /// allocates, here and on the executor's thread. O(1) apart from `build`, however many
+    /// processes there are or have been.
     pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
     where
         B: FnOnce() -> F + Send + 'static,
@@ -463,7 +475,7 @@ impl ExecutorHandle {
         handle
     }
 
-    /// A process that counts as one that lives, and has nothing to do yet. Allocates; runs nothing of the user's.
+    /// A process that counts as living, and has nothing to do yet. Allocates; runs no user code.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -480,7 +492,7 @@ impl ExecutorHandle {
     /// # Ok(()) }
     /// ```
     pub fn announce(&self, spec: ProcessSpec) -> Announced {
-        // Processes that come and go for ever do not fill the memory.
+        // Processes that come and go without end do not fill the memory.
         reclaim::collect();
         let is_home = current::home() == Some(self.shared.home);
         let record = Record::new(spec, &self.shared.living, is_home);
@@ -491,11 +503,12 @@ impl ExecutorHandle {
     }
 }
 
-/// A process to be, on its executor: see [`ExecutorHandle::announce`]. If it is dropped, the process ends as cancelled.
+/// A process to be, on its executor: see [`ExecutorHandle::announce`]. If it is dropped, the
+/// process ends as cancelled.
 #[must_use = "a process that is announced and not started ends as cancelled"]
 pub struct Announced {
     to_be: ToBe,
-    /// What [`is_built_here`](Self::is_built_here) has said.
+    /// The result of [`is_built_here`](Self::is_built_here).
     decided: Option<bool>,
 }
 
@@ -515,14 +528,16 @@ impl Announced {
         ProcessHandle(self.to_be.get().0.clone())
     }
 
-    /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is the user's. If not, it only hands it over.
+    /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is
+    /// the user's. If not, it only hands it over.
     pub fn is_built_here(&mut self) -> bool {
         let here = self.can_be_built_here();
         self.decided = Some(here);
         here
     }
 
-    /// In a turn that is looked at, or that drops what was left, a builder would count as a part of it: then it has a turn of its own.
+    /// In a turn that is looked at, or that drops what was left, a builder would count as a part of
+    /// it: then it has a turn of its own.
     fn can_be_built_here(&self) -> bool {
         let (_, shared) = self.to_be.get();
         current::home() == Some(shared.home)
@@ -532,15 +547,17 @@ impl Announced {
             && !current::dropped_ends_poison()
     }
 
-    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`]. On an executor that has stopped, gives the builder back: it is the
-    /// user's, and is dropped with what is given.
+    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`]. On an
+    /// executor that has stopped, gives the builder back: it is the user's, and is dropped with
+    /// what is given.
     #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
     pub fn start<B, F>(mut self, build: B) -> Option<Refused>
     where
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output: ExitValue> + 'static,
     {
-        // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
+        // A caller that saw that nothing is built here relies on it, also if the executor has been
+        // released meanwhile.
         let here = self.decided.unwrap_or(true) && self.can_be_built_here();
         if here {
             // Off the path, and no part of the turn in the middle of which it is done.
@@ -582,7 +599,8 @@ impl Announced {
     }
 }
 
-/// A process that its executor did not take, since it has stopped. It ends as cancelled when this is dropped, with its builder.
+/// A process that its executor did not take, since it has stopped. It ends as cancelled when this
+/// is dropped, with its builder.
 pub struct Refused(Option<(Arrival, Arc<Shared>)>);
 
 impl Drop for Refused {
@@ -651,7 +669,8 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
-    // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say.
+    // Panics of bodies are caught where they are polled. This one comes from elsewhere: a foreign
+    // waker, say.
     if let Err(payload) = lived {
         current::set_on_path(false);
         shared.give_up(payload);
@@ -666,7 +685,8 @@ fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         if shared.phase() != Phase::HELD {
             break;
         }
-        // Who is woken before the start is queued; a signal that is left would keep the thread from its sleep.
+        // A process that is woken before the start is queued; a signal that is left would keep the
+        // thread from its sleep.
         while let Some(level) = shared.inbound.signals().highest_level() {
             task::take_in(shared, level);
         }
@@ -691,7 +711,8 @@ fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     }
 }
 
-/// Runs rounds; ends the process that panics in one. Catching it here and not around each poll saves that.
+/// Runs rounds; ends the process that panics in one. Catching it here and not around each poll
+/// saves that.
 pub(crate) fn turns(rounds: impl FnOnce()) {
     if let Err(payload) = catch_unwind(AssertUnwindSafe(rounds))
         && let Err(own) = task::interrupted(payload)
@@ -708,7 +729,7 @@ fn round(shared: &Arc<Shared>, deadlines: &Deadlines, take_in: bool) -> bool {
         return false;
     }
     watch::glance(shared.inbound.bell());
-    // SAFETY: who comes is given a turn at once, or retired.
+    // SAFETY: each dequeued process is given a turn at once, or retired.
     match unsafe { current::next_ready() } {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(owner) => unsafe { task::run(owner) },
@@ -717,7 +738,8 @@ fn round(shared: &Arc<Shared>, deadlines: &Deadlines, take_in: bool) -> bool {
     true
 }
 
-/// Takes in what others ask of the executor, and looks at its deadlines. `false` if the phase is another by that.
+/// Takes in the requests of other threads, and looks at the deadlines. `false` if that has changed
+/// the phase.
 #[cold]
 fn look_outside(
     shared: &Arc<Shared>,
@@ -759,8 +781,9 @@ fn rest(shared: &Shared, deadlines: &Deadlines) {
     interference::rest();
 }
 
-/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a deadline or files only others can end it, which who
-/// looks after the system is to know.
+/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a
+/// deadline or files only other threads can end the sleep; the observer of quiescence is notified
+/// of that.
 fn sleep(shared: &Shared, deadline: Instant) {
     let spin = shared.spin.load(Ordering::Relaxed);
     if spin > 0 {

@@ -15,7 +15,8 @@ pub enum FileError {
 }
 
 impl FileError {
-    /// Whether this platform cannot wait for any file: then a blocking call can ([`blocking`](crate::blocking)).
+    /// Whether this platform cannot wait for any file: then a blocking call can
+    /// ([`blocking`](crate::blocking)).
     pub fn is_unsupported(&self) -> bool {
         *self == FileError::Refused(ReactorError::Unsupported)
     }

@@ -1,4 +1,4 @@
-//! Who waits for which file, found by the number of the file's descriptor.
+//! The waits for files, found by the number of the file's descriptor.
 
 use luna_core::current::{PendingWake, Priority, WakeHandle};
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -6,10 +6,10 @@ use luna_platform::reactor::{BorrowedFd, Interest, Readiness};
 use std::os::fd::{AsRawFd, RawFd};
 use std::ptr::NonNull;
 
-/// In how many lists the waits lie.
+/// Number of lists for the waits.
 const LISTS: usize = 256;
 
-/// One who waits.
+/// One wait.
 #[repr(C)]
 pub(crate) struct Node {
     pub(crate) wait: WaitNode,
@@ -43,12 +43,13 @@ pub(crate) fn both(one: Interest, other: Interest) -> Interest {
     if one == other { one } else { Interest::Both }
 }
 
-/// All who wait at one thread: in 256 lists by the number of the descriptor, most urgent first. It belongs to a lock, which guards
-/// the nodes in it too.
+/// All waits of one thread: in 256 lists by the number of the descriptor, most urgent first. It
+/// belongs to a lock, which guards the nodes in it too.
 ///
 /// # Invariants
 ///
-/// A node that is `listed` is live, pinned, and in the list of its descriptor's number; no other is in any.
+/// A node that is `listed` is live, pinned, and in the list of its descriptor's number; no other is
+/// in any.
 pub(crate) struct Waits(Box<[WaitList]>);
 
 impl Waits {
@@ -89,7 +90,7 @@ impl Waits {
         }
     }
 
-    /// Removes the most urgent of those who wait for `fd` and are `meant`, and gives its wake.
+    /// Removes the most urgent of the waits for `fd` that are `meant`, and returns its wake.
     pub(crate) fn take(&mut self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<PendingWake> {
         let node = self.find(fd, meant)?;
         // SAFETY: it was found here, so it is listed, and live.
@@ -100,7 +101,8 @@ impl Waits {
         Some(wakeup.map_or(PendingWake::NOBODY, WakeHandle::take))
     }
 
-    /// The most urgent of those who wait for `fd` and are `meant`. O(those whose descriptors are equal modulo 256).
+    /// The most urgent of the waits for `fd` that are `meant`. O(waits with descriptors equal
+    /// modulo 256).
     fn find(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<NonNull<Node>> {
         let list = &self.0[fd as usize % LISTS];
         let mut next = list.first();
@@ -119,7 +121,7 @@ impl Waits {
         None
     }
 
-    /// What those who wait for `fd` want together.
+    /// The union of the interests of all waits for `fd`.
     pub(crate) fn interest(&self, fd: RawFd) -> Option<Interest> {
         let wants = |wanted| self.find(fd, |node| node.interest == wanted).is_some();
         match (wants(Interest::Readable), wants(Interest::Writable)) {

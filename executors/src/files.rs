@@ -17,21 +17,27 @@ use std::ptr::NonNull;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
-/// Waits until reading from `file` does not block: it has something to read, is at its end, or has an error.
+/// Waits until reading from `file` does not block: it has something to read, is at its end, or has
+/// an error.
 ///
-/// It is a hint: another reader may be faster, so keep the file in non-blocking mode, read, and wait again if that would block. The most
-/// urgent of several who wait for one file is readied first, but all of them are.
+/// It is a hint: another reader may be faster, so keep the file in non-blocking mode, read, and
+/// wait again if that would block. The most urgent of several waits for one file is readied first,
+/// but all of them are.
 ///
-/// Works in the processes of an executor, in an [`OsThread`](crate::OsThread) and in [`block_on`](crate::block_on). The thread sleeps
-/// in an epoll from its first such wait on; while it is busy it looks at its files every 64 polls, so a process that waits
-/// for one is readied at the latest after 64 polls of others (and as many more for each 64 files that became ready before).
+/// Works in the processes of an executor, in an [`OsThread`](crate::OsThread) and in
+/// [`block_on`](crate::block_on). The thread sleeps in an epoll from its first such wait on; while
+/// it is busy it looks at its files every 64 polls, so a process that waits for one is readied at
+/// the latest after 64 polls of others (and as many more for each 64 files that became ready
+/// before).
 ///
-/// Real-time path: yes, apart from the first wait of a thread, which makes the epoll: see [`prepare_files`](crate::prepare_files).
-/// Nothing is allocated. A wait costs one system call, two for a file that this thread has not waited for before; O(w) steps for
-/// w waits of this thread whose descriptors are equal modulo 256. Where nobody ever waits for a file an
-/// executor pays one branch a poll.
+/// Real-time path: yes, apart from the first wait of a thread, which makes the epoll: see
+/// [`prepare_files`](crate::prepare_files). Nothing is allocated. A wait costs one system call, two
+/// for a file that this thread has not waited for before; O(w) steps for w waits of this thread on
+/// descriptors equal modulo 256. Where no process ever waits for a file an executor pays one branch
+/// a poll.
 ///
-/// Cancel-safe: a wait that is dropped is withdrawn, at the price of one system call if nobody else waits for the file.
+/// Cancel-safe: a wait that is dropped is withdrawn, at the price of one system call if nothing
+/// else waits for the file.
 ///
 /// # Errors
 ///
@@ -58,7 +64,8 @@ pub fn readable(file: &impl AsFd) -> FileReady<'_> {
     FileReady::new(file.as_fd(), Interest::Readable)
 }
 
-/// Waits until writing to `file` does not block: there is room, or the other side has gone, or it has an error.
+/// Waits until writing to `file` does not block: there is room, or the other side has gone, or it
+/// has an error.
 ///
 /// All else, the costs and the errors, is as for [`readable`].
 ///
@@ -77,12 +84,13 @@ pub fn writable(file: &impl AsFd) -> FileReady<'_> {
     FileReady::new(file.as_fd(), Interest::Writable)
 }
 
-/// Made by [`readable`] and [`writable`]. It borrows the file, which therefore cannot be closed meanwhile.
+/// Made by [`readable`] and [`writable`]. It borrows the file, which therefore cannot be closed
+/// meanwhile.
 ///
 /// # Invariants
 ///
-/// `node` is in the list of `files`, or has been readied by it, exactly while there are `files`; it is then pinned, and their lock
-/// guards it.
+/// `node` is in the list of `files`, or has been readied by it, exactly while there are `files`; it
+/// is then pinned, and their lock guards it.
 #[must_use = "it waits only when awaited"]
 pub struct FileReady<'file> {
     file: BorrowedFd<'file>,
@@ -91,7 +99,8 @@ pub struct FileReady<'file> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the node is guarded by the lock of the files that it is listed in, wherever the future is.
+// SAFETY: the node is guarded by the lock of the files that it is listed in, wherever the future
+// is.
 unsafe impl Send for FileReady<'_> {}
 // SAFETY: `&FileReady` gives access to nothing that changes.
 unsafe impl Sync for FileReady<'_> {}
@@ -130,8 +139,8 @@ impl Future for FileReady<'_> {
                     events::waits_for_other();
                     return Poll::Pending;
                 }
-                // A wait belongs to the thread that polls it: another one's may not look at its files any more.
-                // SAFETY: as above.
+                // A wait belongs to the thread that polls it: another one's may not look at its
+                // files any more. SAFETY: as above.
                 unsafe { files.withdraw(node, this.file) };
                 this.files = None;
             } else {

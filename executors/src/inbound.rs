@@ -1,7 +1,9 @@
-//! Wakes from elsewhere: how other threads tell an executor whom they have woken, and how it goes to sleep without missing one.
+//! Wakes from other threads: how they notify an executor, and how the executor goes to sleep
+//! without missing a wake.
 //!
-//! [RemoteWakes](crate::remote_wakes) say who was woken at which level; one word of signals says at which levels there is somebody, so that a high wake never
-//! waits behind low ones:
+//! [RemoteWakes](crate::remote_wakes) hold which process was woken at which level. One word of
+//! signals holds the levels that have a woken process, so that a high wake never waits behind low
+//! ones:
 //!
 //! ```text
 //!   waker                               owner
@@ -11,10 +13,11 @@
 //!                                       d clear ASLEEP; a again
 //! ```
 //!
-//! All of 2, b and d are read-modify-write operations on the one word, so they have one order: either 2 comes before b, which then
-//! fails, or the waker sees `ASLEEP` and rings. Everybody who sees it rings, not the first alone: that one may be preempted before
-//! it does, and a more urgent one must not have to wait for it. While the owner is awake nobody makes a system call. It is the
-//! protocol of the [`Bell`], which says what the bell is.
+//! All of 2, b and d are read-modify-write operations on the one word, so they have one order:
+//! either 2 comes before b, which then fails, or the waker sees `ASLEEP` and rings. Every waker
+//! that sees it rings, not only the first: the first may be preempted before it rings, and a more
+//! urgent one must not have to wait for it. While the owner is awake no waker makes a system call.
+//! It is the protocol of the [`Bell`], which documents the bell.
 
 use crate::quiescence::Quiescence;
 use crate::remote_wakes::{Near, RemoteWakes, Seat};
@@ -28,7 +31,8 @@ use std::time::Duration;
 const ASLEEP: u64 = 1 << 32;
 /// Set to make the owner look beyond its queues: at processes to start, or at the request to stop.
 const ATTENTION: u64 = 1 << 33;
-/// Set to make the owner look at its deadlines: by itself, or by a handler of signals on its thread. It keeps nobody from its sleep, which ends at the next deadline.
+/// Set to make the owner look at its deadlines: by the owner itself, or by a signal handler on its
+/// thread. It does not prevent the owner from sleeping; its sleep ends at the next deadline anyway.
 pub(crate) const DEADLINE: u64 = 1 << 34;
 
 /// What waits outside, as read at one instant.
@@ -36,14 +40,14 @@ pub(crate) const DEADLINE: u64 = 1 << 34;
 pub(crate) struct Signals(u64);
 
 impl Signals {
-    /// The highest level at which somebody was woken.
+    /// The highest level that has a woken process.
     #[inline]
     pub(crate) fn highest_level(self) -> Option<u8> {
         let levels = self.0 as u32;
         (levels != 0).then(|| (31 - levels.leading_zeros()) as u8)
     }
 
-    /// Whether attention was asked for.
+    /// Whether attention was requested.
     #[inline]
     pub(crate) fn attention(self) -> bool {
         self.0 & ATTENTION != 0
@@ -62,8 +66,9 @@ impl Signals {
     }
 }
 
-/// The signals, the first remote_wakes, and the bell: what a wake from another core changes, on one line of memory that holds nothing else. (A line is 64
-/// bytes; two that lie side by side are fetched together on many processors.)
+/// The signals, the first remote_wakes, and the bell: what a wake from another core changes, on one
+/// line of memory that holds nothing else. (A line is 64 bytes; two that lie side by side are
+/// fetched together on many processors.)
 #[derive(Debug)]
 #[repr(C, align(128))]
 pub(crate) struct Inbound {
@@ -85,8 +90,8 @@ impl Inbound {
         }
     }
 
-    /// Wakes who has `seat`, a seat of this executor, at `level`, from any thread. Wait-free: two or three instructions; a system call only if the
-    /// owner sleeps.
+    /// Wakes the process that has `seat`, a wake slot of this executor, at `level`, from any
+    /// thread. Wait-free: two or three instructions; a system call only if the owner sleeps.
     #[inline]
     pub(crate) fn wake(&self, seat: &Seat, level: u8) {
         seat.mark(&self.near, level);
@@ -98,7 +103,7 @@ impl Inbound {
         self.signal(ATTENTION);
     }
 
-    /// As a waker that marks no more than so many steps, and does not signal.
+    /// As a waker that marks at most `steps` steps, and does not signal.
     #[cfg(loom)]
     pub(crate) fn mark_partly(&self, seat: &Seat, level: u8, steps: usize) {
         seat.mark_partly(&self.near, level, steps);
@@ -120,7 +125,7 @@ impl Inbound {
     /// What waits outside. One load; owner only.
     #[inline]
     pub(crate) fn signals(&self) -> Signals {
-        // An owner that looks is awake, so nothing of its sleep is there.
+        // An owner that looks is awake, so no bit of its sleep is set.
         Signals(self.signals.load(Ordering::Relaxed))
     }
 
@@ -129,19 +134,21 @@ impl Inbound {
         self.signals.fetch_and(!ATTENTION, Ordering::AcqRel);
     }
 
-    /// Gives all of `remote_wakes`, those of this executor, who were woken at `level`. O(their number); owner only.
+    /// Takes all processes of `remote_wakes`, those of this executor, that were woken at `level`.
+    /// O(their number); owner only.
     pub(crate) fn take<T: Copy>(
         &self,
         level: u8,
         remote_wakes: &RemoteWakes<T>,
         woken: impl FnMut(T),
     ) {
-        // The signal goes first: who marks after the look signals again.
+        // Clear the level's bit first: a waker that marks its slot after the look sets the bit
+        // again.
         self.signals.fetch_and(!(1 << level), Ordering::AcqRel);
         remote_wakes.take(&self.near, level, woken);
     }
 
-    /// The word that the signals are in: for who sets [`DEADLINE`] on the owner's thread.
+    /// The word of the signals, for code that sets [`DEADLINE`] on the owner's thread.
     pub(crate) fn word(&self) -> &AtomicU64 {
         &self.signals
     }
@@ -158,14 +165,16 @@ impl Inbound {
         self.signals.fetch_and(!DEADLINE, Ordering::AcqRel);
     }
 
-    /// Whether another thread has woken somebody or asked for something that the owner has not taken. From any thread.
+    /// Whether another thread has woken a process or made a request that the owner has not taken.
+    /// From any thread.
     pub(crate) fn is_signalled(&self) -> bool {
-        // Acquire: who sees that the owner has taken it sees what the owner did before.
+        // Acquire: a thread that sees that the owner has taken it sees what the owner did before.
         self.signals.load(Ordering::Acquire) & !(ASLEEP | DEADLINE) != 0
     }
 
-    /// Looks for `time` whether somebody signals, `deadline` comes, or `also` has something; says whether one of them did. Owner only, who sleeps
-    /// otherwise: to the others it is awake until then.
+    /// Polls for `time` until a signal arrives, `deadline` passes, or `also` has something; returns
+    /// whether one of them occurred. Owner only, in place of a sleep: other threads see the owner
+    /// as awake until then.
     #[inline]
     pub(crate) fn spin(
         &self,
@@ -176,12 +185,14 @@ impl Inbound {
         spin::until(|| self.is_signalled() || also(), time, deadline)
     }
 
-    /// Sleeps until somebody signals or `deadline` comes; returns at once if somebody has. Owner only. May return without a cause.
+    /// Sleeps until a signal arrives or `deadline` passes; returns at once if a signal is pending.
+    /// Owner only. May return without a cause.
     pub(crate) fn sleep(&self, deadline: Instant) {
         self.sleep_between(deadline, || (), || ());
     }
 
-    /// As `sleep`, with nothing that ends it but a signal; the owner is still meanwhile, and `ring`s if it is watched.
+    /// As `sleep`, with nothing that ends it but a signal; the owner is still meanwhile, and
+    /// `ring`s if it is watched.
     pub(crate) fn sleep_still(&self, quiescence: &Quiescence, ring: impl FnOnce()) {
         self.sleep_between(
             Instant::NEVER,
@@ -194,7 +205,8 @@ impl Inbound {
         );
     }
 
-    /// The owner, who has others beside this, is about to sleep in something that whoever signals rings; `false` if somebody has signalled. Owner only; an
+    /// The owner, which has other event sources beside this, is about to sleep in a wait that each
+    /// signalling thread rings. Returns `false` if a signal is pending. Owner only; an
     /// [`awake`](Self::awake) follows.
     pub(crate) fn fall_asleep(&self) -> bool {
         self.signals
@@ -207,7 +219,8 @@ impl Inbound {
         self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);
     }
 
-    /// Sleeps, with `before` when others know it already, and `after` when what they have signalled is not taken yet.
+    /// Sleeps. `before` runs when other threads see the sleep already, and `after` when their
+    /// signals are not taken yet.
     #[inline]
     fn sleep_between(&self, deadline: Instant, before: impl FnOnce(), after: impl FnOnce()) {
         self.bell.quiet();
@@ -218,7 +231,7 @@ impl Inbound {
             .is_ok()
         {
             before();
-            // Whatever ended it, the owner looks again.
+            // The owner looks again, for any cause of the end.
             self.bell.wait(deadline);
             after();
             self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);

@@ -1,27 +1,31 @@
-//! Who held this executor, and when: so that a process that comes late can say who ran instead.
+//! Which process held this executor, and when: so that a late process can report which one ran
+//! instead.
 //!
-//! It costs next to nothing. Each poll ends with one store of the process' number. When a deadline has come the executor looks at the clock before each poll for a
-//! while ([`deadlines`](crate::deadlines)): what has passed since its last look was the poll in between. Of the poll in which a busy executor's alarm went off
-//! the part from then on is known. Of what no look came before, nothing is said.
+//! It costs next to nothing. Each poll ends with one store of the process' number. When a deadline
+//! has come the executor looks at the clock before each poll for a while
+//! ([`deadlines`](crate::deadlines)): what has passed since its last look was the poll in between.
+//! Of the poll in which a busy executor's alarm went off the part from then on is known. Polls
+//! before that are not reported.
 
 use luna_core::current::{self, ProcessId};
 use luna_platform::clock::Instant;
 use std::cell::Cell;
 use std::time::Duration;
 
-/// Shorter polls than this many nanoseconds make nobody late, and are not remembered.
+/// Polls shorter than this many nanoseconds make no process late, and are not remembered.
 const NOTABLE: u64 = 10_000;
 
 /// How many polls are remembered: the last ones.
 const REMEMBERED: usize = 16;
 
-/// One turn of a process on an executor, as [`interference`] knows it.
+/// One turn of a process on an executor, as [`interference`] reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Turn {
     /// The process that was polled; of several between two looks at the clock the last one.
     pub process: ProcessId,
-    /// When the executor had looked at the clock before; or, of a turn in which a deadline came while the executor did not look, that deadline or a little later.
+    /// When the executor had looked at the clock before; or, of a turn in which a deadline came
+    /// while the executor did not look, that deadline or a little later.
     pub began: Instant,
     /// When it looked again.
     pub ended: Instant,
@@ -46,7 +50,8 @@ pub struct Interference {
 
 /// What an executor's thread remembers.
 struct Memory {
-    /// When the clock was looked at since the poll before the last; 0 if it was not, or something else than a poll came in between.
+    /// When the clock was looked at since the poll before the last; 0 if it was not, or something
+    /// else than a poll came in between.
     looked: Cell<u64>,
     /// The process that was polled last since then, as a number; 0 if none was.
     polled: Cell<u32>,
@@ -66,13 +71,13 @@ thread_local! {
     };
 }
 
-/// Says that `process` has just been polled. One store.
+/// Notes that `process` has just been polled. One store.
 #[inline]
 pub(crate) fn polled(process: ProcessId) {
     MEMORY.with(|memory| memory.polled.set(process.get()));
 }
 
-/// Says that the executor looks at the clock, between two polls.
+/// Notes that the executor looks at the clock, between two polls.
 #[inline]
 pub(crate) fn look(now: Instant) {
     MEMORY.with(|memory| {
@@ -80,12 +85,13 @@ pub(crate) fn look(now: Instant) {
         if now.as_nanos().saturating_sub(before) >= NOTABLE {
             memory.note(before, now);
         }
-        // From here on nobody has been polled yet.
+        // From here on no process has been polled yet.
         memory.polled.set(0);
     });
 }
 
-/// Says that the clock was looked at in the middle of the poll that has just ended, if it was not between it and the one before.
+/// Notes that the clock was looked at in the middle of the poll that has just ended, if it was not
+/// between it and the one before.
 pub(crate) fn looked(at: Instant) {
     MEMORY.with(|memory| {
         if memory.looked.get() == 0 {
@@ -94,7 +100,7 @@ pub(crate) fn looked(at: Instant) {
     });
 }
 
-/// Says that the executor does not look between the next polls: which of them took how long will not be known.
+/// Notes that the executor does not look between the next polls: their durations will not be known.
 pub(crate) fn look_no_more() {
     MEMORY.with(|memory| memory.looked.set(0));
 }
@@ -104,12 +110,13 @@ pub(crate) fn is_looking() -> bool {
     MEMORY.with(|memory| memory.looked.get() != 0)
 }
 
-/// Who was polled last on this thread, since it looked at the clock.
+/// The process that was polled last on this thread, since it looked at the clock.
 pub(crate) fn last_polled() -> Option<ProcessId> {
     MEMORY.with(|memory| ProcessId::from_number(memory.polled.get()))
 }
 
-/// Says that the thread does something else than polling: what has passed since the last look is nobody's.
+/// Notes that the thread does something else than polling: the time since the last look belongs to
+/// no process.
 pub(crate) fn rest() {
     MEMORY.with(|memory| {
         memory.polled.set(0);
@@ -141,9 +148,10 @@ impl Memory {
 /// The process that held this executor longest between the two instants, by all its turns that
 /// took 10 µs or more of that time and that `counts`. Called in a poll.
 ///
-/// The last 16 such turns are known. The executor reads the clock between polls for 32 polls after it has slept, after a deadline and
-/// after a loop's cycle has begun; a turn in which a deadline comes later than that counts from the deadline on. `None` on a thread that is no executor's. Real-time path:
-/// yes; O(1), no system call.
+/// The last 16 such turns are known. The executor reads the clock between polls for 32 polls after
+/// it has slept, after a deadline and after a loop's cycle has begun; a turn in which a deadline
+/// comes later than that counts from the deadline on. `None` on a thread that is no executor's.
+/// Real-time path: yes; O(1), no system call.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -175,7 +183,7 @@ pub fn interference(
     counts: impl Fn(&Turn) -> bool,
 ) -> Option<Interference> {
     MEMORY.with(|memory| {
-        // The process that asks has not been noted as polled yet, so this is the one before it.
+        // The calling process has not been noted as polled yet, so this is the one before it.
         let last = memory.poll_since(memory.looked.get(), until);
         let turns = || {
             let turns = memory.polls.iter().filter_map(Cell::get).chain(last);
@@ -194,15 +202,16 @@ pub fn interference(
     })
 }
 
-/// Says that a process of this executor looks at the clock at the begin of its poll: what has passed since the last look was the poll before.
-/// To be called before anything else of the poll has taken
-/// time. Real-time path: yes; O(1), no system call. Does nothing where a process is alone on its thread.
+/// Notes that a process of this executor looks at the clock at the begin of its poll: what has
+/// passed since the last look was the poll before. To be called before anything else of the poll
+/// has taken time. Real-time path: yes; O(1), no system call. Does nothing where a process is alone
+/// on its thread.
 ///
-/// The executor looks too between the polls that follow, so that the end of this one is known: loops that wake together, and are the only ones
-/// who wait for the clock, tell each other apart by this.
+/// The executor looks too between the polls that follow, so that the end of this one is known:
+/// loops that wake together, and are the only ones that wait for the clock, are separated by this.
 #[inline]
 pub fn look_at_clock(now: Instant) {
-    // A process alone on its thread is in nobody's way but its own.
+    // A process alone on its thread delays only itself.
     if !current::may_block() {
         look(now);
         current::ask_look();

@@ -1,8 +1,10 @@
 //! The executors of LUNA: where processes run.
 //!
-//! An [`Executor`] is one OS thread that runs many prioritized processes, each an async block; an [`OsThread`] runs one process alone,
-//! which may make blocking calls; [`block_on`] runs one on the calling thread. A blocking call from a process of an executor goes to
-//! a buddy thread: [`blocking`]; one that waits for files and sockets awaits [`readable`] and [`writable`]. Processes are seen from outside through a [`ProcessHandle`].
+//! An [`Executor`] is one OS thread that runs many prioritized processes, each an async block; an
+//! [`OsThread`] runs one process alone, which may make blocking calls; [`block_on`] runs one on the
+//! calling thread. A blocking call from a process of an executor goes to a buddy thread:
+//! [`blocking`]; one that waits for files and sockets awaits [`readable`] and [`writable`].
+//! Processes are seen from outside through a [`ProcessHandle`].
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -59,7 +61,7 @@ mod watch;
 #[cfg(not(loom))]
 mod yield_now;
 
-/// Where files have no descriptors nobody waits for them.
+/// Where files have no descriptors nothing waits for them.
 #[cfg(all(not(unix), not(loom)))]
 mod watch {
     use luna_platform::bell::Bell;

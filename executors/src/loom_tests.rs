@@ -1,5 +1,6 @@
-//! The wake protocol on every interleaving: no wake is lost or slept through, and none relies on another. And the protocol by which it is
-//! seen that all sleep: never while something is under way, and always in the end.
+//! The wake protocol on every interleaving: no wake is lost or slept through, and none relies on
+//! another. And the protocol by which it is seen that all sleep: never while something is under
+//! way, and always in the end.
 //!
 //! Run with `RUSTFLAGS="--cfg loom" cargo test -p luna-executors --release --lib`.
 
@@ -13,7 +14,8 @@ use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use std::time::Duration;
 
-/// The executor's part that its wakers see, and a process' part: its seat, and what its wakers bring.
+/// The executor's part that its wakers see, and a process' part: its wake slot, and what its wakers
+/// bring.
 struct Process {
     seat: Seat,
     level: u8,
@@ -44,8 +46,8 @@ fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, RemoteWakes
     (Arc::new(processes), remote_wakes)
 }
 
-/// The owner's loop, as in `executor::round`: runs processes until all has been seen that `expected` wakes bring. Gives who ran. With `spins`, it looks
-/// before it sleeps.
+/// The owner's loop, as in `executor::round`: runs processes until all has been seen that
+/// `expected` wakes bring. Returns which members ran. With `spins`, it looks before it sleeps.
 fn run_until<const N: usize>(
     inbound: &Inbound,
     remote_wakes: &RemoteWakes<usize>,
@@ -71,12 +73,13 @@ fn run_until<const N: usize>(
 
 fn model(f: impl Fn() + Sync + Send + 'static) {
     let mut builder = loom::model::Builder::new();
-    // Three switches where a thread could have gone on reach every known kind of lost wake, and bound the search.
+    // Three switches where a thread could have gone on reach every known kind of lost wake, and
+    // bound the search.
     builder.preemption_bound = builder.preemption_bound.or(Some(3));
     builder.check(f);
 }
 
-/// Wakers of these members, all at once, and the owner, who must see all that they bring.
+/// Wakers of these members, all at once, and the owner, which must see all that they bring.
 fn all_are_seen<const N: usize, const W: usize>(levels: [u8; N], wakers: [usize; W]) {
     all_are_seen_by(levels, wakers, false);
 }
@@ -97,7 +100,7 @@ fn all_are_seen_by<const N: usize, const W: usize>(
         for waker in wakers {
             waker.join().unwrap();
         }
-        // One who came with what was seen before may be left.
+        // A member that came with what was seen before may be left.
         let mut left = 0;
         while let Some(level) = inbound.signals().highest_level() {
             inbound.take(level, &remote_wakes, |_| left += 1);
@@ -121,7 +124,7 @@ fn two_wakers_of_an_owner_who_looks_before_it_sleeps() {
     all_are_seen_by([3, 7], [0, 1], true);
 }
 
-/// The second process' seat is not among those beside the signals.
+/// The second process' wake slot is not among those beside the signals.
 #[test]
 fn a_wake_from_a_seat_further_off_is_never_slept_through() {
     all_are_seen([3, 3], [1]);
@@ -147,7 +150,8 @@ fn two_wakers_of_one_process() {
     all_are_seen([7], [0, 0]);
 }
 
-/// One waker stands still for ever after any of its steps: the wake of another is seen all the same.
+/// One waker stands still for ever after any of its steps: the wake of another is seen all the
+/// same.
 #[test]
 fn a_waker_that_goes_no_further_holds_up_nobody() {
     for (member, steps) in [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2)] {
@@ -187,7 +191,8 @@ fn attention_is_never_slept_through() {
     });
 }
 
-/// An executor's thread that answers each attention with one to the next home, as long as there are hops to make.
+/// An executor's thread that answers each attention with one to the next such thread, as long as
+/// there are hops to make.
 struct Home {
     inbound: Inbound,
     quiescence: Quiescence,
@@ -203,7 +208,8 @@ impl Sleeper for Home {
     }
 }
 
-/// Homes that pass one message on, `hops` times, and who looks whether all are still.
+/// Threads that pass one message on, `hops` times, and an observer that checks whether all are
+/// still.
 struct Ring {
     homes: [Home; 2],
     hops: usize,
@@ -227,7 +233,7 @@ impl Ring {
         })
     }
 
-    /// The life of a home, as `executor::round`.
+    /// The life of one thread, as `executor::round`.
     fn live(&self, number: usize) {
         let home = &self.homes[number];
         loop {
@@ -282,7 +288,7 @@ fn all_are_still_when_the_last_hop_is_made(hops: usize) {
             let ring = ring.clone();
             thread::spawn(move || ring.live(number))
         });
-        // It returns: a home that falls still as the last rings.
+        // It returns: a thread that falls still as the last rings.
         ring.watch_until_still();
         assert_eq!(
             ring.made.load(Ordering::Relaxed),
@@ -317,7 +323,7 @@ fn a_call_on_the_pool_is_seen_until_its_wake_was_made() {
     builder.preemption_bound = builder.preemption_bound.or(Some(3));
     builder.check(|| {
         let ring = Ring::new(0);
-        // Home 1 has ended its work for good; home 0 has begun a call, whose end wakes it.
+        // Thread 1 has ended its work for good; thread 0 has begun a call. The call's end wakes it.
         assert!(!ring.homes[1].quiescence.fall_still());
         ring.homes[0].quiescence.begin_call();
         let (own, buddy) = (ring.clone(), ring.clone());

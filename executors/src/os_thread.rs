@@ -41,9 +41,11 @@ impl fmt::Display for Nested {
 
 impl std::error::Error for Nested {}
 
-/// Runs `future` as a process on this thread, until it is done. It may borrow and need not be `Send`; it may make blocking calls.
+/// Runs `future` as a process on this thread, until it is done. It may borrow and need not be
+/// `Send`; it may make blocking calls.
 ///
-/// Its deadlines and wakes are those of any process: one futex wait until the next deadline when nothing is to be done.
+/// Its deadlines and wakes are those of any process: one futex wait until the next deadline when
+/// nothing is to be done.
 ///
 /// # Errors
 ///
@@ -62,9 +64,10 @@ pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
     }))
 }
 
-/// As [`block_on`], and tells `stuck` when the process has waited for `patience`, and neither a deadline, nor a file, nor a call on the pool
-/// is there to wake it: then only another thread can. `stuck` is given the process' number, and says whether it has heard enough;
-/// if not, it is told again after the next such wait. It runs between two polls, so it may take its time.
+/// As [`block_on`], and calls `stuck` when the process has waited for `patience`, and neither a
+/// deadline, nor a file, nor a call on the pool is there to wake it: then only another thread can.
+/// `stuck` gets the process' number, and returns whether it needs no more calls; if not, it is
+/// called again after the next such wait. It runs between two polls, so it may take its time.
 ///
 /// # Errors
 ///
@@ -115,12 +118,13 @@ fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
     deadline == Instant::NEVER && !watch::is_waiting(parker.bell())
 }
 
-/// Runs `future` on this thread, which is no home yet.
+/// Runs `future` on this thread, which runs no processes yet.
 fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Quiescence, &Parker, Instant) -> bool,
 ) -> F::Output {
-    // Where a blocking call of a process on a virtual clock runs this, time stands until it is over.
+    // Where a blocking call of a process on a virtual clock runs this, time stands until it is
+    // over.
     let _clock = Clock::REAL.enter();
     let parker = Shared::new(Parker::new());
     let _files = watch::enter(parker.bell());
@@ -139,7 +143,7 @@ fn run_here<F: Future>(
     )
 }
 
-/// Says that the process of a record goes.
+/// Clears the record's pointer to its process.
 struct Forget<'a>(&'a Record);
 
 impl Drop for Forget<'_> {
@@ -148,8 +152,9 @@ impl Drop for Forget<'_> {
     }
 }
 
-/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a wake. The process of a `record` is on the real-time path
-/// once all that it needs for this is there. The caller lets the thread wait for files.
+/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a
+/// wake. The process of a `record` is on the real-time path once all that it needs for this is
+/// there. The caller lets the thread wait for files.
 fn run<F: Future>(
     mut future: Pin<&mut F>,
     parker: &Shared<Parker>,
@@ -174,7 +179,7 @@ fn run<F: Future>(
         events::name_process(id.get(), level, || record.name().to_owned());
     }
     let mut cx = Context::from_waker(&waker);
-    // It may block, and nobody's first blocking call is to allocate.
+    // It may block, and a first blocking call must not allocate.
     park::prepare();
     prepare_thread();
     current::set_on_path(record.is_some());
@@ -183,7 +188,7 @@ fn run<F: Future>(
             process.count_poll();
         }
         events::begin_turn(id.get());
-        // SAFETY: this thread is the home, and the process ends with this function.
+        // SAFETY: this thread is the process' executor, and the process ends with this function.
         let polled = unsafe { current::with_process(&process, || future.as_mut().poll(&mut cx)) };
         if let Poll::Ready(output) = polled {
             current::set_on_path(false);
@@ -191,7 +196,8 @@ fn run<F: Future>(
         }
         events::end_turn(id.get(), false);
         loop {
-            // Before each park, also one that returns at once: a process that always readies itself again has deadlines and files too.
+            // Before each park, also one that returns at once: a process that always readies itself
+            // again has deadlines and files too.
             if timers.next_deadline() != Instant::NEVER {
                 timers.expire(Instant::now());
             }
@@ -207,7 +213,8 @@ fn run<F: Future>(
     }
 }
 
-/// An OS thread of its own for one process. It starts held, as an executor does; dropping it stops it.
+/// An OS thread of its own for one process. It starts held, as an executor does; dropping it stops
+/// it.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -269,7 +276,8 @@ impl Outside for Held {
 }
 
 impl OsThread {
-    /// Starts the thread with its attributes and builds the process on it; returns when both are done.
+    /// Starts the thread with its attributes and builds the process on it; returns when both are
+    /// done.
     ///
     /// # Errors
     ///
@@ -327,7 +335,8 @@ impl OsThread {
                 // Before the body is built, which may prepare to wait for files.
                 let files = watch::enter(own.parker.bell());
                 let enrolled = own.living.enroll(own.home, own.clone());
-                // Boxed, so that it does not move from here on; once for the process' life, and freed off the real-time path.
+                // Boxed, so that it does not move from here on; once for the process' life, and
+                // freed off the real-time path.
                 let body = catch_unwind(AssertUnwindSafe(build))
                     .map(|future| Box::pin(Recorded::new(future, of_body, own.living.clone())));
                 Ok((own, files, enrolled, body))
@@ -349,8 +358,10 @@ impl OsThread {
         }
     }
 
-    /// Starts the process on the thread of a simulation, as the only one of an [executor](Executor::start_simulated) of its own: it must not make blocking calls
-    /// there but through [`blocking`](crate::blocking). Returns when it is built; on the simulation's thread, where that cannot be waited for, before that.
+    /// Starts the process on the thread of a simulation, as the only one of an
+    /// [executor](Executor::start_simulated) of its own: it must not make blocking calls there but
+    /// through [`blocking`](crate::blocking). Returns when it is built; on the simulation's thread,
+    /// where that cannot be waited for, before that.
     pub fn start_simulated<B, F>(
         simulation: &SimulationHandle,
         attributes: &Attributes,
@@ -379,7 +390,7 @@ impl OsThread {
         &self.process
     }
 
-    /// What the thread got of the attributes that were asked for; nothing on a simulation's.
+    /// What the thread got of the requested attributes; `None` on a simulation's thread.
     pub fn obtained(&self) -> Option<&Obtained> {
         match &self.runs {
             Runs::OnThread(_, thread) => Some(thread.obtained()),
@@ -387,7 +398,8 @@ impl OsThread {
         }
     }
 
-    /// How long the thread has run from the release of its process to its end, once it has ended; nothing where the system does not tell, and on a simulation's thread.
+    /// How long the thread has run from the release of its process to its end, once it has ended;
+    /// `None` where the system does not report it, and on a simulation's thread.
     pub fn processor_time(&self) -> Option<Duration> {
         match &self.runs {
             Runs::OnThread(shared, _) => shared.counted.get(),
@@ -412,14 +424,15 @@ impl OsThread {
         }
     }
 
-    /// Asks the process to end, without waiting for it. A blocking call in it ends by itself or not at all.
+    /// Requests the end of the process, without waiting for it. A blocking call in it ends by
+    /// itself or not at all.
     pub fn request_stop(&self) {
         match &self.runs {
             Runs::OnThread(shared, _) => {
                 self.process.cancel();
                 shared.advance(Phase::STOPPING);
             }
-            // When nobody can run: so it is the same in each run.
+            // When no process can run: so it is the same in each run.
             Runs::OnStage(executor) => executor.request_stop(),
             Runs::Nowhere => {}
         }
@@ -434,7 +447,7 @@ impl OsThread {
         }
     }
 
-    /// Leaves the thread to itself: for one whose process hangs in a blocking call.
+    /// Detaches the thread: for one with a process that hangs in a blocking call.
     pub fn abandon(mut self) {
         if let Runs::OnStage(executor) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
             executor.abandon();
@@ -456,7 +469,8 @@ impl Held {
     ) {
         let _looking = (self.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(self.clone()));
         let _calls = calls::enter(self.quiescence.clone(), Some(self.living.clone()));
-        // Parks first, so that the wake which comes with the release is taken here and is no poll too many.
+        // Parks first, so that the wake which comes with the release is taken here and is no poll
+        // too many.
         loop {
             self.parker.park(Instant::NEVER);
             if self.phase.load(Ordering::Acquire) != Phase::HELD {
@@ -493,7 +507,8 @@ impl Held {
 }
 
 impl Held {
-    /// Sleeps until a wake or `deadline`; says whether it was a wake. Where only others can end it, who looks after the system is to know.
+    /// Sleeps until a wake or `deadline`; returns whether it was a wake. Where only other threads
+    /// can end the sleep, the observer of quiescence is notified of that.
     fn sleep(&self, deadline: Instant) -> bool {
         let spin = self.spin.load(Ordering::Relaxed);
         if spin > 0 {
@@ -521,7 +536,8 @@ impl Drop for OsThread {
         self.request_stop();
         // An executor is stopped by its own drop.
         if let Runs::OnThread(_, thread) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
-            // The body catches its process' panic; one of the thread's own was reported by the panic hook.
+            // The body catches its process' panic; one of the thread's own was reported by the
+            // panic hook.
             let _ = thread.join();
         }
     }

@@ -1,7 +1,10 @@
-//! Whether a thread that runs processes sleeps with nothing of its own that could wake it: what a deadlock report is founded on.
+//! Whether a thread that runs processes sleeps with nothing of its own that could wake it: the
+//! basis of a deadlock report.
 //!
-//! A home (an executor's thread, or that of an OS-thread process) is *still* while it sleeps without a deadline and without files to wait
-//! for. It says so in a word of its own, which nobody else writes on the path:
+//! A thread of the system (an executor's, or that of an OS-thread process) is *still* while it
+//! sleeps without a deadline and without files to wait for. It publishes this in a word of its own,
+//! which no other thread writes on the path. The left column is the thread, the right one the
+//! observer (not real-time):
 //!
 //! ```text
 //!   home                                        who looks (not real-time)
@@ -13,34 +16,38 @@
 //!   5 takes what was pushed
 //! ```
 //!
-//! **If a, b and c hold, there is an instant, between a and c, at which every home slept and nothing was under way among them.** The count
-//! makes every value of a word last for one stretch of time, so each home was still from its a to its c: all of them
-//! between the last a and the first c. What a home did before its step 2 is seen by whoever saw that step (release, acquire), so in b
-//! every wake that a home has pushed to another is seen, or that the other has taken it since. It takes in step 5 alone,
-//! after step 4 or before it fell still: in the first case c sees another count; in the second the wake was followed before. A call on
-//! the pool is counted by its home before step 2, and its end after the wake that it leads to. What remains are wakes from threads that
-//! are no homes: they may come at any time, and the look that follows finds them.
+//! **If a, b and c hold, there is an instant, between a and c, at which every thread slept and
+//! nothing was under way among them.** The count makes every value of a word last for one stretch
+//! of time, so each thread was still from its a to its c: all of them between the last a and the
+//! first c. An observer that sees a thread's step 2 sees all that the thread did before it
+//! (release, acquire). So in b every wake that a thread has pushed to another is seen, or that the
+//! other has taken it since. It takes in step 5 alone, after step 4 or before it fell still: in the
+//! first case c sees another count; in the second the wake was followed before. A call on the pool
+//! is counted by its thread before step 2, and its end after the wake that it leads to. What
+//! remains are wakes from threads outside of the system: they may come at any time, and the next
+//! look finds them.
 //!
-//! **Nothing is missed:** the steps on a word are read-modify-write operations, so either 2 comes before WATCHED was set, and who
-//! looks sees STILL, or the home sees WATCHED and rings.
+//! **Nothing is missed:** the steps on a word are read-modify-write operations. So either 2 comes
+//! before WATCHED was set, and the observer sees STILL, or the thread sees WATCHED and rings.
 //!
-//! A home that never sleeps without a deadline, as one with a periodic loop, does nothing of all this; any other pays two read-modify-write
-//! operations for a sleep, on a word that others write only to watch it. A count of those awake would be one word for all of them, and
-//! would touch zero whenever one home wakes another and sleeps before that one has woken.
+//! A thread that never sleeps without a deadline, as one with a periodic loop, does nothing of all
+//! this. Any other pays two read-modify-write operations for a sleep, on a word that others write
+//! only to watch it. A count of the threads that are awake would be one word for all of them. It
+//! would also touch zero whenever one thread wakes another and sleeps before that one has woken.
 
 use luna_platform::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 const STILL: u64 = 1;
-/// The next time that the home falls still, it rings.
+/// The next time that the thread falls still, it rings.
 const WATCHED: u64 = 2;
 /// One wake. The rest of the word counts them.
 const WAKE: u64 = 4;
 
-/// What a home says of itself.
+/// The quiescence state that a thread publishes.
 #[derive(Debug)]
 pub(crate) struct Quiescence {
     word: AtomicU64,
-    /// Calls on the pool that this home's processes have begun.
+    /// Calls on the pool that this thread's processes have begun.
     calls: AtomicUsize,
 }
 
@@ -55,34 +62,35 @@ impl Quiescence {
         }
     }
 
-    /// The home is about to sleep until others wake it; says whether to ring. Owner only.
+    /// The thread is about to sleep until others wake it. Returns whether to ring. Owner only.
     #[must_use = "who watches sleeps until the ring"]
     pub(crate) fn fall_still(&self) -> bool {
         self.word.fetch_or(STILL, Ordering::AcqRel) & WATCHED != 0 && self.take_watch()
     }
 
-    /// The home has woken, and has not yet taken what was pushed. Owner only, after `fall_still`.
+    /// The thread has woken, and has not yet taken what was pushed. Owner only, after `fall_still`.
     pub(crate) fn wake(&self) {
         self.word.fetch_add(WAKE - STILL, Ordering::AcqRel);
     }
 
-    /// A process of this home begins a call on the pool. Owner only.
+    /// A process of this thread begins a call on the pool. Owner only.
     pub(crate) fn begin_call(&self) {
         self.calls.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Such a call has ended, and has woken who waited for it; says whether to ring.
+    /// Such a call has ended and has woken its waiter. Returns whether to ring.
     #[must_use = "who watches sleeps until the ring"]
     pub(crate) fn end_call(&self) -> bool {
         self.calls.fetch_sub(1, Ordering::AcqRel) == 1 && self.take_watch()
     }
 
-    /// Whether it was watched; it is no more. One rings for a watch, however many find it.
+    /// Clears the watch; returns whether there was one. One thread rings for a watch, however many
+    /// find it.
     fn take_watch(&self) -> bool {
         self.word.fetch_and(!WATCHED, Ordering::AcqRel) & WATCHED != 0
     }
 
-    /// The present stretch of sleep, if the home is still: steps a and c.
+    /// The present stretch of sleep, if the thread is still: steps a and c.
     pub(crate) fn stretch(&self) -> Option<Stretch> {
         let word = self.word.load(Ordering::Acquire);
         (word & STILL != 0).then_some(word & !WATCHED)
@@ -93,40 +101,41 @@ impl Quiescence {
         self.calls.load(Ordering::Acquire) > 0
     }
 
-    /// Asks for a ring when the home falls still for the next time, or its last call ends.
+    /// Requests a ring when the thread falls still for the next time, or its last call ends.
     pub(crate) fn watch(&self) {
         self.word.fetch_or(WATCHED, Ordering::AcqRel);
     }
 }
 
-/// A home, to who looks.
+/// A thread as the observer of quiescence sees it.
 pub(crate) trait Sleeper: Send + Sync {
     fn quiescence(&self) -> &Quiescence;
-    /// Whether somebody has woken it and it has not taken the wake: part of step b. Acquire.
+    /// Whether a wake has arrived that the thread has not taken: part of step b. Acquire.
     fn is_woken(&self) -> bool;
 }
 
-/// What was seen of some homes.
+/// The result of a look at several threads.
 pub(crate) enum Look {
-    /// All were still at one instant, each in the stretch said.
+    /// All were still at one instant, each in the given stretch.
     Still(Vec<Stretch>),
-    /// One was not; it rings when it falls still.
+    /// One thread was not still; it rings when it falls still.
     Stirring,
-    /// They changed from look to look: look again.
+    /// The threads changed from look to look: look again.
     Unclear,
 }
 
-/// How often a look starts anew because a home fell still meanwhile.
+/// How often a look starts anew because a thread fell still meanwhile.
 const TRIES: usize = 8;
 
-/// Looks at `homes`. O(homes), a bounded number of times; allocates.
+/// Looks at the threads `homes`. O(homes), a bounded number of times; allocates.
 pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
     for _ in 0..TRIES {
         match all_still(homes) {
             Ok(stretches) => return Look::Still(stretches),
             Err(stirring) => {
                 stirring.quiescence().watch();
-                // What it does from here on it does under watch. If it is still without a cause to wake, it fell still just before.
+                // From here on the thread acts under watch. If it is still without a cause to wake,
+                // it fell still just before.
                 if is_stirring(stirring) {
                     return Look::Stirring;
                 }
@@ -136,7 +145,7 @@ pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
     Look::Unclear
 }
 
-/// Asks every home for a ring when it falls still for the next time.
+/// Requests a ring from every thread when it falls still for the next time.
 pub(crate) fn watch_all<S: Sleeper + ?Sized>(homes: &[&S]) {
     homes.iter().for_each(|home| home.quiescence().watch());
 }
@@ -145,7 +154,7 @@ fn is_stirring<S: Sleeper + ?Sized>(home: &S) -> bool {
     home.quiescence().stretch().is_none() || home.quiescence().has_calls() || home.is_woken()
 }
 
-/// Steps a, b and c; or a home that is not still, or was not in one of them.
+/// Steps a, b and c. The error is a thread that is not still, or was not in one of the steps.
 fn all_still<'a, S: Sleeper + ?Sized>(homes: &[&'a S]) -> Result<Vec<Stretch>, &'a S> {
     let mut stretches = Vec::with_capacity(homes.len());
     for &home in homes {

@@ -1,22 +1,29 @@
-//! Who was woken from elsewhere: a seat for each process of an executor, with one bit for each level at which it can be woken.
+//! Wakes from other threads: a wake slot for each process of an executor, with one bit for each
+//! level at which it can be woken.
 //!
-//! A wake sets bits, each by one instruction that says the same however often it is carried out: the seat's, then that of the word it lies in, then
-//! the level's among the executor's signals. The first remote_wakes have a word each that lies beside the signals, so that a wake from another core fetches
-//! one line of memory instead of three. So a wake takes a fixed number of steps, and none depends on another's: a waker that is preempted
-//! half-way leaves nothing half done that a second one, of the same process or of another, would have to wait for. (A queue of links cannot
-//! give that: to be in it once, a process is first marked and then queued, and who finds it marked relies on who marked it.)
+//! A wake sets bits, each by one idempotent instruction: the slot's bit, then that of the word it
+//! lies in, then the level's among the executor's signals. The first slots have a word each that
+//! lies beside the signals, so that a wake from another core fetches one line of memory instead of
+//! three. So a wake takes a fixed number of steps, and none depends on another's: a waker that is
+//! preempted half-way leaves nothing half done that a second one, of the same process or of
+//! another, would have to wait for. (A linked queue cannot give that: to be in it once, a process
+//! is first marked and then queued, and a second waker that finds it marked relies on the first one
+//! to queue it.)
 //!
-//! The price is the order of arrival: of those that were woken from elsewhere since the owner looked last, at one level, the one with the lower seat
-//! comes first. All of them come before any that is woken later, so nobody starves.
+//! The price is the order of arrival: of the processes that were woken by other threads since the
+//! owner looked last, at one level, the one with the lower slot comes first. All of them come
+//! before any that is woken later, so no process starves.
 
 use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-/// How many remote_wakes have a word beside the signals: what is left of their line. A model is to have remote_wakes of both kinds.
+/// Number of wake slots with a word beside the signals: what is left of their line. A model must
+/// have slots of both kinds.
 pub(crate) const NEAR: usize = if cfg!(loom) { 1 } else { 10 };
 
-/// The words of the first remote_wakes: at which levels each was woken. They lie where the owner's signals do.
+/// The words of the first wake slots: the levels at which each was woken. They lie where the
+/// owner's signals do.
 #[derive(Debug)]
 pub(crate) struct Near([AtomicU32; NEAR]);
 
@@ -26,12 +33,12 @@ impl Near {
     }
 }
 
-/// How many words a block has for each level; a model of all interleavings has to do with few.
+/// Number of words that a block has for each level; few in a model of all interleavings.
 const WORDS: usize = if cfg!(loom) { 1 } else { 64 };
 const BITS: usize = u64::BITS as usize;
 const SEATS: usize = WORDS * BITS;
 
-/// The bits of 4096 remote_wakes: four bytes for each.
+/// The bits of 4096 wake slots: four bytes for each.
 #[derive(Debug)]
 struct Block {
     /// For each level, which of its words may have a bit set.
@@ -49,22 +56,24 @@ impl Block {
     }
 }
 
-/// Where a process is woken from elsewhere. It may be used after the process has ended: then whoever has the seat next may be woken for nothing.
+/// The slot in which a process is woken from other threads. It may be used after the process has
+/// ended: then the process that has the slot next may get a spurious wake.
 #[derive(Debug)]
 pub(crate) struct Seat {
     number: usize,
-    /// Where the bits of a seat behind the near ones are.
+    /// Where the bits of a wake slot behind the near ones are.
     block: Option<Arc<Block>>,
 }
 
 impl Seat {
-    /// Marks the process as woken at `level`. Wait-free: one instruction or two. The caller, who has `near` of the same owner, then signals the level.
+    /// Marks the process as woken at `level`. Wait-free: one instruction or two. The caller, which
+    /// has `near` of the same owner, then signals the level.
     #[inline]
     pub(crate) fn mark(&self, near: &Near, level: u8) {
         self.mark_partly(near, level, 2);
     }
 
-    /// As a waker that goes no further than so many steps.
+    /// As a waker that stops after `steps` steps.
     #[inline(always)]
     pub(crate) fn mark_partly(&self, near: &Near, level: u8, steps: usize) {
         let Some(block) = &self.block else {
@@ -77,7 +86,8 @@ impl Seat {
         let number = self.number - NEAR;
         let (word, bit) = (number % SEATS / BITS, number % BITS);
         let level = usize::from(level);
-        // Release: who takes the bit sees all that happened before the wake. In this order, so that who finds a bit in the summary finds the word's.
+        // Release: the thread that takes the bit sees all that happened before the wake. In this
+        // order, so that a reader that finds a bit in the summary finds the word's.
         if steps > 0 {
             block.words[level][word].fetch_or(1 << bit, Ordering::AcqRel);
         }
@@ -91,7 +101,7 @@ impl Seat {
     }
 }
 
-/// The remote_wakes of one executor and who has them; the owner's alone.
+/// The wake slots of one executor and the processes that have them; the owner's alone.
 #[derive(Debug)]
 pub(crate) struct RemoteWakes<T> {
     blocks: Vec<Arc<Block>>,
@@ -108,13 +118,13 @@ impl<T: Copy> RemoteWakes<T> {
         }
     }
 
-    /// A seat for another one, who takes it by [`fill`](Self::fill). Allocates.
+    /// Reserves a slot for one more process; [`fill`](Self::fill) enters the process. Allocates.
     pub(crate) fn reserve(&mut self) -> Seat {
         let free = self.free.pop();
         let number = free.map_or(self.members.len(), |number| number as usize);
         if number == self.members.len() {
             self.members.push(None);
-            // So that leaving allocates nothing.
+            // So that `leave` allocates nothing.
             self.free.reserve(self.members.len() - self.free.len());
         }
         let block = number.checked_sub(NEAR).map(|number| {
@@ -130,12 +140,13 @@ impl<T: Copy> RemoteWakes<T> {
         self.members[number] = Some(member);
     }
 
-    /// All who have a seat, in the order of their remote_wakes.
+    /// All processes that have a slot, in the order of the slots.
     pub(crate) fn members(&self) -> impl Iterator<Item = T> {
         self.members.iter().copied().flatten()
     }
 
-    /// The first who has the seat `number` or a later one; `number` is then the one behind.
+    /// The first process that has the slot `number` or a later one; `number` is then the one
+    /// behind.
     pub(crate) fn next(&self, number: &mut usize) -> Option<T> {
         let later = self.members.get(*number..)?;
         let (skipped, member) = later
@@ -146,22 +157,24 @@ impl<T: Copy> RemoteWakes<T> {
         Some(member)
     }
 
-    /// Gives the seat of this number to the next who comes. O(1).
+    /// Frees the slot of this number for the next process. O(1).
     pub(crate) fn leave(&mut self, number: usize) {
         self.members[number] = None;
         // Processes are numbered by 32 bits, so there are never more at once.
         self.free.push(number as u32);
     }
 
-    /// Gives all who were marked at `level`, in the order of their remote_wakes. `near` is this owner's. O(their number + remote_wakes / 4096).
+    /// Passes all processes that were marked at `level` to `woken`, in the order of their slots.
+    /// `near` is this owner's. O(their number + slots / 4096).
     pub(crate) fn take(&self, near: &Near, level: u8, mut woken: impl FnMut(T)) {
         for (word, member) in near.0.iter().zip(&self.members) {
-            // Asked first: who marks signals after it, so what is missed here is signalled again.
+            // Read first: a waker signals after it marks, so what is missed here is signalled
+            // again.
             if word.load(Ordering::Relaxed) & (1 << level) == 0 {
                 continue;
             }
             word.fetch_and(!(1 << level), Ordering::AcqRel);
-            // Else a late wake of one who has left.
+            // Otherwise a late wake of a process that has left.
             if let Some(member) = *member {
                 woken(member);
             }

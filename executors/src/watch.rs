@@ -1,8 +1,10 @@
-//! The files that the processes of one thread wait for: a reactor, and who waits for what.
+//! The files that the processes of one thread wait for: a reactor, and the waits of each file.
 //!
-//! A file is known to the reactor by the number of its descriptor, once for each thread, however many wait for it. Who waits is found from
-//! that number: the waits lie in 256 lists by it. Descriptors are small and dense, so a list is short, and nothing has to grow.
-//! After a report the reactor forgets what a file was watched for, but not the file: the next wait for it needs one system call.
+//! A file is known to the reactor by the number of its descriptor, once for each thread, however
+//! many wait for it. The waits are found from that number: they lie in 256 lists by it. Descriptors
+//! are small and dense, so a list is short, and nothing has to grow. After a report the reactor
+//! forgets what a file was watched for, but not the file: the next wait for it needs one system
+//! call.
 
 use crate::file_error::FileError;
 use crate::file_waits::{Node, Waits, both};
@@ -20,11 +22,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 use std::task::Context;
 
-/// A thread that is busy looks at its files each time it has polled so often: it costs half a microsecond.
+/// A busy thread looks at its files once in this many polls: a look costs half a microsecond.
 const ROUNDS_PER_LOOK: u32 = 64;
 
-/// Makes what this thread needs to wait for files, so that its first wait does not have to on the real-time path: three descriptors
-/// and 4 KiB. Does nothing where a wait was made before.
+/// Makes what this thread needs to wait for files, so that its first wait does not have to on the
+/// real-time path: three descriptors and 4 KiB. Does nothing where a wait was made before.
 ///
 /// # Errors
 ///
@@ -42,9 +44,10 @@ pub fn prepare_files() -> Result<(), FileError> {
 }
 
 thread_local! {
-    /// Where this thread hangs up its files, and these, while it runs processes.
+    /// The hook for this thread's files, and the files, while it runs processes.
     static HERE: RefCell<Option<Here>> = const { RefCell::new(None) };
-    /// Whether this thread has files to look at: what a round asks, in one load. Its address stands for the thread.
+    /// Whether this thread has files to look at: what a round asks, in one load. Its address stands
+    /// for the thread.
     static HAS_FILES: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -53,7 +56,8 @@ fn this_thread() -> usize {
     HAS_FILES.with(|flag| std::ptr::from_ref(flag).addr())
 }
 
-/// Looks at this thread's files now and then, without sleeping: called in each round of a busy thread. One branch where it has none.
+/// Looks at this thread's files now and then, without sleeping: called in each round of a busy
+/// thread. One branch where it has none.
 #[inline]
 pub(crate) fn glance(bell: &Bell) {
     if HAS_FILES.get() {
@@ -76,7 +80,8 @@ struct Here {
     files: Option<Arc<ThreadFiles>>,
 }
 
-/// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is dropped.
+/// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is
+/// dropped.
 pub(crate) fn enter(bell: &Bell) -> FilesGuard {
     let here = Here {
         hook: bell.hook().clone(),
@@ -88,7 +93,7 @@ pub(crate) fn enter(bell: &Bell) -> FilesGuard {
 
 #[must_use = "files can be waited for until the guard is dropped"]
 pub(crate) struct FilesGuard(
-    /// What was there before: a process may be made by a builder that runs another one first.
+    /// The former value: a process may be made by a builder that runs another one first.
     Option<Here>,
 );
 
@@ -102,15 +107,16 @@ impl Drop for FilesGuard {
 
 /// The files of one thread.
 ///
-/// Its thread alone enlists, reports and sleeps. A wait that is dropped on another thread withdraws itself from there, hence the
-/// lock; it is free in all other cases.
+/// Its thread alone enlists, reports and sleeps. A wait that is dropped on another thread withdraws
+/// itself from there, hence the lock; it is free in all other cases.
 pub(crate) struct ThreadFiles {
-    /// The thread, as `this_thread` says it.
+    /// The thread, as the value of `this_thread`.
     thread: usize,
     reactor: Reactor,
-    /// Held also while the reactor is told, so that it is never told less than what the lists want.
+    /// Held also while the reactor is updated, so that it never watches for less than what the
+    /// lists want.
     waits: PiLock<Waits>,
-    /// How many wait. Read by the owner, to whom a wait of its own is never hidden.
+    /// Number of waits. Read by the owner, to which a wait of its own is never hidden.
     count: AtomicUsize,
     /// Since the last look; the owner's alone.
     rounds: AtomicU32,
@@ -131,7 +137,7 @@ impl ThreadFiles {
                 count: AtomicUsize::new(0),
                 rounds: AtomicU32::new(0),
             });
-            // The thread is awake, since it polls: this is the moment when a watch may be hung.
+            // The thread is awake, since it polls: only then may a watch be added.
             here.hook.hang(files.clone());
             HAS_FILES.set(true);
             here.files = Some(files.clone());
@@ -143,7 +149,8 @@ impl ThreadFiles {
     ///
     /// # Safety
     ///
-    /// `node` is pinned, in no list, of `file`, and withdrawn from here before it dies. This is the files' thread.
+    /// `node` is pinned, in no list, of `file`, and withdrawn from here before it dies. This is the
+    /// files' thread.
     pub(crate) unsafe fn enlist(
         &self,
         node: NonNull<Node>,
@@ -155,7 +162,8 @@ impl ThreadFiles {
         // SAFETY: the node is the caller's, and in no list.
         let own = unsafe { node.as_ref() }.interest;
         let interest = waits.interest(fd).map_or(own, |others| both(own, others));
-        // Mostly it was waited for before. If it was closed since, this is another file by the same number, and the kernel knows it.
+        // Mostly it was waited for before. If it was closed since, this is another file by the same
+        // number, and the kernel treats it as another.
         match self.reactor.rearm(file, fd as u64, interest) {
             Err(ReactorError::NotRegistered { .. }) => {
                 self.reactor.register(file, fd as u64, interest)
@@ -163,13 +171,14 @@ impl ThreadFiles {
             outcome => outcome,
         }
         .map_err(FileError::Refused)?;
-        // SAFETY: by the contract it is in no list and pinned; the lock that guards the lists is held.
+        // SAFETY: by the contract it is in no list and pinned; the lock that guards the lists is
+        // held.
         unsafe { waits.insert(node, current::priority(), wakeup) };
         self.count.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
 
-    /// Whether `node` still waits; if so, from now on for who polls with `cx`.
+    /// Whether `node` still waits; if so, from now on for the task that polls with `cx`.
     ///
     /// # Safety
     ///
@@ -202,7 +211,8 @@ impl ThreadFiles {
             waits.remove(node);
         }
         let is_last = self.count.fetch_sub(1, Ordering::Release) == 1;
-        // While others wait for the same file it stays watched for at least what they want; what they do not want ends nobody's wait.
+        // While others wait for the same file it stays watched for at least what they want; what
+        // they do not want ends no wait.
         if waits.interest(file.as_raw_fd()).is_none() {
             // It fails if the file was closed behind our back; then the kernel has forgotten it.
             let _ = self.reactor.deregister(file);
@@ -217,28 +227,29 @@ impl ThreadFiles {
         }
     }
 
-    /// Readies all who wait for what the file is ready for, the most urgent first.
+    /// Readies all waits for what the file is ready for, the most urgent first.
     fn report(&self, fd: RawFd, readiness: Readiness) {
         self.ready(fd, |node| node.wants(readiness));
         let waits = self.waits.lock();
         let Some(interest) = waits.interest(fd) else {
             return;
         };
-        // The report disarmed the file for the others too.
-        // SAFETY: a wait that is listed borrows the file. If it was leaked and the file closed, the kernel refuses or watches another
-        // file by that number: a hint that nobody takes for more.
+        // The report disarmed the file for the others too. SAFETY: a wait that is listed borrows
+        // the file. If it was leaked and the file closed, the kernel refuses or watches another
+        // file by that number: readiness is only a hint, and no code takes it for more.
         let file = unsafe { BorrowedFd::borrow_raw(fd) };
         let outcome = self.reactor.rearm(file, fd as u64, interest);
         drop(waits);
         if outcome.is_err() {
-            // They try again, and are told why not.
+            // They try again, and get the error.
             self.ready(fd, |_| true);
         }
     }
 
-    /// Readies those of `fd` that are `meant`.
+    /// Readies the waits for `fd` that are `meant`.
     fn ready(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) {
-        // One by one, so that nobody is woken under the lock. The waits may be gone when they are woken: their wakes are not.
+        // One by one, so that no wake occurs under the lock. The waits may be gone when they are
+        // woken: their wakes are not.
         loop {
             let ready = self.waits.lock().take(fd, &meant);
             let Some(ready) = ready else {
@@ -259,7 +270,7 @@ impl Watch for ThreadFiles {
         }) {
             Ok(ended) if ended.timed_out => Waited::TimedOut,
             Ok(_) => Waited::Woken,
-            // To go on would be to spin, at the highest priority maybe.
+            // To continue would be to spin, possibly at the highest priority.
             Err(error) => panic!(
                 "a thread's epoll failed; was a descriptor closed that belongs to another? {error}"
             ),
@@ -267,7 +278,8 @@ impl Watch for ThreadFiles {
     }
 
     fn ring(&self) {
-        // A report that readies the thread's own process rings within its sleep, which is about to end: a ring would end the next.
+        // A report that readies the thread's own process rings within its sleep, which is about to
+        // end: a ring would end the next.
         if self.thread != this_thread() {
             self.reactor.wake();
         }

@@ -5,9 +5,11 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// Goes to the end of the queue of the process' level once: others of the same level, and all of higher ones, run first.
+/// Goes to the end of the queue of the process' level once: others of the same level, and all of
+/// higher ones, run first.
 ///
-/// Real-time path: yes; O(1). Under another runtime it wakes itself once, which that runtime may take as it likes.
+/// Real-time path: yes; O(1). Under another runtime it wakes itself once, which that runtime may
+/// take as it likes.
 ///
 /// ```
 /// luna_executors::block_on(luna_executors::yield_now()).unwrap();

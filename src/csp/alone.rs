@@ -1,4 +1,5 @@
-//! What `luna::run` says when its body waits for nobody: there is no system around it that could look after it.
+//! What `luna::run` prints when its body waits and nothing can wake it: there is no system around
+//! it to detect that.
 
 use crate::csp::network;
 use crate::notice::notice;
@@ -6,10 +7,12 @@ use crate::system::deadlock::{Sleeping, find};
 use luna_core::current::ProcessId;
 use std::time::Duration;
 
-/// How long it waits before it says so. A thread that has not used its end yet may be about to: here nobody marks channels for it.
+/// How long it waits before it prints. A thread that has not used its end yet may be about to:
+/// channels are not marked here.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Says what `process` waits for, if no other thread is known to use that; whether it was said.
+/// Prints what `process` waits for, if no other thread is known to use that; returns whether it was
+/// printed.
 pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
     let body = Sleeping {
         id: process,
@@ -19,7 +22,7 @@ pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
     };
     let mut meetings = network::meetings();
     for meeting in &mut meetings {
-        // It was patient with those who are not known, and only says something.
+        // The wait has covered unknown parties, and the result is only printed.
         meeting.strangers = false;
     }
     let Some(found) = find("", &[body], &meetings, |_| false, |_, _| false) else {

@@ -1,14 +1,16 @@
-//! What a system is made of: the tree of its threads, processes and sub-processes, and the channels between them, as data.
+//! What a system is made of: the tree of its threads, processes and sub-processes, and the channels
+//! between them, as data.
 
 use luna_core::current::ProcessId;
 use luna_executors::ProcessState;
 use luna_platform::thread::{Attributes, Obtained, Policy};
 use std::fmt;
 
-/// What a system was made of when it was looked at: see [`System::composition`](crate::System::composition).
+/// What a system was made of when it was looked at: see
+/// [`System::composition`](crate::System::composition).
 ///
-/// Its `Display` is the tree, indented, then the channels. While the system runs each part of it was so at some moment of the look, not
-/// all at the same.
+/// Its `Display` is the tree, indented, then the channels. While the system runs each part of it
+/// was so at some moment of the look, not all at the same.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Composition {
@@ -16,7 +18,8 @@ pub struct Composition {
     pub system: String,
     /// The executors, then the OS threads, in the order of their making.
     pub threads: Vec<ThreadPart>,
-    /// The channels and barriers that its processes have used or wait at, in the order of their making.
+    /// The channels and barriers that its processes have used or wait at, in the order of their
+    /// making.
     pub channels: Vec<ChannelPart>,
 }
 
@@ -38,9 +41,9 @@ pub struct ThreadPart {
     pub name: String,
     /// What it is.
     pub kind: ThreadKind,
-    /// The policy that it has; before the start, that was asked for.
+    /// The policy that it has; before the start, the requested one.
     pub policy: Policy,
-    /// The core that it is pinned to; before the start, that was asked for.
+    /// The core that it is pinned to; before the start, the requested one.
     pub core: Option<usize>,
     /// Its processes, in the order of their spawning, also those that have ended.
     pub processes: Vec<ProcessPart>,
@@ -68,7 +71,8 @@ pub struct ProcessPart {
     pub id: ProcessId,
     /// What it is.
     pub kind: ProcessKind,
-    /// What it was doing. A sub-process that does not run counts as waiting, also when its process is ready.
+    /// What it was doing. A sub-process that does not run counts as waiting, also when its process
+    /// is ready.
     pub state: ProcessState,
     /// Its level on its executor, 0 (lowest) to 31; of a sub-process, when it ran last.
     pub priority: u8,
@@ -76,13 +80,13 @@ pub struct ProcessPart {
     pub children: Vec<ProcessPart>,
 }
 
-/// Who uses an end of a channel.
+/// A user of an end of a channel.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum EndUser {
     /// The process of this name.
     Process(String),
-    /// Somebody outside of the system: a plain thread, or a process of another system.
+    /// Outside of the system: a plain thread, or a process of another system.
     Outside,
 }
 
@@ -102,11 +106,11 @@ pub struct ChannelPart {
     pub external: bool,
     /// Whether it was poisoned, or all its senders or receivers are gone.
     pub ended: bool,
-    /// Who sent last, or offered to; `None` if nobody has.
+    /// The last user that sent, or offered to; `None` if there is none.
     pub sender: Option<EndUser>,
-    /// Who received last, or offered to; `None` if nobody has.
+    /// The last user that received, or offered to; `None` if there is none.
     pub receiver: Option<EndUser>,
-    /// Who waits.
+    /// The waiting parts.
     pub waiting: Vec<WaitingPart>,
 }
 
@@ -120,19 +124,19 @@ pub enum ChannelKind {
     Buffered(usize),
     /// Not a channel, but where processes wait for each other.
     Barrier,
-    /// Not a channel, but a lock. Its receiver is who holds it.
+    /// Not a channel, but a lock. Its receiver is the holder.
     Mutex,
-    /// Not a channel, but a condition variable. Its receiver is who last notified.
+    /// Not a channel, but a condition variable. Its receiver is the last notifier.
     Condition,
-    /// Not a channel, but permits. Its receiver is who last took some.
+    /// Not a channel, but permits. Its receiver is the last user that took some.
     Semaphore,
 }
 
-/// One who waits at a channel, barrier or lock.
+/// A user that waits at a channel, barrier or lock.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub struct WaitingPart {
-    /// Who.
+    /// The waiting user.
     pub user: EndUser,
     /// Whether it waits to send; at a channel, it else waits to receive.
     pub sends: bool,
@@ -163,7 +167,8 @@ impl ThreadPart {
 }
 
 impl Composition {
-    /// The first process or sub-process of this name, from the root down, parents before their children. O(processes).
+    /// The first process or sub-process of this name, from the root down, parents before their
+    /// children. O(processes).
     pub fn find(&self, name: &str) -> Option<&ProcessPart> {
         let roots = self.threads.iter().flat_map(|thread| &thread.processes);
         roots.into_iter().find_map(|process| process.find(name))

@@ -1,4 +1,5 @@
-//! Named sub-processes: futures that show themselves, with a name, in the composition tree of the system while they live.
+//! Named sub-processes: futures that are shown, with a name, in the composition tree of the system
+//! while they live.
 
 use super::tree::{Label, Node, Tree};
 use luna_core::current::{self, Process, ProcessId};
@@ -13,16 +14,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
-/// Gives a part of a process a name: it stands as a sub-process in the [`Composition`](crate::Composition) of the system from its first
-/// poll until it has ended or is dropped, under the named sub-process that it runs in, or else under its process.
+/// Gives a part of a process a name: it stands as a sub-process in the
+/// [`Composition`](crate::Composition) of the system from its first poll until it has ended or is
+/// dropped, under the named sub-process that it runs in, or else under its process.
 ///
-/// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there is no system, and under other
-/// runtimes it is the future and nothing else.
+/// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there
+/// is no system, and under other runtimes it is the future and nothing else.
 ///
-/// In a recording with events its turns are told, with its name. The parts of a process that have no name are told as the process.
+/// In a recording with events its turns are recorded, with its name. The parts of a process that
+/// have no name are recorded as the process.
 ///
-/// Real-time path: yes; nothing is allocated. The first poll and the end take a priority-inheriting lock for a few steps, O(1); the
-/// polls in between cost some stores. Cancel-safe if the future is.
+/// Real-time path: yes; nothing is allocated. The first poll and the end take a priority-inheriting
+/// lock for a few steps, O(1); the polls in between cost some stores. Cancel-safe if the future is.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -60,12 +63,14 @@ pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
 ///
 /// # Invariants
 ///
-/// `node` is in the list of `tree` exactly while there is a `tree`; it is then pinned. Its links, `id`, `parent` and `process` are
-/// written under the list's lock alone, and but for the links by this future alone. `untold` is `None`, or the process of the node, which is then listed.
+/// `node` is in the list of `tree` exactly while there is a `tree`; it is then pinned. Its links,
+/// `id`, `parent` and `process` are written under the list's lock alone, and but for the links by
+/// this future alone. `untold` is `None`, or the process of the node, which is then listed.
 #[must_use = "a sub-process does nothing unless awaited"]
 pub struct Named<F> {
     tree: Option<Arc<Tree>>,
-    /// The process in which it is listed while its turns are not told: that of almost every poll.
+    /// The process in which it is listed while its turns are not recorded: that of almost every
+    /// poll.
     untold: Option<ProcessId>,
     is_told: bool,
     node: Place,
@@ -76,13 +81,14 @@ pub struct Named<F> {
 /// Where a node lies.
 struct Place(UnsafeCell<Node>);
 
-// SAFETY: a node's links are guarded by the list's lock, wherever the future is; all else is its future's, or does not change while listed.
+// SAFETY: a node's links are guarded by the list's lock, wherever the future is; all else is its
+// future's, or does not change while listed.
 unsafe impl Send for Place {}
 // SAFETY: `&Named` gives access to the name alone, which does not change.
 unsafe impl Sync for Place {}
 
 thread_local! {
-    /// The tree of the system that this thread works for.
+    /// The tree of the system to which this thread belongs.
     static TREE: RefCell<Option<Arc<Tree>>> = const { RefCell::new(None) };
     /// The sub-process that is being polled, 0 if none is.
     static WITHIN: Cell<u64> = const { Cell::new(0) };
@@ -106,7 +112,8 @@ impl<F> Named<F> {
         unsafe { &(*self.node.0.get()).name }.as_str()
     }
 
-    /// Sees to it that the node is listed under what it is being polled in. Gives its id, 0 where there is no system.
+    /// Ensures that the node is listed under what it is being polled in. Returns its id, 0 where
+    /// there is no system.
     ///
     /// # Safety
     ///
@@ -136,7 +143,8 @@ impl<F> Named<F> {
             let mut list = tree.list.lock();
             let (id, last) = (list.next_id, list.last);
             list.next_id += 1;
-            // SAFETY: the node is in no list, so it is this future's alone; it is pinned, and unlisted before it dies.
+            // SAFETY: the node is in no list, so it is this future's alone; it is pinned, and
+            // unlisted before it dies.
             unsafe {
                 (*node.as_ptr()).id = id;
                 (*node.as_ptr()).parent = parent;
@@ -160,7 +168,7 @@ impl<F> Named<F> {
         self.untold = None;
         if let Some(tree) = self.tree.take() {
             if std::mem::take(&mut self.is_told) {
-                // On a thread of another system its number would mean another one.
+                // On a thread of another system its number would denote another sub-process.
                 let is_here = TREE.try_with(|here| {
                     let here = here.borrow();
                     here.as_ref().is_some_and(|here| Arc::ptr_eq(here, &tree))
@@ -183,7 +191,7 @@ impl<F: Future> Named<F> {
     ///
     /// The future is pinned.
     unsafe fn poll_within(&mut self, within: u64, cx: &mut Context<'_>) -> Poll<F::Output> {
-        /// Says that it does not run any more, also when it has panicked.
+        /// Notes that it does not run any more, also when it has panicked.
         struct Ended<'a> {
             within: u64,
             is_running: &'a AtomicBool,
@@ -209,7 +217,7 @@ impl<F: Future> Named<F> {
         unsafe { Pin::new_unchecked(&mut self.future) }.poll(cx)
     }
 
-    /// A poll that is the first one in this place, or is told, or of what no system looks at.
+    /// A poll that is the first one in this place, or is recorded, or is outside of any system.
     ///
     /// # Safety
     ///

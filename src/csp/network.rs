@@ -1,4 +1,5 @@
-//! The channels, barriers and locks of the program at one moment: who used which, and who waits.
+//! The channels, barriers and locks of the program at one moment: the users of each, and the
+//! waiters.
 
 use luna_channels::inspect::{self, PlaceKind, PlaceView};
 use luna_core::current::{ProcessId, User};
@@ -7,7 +8,7 @@ use std::panic::Location;
 
 pub(crate) use luna_channels::inspect::Role;
 
-/// One who waits.
+/// One waiter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Waiting {
     pub(crate) user: User,
@@ -24,10 +25,10 @@ pub(crate) struct Meeting {
     pub(crate) made_at: &'static Location<'static>,
     pub(crate) buffered: usize,
     pub(crate) external: bool,
-    /// Whether a party of a barrier is nobody whom a system knows.
+    /// Whether a party of a barrier is unknown to any system.
     pub(crate) strangers: bool,
     pub(crate) ended: bool,
-    /// Who last used each kind of end.
+    /// The last user of each kind of end.
     pub(crate) sender: Option<User>,
     pub(crate) receiver: Option<User>,
     pub(crate) waiting: Vec<Waiting>,

@@ -30,7 +30,8 @@ use std::task::{Context, Poll};
 
 /// A process with three phases.
 ///
-/// A plain async block is a process too; implement this when there is something to set up or to clean up.
+/// A plain async block is a process too; implement this when there is something to set up or to
+/// clean up.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -62,28 +63,32 @@ use std::task::{Context, Poll};
 pub trait Process {
     /// Prepares the process: it may allocate and block.
     ///
-    /// The `pre_run` of all processes of a system, one after the other in the order of their spawning, ends before any body runs.
-    /// Runs on the thread that starts the system, or that spawns the process while the system runs.
+    /// The `pre_run` of all processes of a system, one after the other in the order of their
+    /// spawning, ends before any body runs. Runs on the thread that starts the system, or that
+    /// spawns the process while the system runs.
     ///
     /// # Errors
     ///
-    /// An error stops the start, which returns it with the process' name; what was prepared until then gets its `post_run`.
+    /// An error stops the start, which returns it with the process' name; what was prepared until
+    /// then gets its `post_run`.
     fn pre_run(&mut self) -> Result<()> {
         Ok(())
     }
 
-    /// The body: the real-time part. Made and run on the executor's thread, so its future need not be `Send`.
+    /// The body: the real-time part. Made and run on the executor's thread, so its future need not
+    /// be `Send`.
     fn run(&mut self) -> impl Future<Output = Result<()>>;
 
-    /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked, cancelled), off the real-time path, on
-    /// the thread that runs the system. Then the process is dropped.
+    /// Cleans up: runs when the body has ended in any way (returned, failed, panicked, cancelled),
+    /// off the real-time path, on the thread that runs the system. Then the process is dropped.
     ///
-    /// A panic in here, or in the drop, ends nobody else; the other processes go on and are cleaned up, and it is no emergency, since the body is gone. When all have
-    /// ended it is the [`run`](crate::System::run)'s error, with the process' name, unless there is a graver one.
+    /// A panic in here, or in the drop, ends no other process; the other processes go on and are
+    /// cleaned up, and it is no emergency, since the body is gone. When all have ended it is the
+    /// [`run`](crate::System::run)'s error, with the process' name, unless there is a graver one.
     fn post_run(&mut self) {}
 }
 
-/// How `spawn` tells what it was given. Inferred, never written.
+/// The kind of argument that `spawn` was given. Inferred, never written.
 #[doc(hidden)]
 #[derive(Debug)]
 pub struct ViaFuture;
@@ -94,7 +99,7 @@ pub struct ViaProcess;
 #[derive(Debug)]
 pub struct ViaClosure;
 
-/// What can be spawned as a process; `M` is inferred and tells the three kinds apart.
+/// What can be spawned as a process; `M` is inferred and separates the three kinds.
 ///
 /// - a future with output `luna::Result<()>` that is `Send`;
 /// - a closure that makes one: it runs on the executor's thread, so the future need not be `Send`;
@@ -151,9 +156,10 @@ impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
             resident: Some(Box::new(resident)),
             build: move || {
                 let at = at;
-                // SAFETY: the resident outlives the body, which is dropped before the record says that the process has ended (or else
-                // the record says that it was left, and the resident stays for ever), and does not touch the process in between; so this is the
-                // only access while the body lives.
+                // SAFETY: the resident outlives the body. The body is dropped before the record
+                // shows that the process has ended; or the record shows that it was left, and the
+                // resident stays for ever. The resident does not touch the process in between. So
+                // this is the only access while the body lives.
                 let process: &'static mut P = unsafe { &mut *at.0 };
                 process.run()
             },
@@ -210,7 +216,8 @@ impl<B> fmt::Debug for Prepared<B> {
 pub(crate) trait Phases: Send {
     fn pre_run(&mut self) -> Result<()>;
     fn post_run(&mut self);
-    /// As [`words_of_body`](luna_executors::ProcessHandle::words_of_body), of what the body borrows.
+    /// As [`words_of_body`](luna_executors::ProcessHandle::words_of_body), of what the body
+    /// borrows.
     fn words(&self) -> Vec<usize>;
 }
 
@@ -220,8 +227,8 @@ pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
         .unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))))
 }
 
-/// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic hook tells, must not keep the other processes
-/// from being cleaned up. Gives it.
+/// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic
+/// hook reports, must not keep the other processes from being cleaned up. Returns the panic.
 pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
     let mut resident = resident?;
     let cleaned_up = panics::catch(move || {
@@ -239,7 +246,8 @@ pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
 ///
 /// # Invariants
 ///
-/// `place` came from a box and is freed by this value's drop alone. While a body lives, the body alone accesses it.
+/// `place` came from a box and is freed by this value's drop alone. While a body lives, the body
+/// alone accesses it.
 struct Resident<P> {
     place: *mut P,
     _owned: PhantomData<P>,
@@ -287,7 +295,7 @@ struct Place<P>(*mut P);
 // SAFETY: it leads to a `P: Send` that one thread at a time accesses.
 unsafe impl<P: Send> Send for Place<P> {}
 
-/// Starts a body of whatever type where it is to run, so that polling it goes through no virtual call.
+/// Starts a body of any type where it is to run, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
     fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused>;
 
@@ -407,11 +415,13 @@ impl Drop for Frame {
     }
 }
 
-/// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an error.
+/// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an
+/// error.
 pub(crate) struct Verdict(pub(crate) Option<Ended>);
 
 impl Verdict {
-    /// On the current process. Apart, so that a turn which ends nothing has no room for what ends do.
+    /// On the current process. Apart, so that a turn which ends nothing has no room for what ends
+    /// do.
     #[cold]
     #[inline(never)]
     fn of(ended: Result<Result<()>, Failure>) -> Self {
@@ -421,7 +431,8 @@ impl Verdict {
             Err(failure) => Ended::Failed(failure),
         };
         events::note_failure();
-        // It is to be said of soon, and its own end is told to nobody who is not listening for any.
+        // The failure is to be reported soon; the process' own end notifies only threads that wait
+        // for any end.
         Common::with(|common| common.living.announce_next());
         Self(Some(ended))
     }
@@ -453,7 +464,8 @@ impl From<Failure> for Error {
 }
 
 thread_local! {
-    /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that panics.
+    /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that
+    /// panics.
     static FAILURE: Cell<Option<Failure>> = const { Cell::new(None) };
 }
 
@@ -463,7 +475,8 @@ pub(crate) async fn fail_current(failure: Failure) -> ! {
     std::future::pending().await
 }
 
-/// A body with the failures that the framework finds in it. On a thread that has [entered](Common::enter_thread).
+/// A body with the failures that the framework finds in it. On a thread that has
+/// [entered](Common::enter_thread).
 pub(crate) struct Supervised<F> {
     body: ManuallyDrop<F>,
 }
@@ -538,7 +551,7 @@ fn poll_until_failure<F: Future>(
     cx: &mut Context<'_>,
 ) -> Poll<Result<F::Output, Failure>> {
     let polled = body.poll(cx);
-    // Also of a body that has ended, one of whose branches it was: the next process' poll must not find it.
+    // Also of a body that has ended and had the branch: the next process' poll must not find it.
     match FAILURE.get() {
         Some(failure) => {
             cold_path();
@@ -549,12 +562,15 @@ fn poll_until_failure<F: Future>(
     }
 }
 
-/// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor `'static` is asked for.
+/// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor
+/// `'static` is required.
 ///
-/// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls. A panic passes through.
+/// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls.
+/// A panic passes through.
 ///
-/// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel that is marked external or whose other
-/// end another thread has used), it says once on standard error what it waits for, and waits on.
+/// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel
+/// that is marked external or was used at its other end by another thread), it prints once on
+/// standard error what it waits for, and waits on.
 ///
 /// # Errors
 ///

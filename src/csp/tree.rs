@@ -1,7 +1,8 @@
 //! The named sub-processes of a system as a list, and how it is read while they come and go.
 //!
-//! The nodes lie in the futures ([`Named`](super::named::Named)), in the order of their first polls; each says by number under which one it
-//! runs. Nobody follows those numbers but who looks, once it has copied them, so a node refers to no other one but its neighbours.
+//! The nodes lie in the futures ([`Named`](super::named::Named)), in the order of their first
+//! polls; each holds the number of the node under which it runs. Only the reader follows those
+//! numbers, once it has copied them, so a node refers to no other one but its neighbours.
 
 use luna_core::current::ProcessId;
 use luna_platform::lock::PiLock;
@@ -15,14 +16,14 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 ///
 /// # Invariants
 ///
-/// While it is listed it is pinned, `id`, `parent` and `process` are written under the list's lock and by its future alone, the links under the lock
-/// by anybody, and `name` not at all.
+/// While it is listed it is pinned, `id`, `parent` and `process` are written under the list's lock
+/// and by its future alone, the links under the lock by any thread, and `name` not at all.
 pub(crate) struct Node {
     before: Option<NonNull<Node>>,
     after: Option<NonNull<Node>>,
     /// Rises along the list; 0 of a reader's mark.
     pub(crate) id: u64,
-    /// The id of the one that it runs in; 0 if it runs in the process itself.
+    /// The id of the node that it runs in; 0 if it runs in the process itself.
     pub(crate) parent: u64,
     pub(crate) process: Option<ProcessId>,
     pub(crate) name: Label,
@@ -69,7 +70,7 @@ impl Label {
     }
 
     pub(crate) fn as_str(&self) -> &str {
-        // It was cut between characters, so it is one.
+        // It was cut between characters, so it is valid UTF-8.
         std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
     }
 }
@@ -81,14 +82,16 @@ pub(crate) struct Tree {
 
 /// # Invariants
 ///
-/// `first` and `last` are the ends of a doubly linked chain of live, pinned nodes, whose ids rise but for marks.
+/// `first` and `last` are the ends of a doubly linked chain of live, pinned nodes, in rising order
+/// of ids but for marks.
 pub(crate) struct List {
     first: Option<NonNull<Node>>,
     pub(crate) last: Option<NonNull<Node>>,
     pub(crate) next_id: u64,
 }
 
-// SAFETY: the list owns no node; the lock that guards it guards the nodes' links too, so it may go where the lock goes.
+// SAFETY: the list owns no node; the lock that guards it guards the nodes' links too, so it may go
+// where the lock goes.
 unsafe impl Send for List {}
 
 impl List {
@@ -96,9 +99,11 @@ impl List {
     ///
     /// # Safety
     ///
-    /// `node` is in no list, stays where it is, and is removed before it dies; `before` is in this one.
+    /// `node` is in no list, stays where it is, and is removed before it dies; `before` is in this
+    /// one.
     pub(crate) unsafe fn insert(&mut self, node: NonNull<Node>, before: Option<NonNull<Node>>) {
-        // SAFETY: the contract, and the invariant for those that are listed. Fields alone are borrowed, since others look at the rest.
+        // SAFETY: the contract, and the invariant for those that are listed. Fields alone are
+        // borrowed, since others look at the rest.
         unsafe {
             let after = match before {
                 Some(before) => (*before.as_ptr()).after.replace(node),
@@ -190,10 +195,12 @@ impl Tree {
         })
     }
 
-    /// The sub-processes that live, each of which was there at some moment of this call; parents before their children, unless they
-    /// were moved. Those that begin meanwhile are left out, so it ends.
+    /// The sub-processes that live, each of which was there at some moment of this call; parents
+    /// before their children, unless they were moved. Those that begin meanwhile are left out, so
+    /// it ends.
     ///
-    /// Not for the real-time path: it allocates, though never under the lock, which it holds for a few nodes at a time.
+    /// Not for the real-time path: it allocates, though never under the lock, which it holds for a
+    /// few nodes at a time.
     pub(crate) fn read(&self) -> Vec<SubProcess> {
         let node = UnsafeCell::new(Node::new(Label::new("")));
         let end = {
@@ -215,12 +222,13 @@ impl Tree {
         }
     }
 
-    /// Copies some of the nodes behind the mark, for which there is room, and moves the mark behind them; says whether the list, or `end`, is
-    /// reached.
+    /// Copies some of the nodes behind the mark, for which there is room, and moves the mark behind
+    /// them; returns whether the list, or `end`, is reached.
     fn read_on(&self, mark: &Mark<'_>, end: u64, found: &mut Vec<SubProcess>) -> bool {
         let mut list = self.list.lock();
         for _ in 0..AT_ONCE {
-            // SAFETY: the mark is listed, so what follows it is, and is live. Fields alone are borrowed, since its future changes others.
+            // SAFETY: the mark is listed, so what follows it is, and is live. Fields alone are
+            // borrowed, since its future changes others.
             unsafe {
                 let Some(next) = (*mark.node().as_ptr()).after else {
                     return true;

@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-/// Why a program cannot be recorded or replayed, or has not done in the replay what it did when it was recorded.
+/// Why a program cannot be recorded or replayed, or has not done in the replay what it did when it
+/// was recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RecordError {
@@ -10,7 +11,7 @@ pub enum RecordError {
     File {
         /// Its path.
         path: String,
-        /// What the system says.
+        /// The message of the system.
         message: String,
     },
     /// It is no recording.
@@ -34,7 +35,8 @@ pub enum RecordError {
         /// What is here in its place.
         found: String,
     },
-    /// A recorded process did what a recording does not hold, so that a replay could differ and nobody would know.
+    /// A recorded process did what a recording does not hold, so that a replay could differ
+    /// unnoticed.
     Outside {
         /// The process.
         process: String,
@@ -53,7 +55,8 @@ pub struct Divergence {
     pub event: u64,
     /// The process.
     pub process: String,
-    /// Which of its operations, counted from 1; those of a branch of a parallel construct are counted on their own.
+    /// Which of its operations, counted from 1; those of a branch of a parallel construct are
+    /// counted on their own.
     pub operation: u64,
     /// Which of its outputs it is, counted from 1, if it is one.
     pub output: Option<u64>,

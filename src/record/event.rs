@@ -1,7 +1,8 @@
 //! How an event is written.
 //!
-//! A byte with its kind and two flags (it is of the process itself, and follows the branch_log's last event), then what the flags leave open: the path of
-//! the branch, by how many operations it is later. Then what belongs to the kind. Numbers are varints.
+//! A byte with its kind and two flags (it is of the process itself, and follows the branch log's
+//! last event), then what the flags leave open: the path of the branch, by how many operations it
+//! is later. Then what belongs to the kind. Numbers are varints.
 
 use luna_core::replay_log::{About, What};
 
@@ -27,7 +28,8 @@ pub(super) enum Kind {
     },
     /// The process has returned.
     Ended,
-    /// It was ended; whether in the middle of an operation. If not, that it is a call says that the branch_log may have gone on after its last operation.
+    /// It was ended; whether in the middle of an operation. If not, a call means that the branch
+    /// log may have gone on after its last operation.
     Cut(bool),
 }
 

@@ -1,4 +1,5 @@
-//! The file: a head, then blocks, each with its length and a checksum over its place in the file, its kind and its bytes.
+//! The file: a head, then blocks, each with its length and a checksum over its place in the file,
+//! its kind and its bytes.
 
 use super::error::RecordError;
 use std::io::Write;
@@ -27,7 +28,7 @@ pub(super) enum BlockKind {
     End = 5,
     /// What a process did that is not recorded: its number, and a text.
     Outside = 6,
-    /// What the program is to be told.
+    /// The note that the program reads back.
     Note = 7,
     /// What a parameter began with: how long its name is, that, and the value as a text.
     Parameter = 8,

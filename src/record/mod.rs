@@ -1,9 +1,13 @@
-//! Recording a run, and replaying it: see [`System::record`](crate::System::record) and [`System::replay`](crate::System::replay).
+//! Recording a run, and replaying it: see [`System::record`](crate::System::record) and
+//! [`System::replay`](crate::System::replay).
 //!
-//! A process that communicates by channels with one sender and one receiver, and makes no choices, sees the same in every run, however long anything takes (Kahn, 1974).
-//! So recorded is only what could have been otherwise: which guard an alternative chose, whether an operation at once or with a
-//! timeout succeeded, what the clock said, how an operation failed, what came from outside ([`input`]), and in which order processes got through where several compete. A replay on
-//! a virtual clock gives all that again, and compares what goes outside ([`output`]). `docs/record-and-replay.md` says what is recorded, and what is not.
+//! A process that communicates by channels with one sender and one receiver, and makes no choices,
+//! sees the same in every run, however long anything takes (Kahn, 1974). So only nondeterministic
+//! events are recorded: which guard an alternative chose, whether an operation at once or with a
+//! timeout succeeded, the clock as it was read, how an operation failed, what came from outside
+//! ([`input`]), and in which order processes got through where several compete. A replay on a
+//! virtual clock reproduces all that, and compares what goes outside ([`output`]).
+//! `docs/record-and-replay.md` lists what is recorded, and what is not.
 //!
 //! ```
 //! use luna::prelude::*;
@@ -60,7 +64,8 @@ use std::task::{Context, Poll};
 pub(crate) use value::LONGEST;
 use value::name_of;
 
-/// Whether the process that calls this is recorded or replayed: for what can be done in two ways, of which one cannot be recorded. Real-time path: yes; O(1).
+/// Whether the process that calls this is recorded or replayed: for what can be done in two ways,
+/// of which one cannot be recorded. Real-time path: yes; O(1).
 ///
 /// ```
 /// assert!(!luna::record::is_recorded());
@@ -69,10 +74,13 @@ pub fn is_recorded() -> bool {
     current::is_taped()
 }
 
-/// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was recorded, and does not call it.
+/// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was
+/// recorded, and does not call it.
 ///
-/// For all that comes from elsewhere than from other processes: a sensor's register, a device, a random number. Outside of a recorded process it is `read` alone.
-/// Real-time path: yes; O(size of the value), no allocation, no lock. In a replay that has [diverged](RecordError::Diverged) the value is that of zero bytes.
+/// For all that comes from elsewhere than from other processes: a sensor's register, a device, a
+/// random number. Outside of a recorded process it is `read` alone. Real-time path: yes; O(size of
+/// the value), no allocation, no lock. In a replay that has [diverged](RecordError::Diverged) the
+/// value is that of zero bytes.
 ///
 /// ```
 /// assert_eq!(luna::record::input("sensor", || 7_u16), 7);
@@ -95,7 +103,7 @@ pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
     }
 }
 
-/// As [`input`], for bytes that `fill` writes: says whether they were given by the recording instead.
+/// As [`input`], for bytes that `fill` writes: returns whether the recording gave them instead.
 pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [u8])) -> bool {
     let is_replay = current::tape(|tape| tape.is_replay()) == Some(true);
     current::tape(|tape| match is_replay {
@@ -109,9 +117,11 @@ pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [
     .unwrap_or_default()
 }
 
-/// Says what goes outside, so that a replay compares it: the first that differs ends the replay with [`RecordError::Diverged`].
+/// Passes what goes outside, so that a replay compares it: the first difference ends the replay
+/// with [`RecordError::Diverged`].
 ///
-/// It gives the value to nobody: that is done beside it. Real-time path: yes; O(size of the value), no allocation, no lock.
+/// It does not deliver the value: that is done beside it. Real-time path: yes; O(size of the
+/// value), no allocation, no lock.
 ///
 /// ```
 /// luna::record::output("motor", &0.5_f64);
@@ -125,7 +135,7 @@ pub fn output<T: Value>(name: &str, value: &T) {
     }
 }
 
-/// A cycle of a periodic loop: what it is told.
+/// A cycle of a periodic loop: its data.
 const CYCLE: u32 = 0;
 
 /// Lets a loop's wait in. `true`: it is replayed, and does not wait for the time.
@@ -134,14 +144,14 @@ pub(crate) async fn enters_cycle() -> bool {
     current::tape(|tape| tape.is_replay()).unwrap_or_default()
 }
 
-/// Records what a loop is told.
+/// Records a loop's cycle.
 pub(crate) fn note_cycle(told: [u64; 4]) {
     let mut bytes = [0; 32];
     told.write(&mut bytes);
     current::tape(|tape| tape.put(About::Cycle, CYCLE, &bytes));
 }
 
-/// What a replayed loop is told.
+/// The cycle of a replayed loop.
 pub(crate) fn cycle() -> Option<[u64; 4]> {
     let mut bytes = [0; 32];
     current::tape(|tape| tape.get(About::Cycle, CYCLE, &mut bytes)).flatten()?;
@@ -156,10 +166,12 @@ pub(crate) async fn hold() {
     .await;
 }
 
-/// Calls `call` on a thread that may block, as [`blocking`](crate::blocking) does, and records what it gave; in a replay gives that, and does not call it.
+/// Calls `call` on a thread that may block, as [`blocking`](crate::blocking) does, and records what
+/// it gave; in a replay gives that, and does not call it.
 ///
-/// What it gives has a byte form, so that it can be recorded; of a plain `blocking` nothing is known, and a recorded system that uses it is told so. Cancel-safe as
-/// `blocking`: dropped, the call still runs to its end, and nobody learns what it gave.
+/// Its result has a byte form, so that it can be recorded. A plain `blocking` is not recorded, and
+/// a recorded system that uses it gets an error. Cancel-safe as `blocking`: dropped, the call still
+/// runs to its end, and its result is lost.
 ///
 /// ```
 /// # luna::run(async {
@@ -196,7 +208,7 @@ impl<F: Future> Future for Untaped<F> {
     }
 }
 
-/// Lets an operation in that waits for something outside: says whether that is to be done.
+/// Begins an operation that waits for something outside: returns whether it is to be done.
 pub(crate) async fn enters() -> Turn {
     std::future::poll_fn(|cx| {
         current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
@@ -204,12 +216,12 @@ pub(crate) async fn enters() -> Turn {
     .await
 }
 
-/// Tells what an operation that was let in has come to.
+/// Reports the result of an operation that has begun by [`enters`].
 pub(crate) fn leave(event: Event) {
     current::tape(|tape| tape.leave(event));
 }
 
-/// Records what an operation that was let in has read.
+/// Records what an operation that has begun by [`enters`] has read.
 pub(crate) fn note_read(bytes: &[u8]) {
     current::tape(|tape| tape.put(About::Read, 0, bytes));
 }
@@ -281,13 +293,13 @@ pub(crate) enum ReplayLogs {
 }
 
 impl ReplayLogs {
-    /// Whether processes have tapes.
+    /// Whether processes have replay logs.
     #[inline]
     pub(crate) fn are_there(&self) -> bool {
         !matches!(self, ReplayLogs::None)
     }
 
-    /// Gives the process its tape.
+    /// Gives the process its replay log.
     #[cold]
     pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
         let parent = current::tape(|tape| tape.process()).unwrap_or_default();
@@ -331,10 +343,12 @@ enum Track {
     Replay(replayer::Track),
 }
 
-/// The track of a process. What is shared of it is no more than its memory: it is used in the process' polls, and as its body goes.
+/// The track of a process. What is shared of it is no more than its memory: it is used in the
+/// process' polls, and as its body goes.
 struct Kept(Track);
 
-// SAFETY: a process is polled, and its body dropped, by one thread at a time, and nobody else uses its track.
+// SAFETY: a process is polled, and its body dropped, by one thread at a time, and nothing else uses
+// its track.
 unsafe impl Send for Kept {}
 // SAFETY: as above.
 unsafe impl Sync for Kept {}

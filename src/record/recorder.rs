@@ -1,4 +1,4 @@
-//! Recording: what each process tells, and the thread that writes it.
+//! Recording: the events of each process, and the thread that writes them.
 
 use super::error::RecordError;
 use super::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
@@ -20,31 +20,32 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-/// The room of a process' ring, if not stated.
+/// The default room of a process' ring.
 pub(crate) const ROOM: usize = 64 << 10;
-/// How many branches of a process are told apart, the process itself among them.
+/// Highest number of distinct branches of a process, the process itself among them.
 const MOST_STRANDS: usize = 64;
-/// How often the thread looks at the rings.
+/// The interval at which the thread looks at the rings.
 const PAUSE: Duration = Duration::from_millis(2);
 /// The longest part of a ring in one block.
 const MOST_AT_ONCE: usize = 32 << 10;
 
-/// What was recorded, or replayed: in the [`Report`](crate::Report).
+/// Counters of a recording or a replay: in the [`Report`](crate::Report).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RecordReport {
-    /// How many events were recorded; of a replay, how many of them came again.
+    /// Number of recorded events; of a replay, the number of events that were replayed.
     pub events: u64,
-    /// How many events of the recording were lost, since a process made more than its room holds until the thread that writes came. From the first
-    /// lost one on the recording says nothing of that process.
+    /// Number of lost events of the recording: a process made more than its room holds before the
+    /// writing thread came. From its first lost event on the recording has nothing of that process.
     pub lost: u64,
-    /// How many processes did what is not recorded: a replay may differ there and nobody would know, so none begins. The run's error names the first.
+    /// Number of processes that did what is not recorded. A replay may differ there unnoticed, so
+    /// none begins. The run's error names the first.
     pub outside: u64,
-    /// How many bytes the file has.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }
 
-/// What records a system.
+/// The recorder of a system.
 pub(crate) struct Recorder {
     stamps: AtomicU64,
     room: usize,
@@ -54,7 +55,7 @@ pub(crate) struct Recorder {
     path: PathBuf,
 }
 
-/// The thread that writes. Without the sender it does not wait any more.
+/// The writing thread. Without the sender it does not wait any more.
 struct Writing {
     wakes: Sender<()>,
     thread: Thread<std::io::Result<u64>>,
@@ -63,17 +64,17 @@ struct Writing {
 #[derive(Default)]
 struct Known {
     rings: Vec<Listed>,
-    /// How many processes of each name there were, by who spawned them.
+    /// Number of processes of each name, by the process that spawned them.
     names: HashMap<(u32, Name), u32>,
 }
 
 /// A process, with its ring.
 #[derive(Clone)]
 struct Listed {
-    /// Who spawned it: its number from 1, or 0.
+    /// The process that spawned it: its number from 1, or 0.
     parent: u32,
     name: Name,
-    /// Which it is of its name and parent.
+    /// Its index among the processes of its name and parent.
     occurrence: u32,
     ring: Arc<ByteRing>,
 }
@@ -113,11 +114,12 @@ impl Recorder {
             writer: Mutex::new(None),
             path: path.to_owned(),
         });
-        // So that it is there, whatever becomes of the program.
+        // So that it is there, also if the program crashes.
         writer.flush().map_err(failed)?;
         let shared = Arc::downgrade(&recorder);
         let (wakes, woken) = mpsc::channel();
-        // Not `std`'s: who records may have a real-time policy and one core, and this thread is to have neither.
+        // Not `std`'s: the recording thread may have a real-time policy and one core, and this
+        // thread is to have neither.
         let thread = spawn(
             Attributes::framework("luna-record", Policy::Other),
             |_| Ok::<_, Infallible>(()),
@@ -128,7 +130,7 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// What is to record a process of this name. Allocates.
+    /// Makes the recorder of a process of this name. Allocates.
     pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Name) -> Track {
         let ring = Arc::new(ByteRing::new(self.room));
         let mut known = lock(&self.known);
@@ -162,12 +164,12 @@ impl Recorder {
         let mut announced = 0;
         let mut rings: Vec<Listed> = Vec::new();
         let mut bytes = Vec::with_capacity(MOST_AT_ONCE);
-        // One that is gone has never begun.
+        // If the recorder is gone, the recording has never begun.
         while let Some(recorder) = shared.upgrade() {
-            // Before the look: what is put in after it has been set is nobody's whose end is waited for.
+            // Before the look: no end is waited for that is entered after the flag has been set.
             let stops = recorder.stops.load(Ordering::Acquire);
             let count = lock(&recorder.known).rings.len();
-            // Here, and the new ones alone: who spawns waits for the lock.
+            // Here, and the new ones alone: a spawning thread waits for the lock.
             rings.reserve(count - rings.len());
             rings.extend_from_slice(&lock(&recorder.known).rings[rings.len()..count]);
             for (number, listed) in rings.iter().enumerate().skip(announced) {
@@ -209,7 +211,8 @@ impl Recorder {
                 writer.flush()?;
                 return Ok(writer.into_inner().get_ref().bytes);
             }
-            // What a round has found is in the file before the next: the last events of a program that is killed are those that are looked for.
+            // What a round has found is in the file before the next: after a kill the last events
+            // are the ones of interest.
             writer.flush()?;
             drop(recorder);
             let _ = woken.recv_timeout(PAUSE);
@@ -217,7 +220,7 @@ impl Recorder {
         Ok(0)
     }
 
-    /// The first who did what is not recorded.
+    /// The first process that did what is not recorded.
     pub(crate) fn outside(&self) -> Option<RecordError> {
         let known = lock(&self.known);
         known.rings.iter().find_map(|listed| {
@@ -228,7 +231,7 @@ impl Recorder {
         })
     }
 
-    /// Writes what is left. To be called when all processes have ended that ever will.
+    /// Writes what is left. To be called when no process is left that could still end.
     pub(crate) fn finish(&self) -> Result<RecordReport, RecordError> {
         self.stops.store(true, Ordering::Release);
         let writing = lock(&self.writer).take();
@@ -269,7 +272,7 @@ pub(super) fn file_error(path: &Path, error: &std::io::Error) -> RecordError {
     }
 }
 
-/// A file that knows how much was written.
+/// A file that counts what was written.
 pub(super) struct Counting {
     file: File,
     bytes: u64,
@@ -287,23 +290,24 @@ impl std::io::Write for Counting {
     }
 }
 
-/// What records one process. Its room is there when the process begins; nothing of it allocates or waits after that.
+/// The recorder of one process. Its room is there when the process begins; nothing of it allocates
+/// or waits after that.
 pub(crate) struct Track {
     recorder: Arc<Recorder>,
     ring: Arc<ByteRing>,
     branch_logs: [BranchLog; MOST_STRANDS],
-    /// The stamp that the operation has taken which is looked at now.
+    /// The stamp that the current operation has taken.
     own_stamp: Cell<u64>,
-    /// The operation that is looked at now takes a stamp in any case.
+    /// The current operation takes a stamp in any case.
     takes: Cell<bool>,
     last_time: Cell<u64>,
     has_ended: Cell<bool>,
-    /// How many operations were begun, by all branch_logs.
+    /// Number of operations begun by all branch logs.
     begun: Cell<u64>,
     number: u32,
 }
 
-/// A branch_log of a process.
+/// The branch log of one branch of a process.
 #[derive(Default)]
 struct BranchLog {
     path: Cell<u32>,
@@ -311,7 +315,7 @@ struct BranchLog {
     operations: Cell<u64>,
     /// The operation of its last event.
     noted: Cell<u64>,
-    /// Which of the process' operations its last one was.
+    /// The index of its last operation among the process' operations.
     begun: Cell<u64>,
     runs: Cell<bool>,
     is_call: Cell<bool>,
@@ -365,7 +369,8 @@ impl Track {
         }
     }
 
-    /// Its body is gone: if it has not returned, it was ended. Each branch_log says how far it had come: a replay is to go there, and no further.
+    /// Its body is gone: if it has not returned, it was ended. Each branch log records how far it
+    /// had come: a replay is to go there, and no further.
     pub(crate) fn cut(&self) {
         if self.has_ended.replace(true) {
             return;
@@ -377,7 +382,8 @@ impl Track {
         for branch_log in used.chain([&self.branch_logs[0]]) {
             match branch_log.runs.get() {
                 true => self.last(branch_log, CUT_WITHIN, false),
-                // If another branch_log has done something since, it may have gone on to that: as into a parallel construct, or out of it.
+                // If another branch log has done something since, the process may have gone on to
+                // that: as into a parallel construct, or out of it.
                 false => self.last(branch_log, CUT, branch_log.begun.get() < begun),
             }
         }

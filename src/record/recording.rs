@@ -8,7 +8,8 @@ use luna_core::replay_log::About;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// A recording that was read from its file, to be given to [`System::replay`](crate::System::replay). It can be replayed any number of times.
+/// A recording that was read from its file, to be given to
+/// [`System::replay`](crate::System::replay). It can be replayed any number of times.
 #[derive(Debug, Clone)]
 pub struct Recording {
     pub(super) system: String,
@@ -25,7 +26,7 @@ pub struct Recording {
 /// The events of one process.
 #[derive(Debug, Clone)]
 pub(super) struct Recorded {
-    /// Who spawned it: its number from 1, or 0.
+    /// The process that spawned it: its number from 1, or 0.
     pub(super) parent: u32,
     pub(super) name: String,
     /// Which of its name and parent it is.
@@ -46,7 +47,8 @@ impl Recording {
         }
     }
 
-    /// Reads a recording as far as it is whole, and says what is wrong after that. A replay of one goes up to there.
+    /// Reads a recording as far as it is whole, and returns the fault behind that. A replay of one
+    /// goes up to there.
     ///
     /// # Errors
     ///
@@ -114,7 +116,7 @@ impl Recording {
             BlockKind::Process => {
                 let (parent, rest) = word(rest)?;
                 let (occurrence, name) = word(rest)?;
-                // Numbers are those of their order, and who spawns was there before.
+                // Numbers are those of their order, and the spawning process was there before.
                 if number as usize != self.processes.len() || parent > number {
                     return None;
                 }
@@ -160,7 +162,7 @@ impl Recording {
         &self.system
     }
 
-    /// What [`System::record_note`](crate::System::record_note) said.
+    /// The text of [`System::record_note`](crate::System::record_note).
     pub fn note(&self) -> &str {
         &self.note
     }
@@ -176,7 +178,8 @@ impl Recording {
         counts.sum::<usize>() as u64
     }
 
-    /// How many of these are [outputs](crate::record::output), or bytes written by a link, which a replay compares.
+    /// How many of these are [outputs](crate::record::output), or bytes written by a link, which a
+    /// replay compares.
     pub fn outputs(&self) -> u64 {
         let events = self.processes.iter().flat_map(|process| &process.events);
         let is_output = |event: &&Event| {
@@ -191,7 +194,8 @@ impl Recording {
         events.filter(is_output).count() as u64
     }
 
-    /// Whether the recording is whole: it was written to its end, and nothing was lost for want of room.
+    /// Whether the recording is whole: it was written to its end, and nothing was lost for want of
+    /// room.
     pub fn is_whole(&self) -> bool {
         self.is_whole
     }

@@ -3,7 +3,8 @@
 /// The most bytes that a value has.
 pub(crate) const LONGEST: usize = 256;
 
-/// A value of fixed size with a byte form: what an [`input`](super::input) or [`output`](super::output) can be.
+/// A value of fixed size with a byte form: what an [`input`](super::input) or
+/// [`output`](super::output) can be.
 ///
 /// Numbers, `bool`, and arrays and pairs of such have one. At most 256 bytes.
 ///
@@ -29,7 +30,7 @@ pub trait Value {
     const SIZE: usize;
     /// Writes it; there is room for exactly `SIZE` bytes.
     fn write(&self, into: &mut [u8]);
-    /// Makes it of `SIZE` bytes, whatever they are.
+    /// Makes it of any `SIZE` bytes.
     fn read(from: &[u8]) -> Self;
 }
 

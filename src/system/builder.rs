@@ -14,14 +14,14 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Whether the machine has the core that was asked for. Whether this program may use it, the start will show.
+/// Whether the machine has the requested core. The start shows whether this program may use it.
 fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
     let Some(core) = core else { return Ok(()) };
     if plan.settings().clock.kind().is_virtual() {
-        // It is not asked for: what is simulated may be a larger machine.
+        // It is not requested: what is simulated may be a larger machine.
         return Ok(());
     }
-    // Where the machine does not tell its cores, the start will.
+    // Where the machine does not report its cores, the start reports that.
     let Some(available) = SystemFacts::gather().online_cores else {
         return Ok(());
     };
@@ -38,35 +38,42 @@ fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
 
 macro_rules! place_methods {
     () => {
-        /// Pins the thread to `core`, by the operating system's number of it. Whether the machine has it is looked at when the executor or process is made; not in a system
-        /// on a [virtual clock](crate::System::virtual_clock), if that was said before.
+        /// Pins the thread to `core`, by the operating system's number of it. Whether the machine
+        /// has it is checked when the executor or process is made; not in a system on a
+        /// [virtual clock](crate::System::virtual_clock), if that was set before.
         pub fn core(mut self, core: usize) -> Self {
             self.core = Some(core);
             self.attributes = self.attributes.core(core);
             self
         }
 
-        /// Runs the thread under `policy`: SCHED_FIFO or SCHED_RR with a priority of 1 to 97, or none (the default); an OS thread without a core also under
-        /// SCHED_DEADLINE ([`Policy::deadline`] says what to know of it).
+        /// Runs the thread under `policy`: SCHED_FIFO or SCHED_RR with a priority of 1 to 97, or
+        /// none (the default); an OS thread without a core also under SCHED_DEADLINE
+        /// ([`Policy::deadline`] has its limits).
         pub fn policy(mut self, policy: Policy) -> Self {
             self.attributes = self.attributes.policy(policy);
             self
         }
 
-        /// Gives the thread a stack of `bytes`, at least 128 KiB; 2 MiB if not stated. All of it is touched before the start. For processes that keep or move large values;
-        /// what is on an executor shares its stack, one turn at a time.
+        /// Gives the thread a stack of `bytes`, at least 128 KiB; 2 MiB if not stated. All of it is
+        /// touched before the start. For processes that keep or move large values; what is on an
+        /// executor shares its stack, one turn at a time.
         pub fn stack_size(mut self, bytes: usize) -> Self {
             self.attributes = self.attributes.stack_size(bytes);
             self
         }
 
-        /// Looks for work for `time` before each sleep, at most 1 ms; without this the thread sleeps as soon as it has nothing to do.
+        /// Looks for work for `time` before each sleep, at most 1 ms; without this the thread
+        /// sleeps as soon as it has nothing to do.
         ///
-        /// A wake from another core then takes some hundred nanoseconds instead of microseconds. The thread burns its core meanwhile, and its process or
-        /// processes run the later the more others want that core; so it needs one to itself. Where it is not pinned, or another executor or thread of
-        /// this system is pinned to the same core or to none, it sleeps at once, which is a [`Shortfall`](crate::Shortfall): said in the report, and an
-        /// error of a [`strict`](crate::System::strict) system. A thread that comes while the system runs ends the looking of those whose core it shares.
-        /// Of other programs nothing is known here: isolate the core.
+        /// A wake from another core then takes some hundred nanoseconds instead of microseconds.
+        /// The thread burns its core meanwhile, and its process or processes run the later the more
+        /// other threads want that core; so it needs one to itself. Where it is not pinned, or
+        /// another executor or thread of this system is pinned to the same core or to none, it
+        /// sleeps at once, which is a [`Shortfall`](crate::Shortfall): stated in the report, and an
+        /// error of a [`strict`](crate::System::strict) system. A thread that comes while the
+        /// system runs ends the spinning of the threads that share its core. Other programs are not
+        /// known here: isolate the core.
         ///
         /// ```
         /// use luna::prelude::*;
@@ -111,8 +118,9 @@ impl ExecutorBuilder {
     ///
     /// # Errors
     ///
-    /// A [`SetupError`]: a core that the machine has not, a priority out of range, a stack too small, a time to look for work that is too long, a name
-    /// that another executor or thread has, or a system that has been run.
+    /// A [`SetupError`]: a core that the machine has not, a priority out of range, a stack too
+    /// small, a time to look for work that is too long, a name that another executor or thread has,
+    /// or a system that has been run.
     ///
     /// ```
     /// use luna::{Error, Policy, SetupError, System};
@@ -148,8 +156,8 @@ thread_local! {
     static SHARED_NAME: RefCell<Option<Name>> = const { RefCell::new(None) };
 }
 
-/// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow the system, so processes can
-/// keep one to spawn others.
+/// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow
+/// the system, so processes can keep one to spawn others.
 #[derive(Clone)]
 pub struct Executor {
     plan: Arc<Plan>,
@@ -163,7 +171,8 @@ impl Executor {
         ProcessBuilder::new(plan, name, Ok(Place::Executor(self.number)))
     }
 
-    /// A spawned process of this system, from when it runs. Not for the real-time path, as [`System::process_handle`](crate::System::process_handle).
+    /// A spawned process of this system, from when it runs. Not for the real-time path, as
+    /// [`System::process_handle`](crate::System::process_handle).
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
     }
@@ -240,9 +249,10 @@ impl ProcessBuilder {
         self
     }
 
-    /// Lets others have the same name: for processes that come and go, of which nobody asks for one by its name. Reports and errors name each of them so. It is
-    /// also what costs a spawn least, since no name is to be made up, and none to be looked for. No name of a process that has one of its own is in the way; a
-    /// [replaceable](Self::replaceable) process always has.
+    /// Lets others have the same name: for processes that come and go and are not looked up by
+    /// name. Reports and errors name each of them so. It is also what costs a spawn least, since no
+    /// name is to be made up, and none to be looked for. No name of a process that has one of its
+    /// own is in the way; a [replaceable](Self::replaceable) process always has.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -268,17 +278,19 @@ impl ProcessBuilder {
         self
     }
 
-    /// Measures the longest time that the process keeps the processor, for about 50 ns each time it gets it.
+    /// Measures the longest time that the process keeps the processor, for about 50 ns each time it
+    /// gets it.
     pub fn timed(mut self) -> Self {
         self.timed = true;
         self
     }
 
-    /// Allows the process so much time for one poll, that is from when it is given the processor until it awaits something that is not there yet.
-    /// Measured by the clock on the wall, for about 50 ns a poll; [`OnOverrun`] says what happens when it takes longer, when it has.
+    /// Sets the longest time of one poll of the process, that is from when it is given the
+    /// processor until it awaits something that is not there yet. Measured by the clock on the
+    /// wall, for about 50 ns a poll; [`OnOverrun`] sets what happens after a poll that took longer.
     ///
-    /// A poll that never ends is never measured: a [`Watchdog`](crate::Watchdog) finds that. The time counts also while another thread has taken the
-    /// processor: the report tells one from the other.
+    /// A poll that never ends is never measured: a [`Watchdog`](crate::Watchdog) finds that. The
+    /// time counts also while another thread has taken the processor: the report separates the two.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -300,9 +312,10 @@ impl ProcessBuilder {
         self
     }
 
-    /// Allows the process so much time for a cycle of each of its loops, that is from when the cycle begins until the loop calls
-    /// [`next`](crate::Periodic::next). How late the cycle began does not count, since that is another's fault: [`LateCycle`](crate::LateCycle) looks
-    /// for whose. What it waits for within the cycle does.
+    /// Allows the process so much time for a cycle of each of its loops, that is from when the
+    /// cycle begins until the loop calls [`next`](crate::Periodic::next). How late the cycle began
+    /// does not count, since another process caused that: [`LateCycle`](crate::LateCycle) looks for
+    /// the cause. What it waits for within the cycle does.
     ///
     /// ```
     /// use luna::{BudgetKind, prelude::*};
@@ -333,9 +346,10 @@ impl ProcessBuilder {
         self
     }
 
-    /// Reads before each poll what the kernel counts of the thread, so that the report of an overrun says exactly how long it was on the processor,
-    /// and how often it was taken off. Three system calls, about two microseconds a poll: for the search, not for the machine. Without it the counts
-    /// go back to the overrun before, or the start.
+    /// Reads before each poll what the kernel counts of the thread, so that the report of an
+    /// overrun states exactly how long it was on the processor, and how often it was taken off.
+    /// Three system calls, about two microseconds a poll: for the search, not for the machine.
+    /// Without it the counts go back to the overrun before, or the start.
     pub fn accounted(mut self) -> Self {
         self.budgets.accounted = true;
         self
@@ -343,24 +357,27 @@ impl ProcessBuilder {
 
     /// Adds the process to the system. It starts with the others; if they run already, at once.
     ///
-    /// `process` is a future, a closure that makes one on the executor's thread, or a [`Process`](crate::Process): see
-    /// [`IntoProcess`]. While the system runs this is not for the real-time path: it allocates, and `pre_run` runs right here.
+    /// `process` is a future, a closure that makes one on the executor's thread, or a
+    /// [`Process`](crate::Process): see [`IntoProcess`]. While the system runs this is not for the
+    /// real-time path: it allocates, and `pre_run` runs right here.
     ///
     /// # Errors
     ///
-    /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process has, a thread that makes no sense, a system that has
-    /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
+    /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process
+    /// has, a thread that makes no sense, a system that has ended. While the system runs also an
+    /// error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         let (system, plan) = self.planned(process)?;
         system.add_process(plan)
     }
 
-    /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and gives its handle: to wait for its end, say. Not for the real-time path, as
-    /// `spawn`.
+    /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and
+    /// returns its handle: to wait for its end, say. Not for the real-time path, as `spawn`.
     ///
     /// # Errors
     ///
-    /// As [`spawn`](Self::spawn), and [`SetupError::NotRunning`] before the system runs: nothing was added then.
+    /// As [`spawn`](Self::spawn), and [`SetupError::NotRunning`] before the system runs: nothing
+    /// was added then.
     ///
     /// ```
     /// use luna::{Exit, prelude::*};
@@ -379,7 +396,8 @@ impl ProcessBuilder {
     pub fn start<M>(self, process: impl IntoProcess<M>) -> Result<ProcessHandle> {
         let (system, plan) = self.planned(process)?;
         let handle = system.start_process(plan)?;
-        // Only of a system that runs, and on a thread that runs processes, which ends some time: what waits to be started does not wait for that.
+        // Only of a system that runs, and on a thread that runs processes, which ends some time:
+        // what waits to be started does not wait for that.
         if current::home().is_some() {
             SPARE_PLANS.with(|spare| {
                 if !spare.keeps(&system) {
@@ -411,29 +429,33 @@ impl ProcessBuilder {
         Ok((system, plan))
     }
 
-    /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart from its body, so that the set-up can let another one stand in
-    /// for it: see [`System::stand_in`](crate::System::stand_in), with an example.
+    /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart
+    /// from its body, so that the set-up can let another one stand in for it: see
+    /// [`System::stand_in`](crate::System::stand_in), with an example.
     ///
-    /// `ends` is of any type: best one that is made for this process, with a field for each end, so that it can be taken for no other. `body` makes the process of it,
-    /// unless there is a stand-in, which then is given the ends.
+    /// `ends` is of any type: best one that is made for this process, with a field for each end, so
+    /// that it can be taken for no other. `body` makes the process of it, unless there is a
+    /// stand-in, which then is given the ends.
     ///
     /// # Errors
     ///
-    /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of another type. After an error the stand-in waits as before, so that it
-    /// may be tried again.
+    /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of
+    /// another type. After an error the stand-in waits as before, so that it may be tried again.
     pub fn replaceable<E: Send + 'static, M, P: IntoProcess<M>>(
         self,
         ends: E,
         body: impl FnOnce(E) -> P,
     ) -> Result<ProcessId> {
-        // All that can be refused is refused before the stand-in is taken: otherwise a second attempt would run the process itself, and nobody would be told.
+        // All that can be refused is refused before the stand-in is taken: otherwise a second
+        // attempt would run the process itself unnoticed.
         let (system, place, spec, ledger) = self.checked()?;
         let name = system.reserve(spec.name())?;
         let declared = system.stand_ins().declare::<E>(spec.name());
         // Without the lock: what is made here is the user's.
         match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
-                // From here on it is used up, so the name stays taken, also if what is the user's panics.
+                // From here on it is used up, so the name stays taken, also if what is the user's
+                // panics.
                 name.keep();
                 let prepared = stand_in.prepare(ends);
                 system.add_reserved_boxed(ProcessPlan {
@@ -458,7 +480,7 @@ impl ProcessBuilder {
         }
     }
 
-    /// What was said of the process, if it can be.
+    /// The description of the process, if it is valid.
     #[inline]
     #[expect(clippy::type_complexity, reason = "the parts of a plan")]
     fn checked(self) -> Result<(Arc<Plan>, Place, ProcessSpec, Option<Arc<Ledger>>)> {

@@ -1,11 +1,12 @@
-//! Which clock a system goes by: the machine's, or one of its own.
+//! The clock of a system: the machine's, or one of its own.
 
 use crate::error::{Error, Result};
 use luna_executors::{DrivenClock, Pace, ProcessRegistry, Simulation};
 use std::fmt;
 use std::sync::Arc;
 
-/// How many turns are taken at one instant of a virtual clock before that is called a livelock, if not stated.
+/// How many turns are taken at one instant of a virtual clock before that is called a livelock, if
+/// not stated.
 const MOST_TURNS: u64 = 1_000_000_000;
 
 /// The clock that a system is to go by.
@@ -43,14 +44,15 @@ impl ClockPlan {
     }
 }
 
-/// Which clock a system goes by.
+/// The clock of a system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum ClockKind {
     /// The machine's.
     #[default]
     Real,
-    /// One that jumps to the next deadline when no process can run: [`System::virtual_clock`](crate::System::virtual_clock).
+    /// One that jumps to the next deadline when no process can run:
+    /// [`System::virtual_clock`](crate::System::virtual_clock).
     Virtual,
     /// One that a simulator moves: [`System::driven_clock`](crate::System::driven_clock).
     Driven,

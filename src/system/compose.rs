@@ -1,4 +1,4 @@
-//! Makes the picture of a system from its plan, its threads, and what its processes say of themselves.
+//! Makes the picture of a system from its plan, its threads, and the views of its processes.
 
 use super::plan::{ExecutorPlan, Members, On, Place, Plan};
 use crate::csp::composition::{
@@ -14,7 +14,8 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;
 
-/// A handle to look at a system while it runs: see [`System::observer`](crate::System::observer). Cloning it is cheap.
+/// A handle to look at a system while it runs: see [`System::observer`](crate::System::observer).
+/// Cloning it is cheap.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -48,9 +49,11 @@ impl Observer {
         Self { plan }
     }
 
-    /// What the system is made of at this moment: as [`System::composition`](crate::System::composition), which says more.
+    /// The parts of the system at this moment: see
+    /// [`System::composition`](crate::System::composition).
     pub fn composition(&self) -> Composition {
-        // Each is read by itself: the parts first, since who uses a channel is looked up among them.
+        // Each is read by itself: the parts first, since the user of a channel is looked up among
+        // them.
         let mut threads = parts(&self.plan.members());
         let mut names = HashMap::new();
         let mut below = Children::of(self.plan.tree().read());
@@ -140,7 +143,8 @@ impl Children {
         let ids: HashMap<u64, ProcessId> = all.iter().map(|one| (one.id, one.process)).collect();
         let mut below = HashMap::<_, Vec<_>>::new();
         for one in all {
-            // One whose parent has just gone, or was moved, is shown in the process itself. A parent is older, so there are no circles.
+            // A part with a parent that has just gone, or was moved, is shown in the process
+            // itself. A parent is older, so there are no circles.
             let is_there = ids.get(&one.parent) == Some(&one.process) && one.parent < one.id;
             let parent = if is_there { one.parent } else { 0 };
             below.entry((one.process, parent)).or_default().push(one);

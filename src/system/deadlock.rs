@@ -1,9 +1,11 @@
-//! The deadlock of a system: who waits for whom, and what can be said of it.
+//! The deadlock of a system: the wait-for graph of its processes, and its report.
 //!
-//! A [`Deadlock`] is reported on standard error and stands in the [`Report`](crate::Report). It ends a strict system, whose `run` returns it.
+//! A [`Deadlock`] is reported on standard error and stands in the [`Report`](crate::Report). In a
+//! strict system it ends the run, and `run` returns it.
 
-// That all threads sleep with nothing of their own to wake them is for `quiet` to know. Here it is decided whether somebody outside could wake
-// one all the same, and the circle is found in who waits for whom.
+// `quiet` finds that all threads sleep with nothing of their own to wake them. This module decides
+// whether a thread or device outside could still wake one, and finds the cycle in the wait-for
+// graph.
 
 mod words;
 
@@ -12,18 +14,25 @@ use luna_core::current::{ProcessId, User};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A deadlock: every process of a system waits, and nothing that the system knows of can wake one of them.
+/// A deadlock: every process of a system waits, and nothing known to the system can wake one of
+/// them.
 ///
-/// The system knows of deadlines, files, calls of [`blocking`](crate::blocking), of processes that compute or block, and of channels that are
-/// marked [`external`](crate::Sender::external) or whose other end was last used by a thread outside of the system, before the start too. A
-/// process that waits for anything else (another runtime's channel, say) may be woken by it, so then nothing is said.
+/// The system knows of deadlines, files, calls of [`blocking`](crate::blocking), of processes that
+/// compute or block, and of channels that are marked [`external`](crate::Sender::external) or were
+/// last used at their other end by a thread outside of the system, before the start too. A process
+/// that waits for anything else (another runtime's channel, say) may be woken by it, so no deadlock
+/// is reported then.
 ///
-/// Two things cannot be seen, and are to be marked `external()`: an end (or a party of a barrier) that a thread outside of the system holds and has not used yet; and a
-/// channel that a process waits for together with something that is none of LUNA's, as in a race of both. A [barrier](crate::Barrier) that a thread of its own
-/// ([`luna::run`](crate::run)) has come to is known to have such a party; one with parties in two systems is to be marked.
+/// Two things cannot be seen, and must be marked `external()`: an end (or a party of a barrier)
+/// that a thread outside of the system holds and has not used yet; and a channel that a process
+/// waits for together with something outside of LUNA, as in a race of both. A
+/// [barrier](crate::Barrier) that a thread of its own ([`luna::run`](crate::run)) has come to is
+/// known to have such a party; one with parties in two systems must be marked.
 ///
-/// Which process an end belongs to is known once that has used it. Of an end that nobody has used yet the report names the processes in whose
-/// bodies the channel's address is found ([`Partner::Holders`]): they appear to hold it. An end that lies in a `Vec` or a `Box` is not found so.
+/// The process that an end belongs to is known once it has used the end. For an unused end the
+/// report names the processes that contain the channel's address in their bodies
+/// ([`Partner::Holders`]): they appear to hold it. An end that lies in a `Vec` or a `Box` is not
+/// found so.
 ///
 /// Its `Display` is a line for each wait, and the circle.
 ///
@@ -56,8 +65,8 @@ use std::sync::Arc;
 pub struct Deadlock {
     /// The system's name.
     pub system: String,
-    /// What the processes wait for: in the order of their spawning, and all that one waits for, if it is an alternative or a parallel
-    /// construct, one after the other.
+    /// What the processes wait for: in the order of their spawning, and all that one waits for, if
+    /// it is an alternative or a parallel construct, one after the other.
     pub waits: Vec<Wait>,
     /// Processes of which each waits for the next, and the last for the first. Empty where no such
     /// circle is known.
@@ -72,9 +81,10 @@ pub struct Wait {
     pub process: String,
     /// To do what.
     pub operation: Operation,
-    /// Where: the channel's, barrier's or lock's name, or where it was made; the name of the process whose end is awaited.
+    /// Where: the name of the channel, barrier or lock, or where it was made; or the name of the
+    /// process that is awaited at its end.
     pub at: String,
-    /// For whom, as far as that is known.
+    /// The awaited partner, as far as it is known.
     pub partner: Partner,
 }
 
@@ -94,13 +104,14 @@ pub enum Operation {
     Notified,
     /// To acquire permits of a semaphore.
     Acquire,
-    /// To learn how another process ended.
+    /// Waits for the end of another process.
     Join,
     /// Nothing: it is in an alternative without an open guard, which is STOP.
     Stop,
 }
 
-/// For whom a process waits: who used the other end last; who holds the mutex; who last notified at the condition, or took permits of the semaphore.
+/// The partner that a process waits for: the last user of the other end; the holder of the mutex;
+/// the last process that notified at the condition, or took permits of the semaphore.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Partner {
@@ -108,12 +119,12 @@ pub enum Partner {
     Process(String),
     /// For the process of this name, which has ended.
     Ended(String),
-    /// Nobody has used the other end yet, and it is not known which process holds it.
+    /// The other end is unused so far, and it is not known which process holds it.
     Nobody,
-    /// Nobody has used the other end yet, but the processes of these names appear to hold it, or
-    /// one of them: the channel's address lies in their bodies. They wait too.
+    /// The other end is unused so far, but the processes of these names appear to hold it, or one
+    /// of them: the channel's address lies in their bodies. They wait too.
     Holders(Vec<String>),
-    /// For all who take part in the barrier and have not come.
+    /// All parties of the barrier that have not arrived.
     Others,
 }
 
@@ -127,9 +138,10 @@ pub(crate) struct Sleeping {
     pub(crate) joiners: Vec<ProcessId>,
 }
 
-/// What all who wait in `processes` wait for at `meetings`. `None` if somebody outside might wake one. `is_forgotten` says of a process that is not among
-/// them whether it was one of the system's, and `refers` whether the address of a channel lies in a process' body. O(processes + meetings + who waits
-/// there), and for each end that nobody has used O(processes).
+/// What the `processes` wait for at `meetings`. `None` if something outside might wake one of them.
+/// `is_forgotten` reports whether a process that is not among them was one of the system's.
+/// `refers` reports whether the address of a channel lies in a process' body. O(processes +
+/// meetings + waiters at them), and O(processes) for each unused end.
 pub(crate) fn find(
     system: &str,
     processes: &[Sleeping],
@@ -147,7 +159,8 @@ pub(crate) fn find(
         is_forgotten,
         refers,
     };
-    // At which meetings each waits, and for whose end.
+    // For each process: the meetings at which it waits, and the process at the end that it waits
+    // for.
     let mut waiting = vec![Vec::new(); processes.len()];
     for meeting in meetings {
         for one in &meeting.waiting {
@@ -167,7 +180,7 @@ pub(crate) fn find(
         }
     }
     let mut waits = Vec::new();
-    // For whom each waits, by their places among the processes.
+    // For each process: the indexes of the processes that it waits for.
     let mut edges = vec![Vec::new(); processes.len()];
     for (from, process) in processes.iter().enumerate() {
         if process.has_ended {
@@ -224,8 +237,8 @@ struct Known<'a, F, R> {
 
 impl<F, R: Fn(ProcessId, usize) -> bool> Known<'_, F, R> {
     /// The places of the processes that appear to hold the other end than the one at which `role`
-    /// waits. Both kinds of end have the channel's address in them, so those that wait with the same
-    /// end do not count.
+    /// waits. Both kinds of end have the channel's address in them, so those that wait with the
+    /// same end do not count.
     fn holders(&self, meeting: &Meeting, role: Role) -> Vec<usize> {
         let has_this_end = |id: ProcessId| {
             let mut waiting = meeting.waiting.iter();
@@ -239,8 +252,9 @@ impl<F, R: Fn(ProcessId, usize) -> bool> Known<'_, F, R> {
     }
 }
 
-/// What one waits to do at `meeting`, for whom, and the places of those processes that live. `None` if it waits for somebody outside of the
-/// system, or in a way that is not known here.
+/// The operation that a process waits for at `meeting`, its partner, and the indexes of those
+/// partners that live. `None` if it waits for something outside of the system, or in a way that is
+/// not known here.
 fn wait_of(
     known: &Known<'_, impl Fn(ProcessId) -> bool, impl Fn(ProcessId, usize) -> bool>,
     meeting: &Meeting,
@@ -252,7 +266,7 @@ fn wait_of(
     let (operation, other_end) = match role {
         Role::Sender | Role::Held => (Operation::Send, meeting.receiver),
         Role::Receiver => (Operation::Receive, meeting.sender),
-        // A mutex that somebody waits for is held.
+        // A mutex with a waiter is held.
         Role::Locker => (Operation::Lock, meeting.receiver),
         Role::Notified => (Operation::Notified, meeting.receiver),
         Role::Acquirer => (Operation::Acquire, meeting.receiver),
@@ -292,7 +306,8 @@ fn wait_of(
     })
 }
 
-/// The first circle in a walk along `edges`, which lead from each to others, from the first on. O(edges).
+/// The first circle in a walk along `edges`, which lead from each to others, from the first on.
+/// O(edges).
 fn cycle(edges: &[Vec<usize>]) -> Vec<usize> {
     let mut is_done = vec![false; edges.len()];
     let mut is_on_way = vec![false; edges.len()];

@@ -23,16 +23,17 @@ use super::plan::{ExecutorPlan, Place, Settings};
 use super::register::REMEMBERED;
 use crate::notice::notice;
 
-/// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
+/// The heap that is fetched before the start when memory is locked: what bodies allocate in spite
+/// of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
 
-/// For how many loops room is reserved unless `System::max_loops` says another number: 745 KiB in
-/// all. One reserve for the system: which processes have loops is known only when their bodies
-/// run, and in a large system few do. A reserve that grew with the number of processes was most of
-/// what each of them took.
+/// Default number of loops with reserved room, if `System::max_loops` sets no other: 745 KiB in
+/// all. One reserve for the system: which processes have loops is known only when their bodies run,
+/// and in a large system few do. A reserve that grew with the number of processes was most of what
+/// each of them took.
 const LOOPS: usize = 16;
 
-/// A system whose processes are ready to be released.
+/// A system with processes that are ready to be released.
 pub(super) struct Launched {
     pub(super) clock: ClockKind,
     /// What runs the executors, if their time is virtual.
@@ -70,7 +71,8 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
     };
     let settings = std::mem::take(&mut *plan.settings());
     let living = Arc::new(ProcessRegistry::new());
-    // Also a start that fails on these takes the settings, so that the driver of its clock is told.
+    // Also a start that fails on these takes the settings, so that the driver of its clock is
+    // notified.
     let launched =
         stand_ins.and_then(|()| launch_described(plan, settings, executors, waiting, &living));
     launched.inspect_err(|_| {
@@ -82,7 +84,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         // The user's code drops them.
         drop(members);
         drop(never_prepared);
-        // Nobody runs them any more.
+        // The functions will not run any more.
         plan.emergency().conclude();
     })
 }
@@ -109,7 +111,8 @@ fn launch_described(
     } else {
         Mode::BestEffort
     };
-    // On a clock of its own nothing has to come in time, so nothing is asked of the machine for that.
+    // On a clock of its own nothing has to come in time, so nothing is asked of the machine for
+    // that.
     let real_time = !is_virtual
         && (executor_plans
             .iter()
@@ -121,7 +124,7 @@ fn launch_described(
     let mut shortfalls = Vec::new();
     settings.lock_memory &= !is_virtual;
     let memory = lock_memory(&settings, &mut shortfalls)?;
-    // Asked for by nobody, so its lack is no reason not to start.
+    // It was not requested, so its lack is no reason not to start.
     let latency = if real_time {
         obtained(DmaLatency::hold(), &mut shortfalls)
     } else {
@@ -164,7 +167,7 @@ fn launch_described(
     };
 
     let loops = settings.max_loops.unwrap_or(LOOPS);
-    // On a clock that is not the machine's nothing but that clock wakes anybody.
+    // A process on a clock that is not the machine's is woken by that clock alone.
     let manager = match settings.manager {
         Some(manager) if handle.is_some() => {
             manager.refuse()?;
@@ -192,7 +195,7 @@ fn launch_described(
     };
     let parameters = plan.parameters().clone();
     let scope = Scope::with_room_for(loops, living.clone(), clock.clone(), manager, parameters);
-    // Outlives the executors, whose bodies refer to it.
+    // Outlives the executors: their bodies refer to it.
     let mut held = Held::default();
     let mut executors = Vec::with_capacity(executor_plans.len());
     for executor in executor_plans {
@@ -305,7 +308,7 @@ fn real_time_cores(executors: &[ExecutorPlan], processes: &[ProcessPlan]) -> Vec
     cores
 }
 
-/// Makes the parent's death an emergency, where the machine can tell it.
+/// Makes the parent's death an emergency, where the machine can report it.
 fn watch_parent(
     emergency: &Arc<Emergency>,
     real_time: bool,
@@ -378,7 +381,8 @@ struct Held {
 }
 
 impl Held {
-    /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up, last first.
+    /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up,
+    /// last first.
     fn start_all(
         &mut self,
         running: &Running,
@@ -411,7 +415,8 @@ impl Held {
         Ok(())
     }
 
-    /// Ends what was started of a system that does not start. Its executors are gone already, and with them their bodies.
+    /// Ends what was started of a system that does not start. Its executors are gone already, and
+    /// with them their bodies.
     fn undo(mut self) {
         self.threads.clear();
         self.members

@@ -36,13 +36,16 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A machine's software: executors and OS threads, the processes on them, and what to do in an emergency.
+/// A machine's software: executors and OS threads, the processes on them, and what to do in an
+/// emergency.
 ///
-/// First the system is described: [`executor`](Self::executor) and [`thread`](Self::thread) say where processes can run, and their
-/// `process(..).spawn(..)` which do. Then [`run`](Self::run) starts all of it together and returns when it has ended.
+/// First the system is described: [`executor`](Self::executor) and [`thread`](Self::thread) define
+/// where processes can run, and their `process(..).spawn(..)` which processes run there. Then
+/// [`run`](Self::run) starts all of it together and returns when it has ended.
 ///
-/// Best effort is the default: what the operating system refuses (a policy without the privilege, say) is done without, and said once on
-/// standard error and in the report. [`strict`](Self::strict) refuses to start instead.
+/// Best effort is the default: if the operating system refuses something (a policy without the
+/// privilege, say), the system runs without it and reports that once on standard error and in the
+/// report. [`strict`](Self::strict) refuses to start instead.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -69,15 +72,17 @@ impl System {
         }
     }
 
-    /// Refuses to start, with an error, if anything that was asked for cannot be had: policies, cores, locked memory. And a deadlock, which
-    /// otherwise is only told, is an emergency that ends the system with [`Error::Deadlock`](crate::Error::Deadlock).
+    /// Refuses to start, with an error, if anything that was asked for cannot be had: policies,
+    /// cores, locked memory. And a deadlock, which otherwise is only reported, is an emergency that
+    /// ends the system with [`Error::Deadlock`](crate::Error::Deadlock).
     pub fn strict(&mut self) -> &mut Self {
         self.plan.settings().strict = true;
         self
     }
 
-    /// Keeps all memory of the program in memory while the system runs (`mlockall`), and touches stacks and heap before the start, so that
-    /// no page fault makes a process wait. Needs CAP_IPC_LOCK or an unlimited limit.
+    /// Keeps all memory of the program in memory while the system runs (`mlockall`), and touches
+    /// stacks and heap before the start, so that no page fault makes a process wait. Needs
+    /// CAP_IPC_LOCK or an unlimited limit.
     pub fn lock_memory(&mut self) -> &mut Self {
         self.plan.settings().lock_memory = true;
         self
@@ -88,14 +93,15 @@ impl System {
     /// there is room for 16 loops (0.8 MiB), however many processes there are. Loops that have
     /// ended count: their statistics are kept for the report.
     ///
-    /// One loop more is an error where it begins ([`SetupError::TooManyLoops`](crate::SetupError::TooManyLoops)).
-    /// The others go on.
+    /// One loop more is an error where it begins
+    /// ([`SetupError::TooManyLoops`](crate::SetupError::TooManyLoops)). The others go on.
     pub fn max_loops(&mut self, loops: usize) -> &mut Self {
         self.plan.settings().max_loops = Some(loops);
         self
     }
 
-    /// Says who wakes the loops at their slots: their executors, which is the default, or the timer manager. The loops' code is the same.
+    /// Sets what wakes the loops at their slots: their executors, which is the default, or the
+    /// timer manager. The loops' code is the same.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -133,7 +139,8 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`SetupError::NoTimerManager`](crate::SetupError::NoTimerManager): the system has none, or has been started.
+    /// [`SetupError::NoTimerManager`](crate::SetupError::NoTimerManager): the system has none, or
+    /// has been started.
     pub fn timer_manager(&self) -> Result<TimerManager> {
         let manager = self.plan.settings().manager.clone();
         let none = || SetupError::NoTimerManager {
@@ -144,7 +151,8 @@ impl System {
         Ok(TimerManager::new(manager))
     }
 
-    /// Pins the timer manager's thread to `core`; to none if not stated. One whose loops are all on one core is best on the same: then one core is woken for a tick, and not two
+    /// Pins the timer manager's thread to `core`; to none if not stated. If all loops of the
+    /// manager are on one core, that core is best: then one core is woken for a tick, and not two
     /// (`docs/time-sources.md`). Where it cannot be had that is a [`Shortfall`](crate::Shortfall).
     ///
     /// ```
@@ -162,29 +170,37 @@ impl System {
         self
     }
 
-    /// Sets room aside for so many callbacks of the timer manager, those that are made before the start among them; 64 if not stated.
+    /// Reserves room for `callbacks` callbacks of the timer manager, including those that are made
+    /// before the start; 64 if not stated.
     pub fn max_timers(&mut self, callbacks: usize) -> &mut Self {
         self.plan.settings().max_timers = Some(callbacks);
         self
     }
 
-    /// Remembers so many of the processes that were spawned on an executor while the system ran and have ended: those that ended last. Of the others the
-    /// report gives [numbers](crate::EarlierProcesses), there is no [handle](Self::process_handle) to be had any more, and their names may be
-    /// given again. 1024 if not stated; processes that were spawned before the run, or have a thread of their own, are always remembered.
+    /// Sets how many ended processes are remembered, of those that were spawned on an executor
+    /// while the system ran: those that ended last. Of the others the report gives
+    /// [numbers](crate::EarlierProcesses), no [handle](Self::process_handle) is available any more,
+    /// and their names may be given again. 1024 if not stated; processes that were spawned before
+    /// the run, or have a thread of their own, are always remembered.
     ///
-    /// So a system whose processes come and go for ever does not grow.
+    /// So a system that starts and ends processes without end does not grow.
     pub fn remember_ended(&mut self, processes: usize) -> &mut Self {
         self.plan.settings().remembered = Some(processes);
         self
     }
 
-    /// Runs the system on a clock of its own: when no process can run, time jumps to the next deadline, so hours take moments, and every run is the same.
+    /// Runs the system on a clock of its own: when no process can run, time jumps to the next
+    /// deadline, so hours take moments, and every run is the same.
     ///
-    /// Processes, loops, delays and timeouts are as ever; only the threads differ: one runs all executors and OS-thread processes, the one of the highest policy first, of
-    /// equals the one that was described first. Computing takes no time. Policies, cores and locked memory are not asked for. A blocking call within an OS-thread process
-    /// stops all, so it goes through [`blocking`](crate::blocking), and one that waits for a channel panics as on an executor. `docs/time.md` says what else there is to know.
+    /// Processes, loops, delays and timeouts behave as on the real clock; only the threads differ.
+    /// One thread runs all executors and OS-thread processes, the one of the highest policy first,
+    /// of equals the one that was described first. Computing takes no time. Policies, cores and
+    /// locked memory are not requested. A blocking call within an OS-thread process stops all, so
+    /// it goes through [`blocking`](crate::blocking), and one that waits for a channel panics as on
+    /// an executor. `docs/time.md` describes the rest.
     ///
-    /// Say it before the executors and threads are described: those that come later may name cores that this machine has not.
+    /// Call it before the executors and threads are described: later descriptions may name cores
+    /// that this machine has not.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -205,9 +221,11 @@ impl System {
         self
     }
 
-    /// Runs the system on a clock that moves only as a simulator says, in lock-step with it; the rest is as with a [virtual clock](Self::virtual_clock). The
-    /// simulator keeps the driver. If that is dropped, the processes that still live are cancelled, and the system ends as [`End::Undriven`](crate::End::Undriven). A
-    /// second call makes a new clock; the driver of the first is told that its system has ended.
+    /// Runs the system on a clock that moves only as a simulator commands, in lock-step with it;
+    /// the rest is as with a [virtual clock](Self::virtual_clock). The simulator keeps the driver.
+    /// If that is dropped, the processes that still live are cancelled, and the system ends as
+    /// [`End::Undriven`](crate::End::Undriven). A second call makes a new clock; the driver of the
+    /// first is notified that its system has ended.
     ///
     /// ```
     /// use luna::{End, prelude::*};
@@ -245,47 +263,56 @@ impl System {
         let former = std::mem::replace(&mut self.plan.settings().clock, ClockPlan::Driven(clock));
         drop(former);
         if self.plan.has_begun() {
-            // Nobody will ever take it: its driver is to know.
+            // The clock will never be used: its driver is notified.
             self.plan.settings().clock = ClockPlan::Real;
         }
         driver
     }
 
-    /// Records what nobody can foresee of the run, into a file: see [`record`](crate::record). Made when the system starts.
+    /// Records the run's nondeterministic inputs into a file: see [`record`](crate::record). The
+    /// file is made when the system starts.
     ///
-    /// Each process has room for 64 KiB of events that are yet to be written ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
-    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): nobody waits for the file. Recorded processes take the general
-    /// way for each communication, some tens of nanoseconds longer than the short one of one executor. The run's error is
+    /// Each process has room for 64 KiB of events that are yet to be written
+    /// ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
+    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): no process waits
+    /// for the file. Recorded processes take the slow path for each communication, some tens of
+    /// nanoseconds longer than the fast path of one executor. The run's error is
     /// [`Error::Record`](crate::Error::Record) if the file cannot be written.
     pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
         self.record_room(path, ROOM)
     }
 
-    /// As [`record`](Self::record), with room for so many bytes of each process; at least 256.
+    /// As [`record`](Self::record), with room for `bytes` bytes of each process; at least 256.
     pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
         self.plan.settings().tapes.mode = Mode::Record(path.into(), bytes);
         self
     }
 
-    /// Lets the recording keep a text: what the program has to be told to describe the same system again. [`Recording::note`] gives it.
+    /// Stores a text in the recording: what the program needs to describe the same system again.
+    /// [`Recording::note`] gives it.
     pub fn record_note(&mut self, note: impl Into<String>) -> &mut Self {
         self.plan.settings().tapes.note = note.into();
         self
     }
 
-    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same processes, described in the same way, do the same again, and what they
-    /// give outside is compared. The run's error is [`Error::Record`](crate::Error::Record) with the first difference, if there is one.
+    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same
+    /// processes, described in the same way, do the same again, and what they give outside is
+    /// compared. The run's error is [`Error::Record`](crate::Error::Record) with the first
+    /// difference, if there is one.
     ///
-    /// Time moves from event to event, so it says nothing: delays, loops and timeouts end when they ended in the recording. What was under way when the recorded system
-    /// was ended goes on as far as it had come, and is ended then.
+    /// Time moves from event to event, so durations have no meaning: delays, loops and timeouts end
+    /// when they ended in the recording. What was under way when the recorded system was ended goes
+    /// on as far as it had come, and is ended then.
     pub fn replay(&mut self, recording: &Recording) -> &mut Self {
         self.virtual_clock();
         self.plan.settings().tapes.replay(recording);
         self
     }
 
-    /// Allows so many polls at one instant of a virtual clock, at least one; 1 000 000 000 if not stated. Since time does not move while any process can run, one that yields for
-    /// ever would else stop it for good: after so many the system ends with [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
+    /// Sets the highest number of polls at one instant of a virtual clock, at least one; 1 000 000
+    /// 000 if not stated. Time does not move while any process can run, so a process that yields
+    /// for ever would stop it for good. After that many polls the system ends with
+    /// [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
     ///
     /// ```
     /// use luna::{Error, prelude::*};
@@ -318,20 +345,26 @@ impl System {
         Thread::new(self.plan.clone(), name)
     }
 
-    /// Lets `body` stand in for the process called `process`, with that one's channel ends.
+    /// Lets `body` stand in for the process called `process`, with the channel ends of that
+    /// process.
     ///
-    /// For a part of the machine that is not there, or not to be used: a sensor that replays a recording, an algorithm that is still to be written. The process must be
-    /// declared by [`replaceable`](ProcessBuilder::replaceable), and that after this call: so the set-up says first who is replaced, and then builds the same
-    /// network as ever. The stand-in runs where the process would, with its name and priority. The [report](Report::stand_ins) names it.
+    /// For a part of the machine that is not there, or not to be used: a sensor that replays a
+    /// recording, an algorithm that is still to be written. The process must be declared by
+    /// [`replaceable`](ProcessBuilder::replaceable), and that after this call: so the set-up first
+    /// names the replaced processes, and then builds the same network as ever. The stand-in runs
+    /// where the process would, with its name and priority. The [report](Report::stand_ins) names
+    /// it.
     ///
-    /// `body` takes the same ends and gives anything that can be spawned. That the channels fit means that the ends are of one type, which is compared when
-    /// the process is declared.
+    /// `body` takes the same ends and gives anything that can be spawned. That the channels fit
+    /// means that the ends are of one type, which is compared when the process is declared.
     ///
     /// # Errors
     ///
-    /// [`SetupError::StandInTooLate`](crate::SetupError::StandInTooLate) if the process is there already, and
-    /// [`DuplicateName`](crate::SetupError::DuplicateName) if it has a stand-in. Those that come later: `replaceable` fails if the ends are of other
-    /// types, `spawn` if the process is declared without its ends, and [`run`](Self::run) if nobody has declared a process of that name.
+    /// [`SetupError::StandInTooLate`](crate::SetupError::StandInTooLate) if the process is there
+    /// already, and [`DuplicateName`](crate::SetupError::DuplicateName) if it has a stand-in. Those
+    /// that come later: `replaceable` fails if the ends are of other types, `spawn` if the process
+    /// is declared without its ends, and [`run`](Self::run) if no process of that name was
+    /// declared.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -371,13 +404,16 @@ impl System {
         Ok(self)
     }
 
-    /// Records the [signals](crate::Signal) and [messages](crate::message()) of the system in a new file at `path`, from the start to the end; one that is there is replaced.
-    /// `luna convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in [`Report::logging`](crate::Report::logging).
+    /// Records the [signals](crate::Signal) and [messages](crate::message()) of the system in a new
+    /// file at `path`, from the start to the end; one that is there is replaced. `luna convert`
+    /// makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in
+    /// [`Report::logging`](crate::Report::logging).
     ///
-    /// An ordinary thread writes the file. The processes write to rings of their threads, which is wait-free; a ring that is full drops what is new, and counts it.
+    /// An ordinary thread writes the file. The processes write to rings of their threads, which is
+    /// wait-free; a ring that is full drops what is new, and counts it.
     ///
-    /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to that file, `LUNA_LOG=tcp://HOST:PORT` (or `udp://`) to `luna record` on another
-    /// computer.
+    /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to
+    /// that file, `LUNA_LOG=tcp://HOST:PORT` (or `udp://`) to `luna record` on another computer.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -430,7 +466,8 @@ impl System {
     /// # Ok::<(), luna::Error>(())
     /// ```
     ///
-    /// With the feature `events`, `recording.events()` records CSP events too: `docs/events.md` has what they are.
+    /// With the feature `events`, `recording.events()` records CSP events too: `docs/logger.md` has
+    /// what they are.
     ///
     #[cfg_attr(feature = "events", doc = "```")]
     #[cfg_attr(not(feature = "events"), doc = "```ignore")]
@@ -452,7 +489,8 @@ impl System {
         self
     }
 
-    /// Opens devices: each once, by name, shared by those who use it, and closed when the last of them has finished. See [`devices`](crate::devices).
+    /// Opens devices: each once, by name, shared by its users, and closed when the last of them has
+    /// finished. See [`devices`](crate::devices).
     ///
     /// ```
     /// use luna::devices::{Node, Sharing};
@@ -485,18 +523,21 @@ impl System {
         self.plan.members().report.clone()
     }
 
-    /// A spawned process, to look at and to cancel, from when the system runs. Not for the real-time path: it takes the plan's plain
-    /// lock, so a process asks for its handles before its loop. Also from [`Executor::process_handle`]. None for one that has ended and is not
+    /// A spawned process, to look at and to cancel, from when the system runs. Not for the
+    /// real-time path: it takes the plan's plain lock, so a process asks for its handles before its
+    /// loop. Also from [`Executor::process_handle`]. None for one that has ended and is not
     /// [remembered](Self::remember_ended); a handle that was had before stays.
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
     }
 
-    /// What the system is made of at this moment: a tree of threads, processes and named sub-processes, and the channels between them.
+    /// What the system is made of at this moment: a tree of threads, processes and named
+    /// sub-processes, and the channels between them.
     ///
-    /// Before [`run`](Self::run) it shows what was asked for, then what there is. Since `run` keeps this thread busy, another one asks an
-    /// [`observer`](Self::observer). Not for the real-time path: it allocates, and takes plain locks; each process' named
-    /// sub-processes are read in pieces of a few at a time.
+    /// Before [`run`](Self::run) it shows what was requested, then what was obtained. Since `run`
+    /// keeps this thread busy, another one uses an [`observer`](Self::observer). Not for the
+    /// real-time path: it allocates, and takes plain locks; each process' named sub-processes are
+    /// read in pieces of a few at a time.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -513,38 +554,49 @@ impl System {
         self.observer().composition()
     }
 
-    /// A handle to look at the system with while it runs, for another thread or for a process of it. Cloning it is cheap.
+    /// A handle to look at the system with while it runs, for another thread or for a process of
+    /// it. Cloning it is cheap.
     pub fn observer(&self) -> Observer {
         Observer::new(self.plan.clone())
     }
 
-    /// Runs the system: returns when all processes have ended, and `post_run` of each, and all threads.
+    /// Runs the system: returns when all processes have ended, and `post_run` of each, and all
+    /// threads.
     ///
-    /// In this order: memory is locked and the threads are made, with their attributes; every process' `pre_run` runs; then all bodies
-    /// are released. While they run this thread sleeps, runs `post_run` of those that end, and frees what they leave.
+    /// In this order: memory is locked and the threads are made, with their attributes; every
+    /// process' `pre_run` runs; then all bodies are released. While they run this thread sleeps,
+    /// runs `post_run` of those that end, and frees what they leave.
     ///
-    /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then cancel all processes; the report is returned as
-    /// usual, and says so. A second signal ends the program at once. A process that does not end
-    /// within two seconds then is left behind. This thread blocks those three and SIGQUIT while it
-    /// is in here, so that the emergency manager's own takes them, as soon as they come; SIGHUP and
-    /// SIGQUIT only if the program neither handles nor ignores them.
+    /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then
+    /// cancel all processes; the report is returned as usual, and names the signal. A second signal
+    /// ends the program at once. A process that does not end within two seconds then is left
+    /// behind. This thread blocks those three and SIGQUIT while it is in here, so that the
+    /// emergency manager's own takes them, as soon as they come; SIGHUP and SIGQUIT only if the
+    /// program neither handles nor ignores them.
     ///
     /// # Errors
     ///
-    /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or has been run before; the first error of a `pre_run`,
-    /// with its process' name; then the report is had from [`report`](Self::report). A panic or else the first error of a process, in the order of spawning, when all have ended: when a process
-    /// fails the others go on. What is returned is not printed here too, unless the system goes on for a second without the process: then standard error says so while it runs. The errors
-    /// of the other processes that have failed are printed at the end. Else a panic in a [`post_run`](crate::Process::post_run), also behind a signal. [`Error::Deadlock`](crate::Error::Deadlock) if the system is
-    /// [`strict`](Self::strict) and every process waits for another.
+    /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or
+    /// has been run before; the first error of a `pre_run`, with its process' name; then
+    /// [`report`](Self::report) returns the report. A panic or else the first error of a process,
+    /// in the order of spawning, when all have ended: when a process fails the others go on. The
+    /// returned error is not printed here too, unless the system goes on for a second without the
+    /// process: then it is printed on standard error while the system runs. The errors of the other
+    /// processes that have failed are printed at the end. Else a panic in a
+    /// [`post_run`](crate::Process::post_run), also behind a signal.
+    /// [`Error::Deadlock`](crate::Error::Deadlock) if the system is [`strict`](Self::strict) and
+    /// every process waits for another.
     pub fn run(&self) -> Result<Report> {
         supervise::run(&self.plan).inspect_err(|_| self.plan.note_refusal())
     }
 }
 
-/// A system that was never run is over: what was described is dropped, also if a body or a function holds an [`Executor`] of it. Whoever else has one can spawn nothing more.
+/// A system that was never run is over: what was described is dropped, also if a body or a function
+/// holds an [`Executor`] of it. Any remaining handle of it can spawn nothing more.
 ///
-/// If processes were spawned, a line on standard error says that none of them has run. There is none while the thread panics, and none after a call of the set-up, or `run`, has returned
-/// an error: the program ends because of that.
+/// If processes were spawned, a line on standard error reports that none of them has run. There is
+/// none while the thread panics, and none after a call of the set-up, or `run`, has returned an
+/// error: the program ends because of that.
 impl Drop for System {
     fn drop(&mut self) {
         self.plan.abandon();

@@ -1,6 +1,8 @@
-//! Who shares a core with whom: a thread that looks for work before it sleeps must not keep another one of the system from running.
+//! Which threads share a core: a thread that looks for work before it sleeps must not keep another
+//! one of the system from running.
 //!
-//! User space does not see who waits for a core, so it goes by the plan. A thread that is not pinned may come to any core, so it shares all of them.
+//! User space does not see which threads wait for a core, so this module uses the plan. A thread
+//! that is not pinned may come to any core, so it shares all of them.
 
 use super::plan::{ExecutorPlan, NamedThread, Place, ProcessPlan};
 use crate::csp::composition::ThreadPart;
@@ -9,7 +11,8 @@ use luna_executors::ExecutorHandle;
 use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::Attributes;
 
-/// Why a thread on `core` is not to look for work before it sleeps: a neighbour, which is pinned to `neighbours_core`, may want to run there.
+/// Why a thread on `core` is not to look for work before it sleeps: a neighbour, which is pinned to
+/// `neighbours_core`, may want to run there.
 fn refusal(
     core: Option<usize>,
     neighbour: &str,
@@ -26,7 +29,8 @@ fn refusal(
     }
 }
 
-/// Refuses the threads of a system that is about to start what they cannot have beside each other. O(threads²), and only for those that ask.
+/// Refuses the threads of a system that is about to start what they cannot have beside each other.
+/// O(threads²), and only for those that request it.
 pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPlan]) {
     let mut all: Vec<(String, &mut Attributes)> = Vec::new();
     for executor in executors {
@@ -54,8 +58,9 @@ pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPla
     }
 }
 
-/// A thread may come to those that have been started: refuses it what it cannot have beside them, and takes from them what they cannot have beside
-/// it, which is said on standard error. Does nothing to a process that has no thread of its own.
+/// A thread may come to those that have been started: refuses it what it cannot have beside them,
+/// and takes from them what they cannot have beside it, which is reported on standard error. Does
+/// nothing to a process that has no thread of its own.
 pub(super) fn join(
     plan: &mut ProcessPlan,
     executors: &[ExecutorHandle],
@@ -109,7 +114,8 @@ mod tests {
 
     const TIME: Duration = Duration::from_micros(20);
 
-    /// An executor or an OS thread that looks for work before it sleeps, on `core`; and what the one that comes is refused.
+    /// An executor or an OS thread that looks for work before it sleeps, on `core`; and what the
+    /// one that comes is refused.
     fn after_one_has_come(core: usize, comes: Attributes) -> [(bool, Option<Shortfall>); 2] {
         let attributes = || Attributes::new("first").core(core).spin_before_sleep(TIME);
         let executor = Executor::start(attributes()).unwrap();

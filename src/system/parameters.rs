@@ -15,11 +15,15 @@ impl System {
         Parameters::new(self.plan.parameters().clone())
     }
 
-    /// Reads the values of [parameters](crate::parameters) from a TOML file when the system starts. Tables are the first part of names: `kp = 2.5` below `[pan]` is `pan/kp`.
+    /// Reads the values of [parameters](crate::parameters) from a TOML file when the system starts.
+    /// Tables are the first part of names: `kp = 2.5` below `[pan]` is `pan/kp`.
     ///
-    /// Where the program names no file, the environment may: `LUNA_PARAMETERS=machine.toml`. Values that come over those of the file: `LUNA_SET="pan/kp=2.5,tilt/kd=0.1"`, and over these
-    /// [`set_parameter`](Self::set_parameter). A file that cannot be read, a name that no process has declared when all `pre_run` are over, or a value that its parameter cannot have
-    /// fails the start: [`SetupError::Parameters`](crate::SetupError::Parameters) names each, with its line.
+    /// Where the program names no file, the environment may: `LUNA_PARAMETERS=machine.toml`. Values
+    /// that come over those of the file: `LUNA_SET="pan/kp=2.5,tilt/kd=0.1"`, and over these
+    /// [`set_parameter`](Self::set_parameter). A file that cannot be read, a name that no process
+    /// has declared when all `pre_run` are over, or a value that its parameter cannot have fails
+    /// the start: [`SetupError::Parameters`](crate::SetupError::Parameters) names each, with its
+    /// line.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -34,7 +38,8 @@ impl System {
         self
     }
 
-    /// The value that a parameter has at the start, whatever file and environment say; also when the file is [read again](Parameters::reload). A name or value that is wrong fails the start.
+    /// Sets the value of a parameter at the start, over file and environment; also when the file is
+    /// [read again](Parameters::reload). A name or value that is wrong fails the start.
     pub fn set_parameter(&mut self, name: &str, value: impl Into<Value>) -> &mut Self {
         self.plan.parameters().give_value(name, value.into());
         self
@@ -51,11 +56,13 @@ impl System {
         Ok(self)
     }
 
-    /// Takes `--parameters FILE` and `--set NAME=VALUE`, as often as they come, out of a program's arguments; gives the others, in their order. What follows `--` is left alone.
+    /// Takes `--parameters FILE` and `--set NAME=VALUE`, as often as they come, out of a program's
+    /// arguments; gives the others, in their order. What follows `--` is left alone.
     ///
     /// # Errors
     ///
-    /// [`SetError::Syntax`](crate::parameters::SetError::Syntax): one of them without what belongs to it.
+    /// [`SetError::Syntax`](crate::parameters::SetError::Syntax): one of them without what belongs
+    /// to it.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -74,10 +81,14 @@ impl System {
         Ok(others.inspect_err(|_| self.plan.note_refusal())?)
     }
 
-    /// Reads the file of parameters again whenever it has changed: the thread that runs the system looks at its time, length and number four times a second, and reads it when two looks
-    /// have found the same. What is refused then is told on standard error, and the values stay. An empty file counts as one that is not written yet. Not on a virtual clock, where nobody could say when it would be.
+    /// Reads the file of parameters again whenever it has changed: the thread that runs the system
+    /// looks at its time, length and number four times a second, and reads it when two looks have
+    /// found the same. What is refused then is reported on standard error, and the values stay. An
+    /// empty file counts as one that is not written yet. Not on a virtual clock, where the time of
+    /// a look is undefined.
     ///
-    /// Write another file and rename it: then it is never there by halves. What is written in place with a pause of half a second in the middle is read as it is then.
+    /// Write another file and rename it: then it is never there by halves. What is written in place
+    /// with a pause of half a second in the middle is read as it is then.
     pub fn reload_parameters_on_change(&mut self) -> &mut Self {
         self.plan.settings().look_at_parameters = Some(LOOK);
         self

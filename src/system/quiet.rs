@@ -1,7 +1,9 @@
-//! Looks whether a system has come to a standstill: the supervising thread's part of the deadlock report.
+//! Looks whether a system has come to a standstill: the supervising thread's part of the deadlock
+//! report.
 //!
-//! That thread sleeps. A thread of the system that it watches rings it when that one falls still, and only then it looks, at most so often;
-//! in a system with a periodic loop, none of whose threads ever stays still, it looks a few times after the start and no more.
+//! That thread sleeps. A thread of the system that it watches rings it when that one falls still,
+//! and only then it looks, at most so often. In a system with a periodic loop no thread stays still
+//! for good; there it looks a few times after the start and no more.
 
 use super::deadlock::{Deadlock, Sleeping, find};
 use super::plan::{Plan, Running};
@@ -13,20 +15,22 @@ use luna_platform::thread::Mode;
 use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
-/// The time between two looks that find nothing, at first and at most: a system whose threads wake each other rings for nothing.
+/// The time between two looks that find nothing, at first and at most: threads that wake each other
+/// cause rings without a deadlock.
 const SHORTEST_PAUSE: Duration = Duration::from_micros(200);
 const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 
-/// When to look again, and what was found.
+/// When to look again, and the last finding.
 pub(super) struct Lookout {
     pause: Duration,
     not_before: Instant,
     found: Option<Found>,
-    /// The deadlock that was told last.
+    /// The deadlock that was reported last.
     told: Option<Deadlock>,
 }
 
-/// A deadlock, and how often processes had been polled when it was found: once more, and it is one no more.
+/// A deadlock, and how often processes had been polled when it was found. After one more poll it is
+/// no deadlock any more.
 struct Found {
     deadlock: Deadlock,
     polls: u64,
@@ -42,8 +46,10 @@ impl Lookout {
         }
     }
 
-    /// Looks, if it is time to. Gives a deadlock if it was found just now and is not the one that was told last, and until when to sleep if
-    /// nobody rings before. Where one was found it looks again only when the system has gone on, as when somebody outside has used a channel after all.
+    /// Looks, if it is time to. Returns a deadlock if it was found just now and is not the one that
+    /// was reported last, and until when to sleep if no ring comes before. After a deadlock was
+    /// found it looks again only when the system has gone on, as when a thread outside has used a
+    /// channel after all.
     pub(super) fn look(&mut self, plan: &Plan, running: &Running) -> (Option<&Deadlock>, Instant) {
         let is_replayed = running.common.tapes.is_replay();
         let still_stands = || self.found.as_ref().is_some_and(|found| found.stands(plan));
@@ -55,7 +61,7 @@ impl Lookout {
         if now < self.not_before {
             return (None, self.not_before);
         }
-        // Who was not rung for long is in no hurry to ring again.
+        // If the last ring is long ago, the next one is not urgent.
         self.pause = if now >= self.not_before + LONGEST_PAUSE {
             SHORTEST_PAUSE
         } else {
@@ -72,8 +78,8 @@ impl Lookout {
         (self.told.as_ref().filter(|_| is_new), Instant::NEVER)
     }
 
-    /// The deadlock at the system's end: none if it has gone on since. One that has ended the system
-    /// counts, whatever ran on the way to safety.
+    /// The deadlock at the system's end: none if it has gone on since. One that has ended the
+    /// system counts, even if processes ran on the way to safety.
     pub(super) fn into_found(self, plan: &Plan, running: &Running) -> Option<Deadlock> {
         let has_ended_it = running.mode == Mode::Strict;
         let found = self
@@ -89,7 +95,8 @@ impl Found {
     }
 }
 
-/// How often the processes of the system were polled, those that have ended too. Who is cancelled is not polled any more.
+/// How often the processes of the system were polled, those that have ended too. A cancelled
+/// process is not polled any more.
 fn polls(plan: &Plan) -> u64 {
     let started = &plan.members().started;
     let each = started.in_order().into_iter();
@@ -97,10 +104,12 @@ fn polls(plan: &Plan) -> u64 {
     of_each + started.earlier().polls
 }
 
-/// What the processes wait for, all of whose threads slept at one instant; `None` if somebody can wake one, or just has.
+/// What the processes wait for, if all threads slept at one instant; `None` if something can wake
+/// one, or just has.
 fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found> {
     let living = &running.common.living;
-    // Nobody inside can wake anybody from that instant on. What is read now was so then, unless somebody outside interferes.
+    // From that instant on nothing inside can wake a process. What is read now was so then, unless
+    // something outside interferes.
     let processes = sleeping(plan);
     let is_forgotten = |id| plan.members().started.has_forgotten(id);
     let found = processes.and_then(|processes| {
@@ -108,7 +117,7 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found>
         let find = |refers: &dyn Fn(ProcessId, usize) -> bool| {
             find(plan.name(), &processes, &meetings, is_forgotten, refers)
         };
-        // Bodies are looked at only if there is something to explain.
+        // Bodies are read only if there is something to explain.
         find(&|_, _| false)?;
         let words = words_of_bodies(plan);
         let deadlock = find(&|id, address| {
@@ -118,7 +127,7 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found>
         let polls = polls(plan);
         Some(Found { deadlock, polls })
     });
-    // Somebody may come from outside; what becomes of it is to be looked at again.
+    // A wake may come from outside; its effect is to be looked at again.
     living.watch();
     if living.is_yet(stillness) {
         return found;
@@ -127,7 +136,7 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found>
     None
 }
 
-/// What lies in the bodies of the processes that live.
+/// The machine words in the bodies of the processes that live.
 fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
     let members = plan.members();
     let all = members.started.in_order().into_iter();
@@ -136,7 +145,8 @@ fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
         .collect()
 }
 
-/// The processes; `None` if one of them is not asleep, as when somebody outside has just spawned it; or has ended and is not reaped, since what it held is yet to be dropped.
+/// The processes; `None` if one of them is not asleep, as when a thread outside has just spawned
+/// it; or has ended and is not reaped, since what it held is yet to be dropped.
 fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
     let members = plan.members();
     let started = members.started.in_order().into_iter().map(|(id, member)| {

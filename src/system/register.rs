@@ -1,7 +1,10 @@
-//! Who was started: the processes that live, and what is remembered of those that have ended.
+//! The register of started processes: those that live, and what is remembered of those that have
+//! ended.
 //!
-//! A process is found by its number, and one that ends is told by its number too, so that nothing here takes longer for the number of the others. What is
-//! remembered is bounded: of those that were spawned on an executor while the system ran, only the last that have ended are kept; the rest is counted.
+//! A process is found by its number, and an end is reported by number too, so no operation here
+//! takes longer for the number of other processes. What is remembered is bounded: of the processes
+//! that were spawned on an executor while the system ran, only the last that ended are kept; the
+//! rest is counted.
 
 mod by_id;
 
@@ -16,10 +19,11 @@ use luna_executors::{Exit, Name, ProcessHandle, ProcessRegistry};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 
-/// How many of those that have ended are remembered unless asked for.
+/// Default number of ended processes that are remembered.
 pub(super) const REMEMBERED: usize = 1024;
 
-/// Spreads numbers that are given out one after the other, and names, which are the program's own: nothing here withstands ones that are chosen to collide.
+/// The hasher for numbers that are given out one after the other, and for names, which are the
+/// program's own. It does not withstand keys that are chosen to collide.
 #[derive(Default)]
 pub(super) struct Spread(u64);
 
@@ -56,33 +60,33 @@ impl Hasher for Spread {
     }
 }
 
-/// What is still to be done for one that has ended, without the plan's lock.
+/// Work that is left for a process that has ended, to be done outside of the plan's lock.
 pub(super) struct Funeral {
     pub(super) resident: Option<Box<dyn Phases>>,
-    /// Whose that is, and its place in the order of starts.
+    /// The process that owns it, and its place in the order of starts.
     pub(super) of: Option<(u64, ProcessHandle)>,
-    /// It was ended for an overrun.
+    /// Its poll monitor ended it for an overrun.
     pub(super) was_sentenced: bool,
     pub(super) error: Option<Error>,
-    /// One that is forgotten: what a panic threw is the user's, and is dropped with it.
+    /// The handle of a forgotten process: a panic's payload is the user's, and is dropped with it.
     pub(super) forgotten: Option<ProcessHandle>,
 }
 
-/// Where an error is from, and which it is.
+/// The error, with its process' place in the order of starts.
 type Found = Option<(u64, Error)>;
 
 pub(crate) struct Register {
     members: ById<Member>,
     names: HashSet<Name, BuildHasherDefault<Spread>>,
-    /// How many were ever started: the next one's place in the order.
+    /// Number of processes ever started: the next one's place in the order.
     started: u64,
-    /// Those with budgets, in the order of their start.
+    /// The processes with budgets, in the order of their start.
     overseen: BTreeSet<(u64, ProcessId)>,
-    /// Those that ended before they were entered here.
+    /// The processes that ended before they were entered here.
     premature: HashSet<ProcessId>,
     funerals: VecDeque<Funeral>,
     has_news: bool,
-    /// Those that have ended and may be forgotten, in the order of their ends.
+    /// The processes that have ended and may be forgotten, in the order of their ends.
     ended: VecDeque<ProcessId>,
     pub(super) most_ended: usize,
     earlier: EarlierProcesses,
@@ -91,14 +95,15 @@ pub(crate) struct Register {
     first_panic: Found,
     /// The first panic while cleaning up.
     first_cleanup: Found,
-    /// How many members were looked at, one by one or all together.
+    /// Number of looks at members, one by one or all together.
     #[cfg(test)]
     looks: std::cell::Cell<usize>,
 }
 
 impl Drop for Register {
     fn drop(&mut self) {
-        // Whose ends were noted have said it. What another one has said would keep its memory for ever, and the other way round.
+        // Noted ends have their exit values taken already. An exit value that is left would keep
+        // the process' memory for ever, and the process would keep the value.
         for (_, member) in self.members.iter() {
             drop(member.handle.take_last_words::<Verdict>());
         }
@@ -129,7 +134,7 @@ impl Default for Register {
 }
 
 impl Register {
-    /// Takes a name, unless one who is remembered has it.
+    /// Takes a name, unless a remembered process has it.
     pub(super) fn take_name(&mut self, name: &Name) -> bool {
         self.names.insert(name.clone())
     }
@@ -138,7 +143,7 @@ impl Register {
         self.names.remove(name);
     }
 
-    /// Makes room for as many more.
+    /// Makes room for `more` more processes.
     pub(super) fn reserve(&mut self, more: usize) {
         self.members.reserve(more);
     }
@@ -160,12 +165,13 @@ impl Register {
         self.premature.remove(&id);
     }
 
-    /// Looks at those that have ended. O(their number).
+    /// Looks at the processes that have ended. O(their number).
     pub(super) fn note_ends(&mut self, living: &ProcessRegistry, emergency: &Emergency) {
         living.take_ended(|id| self.note_end(id, emergency));
     }
 
-    /// Looks at all that live, since some may have ended whose ends were not told yet. O(their number).
+    /// Looks at all processes that live: some may have ended and not been reported yet. O(their
+    /// number).
     pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
         self.count_looks(self.members.len());
         let have_ended = |(id, one): (ProcessId, &Member)| {
@@ -192,7 +198,7 @@ impl Register {
     fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
         self.count_looks(1);
         let Some(member) = self.members.get_mut(id) else {
-            // Else its end was noted before it was told.
+            // Otherwise its end was noted before it was reported.
             if !self.forgotten.contains(id.get()) {
                 self.premature.insert(id);
             }
@@ -206,13 +212,13 @@ impl Register {
         let said = member.handle.take_last_words::<Verdict>();
         let said = said.and_then(|verdict| verdict.0);
         let may_be_forgotten = member.is_late && member.is_on_executor();
-        // Most have nothing that is to be seen to.
+        // Most ends leave no further work.
         if !member.is_plain() || said.is_some() || !matches!(exit, Some(Exit::Completed)) {
             self.see_to(id, exit, said, emergency);
         }
         if may_be_forgotten {
             self.ended.push_back(id);
-            // Two, so that one which is kept for its news is made up for.
+            // Two, to make up for one that is kept for its news.
             for _ in 0..2 {
                 if self.ended.len() > self.most_ended {
                     self.forget_one();
@@ -221,7 +227,8 @@ impl Register {
         }
     }
 
-    /// Sees to what is left of a process that has ended: its error, what is to be cleaned up, and who is to be told.
+    /// Handles what is left of a process that has ended: its error, its cleanup, and the
+    /// notifications of its end.
     #[cold]
     fn see_to(
         &mut self,
@@ -233,7 +240,8 @@ impl Register {
         let Some(member) = self.members.get_mut(id) else {
             return;
         };
-        // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
+        // A panicking process has triggered the emergency already, unless the panic was in the
+        // thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {
             emergency.trigger(Cause::Panic);
         }
@@ -261,7 +269,7 @@ impl Register {
         }
     }
 
-    /// Forgets who ended first of those that are remembered.
+    /// Forgets the remembered process that ended first.
     fn forget_one(&mut self) {
         let Some(id) = self.ended.pop_front() else {
             return;
@@ -271,7 +279,7 @@ impl Register {
         };
         if let Some(ledger) = member.ledger() {
             if ledger.has_news() || ledger.emergency().is_some() {
-                // There is something to be said of it yet.
+                // There is something to be reported of it yet.
                 self.members.insert(id, member);
                 self.ended.push_back(id);
                 return;
@@ -298,7 +306,7 @@ impl Register {
         }
     }
 
-    /// The next thing that is to be done for one that has ended.
+    /// The next piece of work for a process that has ended.
     pub(super) fn next_funeral(&mut self) -> Option<Funeral> {
         self.funerals.pop_front()
     }
@@ -316,7 +324,7 @@ impl Register {
         self.forgotten.contains(id.get())
     }
 
-    /// All who are remembered, in the order of their start. O(n log n).
+    /// All remembered processes, in the order of their start. O(n log n).
     pub(super) fn in_order(&self) -> Vec<(ProcessId, &Member)> {
         self.count_looks(self.members.len());
         let mut all: Vec<_> = self.members.iter().collect();
@@ -324,7 +332,7 @@ impl Register {
         all
     }
 
-    /// Those with budgets, in the order of their start.
+    /// The processes with budgets, in the order of their start.
     pub(super) fn overseen(&self) -> impl Iterator<Item = (ProcessId, &Member)> {
         self.count_looks(self.overseen.len());
         let members = &self.members;
@@ -333,13 +341,13 @@ impl Register {
             .filter_map(|(_, id)| Some((*id, members.get(*id)?)))
     }
 
-    /// Those whose end nobody has learnt of.
+    /// The processes that have no known end.
     pub(super) fn left_behind(&mut self) -> impl Iterator<Item = &mut Member> {
         self.count_looks(self.members.len());
         self.members.values_mut().filter(|member| !member.reaped)
     }
 
-    /// The overrun for which the system ends, if it does for one, with its culprit.
+    /// The overrun that ends the system, if one does, with the process that caused it.
     pub(super) fn overrun(&self) -> Option<Error> {
         self.overseen().find_map(|(_, member)| {
             let offence = member.ledger()?.emergency()?;
@@ -347,22 +355,22 @@ impl Register {
         })
     }
 
-    /// The panic of who was started first of those that panicked.
+    /// The panic of the first-started process among those that panicked.
     pub(super) fn first_panic(&self) -> Option<&Error> {
         self.first_panic.as_ref().map(|(_, error)| error)
     }
 
-    /// A process that was started at this place of the order has panicked as it was cleaned up.
+    /// Notes a panic in the cleanup of the process at place `order` in the order of starts.
     pub(super) fn note_cleanup(&mut self, order: u64, error: &Error) {
         keep_first(&mut self.first_cleanup, order, error);
     }
 
-    /// The panic of who was started first of those that panicked as they were cleaned up.
+    /// The panic of the first-started process among those that panicked in cleanup.
     pub(super) fn first_cleanup(&self) -> Option<&Error> {
         self.first_cleanup.as_ref().map(|(_, error)| error)
     }
 
-    /// The error of who was started first of those that failed.
+    /// The error of the first-started process among those that failed.
     pub(super) fn first_error(&self) -> Option<&Error> {
         self.first_error.as_ref().map(|(_, error)| error)
     }
@@ -384,7 +392,7 @@ impl Register {
         self.looks.set(self.looks.get() + looks);
     }
 
-    /// How much is stored for processes, in whatever way.
+    /// The total number of entries stored for processes.
     #[cfg(test)]
     pub(super) fn size(&self) -> usize {
         self.members.len()
@@ -432,12 +440,13 @@ fn process_report(member: &Member) -> ProcessReport {
     }
 }
 
-/// A set of numbers as stretches, each from its first to its last: those of processes that come and go are few.
+/// A set of numbers as ranges, each from its first to its last: processes that come and go leave
+/// few ranges.
 #[derive(Default)]
 struct Numbers {
-    /// Without a gap in a stretch, and with one between two.
+    /// First to last number. A range has no gaps, and there is a gap between two ranges.
     stretches: BTreeMap<u32, u32>,
-    /// The stretch that grows: most numbers follow the one before.
+    /// The range that grows: most numbers follow the one before.
     latest: Option<(u32, u32)>,
 }
 
@@ -452,7 +461,7 @@ impl Numbers {
         }
     }
 
-    /// Puts the latest stretch among the others.
+    /// Moves the latest range to the others.
     fn close(&mut self) {
         let Some((mut first, mut last)) = self.latest.take() else {
             return;
@@ -483,7 +492,7 @@ impl Numbers {
         is_latest || before.is_some_and(|(_, &last)| last >= number)
     }
 
-    /// How many stretches there are.
+    /// Number of ranges.
     #[cfg(test)]
     fn len(&self) -> usize {
         self.stretches.len() + usize::from(self.latest.is_some())

@@ -1,4 +1,4 @@
-//! What is said of a system's safety at set-up.
+//! The safety settings of a system at set-up.
 
 use super::System;
 use crate::safety::{EmergencyTrigger, Guardian, LIMIT, Safety};
@@ -7,23 +7,30 @@ use std::time::Duration;
 impl System {
     /// Registers a function that brings something to safety, and may take half a second for it.
     ///
-    /// In an emergency they run once, first to last registered (with those that drivers register by [`Safety::on_emergency`]), on a thread of the highest
-    /// priority, SCHED_FIFO 99, which waits ready for it; then the system ends. What makes an emergency: SIGINT, SIGTERM, SIGHUP; a panic in a process or a timer's callback;
-    /// [`luna::emergency`](crate::emergency()); an overrun budget if [so stated](crate::OnOverrun::Emergency); an [`EmergencyTrigger`]; a deadlock of a
-    /// [`strict`](Self::strict) system; the [parent's death](Self::emergency_at_parents_death) on
-    /// request. In a crash (SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT), and at every other signal
-    /// whose default action ends a program and that the program neither handles nor ignores, they
-    /// run too, and then the program ends as it would without them. `docs/safety.md` says what is
-    /// guaranteed, and what is not.
+    /// In an emergency they run once, first to last registered (with those that drivers register by
+    /// [`Safety::on_emergency`]), on a thread of the highest priority, SCHED_FIFO 99, which waits
+    /// ready for it; then the system ends. What makes an emergency: SIGINT, SIGTERM, SIGHUP; a
+    /// panic in a process or a timer's callback; [`luna::emergency`](crate::emergency()); an
+    /// overrun budget if [so stated](crate::OnOverrun::Emergency); an [`EmergencyTrigger`]; a
+    /// deadlock of a [`strict`](Self::strict) system; the
+    /// [parent's death](Self::emergency_at_parents_death) on request. In a crash (SIGSEGV, SIGBUS,
+    /// SIGFPE, SIGILL, SIGABRT) they run too, and then the program ends as it would without them.
+    /// So they do at every other signal that ends a program by default and that the program neither
+    /// handles nor ignores. `docs/safety.md` says what is guaranteed, and what is not.
     ///
-    /// One that panics does not keep the next from running. One that takes longer than its limit is left behind at low priority, and another thread goes on with the next:
-    /// [`on_emergency_within`](Self::on_emergency_within). The report says how it went with each.
+    /// One that panics does not keep the next from running. One that takes longer than its limit is
+    /// left behind at low priority, and another thread goes on with the next:
+    /// [`on_emergency_within`](Self::on_emergency_within). The report states the outcome of each.
     ///
-    /// A function is called in the middle of anything, also of a crash, whose thread may hold any lock, that of the memory allocator too: the best ones write to a
-    /// device that is open already, and neither allocate nor lock.
+    /// A function is called in the middle of anything, also of a crash. The crashed thread may hold
+    /// any lock, that of the memory allocator too. The best functions write to a device that is
+    /// open already, and neither allocate nor lock.
     ///
-    /// Functions run with SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. A program that one starts by `std::process` inherits that, and such a signal does not end it unless it unblocks it (shells do so for what they run, few others do): have it
-    /// started before, or empty the mask in [`pre_exec`](https://doc.rust-lang.org/std/os/unix/process/trait.CommandExt.html#tymethod.pre_exec).
+    /// Functions run with SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. A program that one starts by
+    /// `std::process` inherits that, and such a signal does not end it unless it unblocks it
+    /// (shells do so for what they run, few others do): have it started before, or empty the mask
+    /// in
+    /// [`pre_exec`](https://doc.rust-lang.org/std/os/unix/process/trait.CommandExt.html#tymethod.pre_exec).
     ///
     /// A panic in a process makes an emergency before the panic hook prints, which takes long with
     /// a backtrace; so also one that the body catches, unless by
@@ -37,10 +44,12 @@ impl System {
         self.on_emergency_within(name, LIMIT, function)
     }
 
-    /// Registers a function as [`on_emergency`](Self::on_emergency) does, with the time that it may take, on the machine's clock.
+    /// Registers a function as [`on_emergency`](Self::on_emergency) does, with the time that it may
+    /// take, on the machine's clock.
     ///
-    /// When that is over it goes on at low priority (SCHED_OTHER, nice 19) if it can, and another thread, which was made before the start, begins the next; seven may hang
-    /// so. It is noticed at most a millisecond late.
+    /// When that is over it goes on at low priority (SCHED_OTHER, nice 19) if it can, and another
+    /// thread, which was made before the start, begins the next; seven may hang so. It is noticed
+    /// at most a millisecond late.
     ///
     /// # Panics
     ///
@@ -68,7 +77,7 @@ impl System {
         function: impl FnMut() + Send + 'static,
     ) -> &mut Self {
         let emergency = self.plan.emergency();
-        // After the run it would never be called, as ever.
+        // After the run it would never be called.
         if let Err(error) = emergency.add_function(name, limit, Box::new(function))
             && !self.plan.has_begun()
         {
@@ -77,8 +86,10 @@ impl System {
         self
     }
 
-    /// Registers a function that runs each time the [safe state](Safety::enter_safe_state) is entered, on the thread of the emergency functions, and in half a second as
-    /// they: for outputs that no process drives. The processes run on; they ask [`Safety::is_safe_state`]. On a virtual clock it runs when it comes to it, while time goes on.
+    /// Registers a function that runs each time the [safe state](Safety::enter_safe_state) is
+    /// entered, on the thread of the emergency functions, and in half a second as they: for outputs
+    /// that no process drives. The processes run on; they ask [`Safety::is_safe_state`]. On a
+    /// virtual clock it runs when it comes to it, while time goes on.
     ///
     /// # Panics
     ///
@@ -118,20 +129,24 @@ impl System {
         EmergencyTrigger::new(self.plan.emergency().clone())
     }
 
-    /// The system's safety state, from now on and also after its end. In a process [`luna::safety`](crate::safety()) gives it.
+    /// The system's safety state, from now on and also after its end. In a process
+    /// [`luna::safety`](crate::safety()) returns it.
     pub fn safety(&self) -> Safety {
         Safety::new(self.plan.emergency().clone())
     }
 
-    /// Makes it an emergency when the program that started this one ends, in whatever way: a supervisor or a remote shell, without which nobody watches the machine.
+    /// Makes it an emergency when the program that started this one ends, in any way: a supervisor
+    /// or a remote shell. Without it the machine is unattended.
     ///
-    /// Linux alone (5.3 or later); elsewhere [`run`](Self::run) says so as a shortfall of the system. Costs a thread that sleeps.
+    /// Linux alone (5.3 or later); elsewhere [`run`](Self::run) reports a shortfall of the system.
+    /// Costs a thread that sleeps.
     pub fn emergency_at_parents_death(&mut self) -> &mut Self {
         self.plan.settings().parents_death = true;
         self
     }
 
-    /// Starts `guardian` with the system: a program of its own that brings the machine to safety if this one is killed. See [`Guardian`].
+    /// Starts `guardian` with the system: a program of its own that brings the machine to safety if
+    /// this one is killed. See [`Guardian`].
     pub fn guardian(&mut self, guardian: Guardian) -> &mut Self {
         self.plan.settings().guardian = Some(guardian);
         self

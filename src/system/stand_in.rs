@@ -5,7 +5,7 @@ use crate::error::{Result, SetupError};
 use std::any::{Any, TypeId, type_name};
 use std::collections::BTreeMap;
 
-/// The stand-ins of a system, and who can be replaced.
+/// The stand-ins of a system, and the processes that can be replaced.
 #[derive(Default)]
 pub(crate) struct StandIns {
     waiting: BTreeMap<String, StandIn>,
@@ -15,7 +15,7 @@ pub(crate) struct StandIns {
     is_closed: bool,
 }
 
-/// A body for a process of whose ends the type is known at run time alone.
+/// A body for a process with ends of a type known at run time alone.
 pub(super) struct StandIn {
     ends: TypeId,
     type_name: &'static str,
@@ -57,7 +57,7 @@ impl StandIns {
         Ok(())
     }
 
-    /// Declares a process with ends of type `E`; gives who stands in for it, if anybody does.
+    /// Declares a process with ends of type `E`; returns its stand-in, if it has one.
     pub(super) fn declare<E: 'static>(&mut self, process: &str) -> Result<Option<StandIn>> {
         let stand_in = match self.waiting.get(process) {
             Some(stand_in) if stand_in.ends != TypeId::of::<E>() => {
@@ -114,7 +114,8 @@ impl StandIns {
 }
 
 impl StandIn {
-    /// Makes the process of the ends that were [declared](StandIns::declare). Calls what is the user's.
+    /// Makes the process of the ends that were [declared](StandIns::declare). Calls what is the
+    /// user's.
     pub(super) fn prepare<E: Send + 'static>(self, ends: E) -> Prepared<Box<dyn Start>> {
         (self.prepare)(Box::new(ends))
     }

@@ -1,7 +1,8 @@
 //! What a hypervisor takes from the cores, sampled by the thread that runs the system.
 //!
-//! The kernel tells it in a text that takes tens of microseconds to make, so it is not asked on the real-time path, also not about a cycle that is late
-//! already: the samples lie beside the loops, and the report lays both together by their times.
+//! The kernel reports it in a text that takes tens of microseconds to make, so it is not read on
+//! the real-time path, also not about a cycle that is late already: the samples lie beside the
+//! loops, and the report matches both by their times.
 
 use crate::time::StolenTime;
 use luna_platform::clock::Instant;
@@ -9,16 +10,19 @@ use luna_platform::steal::StealMeter;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The time between two samples. At some 30 µs a sample this is 0.03 % of a core that is not a real-time one.
+/// The time between two samples. At some 30 µs a sample this is 0.03 % of a core that is not a
+/// real-time one.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// The same on a machine from which nothing has been stolen since it began: a real one, most likely.
+/// The same on a machine from which nothing has been stolen since it began: a real one, most
+/// likely.
 const LONG_PAUSE: Duration = Duration::from_secs(1);
 
 /// The most windows that are kept: those in which something was stolen, the last ones.
 const KEPT: usize = 4096;
 
-/// Of how many cores one sample is told at most: they go where changes of the safety state go too, which has room for 64.
+/// Highest number of cores reported for one sample: they go where changes of the safety state go
+/// too, which has room for 64.
 const MOST_TOLD: usize = 16;
 
 /// The samples of one run.
@@ -91,7 +95,8 @@ impl Stolen {
         }
     }
 
-    /// Takes a sample, and tells of the cores from which something was stolen since the one before: of [`MOST_TOLD`] at most, those that have lost most.
+    /// Takes a sample, and reports the cores from which time was stolen since the one before:
+    /// [`MOST_TOLD`] at most, those that have lost most.
     pub(super) fn sample(&mut self, tell: impl FnMut(&Window)) {
         if let Some(meter) = &mut self.meter {
             let read = meter.read();
@@ -130,7 +135,7 @@ impl Stolen {
     }
 
     /// What was stolen from `core` between the two instants, as far as the windows that touch that
-    /// time tell; `None` if that is not known.
+    /// time show; `None` if that is not known.
     pub(super) fn between(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime> {
         let is_known = self.last.iter().any(|(known, _)| *known == core)
             && self.complete_since <= from

@@ -28,7 +28,8 @@ use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-/// How long the thread that runs the system leaves ends that are in no hurry alone after it has looked after some: at first, and if there are always more.
+/// The pause of the thread that runs the system between two passes over unhurried ends: at first,
+/// and if there are always more.
 const SHORTEST_REST: Duration = Duration::from_millis(1);
 const LONGEST_REST: Duration = Duration::from_millis(16);
 
@@ -37,13 +38,15 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     if current::home().is_some() {
         return Err(SetupError::Nested.into());
     }
-    // Also in a blocking call of a process whose time is virtual: this system has a clock of its own.
+    // Also in a blocking call of a process on virtual time: this system has a clock of its own.
     let _clock = Clock::REAL.enter();
-    // Signals are for the emergency manager, which has a higher priority; and a stack for handlers, should this thread use up its own.
+    // The emergency manager takes signals, since it has a higher priority. The handlers need a
+    // stack of their own, should this thread use up its stack.
     let _handlers = HandlerStack::here();
     let _held_back = HeldBack::here();
     let mut launched = launch(plan)?;
-    // Dropped before what was launched: the machine first, should this thread panic.
+    // Dropped before what was launched: the emergency functions come first, should this thread
+    // panic.
     let mut system_threads = SystemThreads {
         plan,
         simulation: launched.simulation.take(),
@@ -66,7 +69,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     if let Some(simulation) = &running.simulation {
         simulation.attend();
     }
-    // What an emergency has brought to safety before the start is not set in motion.
+    // If an emergency has run its functions before the start, the processes are not released.
     if !emergency.has_begun() {
         launched.emergency.arm();
         for (_, executor) in &system_threads.executors {
@@ -96,7 +99,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         recording,
         ..
     } = launched;
-    // Who has failed before time stood still; what they return while they are being ended says nothing.
+    // The processes that failed before time stood still. Errors that processes return while they
+    // are being ended do not count.
     let failed_before = standstill.and_then(|_| {
         let reaper = Reaper {
             plan,
@@ -106,7 +110,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         reaper.reap();
         plan.members().started.first_error().cloned()
     });
-    // Nobody's function is called any more; loops that have not ended yet take their own deadlines.
+    // No callback is called any more; loops that have not ended yet take their own deadlines.
     let (timers, callback_panic) = timers.map(ManagerThread::stop).unzip();
     let end = Reaper {
         plan,
@@ -115,21 +119,22 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     };
     let threads = system_threads.end(|deadline, done| wait_until(&end, deadline, done));
     end.reap();
-    // Who was left behind may have ended since.
+    // A detached thread may have ended since.
     plan.members().started.note_last_ends(living, emergency);
     end.reap();
     drop(parent);
     let signal = guard.stop().or_else(|| match emergency.cause() {
-        // A crash, by a signal that was then handled otherwise.
+        // A crash, by a signal that was then handled in another way.
         Some((_, Cause::Signal(number))) => Some(number),
         _ => None,
     });
     #[cfg(unix)]
     plan.devices().let_go();
-    // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
+    // Only now: a process that was cancelled where time stood still may have raised one, or
+    // panicked, on the way out.
     let was_emergency = emergency.is_safe();
     stolen.sample(|window| {
-        // Where time is virtual each recording is to be the same.
+        // On virtual time each recording must be the same.
         if scope.has_loops() && !clock_kind.is_virtual() {
             tell_stolen(&running, window);
         }
@@ -139,11 +144,11 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         guardian.end(safety.failed().next().is_none());
     }
     for function in safety.failed() {
-        // Only now: standard error may be a pipe that nobody reads.
+        // Only now: standard error may be a pipe without a reader.
         notice!("luna: emergency function {function}; the others ran");
     }
     plan.parameters().end();
-    // Nobody of the system records any more, but who was left behind.
+    // Only detached threads of the system can still record.
     #[cfg_attr(
         not(feature = "logger"),
         expect(unused_variables, reason = "without the logger there is none")
@@ -158,7 +163,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
                 left_behind.name()
             );
         }
-        // Its body still lives, on the thread that was left to itself, and refers to them.
+        // Its body still exists, on the detached thread, and refers to them.
         std::mem::forget(left_behind.take_resident());
     }
     for line in Warnings::rest(&members) {
@@ -225,7 +230,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     };
     let livelock = livelock(&members.started, standstill, clock.now());
     if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
-        // What ended the system first, though something graver has come of it.
+        // The first cause of the system's end, though a graver error followed.
         notice!("luna: {livelock}");
     }
     let error = match report.end {
@@ -235,10 +240,10 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
             .or_else(|| callback_panic.flatten().filter(|_| signal.is_none()))
             .or_else(|| caught_panic(&members.started, emergency, &report)),
     }
-    // Whatever has ended the system: something may not be as its process was to leave it.
+    // For any end of the system: something may not be as its process was to leave it.
     .or_else(|| members.started.first_cleanup().cloned());
     let error = match (error, recorded) {
-        // What processes return in a replay that has gone astray says nothing.
+        // Errors that processes return in a replay that has diverged do not count.
         (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
         (None, Err(error)) => Some(error.into()),
         (None, Ok(_)) => running.common.tapes.outside().map(Error::from),
@@ -254,7 +259,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
 }
 
-/// Says once what is done without.
+/// Reports once what the system runs without.
 fn announce_shortfalls(
     plan: &Plan,
     of_system: &[Shortfall],
@@ -286,7 +291,7 @@ fn announce_shortfalls(
         .iter()
         .map(|(name, one)| format!("{name}: no {}", one.what()))
         .collect();
-    // The same reason and remedy often serve several.
+    // Several shortfalls often share one reason and remedy.
     let mut reasons: Vec<String> = Vec::new();
     for (_, one) in &all {
         let reason = format!("{}: {}", one.why(), one.remedy());
@@ -308,8 +313,9 @@ fn tell_stolen(running: &Running, window: &Window) {
     log.tell_stolen(window.core, window.stolen, window.length());
 }
 
-/// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way. No process starts from then on. Gives
-/// the OS threads to the system_threads, and the deadlock that was found, if one was.
+/// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way.
+/// No process starts from then on. Passes the OS threads to `system_threads`, and returns the
+/// deadlock that was found, if one was.
 fn watch(
     system_threads: &mut SystemThreads<'_>,
     launched: &Launched,
@@ -329,7 +335,7 @@ fn watch(
     let mut look_again = Instant::NEVER;
     let mut seen_before = None;
     let mut rest = SHORTEST_REST;
-    // Where time jumps, nobody could say when it would look.
+    // On a virtual clock there is no defined time for a look.
     let every = launched
         .look_at_parameters
         .filter(|_| !launched.clock.is_virtual());
@@ -337,15 +343,16 @@ fn watch(
     loop {
         let seen = living.changes();
         if emergency.has_begun() && !emergency.is_safe() {
-            // The machine first: no `post_run` runs before the functions have, which is announced.
+            // The emergency functions come first: no `post_run` runs before they have, which is
+            // announced.
             living.wait(seen, Instant::NEVER);
             continue;
         }
         let reaper = Reaper {
             plan,
             running,
-            // The run returns the error that an emergency came of; what others return from then on
-            // says nothing.
+            // The run returns the error that caused an emergency; errors that others return from
+            // then on do not count.
             errors: (!emergency.has_begun()).then_some(pending),
         };
         let have_ended = reaper.reap();
@@ -367,7 +374,7 @@ fn watch(
         for line in lines {
             notice!("{line}");
         }
-        // What a hypervisor takes makes nobody late where time stands meanwhile.
+        // Time that a hypervisor takes makes no loop late where time stands meanwhile.
         let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
             stolen.sample_if_due(|window| tell_stolen(running, window))
         } else {
@@ -407,7 +414,7 @@ fn watch(
     }
 }
 
-/// What the report needs to say why cycles were late.
+/// What the report needs to explain why cycles were late.
 struct Known<'a> {
     started: &'a Register,
     stolen: Stolen,
@@ -427,12 +434,14 @@ impl Witness for Known<'_> {
 struct Reaper<'a> {
     plan: &'a Plan,
     running: &'a Running,
-    /// Where errors go; nowhere while processes are being ended, since what they return then says nothing.
+    /// Where errors go; `None` while processes are being ended, since their errors do not count
+    /// then.
     errors: Option<&'a PendingErrors>,
 }
 
 impl Reaper<'_> {
-    /// Whether anybody has ended since the last time, or there is another reason to come again soon. O(their number).
+    /// Whether a process has ended since the last time, or there is another reason to come again
+    /// soon. O(their number).
     fn reap(&self) -> bool {
         let mut have_ended = false;
         let Common {
@@ -466,7 +475,7 @@ impl Reaper<'_> {
                 errors.add(&error);
             }
             let panicked = if was_sentenced {
-                // What it holds outside of its body goes as the body went.
+                // What it holds outside of its body is dropped in the same way as the body was.
                 current::poison_dropped_ends(|| clean_up(resident))
             } else {
                 clean_up(resident)
@@ -490,7 +499,8 @@ impl Reaper<'_> {
     }
 }
 
-/// Waits for a thread's end, and reaps who ends meanwhile. There is no event for it, and nobody is in a hurry: so it looks now and then.
+/// Waits for a thread's end, and reaps the processes that end meanwhile. There is no event for it,
+/// and it is not urgent: so it polls at intervals.
 fn wait_until(reaper: &Reaper<'_>, deadline: Instant, done: &dyn Fn() -> bool) -> bool {
     let mut pause = Duration::from_micros(20);
     while !done() {
@@ -504,7 +514,7 @@ fn wait_until(reaper: &Reaper<'_>, deadline: Instant, done: &dyn Fn() -> bool) -
     true
 }
 
-/// The livelock that a virtual clock has come to, if it has, at `now`.
+/// The livelock that a virtual clock has reached, if any, at `now`.
 fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) -> Option<Error> {
     match standstill? {
         Standstill::Livelock { process, turns } => Some(Error::Livelock {
@@ -516,8 +526,8 @@ fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) ->
     }
 }
 
-/// The error of a run that a panic has ended with which no process ended: it was an emergency
-/// before the body caught it.
+/// The error of a run that a panic has ended without ending a process: it was an emergency before
+/// the body caught it.
 fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> Option<Error> {
     let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
     let message = "it was caught, but not by `luna::catch_panic`";
@@ -528,11 +538,12 @@ fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> O
     }
 }
 
-/// The error that a run returns whose time did not stand still: a panic's before all others, since it is the cause; none if a signal ended the system, since what
-/// processes return while they are being ended says nothing.
+/// The error that a run returns if its time did not stand still: a panic's before all others, since
+/// it is the cause; none if a signal ended the system, since what processes return while they are
+/// being ended does not count.
 fn error_of_run(started: &Register, cause: Option<Error>, report: &Report) -> Option<Error> {
     match report.end {
-        // What they return while they are being ended says nothing.
+        // Errors that processes return while they are being ended do not count.
         End::Signal(_) | End::Undriven | End::Livelock => None,
         End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
         End::Overrun | End::Emergency => cause,

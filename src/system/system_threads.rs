@@ -16,7 +16,8 @@ const GRACE: Duration = Duration::from_secs(2);
 /// How often a panic's end looks whether a thread has ended.
 const LOOKS_EVERY: Duration = Duration::from_millis(1);
 
-/// The threads that run processes. Dropped before the run is over, the thread that runs the system panics.
+/// The threads that run processes. Dropped before the run is over, the thread that runs the system
+/// panics.
 pub(super) struct SystemThreads<'a> {
     pub(super) plan: &'a Plan,
     /// What runs the executors, if their time is virtual.
@@ -24,14 +25,15 @@ pub(super) struct SystemThreads<'a> {
     pub(super) executors: VecDeque<(String, Executor)>,
     /// The plan has them as long as processes may start.
     pub(super) threads: VecDeque<NamedThread>,
-    /// Somebody was left behind: its body lives on.
+    /// A thread was detached: its body still exists.
     pub(super) has_left_behind: bool,
     /// The run has come to its end.
     pub(super) is_over: bool,
 }
 
 impl SystemThreads<'_> {
-    /// Asks all threads to end, waits for them a bounded time, by `wait`, and leaves behind who does not.
+    /// Requests the end of all threads, waits for them a bounded time, by `wait`, and detaches
+    /// those that do not end.
     pub(super) fn end(
         &mut self,
         wait: impl Fn(Instant, &dyn Fn() -> bool) -> bool,
@@ -56,7 +58,8 @@ impl SystemThreads<'_> {
                 if ended {
                     executor.stop();
                 } else {
-                    // Said first: whatever panics from here on, what its bodies refer to stays.
+                    // Set first: if anything panics from here on, what the threads' bodies refer to
+                    // stays.
                     self.has_left_behind = true;
                     executor.abandon();
                 }
@@ -111,7 +114,8 @@ impl Drop for SystemThreads<'_> {
             done()
         });
         if self.has_left_behind {
-            // Now, or by an end that came before the panic. Whose they are nobody looks up any more.
+            // Now, or by an end that came before the panic. Their owners are not looked up any
+            // more.
             for left_behind in self.plan.members().started.left_behind() {
                 std::mem::forget(left_behind.take_resident());
             }

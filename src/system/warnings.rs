@@ -1,4 +1,5 @@
-//! Says of overruns, on the thread that runs the system: the path only raises a flag, and rings if nobody had raised it.
+//! Reports overruns, on the thread that runs the system: the path only raises a flag, and rings if
+//! the flag was not raised before.
 
 use super::plan::Members;
 use luna_core::current::ProcessId;
@@ -9,15 +10,15 @@ use std::time::Duration;
 /// The time between two lines about one process.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// When something was said of whom.
+/// The time of the last warning about each process.
 #[derive(Default)]
 pub(super) struct Warnings {
     said: HashMap<ProcessId, Instant>,
 }
 
 impl Warnings {
-    /// The lines to be said now, and when to look again if nobody rings. A process of which something was said lately keeps its flag, so that it does
-    /// not ring.
+    /// The lines to be printed now, and when to look again if no ring comes. A process with a
+    /// recent warning keeps its flag, so that it does not ring.
     pub(super) fn collect(&mut self, members: &Members, now: Instant) -> (Vec<String>, Instant) {
         let mut lines = Vec::new();
         let mut next = Instant::NEVER;
@@ -39,7 +40,7 @@ impl Warnings {
         (lines, next)
     }
 
-    /// What has not been said yet, at the end.
+    /// What has not been reported yet, at the end.
     pub(super) fn rest(members: &Members) -> Vec<String> {
         let with_news = members.started.overseen().filter_map(|(_, member)| {
             let ledger = member.ledger()?;
@@ -50,7 +51,7 @@ impl Warnings {
 }
 
 fn take_lines(name: &str, ledger: &crate::safety::Ledger) -> Vec<String> {
-    // Before the reading: an overrun in between is said twice, and not never.
+    // Before the reading: an overrun in between is reported twice, and not never.
     ledger.take_news();
     let reports = ledger.reports().into_iter();
     reports

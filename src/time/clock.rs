@@ -3,7 +3,8 @@
 use luna_core::current;
 use luna_platform::clock::Instant;
 
-/// The time on the clock of the system. Real-time path: yes; O(1), no system call (24 ns on the reference machine).
+/// The time on the clock of the system. Real-time path: yes; O(1), no system call (24 ns on the
+/// reference machine).
 ///
 /// ```
 /// let start = luna::now();

@@ -3,13 +3,15 @@
 use hdrhistogram::Histogram;
 use std::time::Duration;
 
-/// The longest time that the histogram tells apart: longer ones count as this long there. The exact maximum is kept beside it.
+/// The longest time that the histogram resolves: longer ones count as this long there. The exact
+/// maximum is kept beside it.
 const LONGEST: u64 = 1 << 37;
 
-/// Times in nanoseconds: their number, exact minimum, maximum, mean and standard deviation, and percentiles within 0.8 %.
+/// Times in nanoseconds: their number, exact minimum, maximum, mean and standard deviation, and
+/// percentiles within 0.8 %.
 ///
-/// Recording is O(1) and allocates nothing; the histogram (`hdrhistogram`, 2 significant digits, 1 ns to 137 s) is made before the start.
-/// Reading it is for after the run.
+/// Recording is O(1) and allocates nothing; the histogram (`hdrhistogram`, 2 significant digits, 1
+/// ns to 137 s) is made before the start. Reading it is for after the run.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -104,7 +106,8 @@ impl Distribution {
         }
     }
 
-    /// The time that `percent` per cent of all do not exceed: 50 for the median. Within 0.8 %, and never beyond the exact extremes.
+    /// The time that `percent` per cent of all do not exceed: 50 for the median. Within 0.8 %, and
+    /// never beyond the exact extremes.
     pub fn percentile(&self, percent: f64) -> Duration {
         if self.count == 0 {
             return Duration::ZERO;
@@ -113,7 +116,8 @@ impl Distribution {
         Duration::from_nanos(nanos.clamp(self.minimum, self.maximum))
     }
 
-    /// The recorded times as pairs of (greatest nanoseconds of a bin, count), rising, without empty bins.
+    /// The recorded times as pairs of (greatest nanoseconds of a bin, count), rising, without empty
+    /// bins.
     pub fn bins(&self) -> impl Iterator<Item = (u64, u64)> + '_ {
         self.histogram
             .iter_recorded()

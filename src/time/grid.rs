@@ -1,22 +1,25 @@
-//! The slots of a loop: where each lies, and how the following ones are moved. Arithmetic alone, without a clock.
+//! The slots of a loop: where each lies, and how the following ones are moved. Arithmetic alone,
+//! without a clock.
 
 use luna_platform::clock::Instant;
 
 /// Slots that are a period apart, by their numbers.
 ///
-/// Slots up to `reference` lie where they were when they came; trimming moves those behind it alone. So what has been counted stays true.
+/// Slots up to `reference` lie where they were when they came; trimming moves those behind it
+/// alone. So what has been counted stays true.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Grid {
     period: u64,
     /// When slot `reference` would begin if it had been where the following ones are.
     at: Instant,
     reference: u64,
-    /// The last slot that had come when the loop joined the grid: the loop answers for those behind it.
+    /// The last slot that had come when the loop joined the grid: the loop is responsible for those
+    /// behind it.
     joined: u64,
 }
 
 impl Grid {
-    /// Slot 0 begins at `origin`, and the loop answers for all behind it.
+    /// Slot 0 begins at `origin`, and the loop is responsible for all behind it.
     pub(super) fn new(origin: Instant, period: u64) -> Self {
         Self {
             period,
@@ -26,7 +29,8 @@ impl Grid {
         }
     }
 
-    /// Slot 0 begins at `origin`, and the loop answers for those that come after `now`, and never for slot 0.
+    /// Slot 0 begins at `origin`, and the loop is responsible for those that come after `now`, and
+    /// never for slot 0.
     pub(super) fn joined_at(origin: Instant, period: u64, now: Instant) -> Self {
         let grid = Self::new(origin, period);
         Self {
@@ -53,7 +57,7 @@ impl Grid {
         self.reference + now.nanos_since(self.at) / self.period
     }
 
-    /// How many slots the loop answers for when `last` is the last that has come.
+    /// Number of slots that the loop is responsible for when `last` is the last that has come.
     pub(super) fn elapsed(&self, last: u64) -> u64 {
         last.saturating_sub(self.joined)
     }
@@ -66,7 +70,8 @@ impl Grid {
     }
 }
 
-/// How far the slots behind a cycle have been moved in it: what [`Periodic::correct`](super::Periodic::correct) may still do.
+/// How far the slots behind a cycle have been moved in it: what
+/// [`Periodic::correct`](super::Periodic::correct) may still do.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Trim(i64);
 
@@ -74,7 +79,8 @@ impl Trim {
     /// The part of a period by which its next slots can be moved in one cycle.
     const PART: u64 = 100;
 
-    /// Adds `nanos`, as far as the sum stays within a hundredth of `period` either way; gives what was added.
+    /// Adds `nanos`, as far as the sum stays within a hundredth of `period` either way; returns
+    /// what was added.
     pub(super) fn add(&mut self, nanos: i64, period: u64) -> i64 {
         // A hundredth of any number of 64 bits fits.
         let most = (period / Self::PART) as i64;
@@ -127,7 +133,7 @@ mod tests {
         let mut grid = Grid::new(at(100), 10);
         grid.shift_behind(4, 3);
         assert_eq!((grid.slot(5), grid.slot(6)), (at(153), at(163)));
-        // Slot 4 has come, whatever its slot would be now.
+        // Slot 4 has come, wherever its slot would be now.
         assert_eq!(
             (
                 grid.last_at(at(140)),
@@ -171,7 +177,8 @@ mod tests {
         );
     }
 
-    /// A bus that beats every `period` by its own clock, which gains or loses `drift` parts in a billion on ours.
+    /// A bus that beats every `period` by its own clock, which gains or loses `drift` parts in a
+    /// billion on ours.
     struct Bus {
         first: i128,
         period: i128,
@@ -196,7 +203,8 @@ mod tests {
         }
     }
 
-    /// A loop that corrects itself by all it measures follows the bus from wherever it begins, with the cycle's share of the drift for its error.
+    /// A loop that corrects itself by all it measures follows the bus from wherever it begins, with
+    /// the cycle's share of the drift for its error.
     fn follow(period: u64, drift: i128, begin: i128, missed_every: u64) {
         let bus = Bus {
             first: 5_000_000_000,

@@ -14,7 +14,8 @@ use std::time::Duration;
 /// How many late cycles of a loop are kept: the worst ones.
 pub(crate) const KEPT: usize = 8;
 
-/// Unless stated otherwise a cycle is late from this part of its period on, but not below the shortest lateness.
+/// Unless stated otherwise a cycle is late from this part of its period on, but not below the
+/// shortest lateness.
 const PART_OF_PERIOD: u64 = 10;
 const SHORTEST: u64 = 50_000;
 
@@ -80,14 +81,14 @@ pub(crate) struct LateCycles {
     count: u64,
     accounting: Accounting,
     worst: [Option<Note>; KEPT],
-    /// When the loop asked for the cycle that is to begin, and how long the one before ran.
+    /// When the loop requested the cycle that is to begin, and how long the one before ran.
     asked: Instant,
     previous_run: Option<u64>,
     /// The second argument of the last late cycle's event.
     in_event: u64,
 }
 
-/// What the report knows and the path did not.
+/// What is known to the report and was not known on the path.
 pub(crate) trait Witness {
     /// A process' name.
     fn name_of(&self, process: ProcessId) -> Option<String>;
@@ -106,7 +107,8 @@ impl LateCycles {
         self.accounting.begin(now);
     }
 
-    /// It was made elsewhere, and begins here now: nothing of what the kernel has counted so far is the loop's.
+    /// It was made elsewhere, and begins here now: the kernel's counts so far do not belong to the
+    /// loop.
     pub(crate) fn begin_here(&mut self, now: Instant) {
         self.asked = now;
         if self.threshold != u64::MAX {
@@ -122,14 +124,16 @@ impl LateCycles {
         self.accounted = true;
     }
 
-    /// The loop asks for its next cycle; the one before ran so many nanoseconds.
+    /// The loop requests its next cycle; the one before ran so many nanoseconds.
     pub(crate) fn asked(&mut self, now: Instant, previous_run: Option<u64>) {
         self.asked = now;
-        // A future that was dropped, and another that asks again: the cycle before is still the same.
+        // A future that was dropped, and another that requests again: the cycle before is still the
+        // same.
         self.previous_run = previous_run.or(self.previous_run);
     }
 
-    /// A cycle begins that was to at `slot`. O(1); three system calls if it is late, or each is accounted for.
+    /// A cycle begins that was to at `slot`. O(1); three system calls if it is late, or each is
+    /// accounted for.
     #[inline]
     pub(crate) fn cycle_begins(&mut self, number: u64, slot: Instant, now: Instant) -> bool {
         luna_executors::look_at_clock(now);
@@ -162,7 +166,7 @@ impl LateCycles {
         let interference = luna_executors::interference(waited_from, began, |turn| !is_rest(turn));
         // Also of a cycle that is not kept: the next reading counts from here.
         let usage = self.accounting.turn(began);
-        // What the kernel counts says nothing of a time that is virtual, and differs between runs.
+        // The kernel's counts have no meaning on virtual time, and differ between runs.
         let is_real = !Clock::is_virtual_here();
         let note = Note {
             number,

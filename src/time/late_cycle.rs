@@ -1,4 +1,4 @@
-//! What a report says of a late cycle.
+//! The text of a report about a late cycle.
 
 use super::accounting::{UsageSince, short};
 use luna_core::events::code::late;
@@ -58,7 +58,8 @@ pub struct LateCycle {
     pub usage: Option<UsageSince>,
     /// The core that the cycle began on. `None` on a virtual clock.
     pub core: Option<usize>,
-    /// What a hypervisor took from that core. `None` where it is not told, or no sample was taken.
+    /// What a hypervisor took from that core. `None` where it is not reported, or no sample was
+    /// taken.
     pub stolen: Option<StolenTime>,
 }
 
@@ -194,7 +195,7 @@ mod tests {
         Instant::from_nanos(millis * 1_000_000)
     }
 
-    /// Late by 10 ms, from 2000 ms on, for a reason that nobody knows.
+    /// Late by 10 ms, from 2000 ms on, for an unknown reason.
     fn late_cycle() -> LateCycle {
         LateCycle {
             number: 7,

@@ -23,14 +23,16 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum Overrun {
-    /// Every slot gets its cycle: late ones follow at once, one after the other, until the loop has caught up. For loops that must
-    /// do each step, such as an integrator.
+    /// Every slot gets its cycle: late ones follow at once, one after the other, until the loop has
+    /// caught up. For loops that must do each step, such as an integrator.
     CatchUp,
-    /// A slot can be served while it lasts, that is until the next one comes; one that has passed whole is missed, and the loop
-    /// stays on its grid. A cycle that is late by less than a period is thus never lost, and two slots are never served for one.
+    /// A slot can be served while it lasts, that is until the next one comes; one that has passed
+    /// whole is missed, and the loop stays on its grid. A cycle that is late by less than a period
+    /// is thus never lost, and two slots are never served for one.
     #[default]
     SkipToGrid,
-    /// The late cycle runs at once and begins a new grid. For loops whose distance matters more than their phase.
+    /// The late cycle runs at once and begins a new grid. For loops that need an even distance more
+    /// than a fixed phase.
     Rephase,
 }
 
@@ -94,28 +96,34 @@ pub struct Periodic {
 enum Prepared {
     /// With all bodies.
     AtStart,
-    /// Beside processes that run, as its body asks for the first cycle.
+    /// Beside processes that run, as its body requests the first cycle.
     AtFirstCycle,
 }
 
-/// Begins a loop called `name` whose slots are `period` apart: the first one a period from now, or with [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of
-/// this period have.
+/// Begins a loop called `name` with slots `period` apart: the first one a period from now, or with
+/// [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of this period have.
 ///
-/// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle never shifts the following ones. Slots
-/// that come while the loop is busy are treated by its [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates
-/// nothing, since it takes the room for its statistics from a reserve of the system, of 16 loops or as many as [`System::max_loops`](crate::System::max_loops) says.
-/// O(loops, and processes with [parameters](crate::parameters)).
+/// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle
+/// never shifts the following ones. Slots that come while the loop is busy are treated by its
+/// [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates nothing,
+/// since it takes the room for its statistics from a reserve of the system, of 16 loops or as set
+/// by [`System::max_loops`](crate::System::max_loops). O(loops, and processes with
+/// [parameters](crate::parameters)).
 ///
-/// In [`pre_run`](crate::Process::pre_run) it makes a loop that begins with the bodies: its first slot is a period after all of them are released; in a process that is spawned
-/// while the system runs, a period after the body first asks for one.
+/// In [`pre_run`](crate::Process::pre_run) it makes a loop that begins with the bodies: its first
+/// slot is a period after all of them are released; in a process that is spawned while the system
+/// runs, a period after the body first requests one.
 ///
-/// Each loop of a system has a line of its own in the report, also when it has ended. So a name is used once, even if the loop of that name was dropped; and a loop that was
-/// dropped keeps its room ([`System::max_loops`](crate::System::max_loops)). To loop again keep the `Periodic`, and ask it for the next cycle.
+/// Each loop of a system has a line of its own in the report, also when it has ended. So a name is
+/// used once, even if the loop of that name was dropped; and a loop that was dropped keeps its room
+/// ([`System::max_loops`](crate::System::max_loops)). To loop again keep the `Periodic`, and ask it
+/// for the next cycle.
 ///
 /// # Errors
 ///
-/// A [`SetupError`]: a period of zero or of more than 292 years, a name that another loop of the system has or had, a name of more than 63 bytes,
-/// more loops than there is room for, or no process around.
+/// A [`SetupError`]: a period of zero or of more than 292 years, a name that another loop of the
+/// system has or had, a name of more than 63 bytes, more loops than there is room for, or no
+/// process around.
 ///
 /// ```
 /// use std::time::Duration;
@@ -156,7 +164,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
     });
     let parameters = match prepared {
         None => scope.parameters(),
-        // The process is not here yet; who is, if anybody, is another.
+        // The process is not here yet; a current process, if any, is another.
         Some(_) => None,
     };
     let slot_of_timer = scope
@@ -186,7 +194,8 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
 }
 
 impl Periodic {
-    /// Treats slots that come while the loop is busy by `policy`; the default is [`Overrun::SkipToGrid`].
+    /// Treats slots that come while the loop is busy by `policy`; the default is
+    /// [`Overrun::SkipToGrid`].
     ///
     /// ```
     /// # use std::time::Duration;
@@ -201,8 +210,9 @@ impl Periodic {
         self
     }
 
-    /// Ends the process with [`Error::Overrun`](crate::Error::Overrun) when `cycles` cycles in a row were late, that is when the loop
-    /// came back after the next slot had begun. A cycle in time begins the count anew. 0 counts as 1.
+    /// Ends the process with [`Error::Overrun`](crate::Error::Overrun) when `cycles` cycles in a
+    /// row were late, that is when the loop came back after the next slot had begun. A cycle in
+    /// time begins the count anew. 0 counts as 1.
     ///
     /// ```
     /// use std::time::Duration;
@@ -224,12 +234,15 @@ impl Periodic {
         self
     }
 
-    /// Puts the loop on the grid that all loops of its period have in common, `phase` behind it: slot `k` begins at the start of the
-    /// [`System`](crate::System) (or of [`luna::run`](crate::run)) plus `phase` plus `k` periods, from slot 1 on.
+    /// Puts the loop on the grid that all loops of its period have in common, `phase` behind it:
+    /// slot `k` begins at the start of the [`System`](crate::System) (or of
+    /// [`luna::run`](crate::run)) plus `phase` plus `k` periods, from slot 1 on.
     ///
-    /// Loops of one period with different phases thus keep their distance exactly, on whichever executors they run, and a slot has the same
-    /// number in all of them. The loop joins at its first [`next`](Self::next): slots before that are not missed, and the first
-    /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a loop's grid begins when the loop is made, or with
+    /// Loops of one period with different phases thus keep their distance exactly, on whichever
+    /// executors they run, and a slot has the same number in all of them. The loop joins at its
+    /// first [`next`](Self::next): slots before that are not missed, and the first
+    /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a
+    /// loop's grid begins when the loop is made, or with
     /// [`Timers::Manager`](crate::Timers::Manager) at the slot of phase 0 that lasts then. O(1).
     ///
     /// [`Overrun::Rephase`] and [`correct`](Self::correct) leave the common grid.
@@ -266,15 +279,19 @@ impl Periodic {
         Ok(self)
     }
 
-    /// Wakes `guard` before each slot, and waits for the slot itself on the clock: for those who pay processor time for latency.
+    /// Wakes `guard` before each slot, and waits for the slot itself on the clock: pays processor
+    /// time for latency.
     ///
-    /// What the guard covers of the thread's wake-up no longer makes the cycle late. It costs up to `guard` of the processor in each period. While the
-    /// loop spins, processes of its executor that are ready at its level or above run first, as ever, whoever readied them, and each turn of the
-    /// spin looks for them. Processes of lower levels are not started, since the loop would be late by their whole poll: they wait for the slot,
-    /// `guard` at most. Threads of lower priority on the same core wait as long. Each turn counts as a poll of the process. Zero, the default, is no guard, and on a
-    /// virtual clock there is none. O(1).
+    /// What the guard covers of the thread's wake-up no longer makes the cycle late. It costs up to
+    /// `guard` of the processor in each period. While the loop spins, processes of its executor
+    /// that are ready at its level or above run first, whatever readied them, and each turn of the
+    /// spin looks for them. Processes of lower levels are not started, since the loop would be late
+    /// by their whole poll: they wait for the slot, `guard` at most. Threads of lower priority on
+    /// the same core wait as long. Each turn counts as a poll of the process. Zero, the default, is
+    /// no guard, and on a virtual clock there is none. O(1).
     ///
-    /// On the reference machine a wake-up takes 26 µs; a good guard is twice the 99th percentile that [`LoopReport`](crate::LoopReport) shows without one.
+    /// On the reference machine a wake-up takes 26 µs; a good guard is twice the 99th percentile
+    /// that [`LoopReport`](crate::LoopReport) shows without one.
     ///
     /// # Errors
     ///
@@ -307,13 +324,16 @@ impl Periodic {
         Ok(self)
     }
 
-    /// Moves the following slots by `ns` nanoseconds, later if it is positive; gives by how much they were moved. For a loop that follows another clock, such
-    /// as a field bus': it calls this in each cycle with its offset to that.
+    /// Moves the following slots by `ns` nanoseconds, later if it is positive; gives by how much
+    /// they were moved. For a loop that follows another clock, such as a field bus': it calls this
+    /// in each cycle with its offset to that.
     ///
-    /// In one cycle the slots move by at most a hundredth of the period either way, all calls together; a period below 100 ns is not moved. What goes beyond
-    /// that is dropped, not carried over: the next cycle measures what is left of the offset anew, and would count it twice.
-    /// A clock that drifts by less than 1 % is so followed from any offset, within 50 cycles or somewhat more. Numbers, and with them which slots were missed, stay
-    /// exact: no slot is doubled or left out. Real-time path: yes; O(1).
+    /// In one cycle the slots move by at most a hundredth of the period either way, all calls
+    /// together; a period below 100 ns is not moved. What goes beyond that is dropped, not carried
+    /// over: the next cycle measures what is left of the offset anew, and would count it twice. A
+    /// clock that drifts by less than 1 % is so followed from any offset, within 50 cycles or
+    /// somewhat more. Numbers, and with them which slots were missed, stay exact: no slot is
+    /// doubled or left out. Real-time path: yes; O(1).
     ///
     /// ```
     /// use std::time::Duration;
@@ -339,9 +359,10 @@ impl Periodic {
         moved
     }
 
-    /// Calls a cycle late from this lateness on; if not stated a tenth of the period, at least 50 µs. The report looks for the cause of late cycles
-    /// ([`LateCycle`](crate::LateCycle)), for three system calls that never wait in such a cycle, about two microseconds; [`Duration::MAX`] calls
-    /// none late.
+    /// Calls a cycle late from this lateness on; if not stated a tenth of the period, at least 50
+    /// µs. The report looks for the cause of late cycles ([`LateCycle`](crate::LateCycle)), for
+    /// three system calls that never wait in such a cycle, about two microseconds;
+    /// [`Duration::MAX`] calls none late.
     #[must_use]
     pub fn late_after(mut self, lateness: Duration) -> Self {
         self.statistics().late.set_threshold(lateness);
@@ -371,10 +392,14 @@ impl Periodic {
         Duration::from_nanos(self.period)
     }
 
-    /// Ends the cycle, and waits for the next slot. With the new cycle the [parameters](crate::Parameter) of the process that has made the loop get the values that were set last.
+    /// Ends the cycle, and waits for the next slot. With the new cycle the
+    /// [parameters](crate::Parameter) of the process that has made the loop get the values that
+    /// were set last.
     ///
-    /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
-    /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the process ends.
+    /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the
+    /// same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
+    /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the
+    /// process ends.
     ///
     /// ```
     /// use std::time::Duration;
@@ -406,7 +431,7 @@ impl Periodic {
         {
             run = Some(asked.nanos_since(began));
             self.statistics().run_time.record(asked.nanos_since(began));
-            // That of the process whose cycle it is: a loop may be handed on.
+            // The ledger of the process that runs this cycle: a loop may be handed on.
             if let Some(ledger) = Ledger::current()
                 && ledger.cycle_ends(self.name(), began, asked)
             {
@@ -434,10 +459,11 @@ impl Periodic {
         }
         self.statistics().late.asked(asked, run);
         if target <= asked {
-            // Behind time: still a scheduling point, else it would keep the executor from timers, wakes and its own cancellation.
+            // Behind time: still a scheduling point, else it would keep the executor from timers,
+            // wakes and its own cancellation.
             luna_executors::yield_now().await;
         } else {
-            // Time that is virtual stands while anybody spins.
+            // Virtual time stands while a process spins.
             let guard = if Clock::is_virtual_here() {
                 0
             } else {
@@ -463,7 +489,7 @@ impl Periodic {
         cycle
     }
 
-    /// What the recorded loop was told.
+    /// The cycle from the replay log.
     #[cold]
     async fn replayed(&mut self) -> Cycle {
         let Some([number, deadline, lateness, missed]) = record::cycle() else {
@@ -493,7 +519,8 @@ impl Periodic {
         }
     }
 
-    /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its executor's deadline.
+    /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its
+    /// executor's deadline.
     async fn wait_for_tick(&mut self, at: Instant) -> bool {
         match &mut self.slot_of_timer {
             Some(slot_of_timer) if self.is_on_grid => slot_of_timer.wait(at).await,
@@ -511,7 +538,8 @@ impl Periodic {
         self.come = self.grid.last_at(now).max(before + 1);
         self.number = match self.overrun {
             Overrun::CatchUp => before + 1,
-            // The slot that lasts at this moment: later than the one waited for if the wake-up itself came that late.
+            // The slot that lasts at this moment: later than the one waited for if the wake-up
+            // itself came that late.
             Overrun::SkipToGrid | Overrun::Rephase => self.come,
         };
         let skipped = self.number - before - 1;
@@ -574,8 +602,9 @@ impl Periodic {
         self.is_on_grid = self.trim.nanos() == 0;
     }
 
-    /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots were missed on the old one. The slot that
-    /// lasts at `now` is not among them: it is served late, as the first of the new grid.
+    /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots
+    /// were missed on the old one. The slot that lasts at `now` is not among them: it is served
+    /// late, as the first of the new grid.
     fn leave_grid(&mut self, now: Instant) -> u64 {
         let first = now - self.period();
         let missed = self.close_grid(self.grid.last_at(first));
@@ -590,7 +619,8 @@ impl Periodic {
         self.come = self.number;
     }
 
-    /// Accounts for all slots of the present grid up to `last`: those that were not served are missed. Gives their number.
+    /// Accounts for all slots of the present grid up to `last`: those that were not served are
+    /// missed. Gives their number.
     fn close_grid(&mut self, last: u64) -> u64 {
         let elapsed = self.grid.elapsed(last);
         let unserved = last.saturating_sub(self.number);
@@ -621,8 +651,9 @@ impl Periodic {
     }
 }
 
-// What it shares with its system is behind a lock under which nothing of the user's runs, and what is its own is whole whenever that runs: at an await. A loop whose cycle was left by a
-// panic goes on with the next slot.
+// What it shares with its system is behind a lock under which no user code runs, and its own state
+// is whole whenever user code runs: at an await. A loop that a panic left in the middle of a cycle
+// goes on with the next slot.
 impl UnwindSafe for Periodic {}
 impl RefUnwindSafe for Periodic {}
 

@@ -40,7 +40,7 @@ impl LoopName {
     }
 
     pub(crate) fn as_str(&self) -> &str {
-        // It was made of a whole `str`, so it is one.
+        // It was made of a whole `str`, so it is valid UTF-8.
         std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
     }
 }
@@ -60,23 +60,24 @@ impl fmt::Debug for LoopName {
     }
 }
 
-/// What the processes of one system have in common, found through their thread.
+/// State that the processes of one system share, found through their thread.
 pub(crate) struct Scope {
     loops: PiLock<Loops>,
-    /// Whether more room may be allocated when it is asked for: outside of a system, where nothing is started together.
+    /// Whether more room may be allocated on demand: outside of a system, where nothing is started
+    /// together.
     grows: bool,
     most: usize,
-    /// In nanoseconds: what the common grids of loops count from.
+    /// The origin of the loops' common grids, in nanoseconds.
     start: AtomicU64,
     /// Whether they have started.
     has_begun: AtomicBool,
     has_loops: AtomicBool,
-    /// Who runs the system is told through this of the first loop.
+    /// Through this the first loop notifies the thread that runs the system.
     living: Option<Arc<ProcessRegistry>>,
     clock: Clock,
-    /// Who wakes the loops, if it is not their executors.
+    /// The manager that wakes the loops, if their executors do not.
     manager: Option<Arc<Manager>>,
-    /// What loops take as their cycles begin.
+    /// The parameters that loops read as their cycles begin.
     parameters: Option<Arc<Store>>,
 }
 
@@ -85,7 +86,7 @@ pub(crate) struct Scope {
     reason = "a loop takes its statistics along: a pointer, not a kilobyte of them"
 )]
 struct Loops {
-    /// Room that nobody uses yet.
+    /// Unused room.
     free: Vec<Box<Statistics>>,
     /// Loops that have ended.
     ended: Vec<Box<Statistics>>,
@@ -126,7 +127,7 @@ impl Scope {
         })
     }
 
-    /// Makes room when it is asked for.
+    /// Allocates room on demand.
     pub(crate) fn free_standing() -> Arc<Self> {
         Arc::new(Self {
             loops: PiLock::new(Loops {
@@ -146,10 +147,10 @@ impl Scope {
         })
     }
 
-    /// The processes start now. To be said before the first of them runs.
+    /// The processes start now. To be called before the first of them runs.
     pub(crate) fn begin(&self) -> Instant {
         let now = self.clock.now();
-        // Whoever is released sees what came before the release.
+        // A process that is released sees what came before the release.
         self.start.store(now.as_nanos(), Ordering::Relaxed);
         self.has_begun.store(true, Ordering::Relaxed);
         if let Some(manager) = &self.manager {
@@ -168,12 +169,13 @@ impl Scope {
         self.has_begun.load(Ordering::Relaxed)
     }
 
-    /// Who wakes the loops, if it is not their executors.
+    /// The manager that wakes the loops, if their executors do not.
     pub(crate) fn manager(&self) -> Option<&Arc<Manager>> {
         self.manager.as_ref()
     }
 
-    /// What a loop of the current process is to take at each cycle's begin, if that has parameters.
+    /// The parameters that a loop of the current process reads at each cycle's begin, if the
+    /// process has any.
     pub(crate) fn parameters(&self) -> Option<Arc<Reader>> {
         let store = self.parameters.as_ref()?;
         store.reader(current::process(|process| {
@@ -196,7 +198,8 @@ impl Scope {
         self.enter(false)
     }
 
-    /// As [`enter_until_dropped`](Self::enter_until_dropped), for a `pre_run`: of whom the loops are that are made there, shows when they begin.
+    /// As [`enter_until_dropped`](Self::enter_until_dropped), for a `pre_run`: the process that
+    /// owns the loops made there is known only when they begin.
     pub(crate) fn enter_to_prepare(self: Arc<Self>) -> Entered {
         self.enter(true)
     }
@@ -223,8 +226,9 @@ impl Scope {
         self.has_loops.load(Ordering::Relaxed)
     }
 
-    /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to compare the names. The first one makes a system call, to
-    /// tell who runs the system.
+    /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to
+    /// compare the names. The first one makes a system call, to notify the thread that runs the
+    /// system.
     pub(crate) fn enroll(
         self: &Arc<Self>,
         name: &str,
@@ -261,7 +265,7 @@ impl Scope {
         }
         statistics.period = period;
         if self.grows {
-            // Nobody reports it.
+            // It is not reported.
             statistics.late.set_threshold(Duration::MAX);
         } else {
             statistics.late.begin(period, Instant::now());
@@ -274,7 +278,8 @@ impl Scope {
         Ok(statistics)
     }
 
-    /// Takes back the statistics of a loop that has ended. O(1); the room for it was made with the statistics.
+    /// Takes back the statistics of a loop that has ended. O(1); the room for it was made with the
+    /// statistics.
     pub(crate) fn retire(&self, statistics: Box<Statistics>) {
         self.loops.lock().ended.push(statistics);
     }

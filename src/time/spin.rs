@@ -2,13 +2,16 @@
 
 use super::Instant;
 
-/// The longest guard, as a part of the period: what is spun away stays below one processor's sixteenth.
+/// The longest guard, as a part of the period: what is spun away stays below one processor's
+/// sixteenth.
 pub(super) const LONGEST_PART: u64 = 16;
 
 /// Waits on the clock for `slot`, and gives the time that it read last, which is not before it.
 ///
-/// Each turn goes through the executor: whoever is ready at the process' level or above, from its own queue, its timers or from outside, runs first. A process of a
-/// lower level is not started, since it would hold the loop up by its whole poll. So the executor is kept from those for the guard at most.
+/// Each turn goes through the executor: any process that is ready at the process' level or above,
+/// from its own queue, its timers or from outside, runs first. A process of a lower level is not
+/// started, since it would hold the loop up by its whole poll. So the executor is kept from those
+/// for the guard at most.
 pub(super) async fn until(slot: Instant) -> Instant {
     loop {
         let now = Instant::now();
@@ -27,7 +30,8 @@ mod tests {
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
     use std::sync::{Arc, mpsc};
 
-    /// Ends the program if a test hangs, which is how a spin that lets nobody run shows. No machine is that slow.
+    /// Ends the program if a test hangs: a spin that lets no other process run shows so. No machine
+    /// is that slow.
     fn watchdog() -> mpsc::Sender<()> {
         let (alive, ended) = mpsc::channel();
         std::thread::spawn(move || {
@@ -40,7 +44,8 @@ mod tests {
         alive
     }
 
-    /// Spins for a slot that never comes, until it is told to stop. If the spin kept others from running, nobody would ever tell it.
+    /// Spins for a slot that never comes, until the stop message arrives. If the spin kept others
+    /// from running, the message would never be sent.
     async fn spin(stop: Receiver<()>) -> crate::Result<()> {
         let forever = async {
             until(Instant::NEVER).await;

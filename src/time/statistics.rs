@@ -6,7 +6,8 @@ use super::late_cycle::LateCycle;
 use super::registry::LoopName;
 use std::time::Duration;
 
-/// A loop's statistics while it runs: owned by the loop alone, in memory that was set aside before the start.
+/// A loop's statistics while it runs: owned by the loop alone, in memory that was set aside before
+/// the start.
 #[derive(Debug)]
 pub(crate) struct Statistics {
     pub(crate) name: LoopName,
@@ -44,8 +45,9 @@ impl Statistics {
 
 /// How a loop kept its time.
 ///
-/// Of every grid of slots that the loop ran on, `kept + missed` is the time that elapsed on it divided by the period, whole
-/// periods counted; so is it of their sums, with [`slots_elapsed`](Self::slots_elapsed).
+/// Of every grid of slots that the loop ran on, `kept + missed` is the time that elapsed on it
+/// divided by the period, whole periods counted; so is it of their sums, with
+/// [`slots_elapsed`](Self::slots_elapsed).
 ///
 /// ```
 /// use luna::prelude::*;
@@ -79,13 +81,15 @@ pub struct LoopReport {
     pub slots_elapsed: u64,
     /// How many cycles ended after the next slot had begun.
     pub overruns: u64,
-    /// From the scheduled slot to the body: the wake-up latency. After missed slots it counts from the first of them.
+    /// From the scheduled slot to the body: the wake-up latency. After missed slots it counts from
+    /// the first of them.
     pub wake_latency: Distribution,
     /// From one cycle's begin to the next one's.
     pub cycle_time: Distribution,
-    /// From a cycle's begin until the loop asked for the next.
+    /// From a cycle's begin until the loop requested the next.
     pub run_time: Distribution,
-    /// From which lateness on a cycle is late: see [`Periodic::late_after`](crate::Periodic::late_after).
+    /// From which lateness on a cycle is late: see
+    /// [`Periodic::late_after`](crate::Periodic::late_after).
     pub late_after: Duration,
     /// How many cycles were late.
     pub late: u64,
@@ -116,7 +120,7 @@ impl LoopReport {
 mod tests {
     use super::*;
 
-    /// What the documentation of `System::max_loops` says.
+    /// The figure in the documentation of `System::max_loops`.
     #[test]
     fn the_room_of_a_loop_takes_about_50_kib() {
         let room = Statistics::new();

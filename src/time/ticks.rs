@@ -7,14 +7,17 @@ use luna_core::current;
 use luna_platform::clock::{Clock, nanos};
 use std::time::Duration;
 
-/// A timer channel: it ticks each `period`, the first time a period from now; where that is another clock than its process', as where a
-/// system on a [virtual clock](crate::System::virtual_clock) is described, from when it is first waited for.
+/// A timer channel: it ticks each `period`, the first time a period from now; where that is another
+/// clock than its process', as where a system on a [virtual clock](crate::System::virtual_clock) is
+/// described, from when it is first waited for.
 ///
-/// For a process that does other things too: its ticks are guards of alternatives beside its channels. A loop that does nothing else between its cycles
-/// has more of [`periodic`](crate::periodic): statistics and a choice of what to do about late cycles.
+/// For a process that does other things too: its ticks are guards of alternatives beside its
+/// channels. A loop that does nothing else between its cycles has more of
+/// [`periodic`](crate::periodic): statistics and a choice of what to do about late cycles.
 ///
-/// Slots are absolute, so a tick that is served late shifts none. A slot can be served while it lasts, that is until the next one comes; one that has passed whole is
-/// missed, and counted. Real-time path: yes; O(1), no allocation.
+/// Slots are absolute, so a tick that is served late shifts none. A slot can be served while it
+/// lasts, that is until the next one comes; one that has passed whole is missed, and counted.
+/// Real-time path: yes; O(1), no allocation.
 ///
 /// # Errors
 ///
@@ -65,7 +68,7 @@ pub struct Ticks {
     /// The slot that was served last, or 0.
     number: u64,
     chosen: Stamp,
-    /// By whose clock the first slot was set; none if it was given.
+    /// The clock by which the first slot was set; none if it was given.
     clock: Option<usize>,
 }
 
@@ -83,7 +86,8 @@ pub struct Tick {
     pub missed: u64,
 }
 
-/// The clock that the process goes by. One that is recorded goes by its recording, and by the clock of none who described the system.
+/// The clock that the process goes by. One that is recorded goes by its recording, and by no clock
+/// of the process that described the system.
 fn clock_here() -> usize {
     match current::is_taped() {
         true => usize::MAX,
@@ -119,10 +123,11 @@ impl Ticks {
         self.slot_after(self.number)
     }
 
-    /// Waits for the next tick; one that is due is given at once. Alone, or as a guard of an alternative.
+    /// Waits for the next tick; one that is due is given at once. Alone, or as a guard of an
+    /// alternative.
     ///
-    /// Cancel-safe: a tick that was not chosen stays due while its slot lasts. Real-time path: yes; O(log n) for n delays of this thread, no
-    /// allocation.
+    /// Cancel-safe: a tick that was not chosen stays due while its slot lasts. Real-time path: yes;
+    /// O(log n) for n delays of this thread, no allocation.
     ///
     /// ```
     /// use std::time::Duration;
@@ -139,7 +144,8 @@ impl Ticks {
     pub fn tick(&mut self) -> When<NextTick<'_>> {
         let here = clock_here();
         if self.clock.is_some_and(|clock| clock != here) {
-            // Made where the system was described, say, whose clock has nothing to do with the system's.
+            // Made where the system was described, say, on a clock that has nothing to do with the
+            // system's.
             self.first = super::now().plus_nanos(self.period);
             self.number = 0;
             self.clock = Some(here);

@@ -6,8 +6,10 @@ use std::time::Duration;
 
 /// A timer that fires once each time it is set: a timeout that lives longer than one wait.
 ///
-/// It belongs to one process, which sets and cancels it between its waits, and waits for [`expired`](Self::expired), mostly as a guard. Unlike
-/// [`after`](crate::after) in an alternative, it goes on while other guards are chosen. All of it may be used on the real-time path; nothing is allocated.
+/// It belongs to one process, which sets and cancels it between its waits, and waits for
+/// [`expired`](Self::expired), mostly as a guard. Unlike [`after`](crate::after) in an alternative,
+/// it goes on while other guards are chosen. All of it may be used on the real-time path; nothing
+/// is allocated.
 ///
 /// ```
 /// use luna::Timer;
@@ -47,12 +49,13 @@ impl Timer {
         self.set_at(super::now() + delay);
     }
 
-    /// Fires at `deadline`, which may have passed; no more at the time that it was set to before. O(1).
+    /// Fires at `deadline`, which may have passed; no more at the time that it was set to before.
+    /// O(1).
     pub fn set_at(&mut self, deadline: Instant) {
         self.deadline = deadline;
     }
 
-    /// Does not fire any more; says whether it was set. O(1).
+    /// Does not fire any more; returns whether it was set. O(1).
     ///
     /// ```
     /// let mut timer = luna::Timer::new();
@@ -74,10 +77,11 @@ impl Timer {
         self.is_set().then_some(self.deadline)
     }
 
-    /// Waits until it fires, and gives its deadline; it is then no longer set. If it is not set, it waits for ever. Alone, or as a guard of an
-    /// alternative.
+    /// Waits until it fires, and returns its deadline; it is then no longer set. If it is not set,
+    /// it waits for ever. Alone, or as a guard of an alternative.
     ///
-    /// Cancel-safe: if it is not chosen it stays set. Real-time path: yes; O(log n) for n delays of this thread, no allocation.
+    /// Cancel-safe: if it is not chosen it stays set. Real-time path: yes; O(log n) for n delays of
+    /// this thread, no allocation.
     ///
     /// ```
     /// luna::run(async {

@@ -1,4 +1,4 @@
-//! The body of a process, and what is done around each of its polls.
+//! The body of a process, and the work around each of its polls.
 
 use super::exit_value::{ExitValue, Words};
 use super::record::{RawExit, Record};
@@ -14,17 +14,17 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// How a body ended, with what it said: before that is put where others find it.
+/// How a body ended, with its exit value before that is published.
 pub(crate) enum End<O> {
     Completed(O),
-    /// Its tape says that nothing more comes: dropped where it waits.
+    /// Its replay log has no further events: dropped where it waits.
     Over,
     Cancelled,
     Panicked(Box<dyn Any + Send>),
 }
 
 impl<O: ExitValue> End<O> {
-    /// As its record is told, where `keep` finds a place for what was said.
+    /// As its record stores it. `keep` finds a place for the exit value.
     pub(crate) fn told(self, keep: impl FnOnce(O) -> Words) -> RawExit {
         match self {
             End::Completed(words) if !words.is_nothing() => RawExit::Said(keep(words)),
@@ -35,10 +35,12 @@ impl<O: ExitValue> End<O> {
     }
 }
 
-/// A process' body, with all that the framework does around each of its polls. It is always polled with the same record.
+/// A process' body, with all that the framework does around each of its polls. It is always polled
+/// with the same record.
 pub(crate) struct Body<F: Future>(Room<F, F::Output>);
 
-/// The room of a body is that of its last words too: whatever they are, there is memory for them when it ends.
+/// The room of a body is that of its exit value too: there is memory for any exit value when the
+/// body ends.
 enum Room<F, O> {
     Running(F),
     Said(O),
@@ -50,7 +52,8 @@ impl<F: Future> Body<F> {
         Self(Room::Running(future))
     }
 
-    /// Polls the future and nothing else. If it is ready or panics, [`end`](Self::end) is to be called.
+    /// Polls the future and nothing else. If it is ready or panics, [`end`](Self::end) is to be
+    /// called.
     ///
     /// # Safety
     ///
@@ -60,7 +63,8 @@ impl<F: Future> Body<F> {
         self: Pin<&mut Self>,
         cx: &mut Context<'_>,
     ) -> Poll<F::Output> {
-        // SAFETY: the future is never moved: it is polled pinned, and dropped in place; by the contract it is there.
+        // SAFETY: the future is never moved: it is polled pinned, and dropped in place; by the
+        // contract it is there.
         unsafe {
             match &mut self.get_unchecked_mut().0 {
                 Room::Running(future) => Pin::new_unchecked(future).poll(cx),
@@ -69,7 +73,8 @@ impl<F: Future> Body<F> {
         }
     }
 
-    /// Polls the future with all that may be asked for around a poll, and catches its panic; says how it is to [end](Self::end), if it is. Not to be called once it has ended.
+    /// Polls the future with all optional work around a poll, and catches its panic; returns how it
+    /// is to [end](Self::end), if it is. Not to be called once it has ended.
     pub(crate) fn poll_attentively(
         self: Pin<&mut Self>,
         record: &Record,
@@ -115,7 +120,8 @@ impl<F: Future> Body<F> {
         }
     }
 
-    /// Drops the future. One that panicked is never polled again, so nobody sees what it left half done. Says how it ended after all.
+    /// Drops the future. One that panicked is never polled again, so its half-done state stays
+    /// invisible. Returns how it ended after all.
     #[cold]
     pub(crate) fn end(
         self: Pin<&mut Self>,
@@ -124,8 +130,8 @@ impl<F: Future> Body<F> {
     ) -> End<F::Output> {
         // SAFETY: the future is dropped in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
-        // the middle, and so is what it held.
+        // Dropping the body ends its channels before the end of the process is published. A body
+        // that has not completed was left in the middle, and so is what it held.
         let abandoned = !matches!(end, End::Completed(_) | End::Over);
         let poisons = abandoned && record.is_poisoned();
         let dropped = catch_unwind(AssertUnwindSafe(|| {
@@ -153,7 +159,7 @@ impl<F: Future> Body<F> {
         }
     }
 
-    /// Keeps what it said in the place of the body, which has [ended](Self::end).
+    /// Keeps its exit value in the place of the body, which has [ended](Self::end).
     pub(crate) fn keep(self: Pin<&mut Self>, words: F::Output) {
         // SAFETY: there is no future any more.
         unsafe { self.get_unchecked_mut() }.0 = Room::Said(words);
@@ -178,12 +184,12 @@ pub(crate) struct Recorded<F: Future> {
     body: Body<F>,
     record: Arc<Record>,
     living: Arc<ProcessRegistry>,
-    /// For its last words, which outlive it. None once they are there.
+    /// For its exit value, which outlives it. `None` once the value is there.
     room: Option<Box<MaybeUninit<F::Output>>>,
 }
 
 impl<F: Future<Output: ExitValue>> Recorded<F> {
-    /// Allocates, unless there can be no last words.
+    /// Allocates, unless there can be no exit value.
     pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<ProcessRegistry>) -> Self {
         Self {
             body: Body::new(future),

@@ -1,4 +1,5 @@
-//! What a process says as it ends, for who reaps it: kept where there was room for it from the start, since a process ends on the real-time path.
+//! Exit value: what a process returns as it ends, for the code that reaps it. It is kept where
+//! there was room for it from the start, since a process ends on the real-time path.
 
 use std::any::TypeId;
 use std::fmt;
@@ -17,17 +18,18 @@ impl ExitValue for () {
     }
 }
 
-/// Last words, wherever they lie.
+/// An exit value, wherever it lies.
 ///
 /// # Invariants
 ///
-/// `place` leads to words that may be sent to other threads, and that `methods` know; they are this value's alone.
+/// `place` leads to an exit value that may be sent to other threads, and that `methods` handle; it
+/// is owned by this value alone.
 pub(crate) struct Words {
     place: NonNull<()>,
     methods: &'static WordsMethods,
 }
 
-/// What is done with last words, each at most once, on any thread.
+/// What is done with an exit value, each at most once, on any thread.
 pub(crate) struct WordsMethods {
     pub(crate) type_id: fn() -> TypeId,
     /// Moves them out to the other place, and lets go of the first.
@@ -42,7 +44,7 @@ unsafe impl Send for Words {}
 impl Words {
     /// # Safety
     ///
-    /// `place` is one as the type's invariant says, and is given away.
+    /// `place` is one as the type's invariant requires, and its ownership passes to the new value.
     pub(crate) unsafe fn new(place: NonNull<()>, methods: &'static WordsMethods) -> Self {
         Self { place, methods }
     }

@@ -16,11 +16,11 @@ use std::task::{Context, Poll};
 
 #[derive(Debug)]
 #[repr(C)]
-/// The node of one who waits, in the list of the process' end.
+/// The node of a waiter, in the list of the process' end.
 pub(super) struct JoinNode {
     /// First, so that the list's node leads back to this.
     pub(super) wait: WaitNode,
-    /// Cleared, as the last thing that is done with the node, by who takes it off the list.
+    /// Cleared, as the last access to the node, by the thread that takes it off the list.
     pub(super) listed: AtomicBool,
 }
 
@@ -28,7 +28,8 @@ pub(super) struct JoinNode {
 ///
 /// # Invariants
 ///
-/// `node` is accessed under the record's lock alone, once it is listed, but for `listed`; while that is so it is in the record's list.
+/// `node` is accessed under the record's lock alone, once it is listed, but for `listed`; while
+/// that is so it is in the record's list.
 #[must_use = "a join does nothing unless awaited"]
 pub struct Join<'a> {
     record: &'a Record,
@@ -40,7 +41,8 @@ pub struct Join<'a> {
 
 // SAFETY: the node is guarded by the record's lock, wherever the future is.
 unsafe impl Send for Join<'_> {}
-// SAFETY: `&Join` gives access to nothing; the cell is for who has the future pinned, or drops it.
+// SAFETY: `&Join` gives access to nothing; only code that has the future pinned, or drops it, uses
+// the cell.
 unsafe impl Sync for Join<'_> {}
 
 impl<'a> Join<'a> {
@@ -64,7 +66,8 @@ impl Future for Join<'_> {
         let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
         // SAFETY: it is atomic, and the future's own.
         let listed = unsafe { &(*node.as_ptr()).listed };
-        // Who ended the process takes the nodes off one by one, perhaps not this one yet.
+        // The thread that ended the process takes the nodes off one by one, perhaps not this one
+        // yet.
         let ended = |exit| {
             let may_be_listed = self.may_be_listed.get() && listed.load(Ordering::Acquire);
             self.may_be_listed.set(may_be_listed);
@@ -79,7 +82,8 @@ impl Future for Join<'_> {
             if self.record.has_ended() {
                 return true;
             }
-            // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
+            // SAFETY: the lock is held; the node is pinned with the future and leaves the list
+            // before it dies.
             unsafe {
                 if listed.load(Ordering::Relaxed) {
                     renewal.store((*node.as_ptr()).wait.wakeup_mut());
@@ -108,7 +112,7 @@ impl Drop for Join<'_> {
         }
         let mut shown = self.record.shown.lock();
         let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
-        // SAFETY: the lock is held, and `listed` says whether the node is in the list.
+        // SAFETY: the lock is held, and `listed` shows whether the node is in the list.
         unsafe {
             if (*node.as_ptr()).listed.load(Ordering::Relaxed) {
                 shown.joining.remove(node.cast());

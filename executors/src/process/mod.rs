@@ -27,7 +27,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a process is to be: its name, its level, and who looks at its polls.
+/// What a process is to be: its name, its level, and its poll monitor.
 #[derive(Debug, Clone)]
 pub struct ProcessSpec {
     id: ProcessId,
@@ -88,14 +88,14 @@ impl ProcessSpec {
         self
     }
 
-    /// Lists the process when it has ended, for who asks [`ProcessRegistry::take_ended`].
+    /// Lists the process when it has ended, for [`ProcessRegistry::take_ended`].
     #[must_use]
     pub fn listed(mut self) -> Self {
         self.listed = true;
         self
     }
 
-    /// Says that nobody is in a hurry to learn of its end, unless it is cancelled or panics: see [`ProcessRegistry::rest`].
+    /// Makes its end unhurried, unless it is cancelled or panics: see [`ProcessRegistry::rest`].
     #[must_use]
     pub fn unhurried(mut self) -> Self {
         self.unhurried = true;
@@ -136,7 +136,8 @@ impl ProcessSpec {
         self
     }
 
-    /// Lets `taper` put the process' [tape](luna_core::replay_log) in around each of its polls. Processes without one pay nothing.
+    /// Lets `taper` install the process' [replay log](luna_core::replay_log) around each of its
+    /// polls. Processes without one pay nothing.
     #[doc(hidden)]
     #[must_use]
     pub fn taped(mut self, taper: Arc<dyn Taper>) -> Self {
@@ -157,7 +158,7 @@ pub enum ProcessState {
     Running,
     /// Waiting for a communication, a deadline, or another event.
     Waiting,
-    /// Ended, in whatever way.
+    /// Ended, in any way.
     Ended,
 }
 
@@ -202,7 +203,7 @@ impl fmt::Display for Exit {
 #[derive(Clone)]
 pub struct ProcessHandle(pub(crate) Arc<Record>);
 
-// What it shows is behind a lock under which nothing of the user's runs, or atomic.
+// What it shows is atomic, or behind a lock under which no user code runs.
 impl std::panic::UnwindSafe for ProcessHandle {}
 impl std::panic::RefUnwindSafe for ProcessHandle {}
 
@@ -232,38 +233,43 @@ impl ProcessHandle {
         self.0.polls()
     }
 
-    /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it has run.
+    /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it
+    /// has run.
     pub fn longest_poll(&self) -> Option<Duration> {
         let longest = self.0.longest_poll()?;
         (self.polls() > 0).then(|| Duration::from_nanos(longest))
     }
 
-    /// Asks the process to end: its body is dropped on its own thread, where it waits, as soon as that thread comes to it.
+    /// Requests the end of the process: its body is dropped on its own thread, where it waits, as
+    /// soon as that thread comes to it.
     ///
-    /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its next await. Does nothing to one that
-    /// has ended. Real-time path: yes for a process that lives; O(1), a system call only if its thread sleeps. If the process ends at the same
+    /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its
+    /// next await. Does nothing to one that has ended. Real-time path: yes for a process that
+    /// lives; O(1), a system call only if its thread sleeps. If the process ends at the same
     /// moment, this call may be the last to refer to its memory, and frees it.
     pub fn cancel(&self) {
         self.0.cancel();
     }
 
-    /// Waits until the process has ended, and says how. Cancel-safe. Real-time path: yes, but for the message of a panic,
-    /// which is allocated here.
+    /// Waits until the process has ended, and returns how. Cancel-safe. Real-time path: yes, but
+    /// for the message of a panic, which is allocated here.
     pub fn join(&self) -> Join<'_> {
         Join::new(&self.0)
     }
 
-    /// Blocks this thread until the process has ended, and says how. Not for processes of an executor: they [`join`](Self::join).
+    /// Blocks this thread until the process has ended, and returns how. Not for processes of an
+    /// executor: they [`join`](Self::join).
     pub fn wait(&self) -> Exit {
         luna_core::park::block_on(self.join())
     }
 
-    /// The processes that wait in a [`join`](Self::join) for its end. Not for the real-time path: it allocates.
+    /// The processes that wait in a [`join`](Self::join) for its end. Not for the real-time path:
+    /// it allocates.
     pub fn joiners(&self) -> Vec<ProcessId> {
         join::joiners(&self.0)
     }
 
-    /// The words that lie in its body, of which some are addresses of what it holds; empty where the
+    /// The machine words of its body, some of which are addresses of what it holds; empty where the
     /// system does not let them be seen. The kernel copies them as they are, also while the body
     /// runs or goes, so they are a hint for reports: what the body holds behind a box is not among
     /// them, and what it has given away may still be. Not for the real-time path: it allocates.
@@ -271,8 +277,9 @@ impl ProcessHandle {
         self.0.body().map(copy_words).unwrap_or_default()
     }
 
-    /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the
-    /// real-time path: it frees; O(1).
+    /// The exit value of its body, if it is of this type and was not taken before. Until it is
+    /// taken it keeps the memory of the process, so it is to be taken. Off the real-time path: it
+    /// frees; O(1).
     #[inline]
     pub fn take_last_words<O: ExitValue>(&self) -> Option<O> {
         self.0.take_words()
@@ -291,7 +298,7 @@ impl fmt::Debug for ProcessHandle {
     }
 }
 
-/// What a panic said.
+/// The message of a panic.
 pub fn panic_message(payload: &(dyn Any + Send)) -> String {
     if let Some(text) = payload.downcast_ref::<&str>() {
         (*text).to_owned()

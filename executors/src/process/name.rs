@@ -1,4 +1,5 @@
-//! The name of a process: one word, and what it leads to eight bytes longer than the text, since each process has one.
+//! The name of a process: one word, and what it leads to eight bytes longer than the text, since
+//! each process has one.
 
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 use std::borrow::Borrow;
@@ -20,7 +21,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 ///
 /// # Invariants
 ///
-/// It leads to a head that `layout` of its length was allocated for, with that much text behind it, and is counted in it.
+/// It leads to a head that `layout` of its length was allocated for, with that much text behind it,
+/// and is counted in it.
 pub struct Name(NonNull<Head>);
 
 struct Head {
@@ -48,7 +50,7 @@ impl Name {
         let Some(head) = NonNull::new(unsafe { alloc(layout) }.cast::<Head>()) else {
             handle_alloc_error(layout)
         };
-        // SAFETY: it is room for the head and for the text behind it, and nobody else's.
+        // SAFETY: it is room for the head and for the text behind it, and owned by this call alone.
         unsafe {
             head.write(Head {
                 references: AtomicU32::new(1),
@@ -71,7 +73,7 @@ impl Deref for Name {
 
     #[inline]
     fn deref(&self) -> &str {
-        // SAFETY: the invariant: the text is as long as the head says, and was a `str`.
+        // SAFETY: the invariant: the text has the length in the head, and was a `str`.
         unsafe {
             let text = self.0.add(1).cast::<u8>();
             let text = NonNull::slice_from_raw_parts(text, self.head().length as usize);
@@ -95,7 +97,8 @@ impl Clone for Name {
 impl Drop for Name {
     #[inline]
     fn drop(&mut self) {
-        // AcqRel, and no fence, which ThreadSanitizer does not know: who frees it does so after all that others did with it.
+        // AcqRel, and no fence, which ThreadSanitizer does not know: the thread that frees it does
+        // so after all that others did with it.
         if self.head().references.fetch_sub(1, Ordering::AcqRel) == 1 {
             let layout = layout(self.head().length as usize);
             // SAFETY: it was the last one; by the invariant this was allocated.

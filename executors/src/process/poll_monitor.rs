@@ -1,4 +1,4 @@
-//! Who looks at each poll of a process: for budgets. Processes without one pay nothing.
+//! The monitor of each poll of a process: for budgets. Processes without one pay nothing.
 
 use luna_platform::clock::Instant;
 use std::any::Any;
@@ -13,7 +13,7 @@ pub trait PollMonitor: Any + Send + Sync {
     /// A poll begins.
     fn poll_begins(&self, now: Instant);
 
-    /// The poll that began at `began` has ended, and says what becomes of the process.
+    /// The poll that began at `began` has ended. The verdict decides what becomes of the process.
     fn poll_ends(&self, began: Instant, now: Instant) -> Verdict;
 }
 
@@ -22,26 +22,30 @@ pub trait PollMonitor: Any + Send + Sync {
 pub enum Verdict {
     /// It goes on.
     GoOn,
-    /// It is ended, unless it has just ended by itself: its body is dropped where it waits, and the channel ends in it poison their channels.
+    /// It is ended, unless it has just ended by itself: its body is dropped where it waits, and the
+    /// channel ends in it poison their channels.
     Poison,
 }
 
 thread_local! {
-    /// That of the process whose poll is under way.
+    /// The monitor of the process with the poll that is under way.
     static OVERSEER: RefCell<Option<Arc<dyn PollMonitor>>> = const { RefCell::new(None) };
 }
 
-/// Makes the thread's room for it, before the real-time path begins: the first touch registers a destructor, which may allocate.
+/// Makes the thread's room for it, before the real-time path begins: the first touch registers a
+/// destructor, which may allocate.
 pub(crate) fn prepare() {
     OVERSEER.with(|_| {});
 }
 
-/// The poll_monitor of the process that is being polled on this thread, if it has one. Real-time path: yes; O(1), no system call.
+/// The poll_monitor of the process that is being polled on this thread, if it has one. Real-time
+/// path: yes; O(1), no system call.
 pub fn poll_monitor() -> Option<Arc<dyn PollMonitor>> {
     OVERSEER.with(|poll_monitor| poll_monitor.borrow().clone())
 }
 
-/// Makes it the one that [`poll_monitor`] gives. No process is polled within another's poll, so there is none to be restored.
+/// Makes it the one that [`poll_monitor`] gives. No process is polled within another's poll, so
+/// there is none to be restored.
 pub(super) fn set(now: Option<Arc<dyn PollMonitor>>) {
     OVERSEER.set(now);
 }

@@ -1,4 +1,4 @@
-//! What outlives the body of a process: its name, what it does, and how it ended.
+//! The part of a process that outlives its body: its name, its counters, and how it ended.
 
 use super::exit_value::{ExitValue, Words};
 use super::join::JoinNode;
@@ -20,29 +20,29 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
 use std::task::Waker;
 
-/// How it ended, before anybody asked: the message of a panic is made off the real-time path.
+/// How it ended, before any query: the message of a panic is made off the real-time path.
 pub(crate) enum RawExit {
     Completed,
-    /// Completed, and has said something.
+    /// Completed, with an exit value.
     Said(Words),
     Cancelled,
     Panicked(Box<dyn Any + Send>),
 }
 
-/// How a process has ended, for who does not want to lock.
+/// How a process has ended, readable without the lock.
 struct Outcome;
 
 impl Outcome {
     const NONE: u8 = 0;
     const COMPLETED: u8 = 1;
     const CANCELLED: u8 = 2;
-    /// What was said is behind the lock.
+    /// The panic's payload is behind the lock.
     const PANICKED: u8 = 3;
-    /// Completed, and what was said is behind the lock.
+    /// Completed, and the exit value is behind the lock.
     const SAID: u8 = 4;
 }
 
-/// What is done when it ends, beside its level.
+/// Flags for the end of a process, stored beside its level.
 struct How;
 
 impl How {
@@ -51,7 +51,7 @@ impl How {
     const UNHURRIED: u8 = 1 << 6;
 }
 
-/// What may become of a process.
+/// Flags for what happened to a process.
 struct Fate;
 
 impl Fate {
@@ -59,22 +59,24 @@ impl Fate {
     const POISONED: u8 = 2;
 }
 
-/// Why an executor looks twice at a process before it polls it.
+/// Causes for an executor to check a process before it polls it.
 pub(crate) struct Notice;
 
 impl Notice {
     pub(crate) const CANCELLED: u8 = 1;
     pub(crate) const TIMED: u8 = 2;
     pub(crate) const ENDED: u8 = 4;
-    /// Its turns are told: see [`events`].
+    /// Its turns are recorded: see [`events`].
     pub(crate) const RECORDED: u8 = 8;
 }
 
-/// What the record sees of the process itself, in one word: nothing yet, where it lies, or how often it was polled before it went.
+/// The record's view of the process itself, in one word: nothing yet, its address, or how often it
+/// was polled before it went.
 ///
 /// # Invariants
 ///
-/// It is changed under the record's lock. A process that is here while that is held is live, and has a waker: it says before it goes.
+/// It is changed under the record's lock. A process that is here while the lock is held is live,
+/// and has a waker: it clears this before it goes.
 struct Seen(AtomicPtr<Process>);
 
 impl Seen {
@@ -82,13 +84,14 @@ impl Seen {
         Self(AtomicPtr::new(ptr::null_mut()))
     }
 
-    /// How often one that has gone was polled. No process lies at an odd address.
+    /// How often a process that has gone was polled. No process lies at an odd address.
     fn polls_of_gone(word: *mut Process) -> Option<u64> {
         let word = word.addr();
         (word & 1 != 0).then_some((word >> 1) as u64)
     }
 
-    /// How often the process was polled, if it has gone: without the lock, since that does not change any more.
+    /// How often the process was polled, if it has gone: without the lock, since that does not
+    /// change any more.
     fn last_polls(&self) -> Option<u64> {
         Self::polls_of_gone(self.0.load(Ordering::Acquire))
     }
@@ -118,7 +121,7 @@ impl Seen {
         process.map_or(self.last_polls().unwrap_or(0), Process::polls)
     }
 
-    /// Says that the process goes.
+    /// Clears the pointer: the process goes.
     ///
     /// # Safety
     ///
@@ -133,7 +136,7 @@ impl Seen {
     }
 }
 
-/// What outlives the body of a process.
+/// The part of a process that outlives its body.
 pub(crate) struct Record {
     pub(super) name: Name,
     pub(super) id: ProcessId,
@@ -142,31 +145,31 @@ pub(crate) struct Record {
     /// One of [`Outcome`].
     outcome: AtomicU8,
     pub(super) cancelled: AtomicBool,
-    /// What else became of it: some [`Fate`].
+    /// Further facts about its end: flags of [`Fate`].
     fate: AtomicU8,
     seen: Seen,
     /// The process' own thread takes it without atomics, unless others look at the process too.
     pub(super) shown: BiasedLock<Shown>,
-    /// If its polls are timed, be it for the poll_monitor's sake.
+    /// If its polls are timed, also if only the poll monitor needs that.
     timing: Option<Box<Timing>>,
-    /// Who ended before it, while it is listed.
+    /// The process that ended before it, while it is listed.
     pub(super) after: AtomicPtr<Record>,
 }
 
-/// What is looked at and changed from other threads.
+/// State that other threads read and change.
 pub(super) struct Shown {
     pub(super) joining: WaitList,
     beside: Beside,
 }
 
-/// What there is of a process that is not there yet, or has ended.
+/// State of a process that is not there yet, or has ended.
 enum Beside {
     Nothing,
     /// How to wake one that is not there yet.
     Waker(Box<Waker>),
-    /// What it has panicked with.
+    /// The payload of its panic.
     Panic(Box<dyn Any + Send>),
-    /// What it has said.
+    /// Its exit value.
     Words(Words),
 }
 
@@ -189,18 +192,19 @@ impl Shown {
     }
 }
 
-/// Of a process whose polls are timed.
+/// The timing of a process with timed polls.
 struct Timing {
     poll_monitor: Option<Arc<dyn PollMonitor>>,
     taper: Option<Box<Arc<dyn Taper>>>,
-    /// It is not for the taper's sake alone.
+    /// The polls are timed: this is not here only for the taper.
     is_timed: bool,
     /// Written by the process' thread alone.
     longest_poll: AtomicU64,
 }
 
 impl Record {
-    /// A process that counts among those that live. `is_home`: the calling thread is the executor that it is to run on.
+    /// Makes the record of a process that counts as living. `is_home`: the calling thread is the
+    /// executor that it is to run on.
     pub(crate) fn new(spec: ProcessSpec, living: &ProcessRegistry, is_home: bool) -> Arc<Self> {
         living.enter();
         let shown = Shown {
@@ -300,7 +304,7 @@ impl Record {
         })
     }
 
-    /// What was said, if it is of this type and was not taken.
+    /// The exit value, if it is of this type and was not taken.
     #[inline]
     pub(super) fn take_words<O: ExitValue>(&self) -> Option<O> {
         if self.outcome.load(Ordering::Acquire) != Outcome::SAID {
@@ -312,7 +316,7 @@ impl Record {
     #[cold]
     fn take_what_was_said<O: ExitValue>(&self) -> Option<O> {
         let mut shown = self.shown.lock();
-        // Looked at in their place: taken out and put back, they would be missing meanwhile.
+        // Checked in place: if they were taken out and put back, they would be missing meanwhile.
         let words = match &shown.beside {
             Beside::Words(words) if words.are::<O>() => {
                 std::mem::replace(&mut shown.beside, Beside::Nothing)
@@ -320,7 +324,7 @@ impl Record {
             _ => return None,
         };
         drop(shown);
-        // Without the lock: it frees.
+        // Outside of the lock: it frees.
         match words {
             Beside::Words(words) => words.take().ok(),
             _ => None,
@@ -338,7 +342,7 @@ impl Record {
         Some(timing.longest_poll.load(Ordering::Relaxed))
     }
 
-    /// Who puts its tape in.
+    /// Installs its replay log around each poll.
     pub(super) fn taper(&self) -> Option<&Arc<dyn Taper>> {
         self.timing.as_ref()?.taper.as_deref()
     }
@@ -363,7 +367,7 @@ impl Record {
         }
     }
 
-    /// How often it was given the processor.
+    /// How often it was polled.
     pub(super) fn polls(&self) -> u64 {
         self.seen.last_polls().unwrap_or_else(|| {
             let _shown = self.shown.lock();
@@ -372,19 +376,20 @@ impl Record {
         })
     }
 
-    /// Begins a timed poll; gives when.
+    /// Begins a timed poll; returns its start.
     #[cold]
     pub(super) fn begin_poll(&self) -> Instant {
         let began = Instant::now();
         if let Some(poll_monitor) = self.poll_monitor() {
-            // It may panic, and is nobody's poll_monitor then.
+            // It may panic, so the poll monitor is not installed while it runs.
             poll_monitor.poll_begins(began);
             poll_monitor::set(Some(poll_monitor.clone()));
         }
         began
     }
 
-    /// Ends a timed poll. If the poll_monitor wants the process ended, it counts as cancelled from here on.
+    /// Ends a timed poll. If the poll monitor wants the process ended, it counts as cancelled from
+    /// here on.
     #[cold]
     pub(super) fn end_poll(&self, began: Instant) {
         let now = Instant::now();
@@ -397,7 +402,7 @@ impl Record {
         let Some(poll_monitor) = self.poll_monitor() else {
             return;
         };
-        // The record has another, so nothing is freed here.
+        // The record has another reference, so nothing is freed here.
         poll_monitor::set(None);
         if poll_monitor.poll_ends(began, now) == Verdict::Poison {
             self.fate.fetch_or(Fate::POISONED, Ordering::Relaxed);
@@ -410,7 +415,7 @@ impl Record {
         self.fate.load(Ordering::Relaxed) & Fate::POISONED != 0
     }
 
-    /// Says how to wake it before it is there. Allocates.
+    /// Sets the waker before the process is there. Allocates.
     pub(crate) fn set_waker(&self, waker: Waker) {
         let waker = Box::new(waker);
         let before = {
@@ -424,18 +429,20 @@ impl Record {
         drop(before);
     }
 
-    /// Says where it is. The process, which has a waker, stays there until it has [finished](Self::finish), or it was [forgotten](Self::forget_process).
+    /// Sets the address of the process. The process, which has a waker, stays there until it has
+    /// [finished](Self::finish), or it was [forgotten](Self::forget_process).
     ///
     /// # Safety
     ///
-    /// That.
+    /// `process` is the process of this record. It has a waker, and stays at its address until it
+    /// has finished, or was forgotten.
     pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
         let before = {
             let mut shown = self.shown.lock();
             self.seen.0.store(process.as_ptr(), Ordering::Release);
             shown.take_waker()
         };
-        // Here, and not on the real-time path.
+        // Dropped here, and not on the real-time path.
         drop(before);
         if self.cancelled.load(Ordering::Acquire) {
             // SAFETY: the contract.
@@ -454,7 +461,7 @@ impl Record {
         }
     }
 
-    /// Says that the process goes.
+    /// Clears the address: the process goes.
     pub(crate) fn forget_process(&self) {
         let waker = {
             let mut shown = self.shown.lock();
@@ -482,12 +489,12 @@ impl Record {
         }
     }
 
-    /// Ends a process whose body never ran.
+    /// Ends a process that has a body which never ran.
     pub(crate) fn end_unstarted(self: &Arc<Self>, living: &ProcessRegistry) {
         self.finish(RawExit::Cancelled, living);
     }
 
-    /// Ends a process whose body could not be made.
+    /// Ends a process that has no body because its construction panicked.
     pub(crate) fn end_panicked(
         self: &Arc<Self>,
         payload: Box<dyn Any + Send>,
@@ -496,7 +503,8 @@ impl Record {
         self.finish(RawExit::Panicked(payload), living);
     }
 
-    /// Says how the process has ended, once: to who waits for it, and to those it was counted among.
+    /// Publishes how the process has ended, once: to its waiters, and to the registry that counts
+    /// it.
     pub(crate) fn finish(self: &Arc<Self>, exit: RawExit, living: &ProcessRegistry) {
         let mut shown = self.shown.lock();
         if self.has_ended() {
@@ -526,15 +534,15 @@ impl Record {
                 Outcome::PANICKED
             }
         };
-        // Nobody has anything to ask of the process itself any more.
-        // SAFETY: the lock is held.
+        // No further query to the process itself can come. SAFETY: the lock is held.
         unsafe { self.seen.forget() };
         self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
         while let Some(node) = shown.joining.pop() {
-            // Nobody comes any more.
+            // No further waiter can come.
             let is_last = shown.joining.is_empty();
-            // SAFETY: a node in the list is live and guarded by the lock that is held; its join uses it no more once it is not listed.
+            // SAFETY: a node in the list is live and guarded by the lock that is held; its join
+            // uses it no more once it is not listed.
             let ready = unsafe {
                 let node = node.cast::<JoinNode>().as_ptr();
                 let ready = (*node).wait.wakeup_mut().take().map(|wakeup| wakeup.take());
@@ -544,7 +552,7 @@ impl Record {
             drop(shown);
             drop(waker.take());
             if let Some(ready) = ready {
-                // The others are told all the same.
+                // The other waiters are notified all the same.
                 ready.wake_contained();
             }
             if is_last {
@@ -557,7 +565,7 @@ impl Record {
         self.tell(in_a_hurry, living);
     }
 
-    /// Tells who counts and lists the processes that this one has ended.
+    /// Reports the end of this process to the registry that counts and lists it.
     fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &ProcessRegistry) {
         if !in_a_hurry && living.keep(self, self.is(How::LISTED)) {
             return;

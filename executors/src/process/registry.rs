@@ -1,4 +1,5 @@
-//! The processes and threads of one system: how many processes live, and whether all threads sleep for good.
+//! The processes and threads of one system: how many processes live, and whether all threads sleep
+//! for good.
 
 use super::record::Record;
 use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
@@ -14,8 +15,8 @@ use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Counts the processes that have not ended, so that one thread can wait for the last; and knows their threads, so that it can see when
-/// none of them will ever wake by itself.
+/// Counts the processes that have not ended, so that one thread can wait for the last. It also has
+/// their threads, to detect that none of them will ever wake by itself.
 ///
 /// # Invariants
 ///
@@ -23,31 +24,35 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub struct ProcessRegistry {
     count: AtomicUsize,
     changes: Futex,
-    /// How many ends were in a hurry.
+    /// Number of hurried ends.
     hurried: AtomicU64,
-    /// How many threads wait that any end wakes.
+    /// Number of threads that wait and are woken by any end.
     watchful: AtomicUsize,
-    /// How many threads wait that an end which is in no hurry does not wake.
+    /// Number of threads that wait and are not woken by an unhurried end.
     resting: AtomicUsize,
-    /// Whether the next end is in a hurry in any case.
+    /// Whether the next end counts as hurried in any case.
     is_urgent: AtomicBool,
-    /// Those that were asked for and have ended, the last one first.
+    /// The listed processes that have ended, the last one first.
     ended: AtomicPtr<Record>,
-    /// The threads that live, in the order of their start. A plain lock: threads take it as they start and end, off the path.
+    /// The threads that live, in the order of their start. A plain lock: threads take it as they
+    /// start and end, off the path.
     threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,
 }
 
-/// How many ends an executor's thread keeps to itself at most.
+/// The largest batch of ends that an executor's thread keeps.
 const MOST_KEPT: usize = 32;
 
-/// The ends that nobody is in a hurry to learn of, and that this thread has not told yet: see [`ProcessRegistry::keep_ends`].
+/// The ends of unhurried processes that this thread has not reported yet: see
+/// [`ProcessRegistry::keep_ends`].
 ///
 /// # Invariants
 ///
-/// While `of` is not null it is live. `newest` leads to `oldest` as a chain of records, each owned by its place there.
+/// While `of` is not null it is live. `newest` leads to `oldest` as a chain of records, each owned
+/// by its place there.
 struct Kept {
     of: Cell<*const ProcessRegistry>,
-    /// How many processes have ended that still count as living. Who is made next on this thread counts in the place of one of them.
+    /// Number of processes that have ended and still count as living. The next process made on this
+    /// thread takes the place of one of them in the count.
     counted: Cell<usize>,
     newest: Cell<*mut Record>,
     oldest: Cell<*mut Record>,
@@ -87,22 +92,23 @@ impl Kept {
         self.listed.set(self.listed.get() + 1);
     }
 
-    /// Gives the chain away, which begins at the newest.
+    /// Takes the chain, which begins at the newest, out.
     fn take(&self) -> *mut Record {
         self.listed.set(0);
         self.newest.replace(ptr::null_mut())
     }
 }
 
-/// All threads of a [`ProcessRegistry`] slept at one instant, without deadlines, files, calls on the pool or wakes under way.
+/// All threads of a [`ProcessRegistry`] slept at one instant, without deadlines, files, calls on
+/// the pool or wakes under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stillness(Vec<(Home, Stretch)>);
 
-/// Nobody asks for those that have ended any more.
+/// The list is closed: ended processes are no longer collected.
 const CLOSED: *mut Record = ptr::without_provenance_mut(1);
 
 impl ProcessRegistry {
-    /// Nobody lives yet.
+    /// An empty registry.
     #[expect(
         clippy::new_without_default,
         reason = "shared on purpose, not by default"
@@ -120,37 +126,43 @@ impl ProcessRegistry {
         }
     }
 
-    /// How many have not ended.
+    /// Number of processes that have not ended.
     pub fn count(&self) -> usize {
         self.count.load(Ordering::Acquire)
     }
 
-    /// How many processes have ended that are in a hurry: that are not [unhurried](crate::ProcessSpec::unhurried). Who reads it sees their ends.
+    /// Number of processes that have ended and are not [unhurried](crate::ProcessSpec::unhurried).
+    /// A thread that reads the number sees their ends.
     pub fn hurried(&self) -> u64 {
         self.hurried.load(Ordering::Acquire)
     }
 
-    /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a thread falls still that
-    /// [`still`](Self::still) or [`watch`](Self::watch) waits for.
+    /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a
+    /// thread falls still and [`still`](Self::still) or [`watch`](Self::watch) waits for that.
     pub fn changes(&self) -> u32 {
         self.changes.word().load(Ordering::Acquire)
     }
 
-    /// Sleeps until the number is no longer `seen`, or until `deadline`. May return without a cause.
+    /// Sleeps until the number is no longer `seen`, or until `deadline`. May return without a
+    /// cause.
     pub fn wait(&self, seen: u32, deadline: Instant) {
         self.wait_as(&self.watchful, seen, deadline);
     }
 
-    /// As [`wait`](Self::wait), but the end of a process that is in no hurry ([`ProcessSpec::unhurried`](crate::ProcessSpec::unhurried)) does not end the
-    /// sleep, unless it is the last that lives: for one who has just looked after such ends, and looks again soon anyway. So many ends in a row cost no system call.
+    /// As [`wait`](Self::wait), but the end of an unhurried process
+    /// ([`ProcessSpec::unhurried`](crate::ProcessSpec::unhurried)) does not end the sleep, unless
+    /// it is the last that lives. For a caller that has just handled such ends and looks again soon
+    /// anyway. So many ends in a row cost no system call.
     ///
-    /// An executor may tell of such ends in one go: when it has nothing to do, or when there are 32 of them; at once if it sees that somebody [waits](Self::wait) for any.
+    /// An executor may report such ends in a batch: when it has nothing to do, or when there are 32
+    /// of them; at once if it sees that a thread [waits](Self::wait) for any end.
     pub fn rest(&self, seen: u32, deadline: Instant) {
         self.wait_as(&self.resting, seen, deadline);
     }
 
     fn wait_as(&self, waiting: &AtomicUsize, seen: u32, deadline: Instant) {
-        // In one order with `change`: either who changes the number sees that somebody waits, or that one sees the change.
+        // In one order with `change`: either the thread that changes the number sees this waiter,
+        // or this waiter sees the change.
         waiting.fetch_add(1, Ordering::SeqCst);
         if self.changes.word().load(Ordering::SeqCst) == seen {
             self.changes.wait(seen, deadline);
@@ -158,13 +170,14 @@ impl ProcessRegistry {
         waiting.fetch_sub(1, Ordering::Relaxed);
     }
 
-    /// Wakes who waits. A system call only if somebody does.
+    /// Wakes the waiting threads. Makes a system call only if there is one.
     pub fn announce(&self) {
         self.change(true);
     }
 
-    /// Makes the next end one that is in a hurry: see [`rest`](Self::rest). Called by a process that is about to end, for its own end; if another one comes
-    /// first, that one is told in its place, and who rests looks again soon.
+    /// Makes the next end a hurried one: see [`rest`](Self::rest). A process that is about to end
+    /// calls this for its own end. If another process ends first, that end is reported in its
+    /// place, and the resting thread looks again soon.
     pub fn announce_next(&self) {
         self.is_urgent.store(true, Ordering::Relaxed);
     }
@@ -178,8 +191,9 @@ impl ProcessRegistry {
         }
     }
 
-    /// Gives the numbers of the processes that have ended since the last call, in the order of their ends; of those that are to be
-    /// [listed](crate::ProcessSpec::listed). O(their number). It may free memory, so it is not for the real-time path.
+    /// Passes the numbers of the processes that have ended since the last call to `each`, in the
+    /// order of their ends; only those that are to be [listed](crate::ProcessSpec::listed). O(their
+    /// number). It may free memory, so it is not for the real-time path.
     pub fn take_ended(&self, mut each: impl FnMut(ProcessId)) {
         for record in self.take_told() {
             each(record.id());
@@ -195,7 +209,7 @@ impl ProcessRegistry {
         }
     }
 
-    /// Those that were told since the last call, in the order of their ends.
+    /// The ends reported since the last call, in order.
     fn take_told(&self) -> Chain {
         let mut ended = self.ended.load(Ordering::Relaxed);
         loop {
@@ -215,7 +229,8 @@ impl ProcessRegistry {
         }
     }
 
-    /// As [`take_ended`](Self::take_ended), for the last time: nobody is listed any more who ends.
+    /// As [`take_ended`](Self::take_ended), for the last time: processes that end later are not
+    /// listed.
     pub fn close_ended(&self, mut each: impl FnMut(ProcessId)) {
         let ended = self.ended.swap(CLOSED, Ordering::Acquire);
         if !ended.is_null() && ended != CLOSED {
@@ -232,17 +247,18 @@ impl ProcessRegistry {
         unsafe { self.list_chain(record, record) };
     }
 
-    /// Lists those of a chain from the newest to the oldest.
+    /// Lists the records of a chain from the newest to the oldest.
     ///
     /// # Safety
     ///
-    /// It is a chain of records that are owned by their places in it, and is given away.
+    /// It is a chain of records that are owned by their places in it. The caller gives up its
+    /// ownership.
     unsafe fn list_chain(&self, newest: *mut Record, oldest: *mut Record) {
         let mut first = self.ended.load(Ordering::Relaxed);
         while first != CLOSED {
             // SAFETY: the contract: it is owned.
             unsafe { (*oldest).after.store(first, Ordering::Relaxed) };
-            // Release: who takes it sees how it ended.
+            // Release: the thread that takes the record sees how the process ended.
             match self.ended.compare_exchange_weak(
                 first,
                 newest,
@@ -253,13 +269,14 @@ impl ProcessRegistry {
                 Err(now) => first = now,
             }
         }
-        // SAFETY: as above; nobody has taken it.
+        // SAFETY: as above; no other thread has taken it.
         unsafe { (*oldest).after.store(ptr::null_mut(), Ordering::Relaxed) };
         drop(Chain::reversed(newest));
     }
 
-    /// Until the guard is dropped the calling thread, an executor's, tells of the ends of its processes that are in no hurry in one go: in
-    /// [`tell_kept`](Self::tell_kept), which it calls before it sleeps, so that nobody waits for it longer than it works.
+    /// Until the guard is dropped the calling thread, an executor's, batches the ends of its
+    /// unhurried processes. It reports them in [`tell_kept`](Self::tell_kept), which it calls
+    /// before it sleeps, so a waiter waits no longer than the executor works.
     pub(crate) fn keep_ends(self: &Arc<Self>) -> KeepsEnds {
         KEPT.with(|kept| kept.of.set(Arc::as_ptr(self)));
         KeepsEnds {
@@ -268,7 +285,7 @@ impl ProcessRegistry {
         }
     }
 
-    /// Tells of the ends that this thread keeps. Real-time path: yes; O(1).
+    /// Reports the ends that this thread has batched. Real-time path: yes; O(1).
     #[inline]
     pub(crate) fn tell_kept(&self) {
         KEPT.with(|kept| {
@@ -290,11 +307,13 @@ impl ProcessRegistry {
         self.change(are_last);
     }
 
-    /// Keeps an end that nobody is in a hurry to learn of, if this thread does; O(1). `listed`: whether it is to be listed.
+    /// Adds the end of an unhurried process to this thread's batch, if the thread keeps one; O(1).
+    /// `listed`: whether it is to be listed.
     #[inline]
     pub(super) fn keep(&self, record: &Arc<Record>, listed: bool) -> bool {
         KEPT.with(|kept| {
-            // What was announced is told at once, and what ended before it, so that the order stays.
+            // An announced end is reported at once, and with it all earlier ones, so that the order
+            // stays.
             if !kept.is_of(self) || self.is_urgent.load(Ordering::Relaxed) {
                 return false;
             }
@@ -309,13 +328,15 @@ impl ProcessRegistry {
         })
     }
 
-    /// Whether there was an instant during this call at which all threads slept with nothing of their own to wake them: no deadline, no
-    /// file that is waited for, no call on the pool under way, and no wake under way from one to another. If not, the number of
+    /// Whether there was an instant during this call at which all threads slept with nothing of
+    /// their own to wake them: no deadline, no file that is waited for, no call on the pool under
+    /// way, and no wake under way from one to another. If not, the number of
     /// [`changes`](Self::changes) changes as soon as it is worth another look.
     ///
-    /// Threads that have ended do not count; one that blocks within a poll, as in a blocking receive, counts as busy. What other
-    /// threads do meanwhile (plain ones, those of other systems) may end the stillness at any time: [`is_yet`](Self::is_yet).
-    /// Not for the real-time path: O(threads), and it allocates.
+    /// Threads that have ended do not count; one that blocks within a poll, as in a blocking
+    /// receive, counts as busy. What other threads do meanwhile (plain ones, those of other
+    /// systems) may end the stillness at any time: [`is_yet`](Self::is_yet). Not for the real-time
+    /// path: O(threads), and it allocates.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -356,7 +377,8 @@ impl ProcessRegistry {
         }
     }
 
-    /// Whether the threads have slept on since `stillness`, nobody having woken one of them. Not for the real-time path: O(threads).
+    /// Whether the threads have slept on since `stillness`, that is, no wake has reached any of
+    /// them. Not for the real-time path: O(threads).
     pub fn is_yet(&self, stillness: &Stillness) -> bool {
         let threads = self.threads();
         let now = threads.iter().map(|(home, thread)| {
@@ -369,14 +391,15 @@ impl ProcessRegistry {
             .map(|&(home, stretch)| (home, Some(stretch))))
     }
 
-    /// From now on each thread's next falling still changes the number of [`changes`](Self::changes), once.
+    /// From now on the next time that a thread falls still changes the number of
+    /// [`changes`](Self::changes), once for each thread.
     pub fn watch(&self) {
         watch_all(&sleepers(&self.threads()));
     }
 
     /// Counts a thread in until the guard is dropped.
     pub(crate) fn enroll(self: &Arc<Self>, home: Home, thread: Arc<dyn Sleeper>) -> Enrolled {
-        // Who waits for another look may not know of it yet.
+        // The thread that waits for another look may not know of this one yet.
         thread.quiescence().watch();
         self.threads().push((home, thread));
         Enrolled {
@@ -403,7 +426,8 @@ impl ProcessRegistry {
         }
     }
 
-    /// A process that has ended goes: nobody else is told about one that is in no hurry, but who waits for any, or for the last.
+    /// Counts out a process that has ended. The end of an unhurried process is reported only to
+    /// threads that wait for any end or for the last one.
     pub(super) fn leave(&self, in_a_hurry: bool) {
         if in_a_hurry {
             self.hurried.fetch_add(1, Ordering::Release);
@@ -429,7 +453,7 @@ impl Drop for ProcessRegistry {
 struct Chain(Option<NonNull<Record>>);
 
 impl Chain {
-    /// Turns the chain round that begins at `first`, which the caller gives away.
+    /// Reverses the chain that begins at `first`. The caller gives up its ownership.
     fn reversed(first: *mut Record) -> Self {
         let mut behind = ptr::null_mut();
         let mut next = first;
@@ -493,7 +517,7 @@ impl Drop for Enrolled {
             place.map(|place| threads.remove(place))
         };
         drop(gone);
-        // It may have been the only one that stirred.
+        // It may have been the only thread that was not still.
         self.living.announce();
     }
 }

@@ -1,4 +1,5 @@
-//! The blocking calls that processes of a simulation have begun: their results come in the order of their beginnings, whichever is there first.
+//! The blocking calls that processes of a simulation have begun: their results come in the order of
+//! their beginnings, whichever is there first.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -6,7 +7,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// What gives a call's result to its process, and wakes it.
 pub(crate) type Delivery = Box<dyn FnOnce() + Send>;
 
-/// The calls under way. A plain lock: a buddy thread and the simulation's are not on a real-time path.
+/// The calls under way. A plain lock: a buddy thread and the simulation's are not on a real-time
+/// path.
 #[derive(Default)]
 pub(super) struct CallsUnderWay(Mutex<Begun>);
 

@@ -1,4 +1,4 @@
-//! A clock that moves only as its driver says: lock-step with a simulator.
+//! A clock that moves only as its driver commands: lock-step with a simulator.
 
 use luna_core::park::Parker;
 use luna_core::reclaim::Shared;
@@ -7,7 +7,8 @@ use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What the driver and the simulation's thread share. Plain locks: neither is on a real-time path.
+/// State shared by the driver and the simulation's thread. Plain locks: neither is on a real-time
+/// path.
 pub(super) struct Drive {
     pub(super) clock: Arc<VirtualClock>,
     pub(super) parker: Shared<Parker>,
@@ -16,10 +17,10 @@ pub(super) struct Drive {
 }
 
 struct State {
-    /// How often the driver has asked for something, and up to which of that all is done.
+    /// Number of requests of the driver, and up to which of them all is done.
     requests: u64,
     served: u64,
-    /// How far time may go.
+    /// The latest time that the clock may reach.
     limit: Instant,
     /// The earliest deadline when all was at rest.
     next: Instant,
@@ -27,15 +28,15 @@ struct State {
     is_undriven: bool,
 }
 
-/// What the thread is to do at rest.
+/// The next step of the thread at rest.
 pub(super) enum Order {
-    /// Something has been asked since it looked.
+    /// A request has arrived since it looked.
     LookAgain,
     /// Move time, and look again.
     MoveTo(Instant),
-    /// All that was asked is done.
+    /// All requests are done.
     Rest,
-    /// Nobody will move time any more.
+    /// Time will never move any more.
     Undriven,
 }
 
@@ -60,12 +61,12 @@ impl Drive {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How often something was asked: to be read before a look at who can run.
+    /// Number of requests so far: to be read before a look for a process that can run.
     pub(super) fn requests(&self) -> u64 {
         self.state().requests
     }
 
-    /// Nobody could run after `requests` were asked; the earliest deadline is `next`.
+    /// No process could run after `requests` were made; the earliest deadline is `next`.
     pub(super) fn at_rest(&self, requests: u64, next: Instant) -> Order {
         let mut state = self.state();
         if state.requests != requests {
@@ -76,7 +77,8 @@ impl Drive {
         }
         let now = self.clock.now();
         if state.limit == Instant::NEVER {
-            // Behind the last deadline nothing is left to move for; who is woken later waits for the driver's leave.
+            // After the last deadline there is nothing to move for; a process that is woken later
+            // waits for the driver's leave.
             state.limit = now;
         }
         if now < state.limit {
@@ -100,7 +102,8 @@ impl Drive {
     }
 }
 
-/// A driven clock on the side of what it is the clock of. When it is dropped, its driver is told that all is over.
+/// The system's side of a driven clock. When it is dropped, its driver is notified that the system
+/// is over.
 pub struct DrivenClock(pub(super) Arc<Drive>);
 
 impl Drop for DrivenClock {
@@ -117,12 +120,15 @@ impl fmt::Debug for DrivenClock {
 
 /// Moves the time of a system, step by step: the simulator's side of lock-step co-simulation.
 ///
-/// The system's processes run on a thread of their own, the driver is wherever the simulator is. Time stands between two calls, and each call returns when every process
-/// has come to rest at the instant that was asked for: nobody can run before time moves on, or something comes from outside. All deadlines up to that instant, it
-/// included, have been served in their order, each at its own instant. What the simulator and the processes exchange meanwhile (through channels, or variables) is thus
-/// the same in each run.
+/// The system's processes run on a thread of their own; the driver is in the simulator. Time stands
+/// between two calls, and each call returns when every process has come to rest at the requested
+/// instant: no process can run before time moves on, or something comes from outside. All deadlines
+/// up to that instant, it included, have been served in their order, each at its own instant. What
+/// the simulator and the processes exchange meanwhile (through channels, or variables) is thus the
+/// same in each run.
 ///
-/// When the driver is dropped nobody can move time any more: the processes that still live are cancelled, and the system ends in good order.
+/// When the driver is dropped time cannot move any more: the processes that still live are
+/// cancelled, and the system ends in good order.
 ///
 /// `System::driven_clock` of the crate `luna-rt` makes one, and shows an example.
 pub struct ClockDriver {
@@ -140,7 +146,7 @@ pub enum DriveError {
     },
     /// Time does not go back.
     Past {
-        /// What was asked for.
+        /// The requested instant.
         asked: Instant,
         /// The time on the clock.
         now: Instant,
@@ -180,15 +186,18 @@ impl ClockDriver {
         self.drive.clock.now()
     }
 
-    /// Moves time on to `instant`, and returns when every process is at rest there. Waits for the system's start, if that is still to come; and for blocking calls
-    /// that processes make, as long as they take. Blocks the calling thread; not for a process.
+    /// Moves time on to `instant`, and returns when every process is at rest there. Waits for the
+    /// system's start, if that is still to come; and for blocking calls that processes make, as
+    /// long as they take. Blocks the calling thread; not for a process.
     ///
-    /// [`Instant::NEVER`] means for as long as a process has a deadline: the clock then stays where the last one was. A process that always takes another, as a
-    /// loop does, lets that never return.
+    /// [`Instant::NEVER`] means for as long as a process has a deadline: the clock then stays where
+    /// the last one was. If a process always sets another deadline, as a loop does, the call never
+    /// returns.
     ///
     /// # Errors
     ///
-    /// [`DriveError::Past`] before the present; [`DriveError::Ended`] if all processes ended on the way, or had before: the clock then stands where the last one did.
+    /// [`DriveError::Past`] before the present; [`DriveError::Ended`] if all processes ended on the
+    /// way, or had before: the clock then stands where the last one did.
     pub fn advance_to(&mut self, instant: Instant) -> Result<(), DriveError> {
         let mut state = self.drive.state();
         let now = self.now();
@@ -218,8 +227,9 @@ impl ClockDriver {
         Ok(())
     }
 
-    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). By nothing, it lets those run whom something from outside has woken;
-    /// by [`Duration::MAX`], it moves on to [`Instant::NEVER`], as described there.
+    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). A duration of zero runs
+    /// the processes that something from outside has woken; [`Duration::MAX`] moves on to
+    /// [`Instant::NEVER`], as described there.
     ///
     /// # Errors
     ///
@@ -228,8 +238,9 @@ impl ClockDriver {
         self.advance_to(self.now() + duration)
     }
 
-    /// When the next deadline of a process comes, once all are at rest at the present instant; `None` if nobody waits for the time. A simulator with steps of its own
-    /// choice need not stop before that.
+    /// When the next deadline of a process comes, once all are at rest at the present instant;
+    /// `None` if no process waits for the time. A simulator with steps of its own choice need not
+    /// stop before that.
     ///
     /// # Errors
     ///

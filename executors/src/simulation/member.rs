@@ -21,20 +21,20 @@ pub(super) struct Member {
     guest: Guest,
     tasks: Tasks,
     events: events::Kept,
-    /// Whether it was named to who records it.
+    /// Whether its name was recorded.
     is_named: bool,
-    /// Whether nobody could run when its last turns ended.
+    /// Whether no process could run when its last turns ended.
     rests: bool,
     /// How many turns it has left until all have had theirs.
     left: u64,
-    /// It takes nobody in any more, and its processes are cancelled.
+    /// It accepts no more processes, and its processes are cancelled.
     is_closed: bool,
     _enrolled: Enrolled,
-    /// Last, so that who waits for its end waits for all of the above.
+    /// Last, so that a thread that waits for this end waits for all of the above.
     _end: End,
 }
 
-/// Says that an executor has stopped.
+/// Marks the executor as stopped when it is dropped.
 struct End(Arc<Shared>);
 
 impl Drop for End {
@@ -105,8 +105,9 @@ impl Member {
         self.guest.leave();
     }
 
-    /// Polls its processes until none is ready, its turns are up, `most` have been taken, or `is_outdone`. Gives how many were taken, and whether the executor goes
-    /// on: not after a panic outside of any process.
+    /// Polls its processes until none is ready, its turns are up, `most` have been taken, or
+    /// `is_outdone`. Returns how many turns were taken, and whether the executor goes on: not after
+    /// a panic outside of any process.
     pub(super) fn serve(
         &mut self,
         now: Instant,
@@ -128,8 +129,8 @@ impl Member {
                     if self.timers.next_deadline() <= now {
                         self.timers.expire(now);
                     }
-                    // SAFETY: who comes is given a turn below, before anything else is done, or
-                    // retired.
+                    // SAFETY: each dequeued process is given a turn below, before anything else is
+                    // done, or retired.
                     let Some(owner) = (unsafe { current::next_ready() }) else {
                         break;
                     };
@@ -137,7 +138,8 @@ impl Member {
                         events::tell_executor(events::code::AWAKE);
                     }
                     taken += 1;
-                    // SAFETY: it was just popped from this thread's queue, where only live tasks are: those of this executor, which is entered.
+                    // SAFETY: it was just popped from this thread's queue, where only live tasks
+                    // are: those of this executor, which is entered.
                     unsafe { task::run(owner) };
                     if taken >= most || is_outdone(self) {
                         break;
@@ -146,7 +148,7 @@ impl Member {
             });
         }));
         current::set_on_path(false);
-        // Also a turn that ended in a panic was one.
+        // A turn that ended in a panic counts too.
         self.left = self.left.saturating_sub(taken);
         let goes_on = lived.is_ok();
         if let Err(payload) = lived {
@@ -159,7 +161,8 @@ impl Member {
         (taken, goes_on)
     }
 
-    /// Tells who records it its name, and whether it rests now. Who `rested` before and polled nobody, which depends on other threads, has nothing to tell.
+    /// Records its name, and whether it rests now. Nothing is recorded for a member that `rested`
+    /// before and polled nothing, since that depends on other threads.
     #[cold]
     fn tell(&mut self, rested: bool) {
         if !std::mem::replace(&mut self.is_named, true) {
@@ -171,7 +174,8 @@ impl Member {
         }
     }
 
-    /// Takes in what came from elsewhere: new processes, and wakes that are not less urgent than who is ready here.
+    /// Takes in what came from other threads: new processes, and wakes that are not less urgent
+    /// than the processes that are ready here.
     #[inline]
     fn look_outside(&self) {
         let shared = &self.shared;
@@ -194,7 +198,8 @@ impl Member {
         }
     }
 
-    /// Takes nobody in any more, and cancels its processes; does nothing the second time. Says whether all of them have ended.
+    /// Accepts no more processes, and cancels those it has; does nothing the second time. Returns
+    /// whether all of them have ended.
     pub(super) fn close(&mut self) -> bool {
         if !std::mem::replace(&mut self.is_closed, true) {
             self.shared.advance(Phase::STOPPING);
@@ -212,7 +217,7 @@ impl Member {
         self.is_closed
     }
 
-    /// Its processes have panicked with what has: see the executors of real threads.
+    /// Its processes end as panicked with this payload: see the executors of real threads.
     fn give_up(&mut self, payload: Box<dyn Any + Send>) {
         self.is_closed = true;
         self.shared.give_up(payload);

@@ -1,4 +1,5 @@
-//! Executors on a clock of their own: one thread runs all their processes in a fixed order, and time moves only when none can run.
+//! Executors on a clock of their own: one thread runs all their processes in a fixed order, and
+//! time moves only when none can run.
 //!
 //! ```text
 //!   take in new executors and processes
@@ -15,12 +16,15 @@
 //!     nothing                                                               sleep: only somebody from outside can go on
 //! ```
 //!
-//! **Why every run is the same.** One thread decides all, and nothing it decides by depends on how long anything took: not the machine's clock, not
-//! addresses, not the order in which threads happen to run. Other threads come in at rest alone: results of blocking calls in the order of their
-//! beginnings, burials before anybody else runs, requests to stop when nobody can run. What is left are threads and files outside of the system, which wake
-//! processes when they will.
+//! **Why every run is the same.** One thread decides all, and nothing it decides by depends on how
+//! long anything took: not the machine's clock, not addresses, not the order in which threads
+//! happen to run. Other threads come in at rest alone: results of blocking calls in the order of
+//! their beginnings, the handling of ends before any other process runs, requests to stop when no
+//! process can run. What is left are threads and files outside of the system, which wake processes
+//! at any time.
 //!
-//! `Play::rest` in `stage` is the one place where the thread waits for a deadline, real or virtual: a recorder that replays, or a thread that times others, begins there.
+//! `Play::rest` in `stage` is the one place where the thread waits for a deadline, real or virtual:
+//! a recorder that replays, or a thread that times others, begins there.
 
 mod calls;
 mod drive;
@@ -44,7 +48,7 @@ use std::sync::Arc;
 pub enum Pace {
     /// It jumps to the next deadline when no process can run.
     Jumping,
-    /// As its driver says.
+    /// As its driver commands.
     Driven(DrivenClock),
 }
 
@@ -54,19 +58,22 @@ pub enum Pace {
 pub enum Standstill {
     /// Its driver is gone.
     Undriven,
-    /// So many turns were taken without any time passing, the last one by this process.
+    /// The limit of turns without any time passing was reached, the last one by this process.
     Livelock {
-        /// Who had the last turn.
+        /// The process that had the last turn.
         process: ProcessId,
         /// How many there were.
         turns: u64,
     },
 }
 
-/// One thread that runs all executors which are [started](crate::Executor::start_simulated) on it, on a virtual clock, in a fixed order: the same in each run.
+/// One thread that runs all executors which are [started](crate::Executor::start_simulated) on it,
+/// on a virtual clock, in a fixed order: the same in each run.
 ///
-/// The executor whose thread would have the highest priority comes first, of equals the one that was started first; each has so many turns at a
-/// time that one whose processes never wait does not keep the others from theirs. Dropping it cancels all processes, and waits for their end.
+/// The executor with the thread that would have the highest priority comes first, of equals the one
+/// that was started first; each has a bounded number of turns at a time, so one with processes that
+/// never wait does not starve the others. Dropping it cancels all processes, and waits for their
+/// end.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -91,12 +98,14 @@ pub struct Simulation {
     thread: Option<Thread<()>>,
 }
 
-/// A simulation, for those who start executors on it. Cloning it is cheap; it does not keep the simulation running.
+/// A handle that starts executors on a simulation. Cloning it is cheap; it does not keep the
+/// simulation running.
 #[derive(Clone)]
 pub struct SimulationHandle(pub(crate) Arc<Stage>);
 
 impl Simulation {
-    /// Starts the thread. No process runs before [`release`](Self::release). After `most_turns` polls at one instant it comes to a [`Standstill`].
+    /// Starts the thread. No process runs before [`release`](Self::release). After `most_turns`
+    /// polls at one instant it comes to a [`Standstill`].
     ///
     /// # Errors
     ///
@@ -119,7 +128,7 @@ impl Simulation {
         })
     }
 
-    /// For those who start executors on it.
+    /// A handle that starts executors on it.
     pub fn handle(&self) -> SimulationHandle {
         SimulationHandle(self.stage.clone())
     }
@@ -129,12 +138,13 @@ impl Simulation {
         self.stage.release();
     }
 
-    /// Asks the thread to cancel all processes and end, without waiting for it: as soon as nobody can run.
+    /// Asks the thread to cancel all processes and end, without waiting for it: as soon as no
+    /// process can run.
     pub fn request_stop(&self) {
         self.stage.request_stop();
     }
 
-    /// Leaves the thread to itself: for one whose process hangs.
+    /// Detaches the thread: for one with a process that hangs.
     pub fn abandon(mut self) {
         self.thread = None;
     }
@@ -156,18 +166,20 @@ impl SimulationHandle {
         self.0.clock()
     }
 
-    /// Time stands from now on: for an emergency, in which only what happens at this instant is of use. From any thread; one atomic operation.
+    /// Time stands from now on: for an emergency, in which only what happens at this instant is of
+    /// use. From any thread; one atomic operation.
     pub fn stop_time(&self) {
         self.0.stop_time();
     }
 
-    /// Says that somebody looks after processes that end in a hurry ([`ProcessRegistry::hurried`]), as those whose ends others are to see: time waits until that was
-    /// [done](Self::attended).
+    /// Declares that the caller handles processes that end in a hurry
+    /// ([`ProcessRegistry::hurried`]), as those with ends that others are to see: time waits until
+    /// that was [done](Self::attended).
     pub fn attend(&self) {
         self.0.attend();
     }
 
-    /// The first so many of those were looked after.
+    /// The first `ends` of those were handled.
     pub fn attended(&self, ends: u64) {
         self.0.attended(ends);
     }

@@ -1,4 +1,4 @@
-//! The thread of a simulation, and what others share with it.
+//! The thread of a simulation, and the state that it shares with other threads.
 
 use super::calls::{CallsUnderWay, Delivery, Oldest};
 use super::drive::{DrivenClock, Order};
@@ -23,26 +23,28 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long nobody runs, in the machine's time, while ends are looked after. What looks after them may itself wait for processes: then they go on.
+/// The longest pause of all processes, in the machine's time, while ends are handled. The handler
+/// may itself wait for processes: then they go on.
 const LONGEST_ATTENDANCE: Duration = Duration::from_secs(1);
 
-/// How many turns are taken after a request to stop until it is followed though somebody can still run.
+/// Number of turns after a request to stop until it is followed although a process can still run.
 const TURNS_TO_STOP: u64 = 100_000;
 
-/// What others share with a simulation's thread. Each change is followed by a wake of the thread.
+/// The state that a simulation's thread shares with other threads. Each change is followed by a
+/// wake of the thread.
 pub(crate) struct Stage {
     clock: Arc<VirtualClock>,
     driven: Option<DrivenClock>,
     parker: Shared<Parker>,
     quiescence: Arc<Quiescence>,
     living: Arc<ProcessRegistry>,
-    /// Executors that are to be taken in; none any more once the thread has ended.
+    /// Executors that the thread has yet to add; `None` once the thread has ended.
     arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
     has_arrivals: AtomicBool,
     is_released: AtomicBool,
     is_stopping: AtomicBool,
     time_stands: AtomicBool,
-    /// How many ends have been looked after; all there will be, if nobody does.
+    /// Number of ends that have been handled; all there will be, if there is no handler.
     attended: AtomicU64,
     calls: CallsUnderWay,
     most_turns: u64,
@@ -50,7 +52,7 @@ pub(crate) struct Stage {
 }
 
 thread_local! {
-    /// The stage whose thread this is.
+    /// The stage that this thread runs.
     static HERE: Cell<*const Stage> = const { Cell::new(ptr::null()) };
 }
 
@@ -59,7 +61,7 @@ pub(crate) fn is_stage(stage: &Stage) -> bool {
     ptr::eq(HERE.get(), stage)
 }
 
-/// What rings instead of an executor's own bell.
+/// Replaces an executor's own bell: rings the simulation's thread.
 #[derive(Debug)]
 struct Forward(Shared<Parker>);
 
@@ -123,7 +125,8 @@ impl Stage {
         self.arrivals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes an executor in, as soon as the thread comes to it; `false` if it has ended.
+    /// Hands an executor to the thread, which adds it at its next round; `false` if the thread has
+    /// ended.
     pub(crate) fn admit(&self, executor: Arc<ExecutorShared>) -> bool {
         let bell = executor.inbound().bell();
         bell.hook().hang(Arc::new(Forward(self.parker.clone())));
@@ -160,7 +163,8 @@ impl Stage {
         }
     }
 
-    /// Whether there were more ends in a hurry than those that have been looked after and those up to `given_up`.
+    /// Whether there were more hurried ends than those that have been handled and those up to
+    /// `given_up`.
     #[inline]
     fn is_to_be_attended(&self, given_up: u64) -> bool {
         let ends = self.living.hurried();
@@ -174,7 +178,7 @@ impl Stage {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Says once why nothing goes on.
+    /// Reports once why nothing goes on.
     fn stand_still(&self, why: Standstill) {
         let mut standstill = self
             .standstill
@@ -222,7 +226,7 @@ pub(super) fn run(stage: &Arc<Stage>) {
         given_up: 0,
     }
     .play();
-    // Whoever comes now is refused.
+    // What arrives now is refused.
     let late = stage.arrivals().take();
     for executor in late.into_iter().flatten() {
         executor.refuse_all();
@@ -234,23 +238,24 @@ pub(super) fn run(stage: &Arc<Stage>) {
     reclaim::collect();
 }
 
-/// What the thread itself knows.
+/// The state of the thread itself.
 struct Play<'a> {
     stage: &'a Arc<Stage>,
-    /// The most urgent first, of equals the one that came first.
+    /// The most urgent first, of equals the first added.
     members: Vec<Member>,
-    /// How many turns were taken at this instant.
+    /// Number of turns taken at this instant.
     turns: u64,
-    /// How many since a request to stop was seen.
+    /// Number of turns since a request to stop was seen.
     turns_to_stop: u64,
-    /// Up to which end nobody waits any more until it has been looked after.
+    /// The number of the last end that is no longer waited for although it was not handled.
     given_up: u64,
 }
 
 impl Play<'_> {
     fn play(mut self) {
         loop {
-            // Before the look at who can run: what was asked for then is done if nobody can.
+            // Before the look for a process that can run: requests made until then are done if none
+            // can.
             let asked = self.stage.driven.as_ref().map_or(0, |d| d.0.requests());
             self.take_in();
             if self.is_to_be_attended() {
@@ -269,7 +274,7 @@ impl Play<'_> {
         }
     }
 
-    /// Takes in executors that were started.
+    /// Adds the executors that were started.
     fn take_in(&mut self) {
         if !self.stage.has_arrivals.load(Ordering::Relaxed)
             || !self.stage.has_arrivals.swap(false, Ordering::Acquire)
@@ -284,8 +289,8 @@ impl Play<'_> {
         }
     }
 
-    /// Whether somebody has ended whose end is to be looked after before anybody else runs: what is dropped then wakes others, and when it does must not depend on how fast
-    /// another thread is.
+    /// Whether a process has ended that is to be handled before any other process runs: what is
+    /// dropped then wakes others, and when it does must not depend on how fast another thread is.
     #[inline]
     fn is_to_be_attended(&self) -> bool {
         self.stage.is_to_be_attended(self.given_up)
@@ -305,7 +310,8 @@ impl Play<'_> {
         self.stage.is_released.load(Ordering::Acquire)
     }
 
-    /// The first that has something to do and turns left; if only turns are lacking, all get theirs.
+    /// The first member that has something to do and turns left; if only turns are lacking, all get
+    /// new ones.
     fn pick(&mut self) -> Option<usize> {
         let (now, released) = (self.stage.clock.now(), self.is_released());
         let mut is_up = false;
@@ -352,7 +358,7 @@ impl Play<'_> {
             || self.members.iter().any(|one| one.shared.is_stopping())
     }
 
-    /// Nobody can run, or is to. `false` if this is the end.
+    /// No process can run, or none is to. `false` if this is the end.
     fn rest(&mut self, asked: u64) -> bool {
         if self.is_to_stop() {
             return self.stop();
@@ -377,7 +383,7 @@ impl Play<'_> {
                 return true;
             }
             Oldest::Done(delivery) => {
-                // What it drops may be the user's, whose panic is nobody's here.
+                // What it drops may be the user's; a panic in it belongs to no process here.
                 if let Err(payload) = panics::catch(delivery) {
                     std::mem::forget(payload);
                 }
@@ -405,7 +411,7 @@ impl Play<'_> {
                 match driven.0.at_rest(asked, next) {
                     Order::LookAgain => {}
                     Order::MoveTo(instant) => self.move_to(instant),
-                    // Its driver may come with something, so this is no deadlock.
+                    // Its driver may still send input, so this is no deadlock.
                     Order::Rest => self.sleep(false),
                     Order::Undriven => {
                         self.stage.stand_still(Standstill::Undriven);
@@ -424,7 +430,7 @@ impl Play<'_> {
         self.members.iter_mut().for_each(Member::give_turns);
     }
 
-    /// Ends what is asked to end; `false` when that was all. Time stands meanwhile.
+    /// Ends what was requested to end; `false` when that was all. Time stands meanwhile.
     fn stop(&mut self) -> bool {
         let all = self.stage.is_stopping.load(Ordering::Acquire);
         let was_closed = self.closed();
@@ -442,7 +448,8 @@ impl Play<'_> {
         if all && self.members.is_empty() {
             return self.stage.has_arrivals.load(Ordering::Acquire);
         }
-        // Those who are cancelled end at their next turn, also if they were never released; who does not has a wake under way from elsewhere.
+        // Cancelled processes end at their next turn, also if they were never released; one that
+        // does not end has a wake under way from another thread.
         let now = self.stage.clock.now();
         let mut closed = self.members.iter().filter(|one| one.is_closed());
         if closed.any(|one| one.has_work(now, true)) {
@@ -457,7 +464,7 @@ impl Play<'_> {
         self.members.iter().filter(|one| one.is_closed()).count()
     }
 
-    /// Gives everybody who was cancelled a turn, released or not.
+    /// Gives every cancelled process a turn, released or not.
     fn serve_cancelled(&mut self) {
         let now = self.stage.clock.now();
         for index in (0..self.members.len()).rev() {
@@ -469,7 +476,8 @@ impl Play<'_> {
         }
     }
 
-    /// Sleeps until somebody signals. If `still`, only others can end it, which who looks after the system is to know.
+    /// Sleeps until a signal arrives. If `still`, only other threads can end the sleep; the
+    /// observer of quiescence is notified of that.
     fn sleep(&self, still: bool) {
         let asleep = self.members.iter();
         let asleep = asleep.take_while(|one| one.shared.inbound().fall_asleep());

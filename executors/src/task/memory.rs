@@ -1,7 +1,8 @@
-//! The memory of tasks: at a multiple of [`Process::ALIGN`], from the allocator's short way.
+//! The memory of tasks: at a multiple of [`Process::ALIGN`], from the allocator's fast path.
 //!
-//! An allocator gives what is aligned to more than two words by a long way, which splits what it finds: several times as dear as all else that a spawn allocates. So
-//! a task takes what is aligned to half of what it needs, and half of that more.
+//! An allocator serves an alignment of more than two words by a slow path, which splits what it
+//! finds: several times as expensive as all else that a spawn allocates. So a task requests half of
+//! the alignment that it needs, and that much more memory.
 
 use luna_core::current::Process;
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
@@ -33,7 +34,8 @@ pub(super) fn allocate<T>() -> (NonNull<T>, u8) {
         handle_alloc_error(layout)
     };
     let skipped = start.addr().get().wrapping_neg() % align;
-    // SAFETY: either nothing is skipped, or there is as much more than a `T` takes: `start` is aligned to half of what is asked for.
+    // SAFETY: either nothing is skipped, or there is as much more than a `T` takes: `start` is
+    // aligned to half of the needed alignment.
     (unsafe { start.add(skipped) }.cast(), skipped as u8)
 }
 
@@ -41,7 +43,7 @@ pub(super) fn allocate<T>() -> (NonNull<T>, u8) {
 ///
 /// # Safety
 ///
-/// Both are of one call of [`allocate`] for this type, and nobody uses the room any more.
+/// Both are of one call of [`allocate`] for this type, and nothing uses the room any more.
 pub(super) unsafe fn free<T>(room: NonNull<T>, skipped: u8) {
     // SAFETY: the contract.
     unsafe {
@@ -65,7 +67,8 @@ mod tests {
         let rooms: Vec<_> = (0..64).map(|_| allocate::<T>()).collect();
         for &(room, _) in &rooms {
             assert_eq!(room.addr().get() % align, 0);
-            // SAFETY: it is room for a `T`, and nobody else's: a tool that looks at memory finds what is outside.
+            // SAFETY: it is room for a `T`, and owned by this call: a tool that looks at memory
+            // finds what is outside.
             unsafe { room.write_bytes(0xA5, 1) };
         }
         for (room, skipped) in rooms {

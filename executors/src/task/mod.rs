@@ -1,4 +1,5 @@
-//! The task of a process on an executor: its body in one allocation with all that is needed to wake, queue, poll and free it.
+//! The task of a process on an executor: its body in one allocation with all that is needed to
+//! wake, queue, poll and free it.
 //!
 //! ```text
 //!               waker or wakeup, from elsewhere        +--> its seat and a signal (inbound), then, by the owner, as below
@@ -8,12 +9,16 @@
 //!               waker or wakeup, on this thread       +--> run queue --> run --> Body::poll
 //! ```
 //!
-//! On the executor's own thread a wake is a flag and a push, without atomics. From elsewhere it is a fixed number of instructions, none of which
-//! relies on another waker to go on ([`remote_wakes`](crate::remote_wakes)): a waker that is preempted half-way holds up nobody.
+//! On the executor's own thread a wake is a flag and a push, without atomics. From another thread
+//! it is a fixed number of instructions, none of which relies on another waker to continue
+//! ([`remote_wakes`](crate::remote_wakes)). A waker that is preempted half-way blocks no other
+//! thread.
 //!
-//! A task is polled, and its body dropped, on its executor's thread alone. It is *retired* when its body has ended and it is in no queue; its
-//! memory then goes when nobody refers to it any more: wakeups are counted in its [`current::Process`], wakers in the task. The process' own waker
-//! stands for all wakeups among the wakers. Memory that goes on the real-time path is freed off it.
+//! A task is polled, and its body dropped, on its executor's thread alone. It is *retired* when its
+//! body has ended and it is in no queue. Its memory is freed when no reference to it remains:
+//! pending wakes are counted in its [`current::Process`], wakers in the task. The process' own
+//! waker stands for all pending wakes among the wakers. Memory that becomes free on the real-time
+//! path is freed off it (deferred free).
 
 mod memory;
 mod waker;
@@ -38,7 +43,7 @@ use std::sync::atomic::AtomicU32;
 use std::task::{Context, Poll};
 
 thread_local! {
-    /// The tasks of the executor that this thread is that are not retired.
+    /// The tasks of this thread's executor that are not retired.
     static SEATS: RefCell<RemoteWakes<NonNull<Task>>> = const { RefCell::new(RemoteWakes::new()) };
     static TASKS: Cell<usize> = const { Cell::new(0) };
 }
@@ -62,7 +67,8 @@ impl Tasks {
         self.count
     }
 
-    /// Makes these the thread's, and keeps those that were: before a turn and after it.
+    /// Makes these tasks the thread's, and keeps the former ones here: called before a turn and
+    /// after it.
     pub(crate) fn exchange(&mut self) {
         SEATS.with_borrow_mut(|remote_wakes| std::mem::swap(remote_wakes, &mut self.remote_wakes));
         self.count = TASKS.replace(self.count);
@@ -73,14 +79,16 @@ impl Tasks {
 ///
 /// # Invariants
 ///
-/// It is the first field of a [`Whole`], in [memory] of its own, and all pointers to it are made of that to the whole. The body is touched by the home's thread
-/// alone. `references` counts the wakers; with the last one the whole goes. The process has an owner, the task, and until it is freed a waker.
+/// It is the first field of a [`Whole`], in [memory] of its own. All pointers to it derive from the
+/// pointer to the whole. Only the executor's thread touches the body. `references` counts the
+/// wakers; the drop of the last one frees the whole. The process has an owner, the task, and until
+/// it is freed a waker.
 #[repr(C)]
 struct Task {
-    /// First, so that the task lies where its process lies.
+    /// First, so that task and process have the same address.
     process: Process,
     record: Arc<Record>,
-    /// Given back as the task is freed.
+    /// Dropped when the task is freed.
     shared: ManuallyDrop<Arc<Shared>>,
     seat: Seat,
     references: AtomicU32,
@@ -89,9 +97,10 @@ struct Task {
     retired: Retired,
 }
 
-/// What is seldom done with a body: found by its process' methods.
+/// Rare operations on a body: found through its process' methods.
 struct BodyMethods {
-    /// Polls it, if it was not cancelled, with all that may be asked for around a poll; `true` if it has ended.
+    /// Polls it, if it was not cancelled, with all optional work around a poll; `true` if it has
+    /// ended.
     poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
     /// Ends a body that has panicked.
     end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
@@ -115,7 +124,8 @@ struct Whole<F: Future> {
     body: UnsafeCell<Body<F>>,
 }
 
-/// Makes the task of `record` on the executor `shared`, whose thread this is, and queues it. Allocates.
+/// Makes the task of `record` on the executor `shared` and queues it. Called on that executor's
+/// thread. Allocates.
 pub(crate) fn start<F>(shared: Arc<Shared>, record: Arc<Record>, future: F)
 where
     F: Future<Output: ExitValue> + 'static,
@@ -131,7 +141,7 @@ where
     let (whole, skipped) = memory::allocate::<Whole<F>>();
     let level = record.level();
     let notices = record.notices();
-    // Each part is written where it lies: a whole that is made first is moved there by a copy.
+    // Each part is written in place: a whole that is made first would be copied there.
     let head = Task {
         process,
         record,
@@ -147,7 +157,8 @@ where
         (&raw mut (*whole.as_ptr()).body).write(UnsafeCell::new(Body::new(future)));
     }
     let task = whole.cast::<Task>();
-    // SAFETY: nobody else knows the task yet, so nobody polls it. It stays where it is until `free` was called, and is ended once, by `retire`.
+    // SAFETY: no other code has a pointer to the task yet, so nothing polls it. It stays in place
+    // until `free` is called, and is ended once, by `retire`.
     unsafe {
         let this = task.as_ref();
         this.process.set_waker(waker::first(task));
@@ -187,19 +198,21 @@ pub(crate) fn count() -> usize {
 /// The processes of this thread's executor that have not been retired. Allocates.
 pub(crate) fn records() -> Vec<Arc<Record>> {
     SEATS.with_borrow(|remote_wakes| {
-        // SAFETY: who has a seat is not retired, so it is live.
+        // SAFETY: a task that has a wake slot is not retired, so it is live.
         let record = |task: NonNull<Task>| unsafe { task.as_ref() }.record.clone();
         remote_wakes.members().map(record).collect()
     })
 }
 
-/// Queues those who were woken from elsewhere at `level`. O(their number).
+/// Queues the processes that other threads have woken at `level`. O(their number).
 pub(crate) fn take_in(shared: &Shared, level: u8) {
     SEATS.with_borrow(|remote_wakes| {
         shared.inbound().take(level, remote_wakes, |task| {
-            // SAFETY: who has a seat is not retired, so it is live, and this is its home's thread.
+            // SAFETY: a task that has a wake slot is not retired, so it is live, and this is its
+            // executor's thread.
             unsafe {
-                // What it had inherited may have been given back meanwhile, or the wake was one of the seat's former owner.
+                // What it had inherited may have been given back meanwhile, or the wake was one of
+                // the slot's former owner.
                 let process = &task.as_ref().process;
                 process.ready_at(level.min(process.level()), Place::Last);
             }
@@ -211,7 +224,8 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
 ///
 /// # Safety
 ///
-/// `task` is the head of a live `Whole<F>` on whose home's thread this is, and nobody else accesses its body while the borrow lasts.
+/// `task` is the head of a live `Whole<F>`, this is the thread of its executor, and nothing else
+/// accesses its body while the borrow lasts.
 #[inline(always)]
 unsafe fn body<'a, F: Future>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
     // SAFETY: the contract; the body stays where it is until it is dropped.
@@ -228,7 +242,7 @@ unsafe fn body_range<F: Future>(owner: NonNull<()>) -> Range<usize> {
 
 /// # Safety
 ///
-/// As for [`body`], of whose `Whole<F>` `owner` is the head; and the body has not ended.
+/// As for [`body`]: `owner` is the head of that `Whole<F>`. The body has not ended.
 unsafe fn poll<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
 where
     F: Future<Output: ExitValue>,
@@ -254,7 +268,8 @@ where
     F: Future<Output: ExitValue>,
 {
     let task = owner.cast::<Task>();
-    // SAFETY: the contract. Who has ended is not polled by `run_attentively`, and says nothing more.
+    // SAFETY: the caller's contract. `run_attentively` does not poll a body that has ended, so this
+    // body has not ended and has no exit value yet.
     unsafe {
         match body::<F>(task).poll_attentively(&task.as_ref().record, cx) {
             None => false,
@@ -277,7 +292,8 @@ where
     unsafe { end_body::<F>(task, End::Panicked(payload)) };
 }
 
-/// Drops the body, and tells how it ended. What it said stays in its place, and keeps the task until it is taken.
+/// Drops the body and returns how it ended. The exit value takes the body's place and keeps the
+/// task alive until it is taken.
 ///
 /// # Safety
 ///
@@ -287,7 +303,8 @@ unsafe fn end_body<F>(task: NonNull<Task>, end: End<F::Output>)
 where
     F: Future<Output: ExitValue>,
 {
-    // SAFETY: the contract. No borrow of the body is left when others learn of what it said, and from then on it is theirs.
+    // SAFETY: the caller's contract. No borrow of the body is left when the exit value is
+    // published, and from then on it belongs to the threads that take it.
     unsafe {
         let this = task.as_ref();
         let end = body::<F>(task).end(&this.record, end);
@@ -309,13 +326,15 @@ where
 
 /// # Safety
 ///
-/// `owner` is the head of a live `Whole<F>` whose body has ended and whose last words are the caller's, as is one reference to it; `to` is room for them.
+/// `owner` is the head of a live `Whole<F>`. Its body has ended. The caller owns its exit value and
+/// one reference to it; `to` is room for the exit value.
 unsafe fn take_words<F: Future>(owner: NonNull<()>, to: *mut ()) {
-    // SAFETY: the contract; the words stay with this call, so that nobody else accesses the body.
+    // SAFETY: the caller's contract; the exit value belongs to this call, so nothing else accesses
+    // the body.
     unsafe {
         let task = owner.cast::<Task>();
         let words = body::<F>(task).take_words();
-        // By the contract there are some.
+        // By the contract there is an exit value.
         to.cast::<F::Output>().write(words.unwrap_unchecked());
         waker::remove(task);
     }
@@ -334,27 +353,28 @@ unsafe fn discard_words<F: Future>(owner: NonNull<()>) {
     }
 }
 
-/// As [`Methods::ready_elsewhere`] says.
+/// As [`Methods::ready_elsewhere`] requires.
 ///
 /// # Safety
 ///
 /// `owner` is a task that is referred to.
 unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
-    // SAFETY: the contract keeps the task, and with it its executor's part that others see, even if both end meanwhile.
+    // SAFETY: the contract keeps the task, and with it its executor's part that others see, even if
+    // both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
     events::ready(|| this.record.id().get());
     this.shared.inbound().wake(&this.seat, level);
 }
 
-/// Polls the process whose turn it is. If that panics, [`interrupted`] is to be called.
+/// Polls the process that has this turn. If that panics, the caller must call [`interrupted`].
 ///
 /// # Safety
 ///
 /// `owner` was just taken from this thread's run queue, where only tasks are.
 #[inline(always)]
 pub(crate) unsafe fn run(owner: NonNull<()>) {
-    // SAFETY: a task is retired only when it is not queued, so this one is live, and keeps a waker of its own during the poll. By the invariant
-    // nobody else accesses its body.
+    // SAFETY: a task is retired only when it is not queued, so this one is live, and it keeps a
+    // waker of its own during the poll. By the invariant nothing else accesses its body.
     unsafe {
         let task = owner.cast::<Task>();
         let this = task.as_ref();
@@ -374,7 +394,7 @@ pub(crate) unsafe fn run(owner: NonNull<()>) {
     }
 }
 
-/// Polls a process that was cancelled, or has an poll_monitor, or has ended, or whose turns are told.
+/// Polls a process that was cancelled, has a poll monitor, has ended, or has its turns recorded.
 ///
 /// # Safety
 ///
@@ -412,7 +432,8 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
     }
 }
 
-/// Ends the process whose turn a panic has ended. If there is none, gives the panic back: it is the thread's own.
+/// Ends the process in the turn of which the panic occurred. If there is none, returns the payload:
+/// the panic is the thread's own.
 pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn Any + Send>> {
     // SAFETY: on this thread only tasks have turns, which have owners.
     let owner = current::process(|process| Some(unsafe { process?.owner() }));
@@ -420,7 +441,8 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
         return Err(payload);
     };
     let task = owner.cast::<Task>();
-    // SAFETY: it is the current process, whose poll has unwound, so nobody accesses its body. Its methods are those of a task: here only tasks have turns.
+    // SAFETY: it is the current process. Its poll has unwound, so nothing accesses its body. Its
+    // methods are those of a task: on this thread only tasks have turns.
     unsafe {
         (task.as_ref().methods().end_panicked)(task, payload);
         interference::polled(task.as_ref().process.id());
@@ -431,24 +453,25 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
     Ok(())
 }
 
-/// Ends all tasks of this thread's executor as panicked, whose work a panic outside of any process
-/// has ended. The channel ends in their bodies poison their channels. A body that panics as it is
-/// dropped keeps none of the others. The executor builds none meanwhile. O(tasks), and what the
-/// drops take. Allocates.
+/// Ends all tasks of this thread's executor as panicked, after a panic outside of any process has
+/// ended the thread's work. The channel ends in their bodies poison their channels. A body that
+/// panics when it is dropped does not stop the drop of the others. The executor builds no process
+/// meanwhile. O(tasks), and what the drops take. Allocates.
 pub(crate) fn end_all(why: &str) {
     let mut number = 0;
     loop {
-        // First those that are queued, since a turn is that of a task that is not. A drop may queue
-        // others. SAFETY: who comes is given a turn below, before anything else is done, or
-        // retired.
+        // First the queued tasks: a turn belongs to a task that is not queued. A drop may queue
+        // others. SAFETY: each dequeued task is given a turn below, before anything else is done,
+        // or retired.
         let queued = unsafe { current::next_ready() }.map(NonNull::cast::<Task>);
         let next =
             queued.or_else(|| SEATS.with_borrow(|remote_wakes| remote_wakes.next(&mut number)));
         let Some(task) = next else {
             return;
         };
-        // SAFETY: a task is retired only when it is not queued, and then has no seat, so this one
-        // is live. It is not queued now, this is the home's thread, and no process has its turn.
+        // SAFETY: a task is retired only when it is not queued, and then has no wake slot, so this
+        // one is live. It is not queued now, this is its executor's thread, and no process has a
+        // turn.
         unsafe {
             match (task.as_ref().record.has_ended(), queued) {
                 (false, _) => end_left(task, why),
@@ -463,11 +486,11 @@ pub(crate) fn end_all(why: &str) {
 ///
 /// # Safety
 ///
-/// `task` is live, and neither queued nor has it ended. This is its home's thread, where no process
-/// has its turn.
+/// `task` is live, not queued, and has not ended. This is its executor's thread, where no process
+/// has a turn.
 unsafe fn end_left(task: NonNull<Task>, why: &str) {
-    // SAFETY: the contract: nobody accesses the body, and the task lives until it is retired, at
-    // the end.
+    // SAFETY: the caller's contract: nothing else accesses the body, and the task lives until it is
+    // retired, at the end.
     unsafe {
         let this = task.as_ref();
         let ended = catch_unwind(AssertUnwindSafe(|| {
@@ -488,7 +511,7 @@ unsafe fn end_left(task: NonNull<Task>, why: &str) {
 
 /// # Safety
 ///
-/// The body of the task has ended in a turn just now. This is its home's thread.
+/// The body of the task has ended in a turn just now. This is its executor's thread.
 #[cold]
 unsafe fn end(task: NonNull<Task>) {
     // SAFETY: the contract.
@@ -506,24 +529,28 @@ unsafe fn end(task: NonNull<Task>) {
 
 /// # Safety
 ///
-/// The body of the task has ended, the task is not queued, and it was not retired before. This is its home's thread.
+/// The body of the task has ended, the task is not queued, and it was not retired before. This is
+/// its executor's thread.
 #[cold]
 unsafe fn retire(task: NonNull<Task>) {
     TASKS.set(TASKS.get() - 1);
-    // SAFETY: the process is not polled again, and this is its home's thread. Wakeups and wakers keep the task alive themselves.
+    // SAFETY: the process is not polled again, and this is its executor's thread. Pending wakes and
+    // wakers keep the task alive themselves.
     unsafe {
         SEATS.with_borrow_mut(|remote_wakes| remote_wakes.leave(task.as_ref().seat.number()));
         Process::end(task.cast());
     }
 }
 
-/// Lets go of the waker that a task has of itself: its process has ended, and no wakeup refers to it any more.
+/// Drops the waker that a task has of itself: its process has ended, and no pending wake refers to
+/// it any more.
 ///
 /// # Safety
 ///
-/// As [`Methods::free`] says; `owner` is the task.
+/// As [`Methods::free`] requires; `owner` is the task.
 unsafe fn free(owner: NonNull<()>) {
-    // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the last that is done here.
+    // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the
+    // last that is done here.
     unsafe {
         drop(owner.cast::<Task>().as_ref().process.take_waker());
     }
@@ -531,9 +558,10 @@ unsafe fn free(owner: NonNull<()>) {
 
 /// # Safety
 ///
-/// `head` is the field of a `Whole<F>` that nobody uses any more, and whose body has ended.
+/// `head` is the field of a `Whole<F>` to which no reference remains. Its body has ended.
 unsafe fn free_retired<F: Future>(head: NonNull<Retired>) {
-    // SAFETY: the contract; `start` allocated it. What is left of the body is the framework's own, and can go on any thread.
+    // SAFETY: the contract; `start` allocated it. What is left of the body is the framework's own,
+    // and can go on any thread.
     unsafe {
         let task = head.byte_sub(offset_of!(Task, retired)).cast::<Task>();
         let skipped = task.as_ref().skipped;
@@ -549,7 +577,8 @@ unsafe fn free_retired<F: Future>(head: NonNull<Retired>) {
 mod tests {
     use super::*;
 
-    /// Each process pays for it: what is added here, or to a [`Process`], is added a million times in a system of a million.
+    /// Each process pays for it: what is added here, or to a [`Process`], is added a million times
+    /// in a system of a million.
     #[test]
     fn a_task_takes_little_beside_its_body() {
         assert!(size_of::<Task>() <= 208, "{}", size_of::<Task>());

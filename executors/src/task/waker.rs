@@ -16,7 +16,8 @@ pub(super) const FIRST: u32 = 1;
 ///
 /// The task begins with that count, and this is called once.
 pub(super) unsafe fn first(task: NonNull<Task>) -> Waker {
-    // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker is counted.
+    // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker
+    // is counted.
     unsafe { Waker::new(task.as_ptr().cast(), &TABLE) }
 }
 
@@ -33,7 +34,8 @@ unsafe fn task(data: *const ()) -> NonNull<Task> {
     unsafe { NonNull::new_unchecked(data.cast_mut().cast()) }
 }
 
-// SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is discarded.
+// SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is
+// discarded.
 
 unsafe fn clone(data: *const ()) -> RawWaker {
     // SAFETY: see above.
@@ -41,13 +43,14 @@ unsafe fn clone(data: *const ()) -> RawWaker {
     RawWaker::new(data, &TABLE)
 }
 
-/// Counts one more who keeps the task, as a waker does.
+/// Counts one more reference to the task, as a waker has one.
 ///
 /// # Safety
 ///
 /// The task is kept by another one.
 pub(super) unsafe fn add(task: NonNull<Task>) {
-    // SAFETY: the contract. Relaxed: who has a waker may pass it on, and brings what that needs itself.
+    // SAFETY: the caller's contract. Relaxed: code that has a waker may pass it on, and provides
+    // the ordering that this needs itself.
     let references = unsafe { &task.as_ref().references };
     if references.fetch_add(1, Ordering::Relaxed) > i32::MAX as u32 {
         // So many were leaked: to wrap would be to free what is owned.
@@ -64,7 +67,7 @@ unsafe fn wake(data: *const ()) {
 }
 
 unsafe fn wake_by_ref(data: *const ()) {
-    // SAFETY: see above; on the home's thread the task can be queued at once.
+    // SAFETY: see above; on the executor's own thread the task can be queued at once.
     unsafe {
         let task = task(data);
         let process = &task.as_ref().process;
@@ -85,12 +88,14 @@ unsafe fn discard(data: *const ()) {
 ///
 /// # Safety
 ///
-/// One was counted for the caller, who does not use the task any more.
+/// One reference was counted for the caller, which does not use the task any more.
 pub(super) unsafe fn remove(task: NonNull<Task>) {
-    // SAFETY: the contract; the last waker leaves nobody who uses the task. Its own one is dropped only after its body has ended, and its process.
+    // SAFETY: the caller's contract; after the last waker nothing uses the task. The task's own
+    // waker is dropped only after its body has ended, and its process.
     unsafe {
-        // AcqRel, and no fence, which ThreadSanitizer does not know: whoever frees the task does so after all that others did with it. Who has the only waker is alone with it: looking costs less than
-        // counting.
+        // AcqRel, and no fence, which ThreadSanitizer does not know: the thread that frees the task
+        // does so after all that others did with it. A thread with the only waker is alone with it:
+        // looking costs less than counting.
         let references = &task.as_ref().references;
         if references.load(Ordering::Acquire) == 1 || references.fetch_sub(1, Ordering::AcqRel) == 1
         {

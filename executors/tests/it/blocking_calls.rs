@@ -51,7 +51,7 @@ fn a_call_that_waits_for_later_calls() {
         if depth == 0 {
             return 0;
         }
-        // A buddy is a plain thread: it may block on processes, whose calls need other buddies.
+        // A buddy is a plain thread: it may block on processes with calls that need other buddies.
         1 + block_on(async move { blocking(move || nested(depth - 1)).await }).unwrap()
     }
     assert_eq!(block_on(async { blocking(|| nested(20)).await }), Ok(20));

@@ -1,4 +1,5 @@
-//! How processes end: by themselves, by a panic, cancelled in every state. What they held is dropped once, on their own thread.
+//! How processes end: by themselves, by a panic, cancelled in every state. What they held is
+//! dropped once, on their own thread.
 
 #![cfg(not(loom))]
 
@@ -20,7 +21,7 @@ use std::thread::ThreadId;
 use std::time::Duration;
 use support::{Drops, Gate, Log, executor, quiet_panics, until, watchdog};
 
-/// Says on which thread it was dropped. Not `Send`.
+/// Reports on which thread it was dropped. Not `Send`.
 struct WhereDropped(
     Log<ThreadId>,
     #[expect(dead_code, reason = "makes it `!Send`")] Rc<()>,
@@ -334,7 +335,7 @@ fn announced_and_dropped_or_built_in_the_turn_of_another() {
         yield_now().await;
     });
     assert_eq!(parent.wait(), Exit::Completed);
-    // Who waits may be told before the end is listed.
+    // A waiter may be notified before the end is listed.
     executor.stop();
     let mut ended = Vec::new();
     living.take_ended(|id| ended.push(id));

@@ -1,4 +1,4 @@
-//! What a body says as it ends: kept until it is taken, from whatever thread it ran on.
+//! The exit value of a body: kept until it is taken, from any thread that it ran on.
 
 use luna_executors::{
     Executor, Exit, ExitValue, OsThread, ProcessHandle, ProcessRegistry, ProcessSpec,
@@ -6,7 +6,7 @@ use luna_executors::{
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
-/// Counted, so that the tests see what is kept; larger than the body that says it.
+/// Counted, so that the tests see what is kept; larger than the body that returns it.
 struct Word(
     Option<Arc<()>>,
     #[expect(dead_code, reason = "its size")] [u64; 40],

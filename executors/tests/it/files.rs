@@ -1,4 +1,5 @@
-//! Processes that wait for files: on executors, threads of their own and the calling thread; with wakes, deadlines and others beside.
+//! Processes that wait for files: on executors, threads of their own and the calling thread; with
+//! wakes, deadlines and others beside.
 
 #![cfg(all(unix, not(loom)))]
 

@@ -1,4 +1,5 @@
-//! Several waits for one file, dropped waits, numbers used again, files by the hundred, busy executors.
+//! Several waits for one file, dropped waits, numbers used again, files by the hundred, busy
+//! executors.
 
 #![cfg(all(unix, not(loom)))]
 
@@ -14,7 +15,7 @@ use std::pin::pin;
 use std::sync::Arc;
 use support::{Gate, Log, executor, poll_once, until, watchdog};
 
-/// A file as the kernel tells it from others: the number of its descriptor may have been another's before.
+/// A file as the kernel identifies it: the number of its descriptor may have been another's before.
 #[derive(Clone, Copy)]
 struct Identity {
     fd: RawFd,
@@ -36,7 +37,7 @@ fn identity(file: &UnixStream) -> Identity {
     }
 }
 
-/// How many epolls of this program know the file, and whether any of them is armed for it.
+/// Number of epolls of this program that contain the file, and whether any of them is armed for it.
 fn known(file: Identity) -> (usize, bool) {
     let (mut count, mut armed) = (0, false);
     for info in std::fs::read_dir("/proc/self/fdinfo").unwrap() {
@@ -120,7 +121,8 @@ fn a_reader_and_a_writer_of_one_file() {
     until(|| reader.state() == ProcessState::Waiting && writer.state() == ProcessState::Waiting);
     far.write_all(b"x").unwrap();
     until(|| log.len() == 1);
-    // The report for the reader disarmed the file for the writer too: it must have been armed again.
+    // The report for the reader disarmed the file for the writer too: it must have been armed
+    // again.
     until(|| reader.state() == ProcessState::Waiting);
     assert_eq!(writer.exit(), None);
     let mut sink = [0; 1 << 16];
@@ -163,7 +165,7 @@ fn a_dropped_wait_is_withdrawn_and_leaves_the_others() {
         far.write_all(b"x").unwrap();
         stays.await.unwrap();
         assert_eq!(known(file), (1, false), "known, and not armed");
-        // A ready one that nobody looked at.
+        // A ready one that was never polled.
         let mut ready = pin!(readable(&near));
         assert_eq!(poll_once(&mut ready).await, None);
         yield_now().await;
@@ -183,7 +185,8 @@ fn a_number_that_is_used_again_for_another_file() {
         for byte in 0..50 {
             let (near, mut far) = pair();
             if byte % 2 == 0 {
-                // The file lives on by another number, and stays known to the epoll by the old one.
+                // The file stays open by another number, and stays known to the epoll by the old
+                // one.
                 kept.push(near.try_clone().unwrap());
             }
             let mut wait = pin!(readable(&near));

@@ -1,4 +1,5 @@
-//! Other people's combinators inside a process: some pass the waker on, some have wakers of their own.
+//! Other people's combinators inside a process: some pass the waker on, some have wakers of their
+//! own.
 
 #![cfg(not(loom))]
 
@@ -48,7 +49,8 @@ fn or_zip_and_race_inside_a_process() {
     assert_eq!(process.wait(), Exit::Completed);
 }
 
-/// Polls only those of its futures that were woken, as `FuturesUnordered` does: each has a waker of its own.
+/// Polls only those of its futures that were woken, as `FuturesUnordered` does: each has a waker of
+/// its own.
 struct Unordered {
     futures: Vec<Option<Pin<Box<dyn Future<Output = usize> + Send>>>>,
     ready: Arc<Ready>,

@@ -1,4 +1,4 @@
-//! Who ran instead: only what a process did is laid to it.
+//! Which process ran instead: only what a process did is attributed to it.
 
 #![cfg(not(loom))]
 
@@ -57,7 +57,8 @@ fn a_turn_is_laid_to_who_had_it() {
     assert!(is_tried);
 }
 
-/// The executor does not read the clock before each poll then: what an alarm interrupts is known from the alarm on.
+/// The executor does not read the clock before each poll then: what an alarm interrupts is known
+/// from the alarm on.
 #[test]
 fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
     // Again if a busy machine gave the hog its turn too late to be in the way.
@@ -74,7 +75,8 @@ fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
             Sleep::until(slot).await;
             let now = Instant::now();
             let was_in_the_way = begun.try_recv().is_ok_and(|began| began < slot);
-            // Of a thread that lost its core until the hog's end the alarm rings too late to say.
+            // If a thread lost its core until the hog's end, its alarm rings too late to be
+            // meaningful.
             let of_hog = std::cell::Cell::new(None);
             let held = interference(slot, now, |turn| {
                 if turn.process == id {

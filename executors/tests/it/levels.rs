@@ -1,4 +1,4 @@
-//! Which process runs next: the highest level, and within a level who came first.
+//! Which process runs next: the highest level, and within a level the first that came.
 
 #![cfg(not(loom))]
 

@@ -1,4 +1,4 @@
-//! What a handle tells of its process, and how the living are counted.
+//! What a handle reports of its process, and how the living are counted.
 
 #![cfg(not(loom))]
 

@@ -1,5 +1,5 @@
-//! An operation that is polled by a process, moved out of it, and left waiting when the process is gone: it wakes nobody, and whoever
-//! polls it next goes on with it.
+//! An operation that is polled by a process, moved out of it, and left waiting when the process is
+//! gone: it wakes no process, and the next task that polls it goes on with it.
 
 #![cfg(not(loom))]
 
@@ -70,7 +70,8 @@ fn left_behind_by_processes_of_executors_that_end_and_are_freed() {
             other.release();
             support::until(|| moved.len() == 10);
         }
-        // The processes have ended; a spawn frees what is left of them, and its process takes over a place.
+        // The processes have ended; a spawn frees what is left of them, and its process takes over
+        // a place.
         support::until(|| {
             home.spawn(ProcessSpec::new("next"), || async {}).wait() == Exit::Completed
         });

@@ -186,6 +186,7 @@ fn a_deadline_is_one_poll() {
     });
     thread.release();
     assert_eq!(thread.process().wait(), Exit::Completed);
-    // The release is a wake too, which may still be there after the first poll. On a slow machine a deadline may have passed.
+    // The release is a wake too, which may still be there after the first poll. On a slow machine a
+    // deadline may have passed.
     assert!(thread.process().polls() <= 7);
 }

@@ -158,7 +158,8 @@ fn what_is_refused_is_dropped_where_its_spawner_likes() {
     assert_eq!((drops.count(), process.exit()), (1, Some(Exit::Cancelled)));
 }
 
-/// Whether the turn that this is called in is looked at, is one in which a body is abandoned, or poisons what is dropped.
+/// Whether the turn that this is called in is looked at, is one in which a body is abandoned, or
+/// poisons what is dropped.
 fn turn_of_another() -> bool {
     poll_monitor().is_some() || current::is_abandoned() || current::dropped_ends_poison()
 }

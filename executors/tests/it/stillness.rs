@@ -1,4 +1,5 @@
-//! Whether all threads of a system sleep for good, as who looks after them sees it; and whom a process waits for.
+//! Whether all threads of a system sleep for good, as their observer sees it; and what a process
+//! waits for.
 
 #![cfg(not(loom))]
 
@@ -39,7 +40,7 @@ fn executors_without_work_are_still_and_those_that_are_held_are_not() {
     two.release();
     let stillness = until_still(&living);
     assert!(living.is_yet(&stillness));
-    // One that ends is no longer among them; and none of them can be told from before.
+    // One that ends is no longer among them; and none of them can be distinguished from before.
     two.stop();
     assert!(!living.is_yet(&stillness));
     assert!(living.is_yet(&until_still(&living)));
@@ -186,7 +187,7 @@ fn patience_ends_only_where_nothing_can_wake() {
     );
     assert_eq!((outcome, told), (Ok(()), 0));
 
-    // Told twice, if it asks for that, and then no more.
+    // Notified twice, if it requests that, and then no more.
     let gates = [Gate::default(), Gate::default(), Gate::default()];
     let mut closed = gates.iter();
     let (later, outcome) = (

@@ -14,7 +14,8 @@ fn in_micros(micros: u64) -> Instant {
     Instant::now() + Duration::from_micros(micros)
 }
 
-/// Starts processes at `levels` that sleep until so many microseconds after a base, and gives their numbers in the order of their wakes.
+/// Starts processes at `levels` that sleep until so many microseconds after a start time, and
+/// returns their numbers in the order of their wakes.
 fn order_of(sleepers: &[(u8, u64)]) -> Vec<usize> {
     loop {
         let (executor, log) = (executor(), Log::new());

@@ -1,4 +1,5 @@
-//! Wakers that others keep when their process, and its executor, are gone: nothing leaks, nothing is freed twice.
+//! Wakers that others keep when their process, and its executor, are gone: nothing leaks, nothing
+//! is freed twice.
 
 #![cfg(not(loom))]
 

@@ -1,4 +1,5 @@
-//! Other threads wake processes: none is lost, none waits behind less urgent ones, none does harm before the start or after the end.
+//! Other threads wake processes: none is lost, none waits behind less urgent ones, none does harm
+//! before the start or after the end.
 
 #![cfg(not(loom))]
 
@@ -161,7 +162,8 @@ fn a_high_wake_does_not_wait_behind_low_ones() {
     assert_eq!(order.len(), 503);
 }
 
-/// Those who were woken since the executor looked come in the order of their making, and before all who are woken later.
+/// The processes that were woken since the executor looked come in the order of their making, and
+/// before all that are woken later.
 #[test]
 fn nobody_of_a_level_is_overtaken_by_one_who_is_woken_later() {
     let _watchdog = watchdog("nobody_of_a_level_is_overtaken_by_one_who_is_woken_later");

@@ -1,5 +1,5 @@
-//! A process is woken by its wakers and without them, on its own thread and from elsewhere (see `task`). Here all is done at once, in all
-//! orders, by all threads, also while the process ends.
+//! A process is woken by its wakers and without them, on its own thread and from elsewhere (see
+//! `task`). Here all is done at once, in all orders, by all threads, also while the process ends.
 
 #![cfg(not(loom))]
 
@@ -42,7 +42,8 @@ fn pull(pull: Pull, cx: &Context<'_>) {
     }
 }
 
-/// Ends in its poll number `polls`, and pulls `pulls` in each, the last included. Each poll takes one reading of `cx` alone.
+/// Ends in its poll number `polls`, and pulls `pulls` in each, the last included. Each poll takes
+/// one reading of `cx` alone.
 async fn pulled(polls: usize, pulls: Vec<Pull>) {
     let mut count = 0;
     poll_fn(move |cx| {
@@ -94,7 +95,8 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
             [[Pull::Waker; 10], [Pull::Here(Place::Last); 10]].concat(),
         )
         .await;
-        // Nobody wakes it any more after the next poll, so the lower one below runs, and then this one again.
+        // Nothing wakes it after the next poll, so the lower one below runs, and then this one
+        // again.
         let mut polls = 0;
         poll_fn(move |cx| {
             polls += 1;
@@ -113,11 +115,12 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
     });
     executor.release();
     assert_eq!(lower.wait(), Exit::Completed);
-    // Once to begin, once for twenty wakes in the first poll, once for as many in the second, and once for the last one.
+    // Once to begin, once for twenty wakes in the first poll, once for as many in the second, and
+    // once for the last one.
     assert_eq!((process.wait(), process.polls()), (Exit::Completed, 4));
 }
 
-/// A process whose polls do random things, and which hands its waker to all the attackers.
+/// A process with polls that do random things, and which hands its waker to all the attackers.
 struct Attacked {
     random: Random,
     wakers: Arc<Mutex<Vec<Waker>>>,
@@ -144,7 +147,7 @@ impl Future for Attacked {
             assert!(self.random.below(8) > 0, "on purpose");
             return Poll::Ready(());
         }
-        // Somebody must come back: itself, in one of the ways, or an attacker.
+        // A wake must follow: from itself, in one of the ways, or from an attacker.
         match self.random.below(3) {
             0 => cx.waker().wake_by_ref(),
             1 => current::ready_again(cx, Place::Last),
@@ -154,7 +157,7 @@ impl Future for Attacked {
     }
 }
 
-/// Wakes, drops and cancels at random until it is told to stop and nothing is left to wake.
+/// Wakes, drops and cancels at random until the stop flag is set and nothing is left to wake.
 fn attack(
     mut random: Random,
     wakers: &Mutex<Vec<Waker>>,

@@ -51,7 +51,8 @@ fn waits_of_prepared_threads() {
     let own = counts.clone();
     let process = one.spawn(ProcessSpec::new("asks"), move || async move {
         prepare_files().unwrap();
-        // The first wait of all, for a file that the thread has not waited for before, belongs to what is measured.
+        // The first wait of all, for a file that the thread has not waited for before, belongs to
+        // what is measured.
         let before = COUNT.get();
         for byte in 0..100 {
             write_byte(&near, byte).await.unwrap();

@@ -17,7 +17,7 @@ macro_rules! tell {
     }};
 }
 
-/// Whether files can be waited for; if not, says which test is left out and why.
+/// Whether files can be waited for; if not, prints which test is left out and why.
 pub fn can_wait(test: &str) -> bool {
     match block_on(async { prepare_files() }).unwrap() {
         Ok(()) => true,

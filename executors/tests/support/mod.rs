@@ -96,7 +96,8 @@ impl Drop for Token {
     }
 }
 
-/// Keeps whoever comes until it is opened, from any thread. It uses wakers, as other people's futures do.
+/// Keeps each arrival until it is opened, from any thread. It uses wakers, as other people's
+/// futures do.
 #[derive(Clone, Default)]
 pub struct Gate(Arc<Mutex<State>>);
 
@@ -157,7 +158,8 @@ pub async fn poll_once<F: Future + Unpin>(future: &mut F) -> Option<F::Output> {
     .await
 }
 
-/// Numbers that look random and can be had again: the seed is printed, and taken from `LUNA_SEED` if it is set.
+/// Numbers that look random and can be had again: the seed is printed, and taken from `LUNA_SEED`
+/// if it is set.
 #[derive(Clone)]
 pub struct Random(u64);
 

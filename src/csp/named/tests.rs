@@ -10,7 +10,7 @@ fn as_process<R>(tree: &Arc<Tree>, f: impl FnOnce(ProcessId) -> R) -> R {
     tree.enter_thread();
     let id = ProcessId::new();
     let process = Process::new(id, Home::new(), 0, 5);
-    // SAFETY: the process lives as long as the closure, and waits for nobody.
+    // SAFETY: the process lives as long as the closure, and waits for nothing.
     unsafe { current::with_process(&process, || f(id)) }
 }
 

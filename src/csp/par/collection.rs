@@ -8,17 +8,20 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// Runs all branches of a collection in parallel and waits for all of them: [`par!`](crate::par) for any number of branches of one kind.
+/// Runs all branches of a collection in parallel and waits for all of them: [`par!`](crate::par)
+/// for any number of branches of one kind.
 ///
-/// The branches are futures with output [`luna::Result<T>`](crate::Result); they may borrow from their surroundings. When all have ended
-/// the value is the vector of theirs, in the collection's order. Errors are those of [`par!`](crate::par), in the collection's order. An
-/// empty collection is done at once.
+/// The branches are futures with output [`luna::Result<T>`](crate::Result); they may borrow from
+/// their surroundings. When all have ended the value is the vector of theirs, in the collection's
+/// order. Errors are those of [`par!`](crate::par), in the collection's order. An empty collection
+/// is done at once.
 ///
-/// Real-time path: its creation allocates, once for the whole collection and at a cost of O(branches) (the vector of the values too), and its
-/// drop frees: make it before the time counts. In between it allocates nothing, as far as `par!` does not. A wake of a branch costs
-/// O(1), and the parent's turn polls only branches that were woken: O(these + branches / 4096). The first failure has all others polled
-/// once. After 64 polls, and when a process of higher level is ready, the parent lets others run. Cancel-safe: dropping it drops all
-/// branches.
+/// Real-time path: its creation allocates, once for the whole collection and at a cost of
+/// O(branches) (the vector of the values too), and its drop frees: make it before the time counts.
+/// In between it allocates nothing, as far as `par!` does not. A wake of a branch costs O(1), and
+/// the parent's turn polls only branches that were woken: O(these + branches / 4096). The first
+/// failure has all others polled once. After 64 polls, and when a process of higher level is ready,
+/// the parent lets others run. Cancel-safe: dropping it drops all branches.
 ///
 /// ```
 /// let squares = luna::run(async { luna::par_all((1..=3).map(async |n: u32| Ok(n * n)).collect::<Vec<_>>()).await })?;
@@ -45,8 +48,8 @@ where
     }
 }
 
-/// Runs `body` for each item of a collection, all in parallel: occam's replicated `PAR`. See [`par_all`], of which it has all
-/// properties.
+/// Runs `body` for each item of a collection, all in parallel: occam's replicated `PAR`. See
+/// [`par_all`], of which it has all properties.
 ///
 /// ```
 /// let (sender, receiver) = luna::buffered(luna::Buffer::fifo(3));
@@ -104,7 +107,7 @@ impl<F: Future<Output = Result<T>>, T> ParAll<F, T> {
         });
         self.running -= usize::from(!runs);
         if self.failed != failed_before {
-            // The siblings learn of it; this happens once.
+            // Notify the siblings; this happens once.
             self.branches.wake_all();
         }
     }
@@ -138,7 +141,8 @@ impl<F: Future<Output = Result<T>>, T> Future for ParAll<F, T> {
         );
         this.branches.stop_waiting();
         if current::branch_failed() && !this.failed {
-            // Everything in here has failed siblings outside, and learns of it as if they were inside.
+            // Everything in here has failed siblings outside, and is poisoned as if they were
+            // inside.
             this.failed = true;
             this.branches.wake_all();
         }

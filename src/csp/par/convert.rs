@@ -1,4 +1,5 @@
-//! Branches with errors of any type, by autoref specialization: a method of that name is looked for on `&&Branch`, then on `&&&Branch`, then on `&Branch`.
+//! Branches with errors of any type, by autoref specialization: a method of that name is looked for
+//! on `&&Branch`, then on `&&&Branch`, then on `&Branch`.
 
 use crate::error::{Error, Result};
 use std::cell::Cell;
@@ -16,7 +17,7 @@ impl<F> fmt::Debug for Branch<F> {
     }
 }
 
-/// What a branch gives: a `Result`, whose error turns into [`Error`].
+/// What a branch gives: a `Result`, with an error that turns into [`Error`].
 #[diagnostic::on_unimplemented(
     message = "a branch of `par!` gives `{Self}`, where a `Result` is expected",
     label = "this branch gives no `Result`",
@@ -31,7 +32,8 @@ impl<F: Future> Branch<F>
 where
     F::Output: Outcome,
 {
-    /// Takes the branch as it was written. What it has to be is asked for here, where the compiler points at it.
+    /// Takes the branch as it was written. Its bounds are checked here, where the compiler points
+    /// at it.
     pub fn new(branch: F) -> Self {
         Branch(Cell::new(Some(branch)))
     }
@@ -43,7 +45,7 @@ impl<F> Branch<F> {
     }
 }
 
-/// A branch whose error is, or can still be inferred to be, [`Error`].
+/// A branch with an error that is, or can still be inferred to be, [`Error`].
 pub trait Exact {
     /// The branch.
     type Branch;
@@ -77,7 +79,8 @@ where
     }
 }
 
-/// What is no branch, which [`Branch::new`] has said already: that there is this keeps the compiler from saying it in other words.
+/// What is no branch, which [`Branch::new`] has reported already: this keeps the compiler from
+/// reporting it a second time.
 pub trait Refused {
     /// Something with which it can go on.
     fn branch<T>(self) -> Pending<Result<T>>;

@@ -7,7 +7,8 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// The future of [`par!`](crate::par), and of [`pri_par!`](crate::pri_par) where `BY_PRIORITY`: branches and their values.
+/// The future of [`par!`](crate::par), and of [`pri_par!`](crate::pri_par) where `BY_PRIORITY`:
+/// branches and their values.
 #[must_use = "a parallel construct does nothing unless awaited"]
 pub struct Join<T, const BY_PRIORITY: bool> {
     branches: T,
@@ -69,8 +70,8 @@ impl<F, T> fmt::Debug for Slot<F, T> {
 }
 
 impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
-    /// Polls the branch once if it runs, the one of this number, `below` levels lower than its construct. Says whether it runs on, and notes in `failed` that it
-    /// has just failed.
+    /// Polls the branch once if it runs, the one of this number, `below` levels lower than its
+    /// construct. Returns whether it runs on, and notes in `failed` that it has just failed.
     #[inline]
     pub(super) fn poll(
         self: Pin<&mut Self>,
@@ -79,7 +80,8 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
         number: u32,
         failed: &mut bool,
     ) -> bool {
-        // SAFETY: a running branch is polled in its place, and dropped there when it is overwritten.
+        // SAFETY: a running branch is polled in its place, and dropped there when it is
+        // overwritten.
         let state = unsafe { &mut self.get_unchecked_mut().0 };
         let State::Running(branch) = state else {
             return false;
@@ -87,7 +89,7 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
         // SAFETY: as above.
         let branch = unsafe { Pin::new_unchecked(branch) };
         if *failed || current::branch_failed() {
-            // One that a panic has left behind is nobody's.
+            // An end that a panic has left behind belongs to no branch.
             current::take_branch_end();
         }
         let polled = current::with_branch_below(*failed, below, number, || branch.poll(cx));
@@ -163,8 +165,8 @@ impl<'a, const BY_PRIORITY: bool> Turn<'a, BY_PRIORITY> {
             return;
         }
         if !self.gave_way && self.below > 0 && slot.is_running() {
-            // The process may have been given its turn for a more urgent branch. Whether this one has anything to do is not known,
-            // so the process comes again at this one's level.
+            // The process may have been given its turn for a more urgent branch. Whether this one
+            // has anything to do is not known, so the process comes again at this one's level.
             self.gave_way = current::with_branch_below(false, self.below, self.number, || {
                 current::give_way(cx)
             });
@@ -203,7 +205,7 @@ macro_rules! joins {
                     let mut turn = Turn::<BY_PRIORITY>::new(&mut this.failed);
                     $(turn.poll($slot.as_mut(), cx);)+
                     let running = turn.running;
-                    // The siblings of a branch that has just failed learn of it now; that happens once.
+                    // Notify the siblings of a branch that has just failed; that happens once.
                     if running && this.failed == failed_before {
                         return Poll::Pending;
                     }

@@ -10,22 +10,25 @@ pub use join::{Branches, Join, Slot, join};
 
 /// Runs branches in parallel and waits for all of them: CSP's parallel composition, occam's `PAR`.
 ///
-/// The branches are futures with output `Result<T, E>`, where `E` turns into [`Error`](crate::Error); one to twelve of them. They may
-/// borrow from their surroundings, since they run as part of their parent, polled in the order written. When all have ended the value is
-/// the tuple of theirs. See [`par_all`] for collections of branches, [`pri_par!`](crate::pri_par) for branches of falling priority.
+/// The branches are futures with output `Result<T, E>`, where `E` turns into
+/// [`Error`](crate::Error); one to twelve of them. They may borrow from their surroundings, since
+/// they run as part of their parent, polled in the order written. When all have ended the value is
+/// the tuple of theirs. See [`par_all`] for collections of branches, [`pri_par!`](crate::pri_par)
+/// for branches of falling priority.
 ///
 /// # Errors
 ///
-/// A branch that fails marks its siblings: their pending and later channel operations fail as poisoned, so that they end too, and what
-/// they return then are their errors. If one branch alone has failed, the error is that branch's; else it is
-/// [`Error::Several`](crate::Error::Several) with all of them in the order written ([`Error::errors`](crate::Error::errors)).
-/// Neither depends on the order in which the branches failed. A branch that waits for something else than a channel
-/// ([`after`](crate::after()), a [periodic loop](crate::periodic()), a file) goes on to wait, and ends at its next channel operation: give
-/// it one, or bound the wait.
+/// A branch that fails marks its siblings: their pending and later channel operations fail as
+/// poisoned, so that they end too, and what they return then are their errors. If one branch alone
+/// has failed, the error is that branch's; else it is [`Error::Several`](crate::Error::Several)
+/// with all of them in the order written ([`Error::errors`](crate::Error::errors)). Neither depends
+/// on the order in which the branches failed. A branch that waits for something else than a channel
+/// ([`after`](crate::after()), a [periodic loop](crate::periodic()), a file) goes on to wait, and
+/// ends at its next channel operation: give it one, or bound the wait.
 ///
-/// Real-time path: yes. Each wake of the parent costs O(branches). Nothing is allocated, whatever the branches come to, but if several
-/// fail and one of them with an error that is allocated itself; see [`Several`](crate::Several). Cancel-safe: dropping it drops all
-/// branches.
+/// Real-time path: yes. Each wake of the parent costs O(branches). Nothing is allocated, whatever
+/// the branches come to, but if several fail and one of them with an error that is allocated
+/// itself; see [`Several`](crate::Several). Cancel-safe: dropping it drops all branches.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -72,19 +75,23 @@ macro_rules! par {
     };
 }
 
-/// Runs branches in parallel by falling priority: occam's `PRI PAR`. As [`par!`](crate::par), but the first branch is the most urgent.
+/// Runs branches in parallel by falling priority: occam's `PRI PAR`. As [`par!`](crate::par), but
+/// the first branch is the most urgent.
 ///
-/// On an executor, branch *i* (from 0) runs *i* levels below its parent, but not below level 0: it waits in channels with that level, a
-/// process between it and the branch above it runs before it, and a wake of it queues the parent at its level (at the level of the most
-/// urgent branch, if several are ready). Within a nested construct levels fall on from the branch's. Where the parent runs alone on an
-/// OS thread there are no levels, and only the order of the branches remains: it is the one in which those that can go on do so.
+/// On an executor, branch *i* (from 0) runs *i* levels below its parent, but not below level 0: it
+/// waits in channels with that level, a process between it and the branch above it runs before it,
+/// and a wake of it queues the parent at its level (at the level of the most urgent branch, if
+/// several are ready). Within a nested construct levels fall on from the branch's. Where the parent
+/// runs alone on an OS thread there are no levels, and only the order of the branches remains: it
+/// is the one in which those that can go on do so.
 ///
-/// A wake from another thread readies the parent at its own level, since it comes through its waker; what is less urgent than
-/// other ready processes then gives way before it runs. A branch of a combinator within a branch (`join`, `select` of other crates) is
-/// woken at the parent's level, too.
+/// A wake from another thread readies the parent at its own level, since it comes through its
+/// waker; what is less urgent than other ready processes then gives way before it runs. A branch of
+/// a combinator within a branch (`join`, `select` of other crates) is woken at the parent's level,
+/// too.
 ///
-/// Errors, values, real-time path and cancel-safety are those of [`par!`](crate::par). Giving way costs one more poll of the branches
-/// above.
+/// Errors, values, real-time path and cancel-safety are those of [`par!`](crate::par). Giving way
+/// costs one more poll of the branches above.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -109,12 +116,13 @@ macro_rules! pri_par {
     };
 }
 
-/// What both macros are: the flag says whether priorities fall.
+/// Common body of both macros: the flag sets whether priorities fall.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __par_of {
     ($by_priority:literal, $($branch:expr),+) => {{
-        // Chooses by autoref, whatever the branch's error is: taken as it is if it is `luna::Error` or still open, else converted.
+        // Chooses by autoref, for any error of the branch: taken as it is if it is `luna::Error` or
+        // still open, else converted.
         #[allow(unused_imports, reason = "which of them is needed depends on the branches")]
         use $crate::__par::{Converted as _, Exact as _, Refused as _};
         $crate::__par::join::<$by_priority, _>(($((&&$crate::__par::Branch::new($branch)).branch(),)+))

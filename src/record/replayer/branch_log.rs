@@ -67,7 +67,8 @@ impl BranchLog {
             if let Kind::Outcome { stamp: taken, .. } = event.kind
                 && taken != 0
             {
-                // Of several in a row the last: nobody else runs between them here, so what they take has to be there before the first.
+                // Of several in a row the last: nothing else runs between them here, so what they
+                // take has to be there before the first.
                 stamp = taken;
             }
         }
@@ -77,7 +78,8 @@ impl BranchLog {
         }
     }
 
-    /// As [`wait_for_calls`](Self::wait_for_calls), when the present operation's own event is the first.
+    /// As [`wait_for_calls`](Self::wait_for_calls), when the present operation's own event is the
+    /// first.
     pub(super) fn wait_for_calls_after_this(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         let own = self.events.pop_front();
         let polled = self.wait_for_calls(cx);

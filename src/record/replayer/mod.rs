@@ -1,7 +1,8 @@
-//! Replaying: what each process is told.
+//! Replaying: the recorded events of each process.
 //!
-//! The time of a replay's virtual clock is the stamp of the event that is next: who has an event with a stamp sleeps until then, and the clock moves
-//! when nobody can run, that is when all that came before has happened.
+//! The time of a replay's virtual clock is the stamp of the event that is next: a process that has
+//! an event with a stamp sleeps until then, and the clock moves when no process can run, that is
+//! when all that came before has happened.
 
 mod branch_log;
 mod replay_log;
@@ -33,11 +34,12 @@ pub(crate) struct Replayer {
     is_whole: bool,
     /// The number from 1 of each process, and its events.
     processes: Mutex<HashMap<Key, (u32, Queues)>>,
-    /// How many processes of each name there were, by who spawned them.
+    /// Number of processes of each name, by the process that spawned them.
     names: Mutex<HashMap<(u32, String), u32>>,
     first: Mutex<Option<RecordError>>,
     differs: AtomicBool,
-    /// All that was recorded has happened: what is left is dropped, and what comes of that was not recorded.
+    /// All that was recorded has happened: what is left is dropped, and what comes of that was not
+    /// recorded.
     is_over: AtomicBool,
     replayed: AtomicU64,
 }

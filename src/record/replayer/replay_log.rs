@@ -1,4 +1,4 @@
-//! What the operations of a replayed process are told.
+//! The replay log: the recorded results of a replayed process' operations.
 
 use super::branch_log::Stage;
 use super::stamps::after;

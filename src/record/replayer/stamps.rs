@@ -2,7 +2,8 @@
 
 use luna_platform::clock::{Instant, VirtualClock};
 
-/// After all stamps: who has not ended by then waits for something that was not recorded.
+/// After all stamps: a process that has not ended by then waits for something that was not
+/// recorded.
 pub(super) const END: u64 = 1 << 61;
 
 /// After all stamps, and before the end: what was under way when its process was cut.
@@ -13,7 +14,8 @@ pub(super) fn at(stamp: u64) -> Instant {
     VirtualClock::ORIGIN + std::time::Duration::from_nanos(stamp.min(END) * 2)
 }
 
-/// When what bears this stamp happens if it does not wait: its partner, which may, is there by then.
+/// When what bears this stamp happens if it does not wait: its partner, which may, is there by
+/// then.
 pub(super) fn after(stamp: u64) -> Instant {
     at(stamp) + std::time::Duration::from_nanos(1)
 }

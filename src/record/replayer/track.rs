@@ -1,4 +1,4 @@
-//! What replays one process, and finds where it does something else than was recorded.
+//! The replay of one process. It detects where the process differs from the recording.
 
 use super::Replayer;
 use super::branch_log::BranchLog;
@@ -15,10 +15,11 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// How often a process is polled without an event, when one of its branch_logs is past what was recorded: the others may have some left.
+/// Highest number of polls of a process without an event, when one of its branch logs is past what
+/// was recorded: the others may have some left.
 const MOST_IDLE_POLLS: u32 = 1000;
 
-/// What replays one process.
+/// The replay of one process.
 pub(crate) struct Track {
     pub(super) replayer: Arc<Replayer>,
     pub(super) name: String,
@@ -28,18 +29,21 @@ pub(crate) struct Track {
     pub(super) end: RefCell<Pin<Box<Sleep>>>,
     pub(super) begun: Cell<bool>,
     pub(super) outputs: Cell<u64>,
-    /// The recording says nothing more of it.
+    /// The recording has nothing more of it.
     pub(super) past_end: Cell<bool>,
-    /// It returned in the recording. Else what a branch_log does after its last event was not recorded any more.
+    /// It returned in the recording. Otherwise operations of a branch log after its last event were
+    /// not recorded.
     pub(super) returns: bool,
-    /// A branch_log has done something at once after that: it cannot be made to wait for that.
+    /// A branch log has completed an operation at once after that: it cannot be made to wait for
+    /// that.
     pub(super) has_overrun: Cell<bool>,
     /// How often it was polled since the last event or operation.
     pub(super) idle_polls: Cell<u32>,
 }
 
 impl Track {
-    /// Whether the body is not to be polled any more: it has come further than the recording, or the replay has come to a difference, and it would only go on.
+    /// Whether the body is not to be polled any more: it has come further than the recording, or
+    /// the replay has come to a difference, and it would only go on.
     pub(crate) fn rests(&self) -> bool {
         let is_at_cut = |branch_log: &BranchLog| {
             let next = branch_log.events.front();
@@ -106,7 +110,7 @@ impl Track {
         }
     }
 
-    /// All that was recorded has to have come again.
+    /// Checks that all recorded events were replayed.
     pub(super) fn check_rest(&self) {
         if self.replayer.differs() || !self.replayer.is_whole || self.past_end.get() {
             return;
@@ -139,7 +143,7 @@ impl Track {
             })));
     }
 
-    /// Something is done of which the recording says nothing more.
+    /// The process does something that is beyond the end of the recording.
     pub(super) fn beyond(&self, operation: u64, found: &str) {
         if self.replayer.is_whole {
             self.differ(operation, None, "nothing more".into(), found.into());
@@ -161,7 +165,8 @@ impl Track {
         f(branch_log)
     }
 
-    /// Takes the branch_log's next event, if it is of the present operation and a call as it is.
+    /// Takes the branch log's next event, if it belongs to the present operation and is a call
+    /// exactly if `is_call`.
     pub(super) fn take_event(&self, is_call: bool) -> Option<Noted> {
         self.with_strand(|branch_log| {
             let operation = branch_log.operations;
@@ -185,7 +190,8 @@ impl Track {
         let Some(event) = branch_log.events.front() else {
             return match current::branch_path() {
                 0 => Poll::Ready(Err("it goes on")),
-                // A branch that has no events, or none any more, foresees all, as its process goes on to its end.
+                // A branch that has no events, or none any more, foresees all, as its process goes
+                // on to its end.
                 _ if self.returns => Poll::Ready(Ok(Turn::Look)),
                 // How far it had come was not recorded.
                 _ => Poll::Pending,
@@ -255,7 +261,7 @@ impl Track {
     }
 }
 
-/// An event in words.
+/// An event as text.
 pub(super) fn told(event: &Noted) -> String {
     let call = if event.is_call { " at once" } else { "" };
     match &event.kind {

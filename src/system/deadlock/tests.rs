@@ -19,7 +19,7 @@ fn processes(ids: &[ProcessId]) -> Vec<Sleeping> {
         .collect()
 }
 
-/// A channel whose ends were last used by these.
+/// A channel with ends that were last used by these.
 #[track_caller]
 fn channel(name: &str, sender: Option<User>, receiver: Option<User>) -> Meeting {
     Meeting {
@@ -83,7 +83,7 @@ fn a_sender_waits_for_who_received_last() {
     assert_eq!(found.cycle, ["a", "b"]);
 }
 
-/// Nobody has used the other ends, which the bodies have in them.
+/// The other ends are unused; the bodies have them in them.
 #[test]
 fn two_that_send_to_each_other_first() {
     let [a, b] = ids();

@@ -1,4 +1,4 @@
-//! A deadlock in words.
+//! The text of a deadlock.
 
 use super::{Deadlock, Operation, Partner, Wait};
 use std::fmt;
@@ -63,7 +63,7 @@ impl fmt::Display for Wait {
         if matches!(operation, Operation::Join | Operation::Stop) {
             return Ok(());
         }
-        // What makes somebody the partner.
+        // The act by which a process becomes the partner.
         let (did, nobody) = match operation {
             Operation::Lock => ("holds it", "which nobody holds"),
             Operation::Notified => ("notified there last", "where nobody has notified yet"),

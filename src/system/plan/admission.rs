@@ -32,7 +32,7 @@ impl Drop for Reservation<'_> {
 }
 
 impl Plan {
-    /// Takes the name of a process whose body is still to be made.
+    /// Takes the name of a process that has no body yet.
     pub(crate) fn reserve<'a>(&'a self, name: &Name) -> Result<Reservation<'a>> {
         drop(self.admit(Ok(name))?);
         Ok(Reservation {
@@ -41,7 +41,7 @@ impl Plan {
         })
     }
 
-    /// As [`add_reserved`](Self::add_reserved), for a process whose type is not known.
+    /// As [`add_reserved`](Self::add_reserved), for a process of unknown type.
     pub(crate) fn add_reserved_boxed(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
         let mut members = self.members();
@@ -57,7 +57,8 @@ impl Plan {
         Ok(id)
     }
 
-    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
+    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is
+    /// the user's, and those that have ended meanwhile.
     pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
         let id = plan.id();
         let members = self.admit(plan.own_name())?;
@@ -83,7 +84,7 @@ impl Plan {
         }
     }
 
-    /// As [`add_process`](Self::add_process), for one whose name is [reserved](Self::reserve).
+    /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
     pub(crate) fn add_reserved<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
         let id = plan.id();
         let members = self.members();
@@ -128,7 +129,8 @@ impl Plan {
                 )
                 .map(Some);
         }
-        // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
+        // The lock is kept from the look at the phase until it is entered: the end cannot come in
+        // between.
         let (mut member, mut announced, frame) =
             running.announce(number, plan.spec, plan.ledger, None);
         member.is_late = true;
@@ -165,7 +167,8 @@ impl Plan {
         if let Ok(name) = name
             && !members.started.take_name(name)
         {
-            // Who had it may have ended, and others may know that, though its executor has not told of it yet.
+            // The process that had it may have ended, and others may know that, though its executor
+            // has not reported it yet.
             if let Some(running) = &members.running {
                 members.started.look_for_ends(&running.common.emergency);
             }
@@ -197,7 +200,7 @@ impl Plan {
             })
     }
 
-    /// Forgets a process that has ended before it was entered: its end is told before that.
+    /// Forgets a process that has ended before it was entered: its end is reported before that.
     fn never_entered(&self, running: &Running, id: ProcessId) {
         let Common {
             living, emergency, ..
@@ -207,7 +210,8 @@ impl Plan {
         members.started.never_entered(id);
     }
 
-    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
+    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without
+    /// the lock: they may take long, and spawn.
     fn start_late<'a>(
         &'a self,
         mut members: MutexGuard<'a, Members>,
@@ -237,12 +241,13 @@ impl Plan {
             }
             drop(members);
         } else if members.phase == Phase::Ended {
-            // On an executor the lock is kept from the look at the phase until it is entered: the end cannot come in between.
+            // On an executor the lock is kept from the look at the phase until it is entered: the
+            // end cannot come in between.
             drop(members);
             clean_up(plan.prepared.resident);
             return Err(self.ended(name));
         } else {
-            // Nothing of the user's runs there.
+            // No user code runs there.
             return match running.start(plan) {
                 Ok((member, Started::OnExecutor(mut pending))) => {
                     let handle = member.handle.clone();

@@ -26,13 +26,13 @@ pub(crate) struct ExecutorPlan {
 }
 
 impl ExecutorPlan {
-    /// It as a part of the system, as it was asked for.
+    /// It as a part of the system, as requested.
     pub(crate) fn part(&self) -> ThreadPart {
         ThreadPart::asked(&self.name, ThreadKind::Executor, &self.attributes)
     }
 }
 
-/// A process to be, whose body `B` makes.
+/// A described process; `B` makes its body.
 pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
     pub(crate) place: Place,
     pub(crate) spec: ProcessSpec,
@@ -61,7 +61,7 @@ impl<B> ProcessPlan<B> {
 }
 
 impl<B: Build> ProcessPlan<B> {
-    /// It among others, whatever makes them.
+    /// The same description with a boxed body, for lists of mixed types.
     pub(super) fn boxed(self) -> ProcessPlan {
         ProcessPlan {
             place: self.place,

@@ -1,4 +1,4 @@
-//! A process that was started, as its system knows it.
+//! A started process, as its system sees it.
 
 use crate::csp::composition::ThreadPart;
 use crate::csp::process::Phases;
@@ -79,7 +79,7 @@ impl Member {
         self.seldom.as_mut()?.resident.take()
     }
 
-    /// The words that lie in what the process holds itself, of which some are addresses.
+    /// The machine words of the process' own memory, some of which are addresses.
     pub(crate) fn words(&self) -> Vec<usize> {
         let mut words = self.handle.words_of_body();
         let seldom = self.seldom.as_ref();

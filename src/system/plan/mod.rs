@@ -36,7 +36,7 @@ pub(crate) struct Plan {
     settings: Mutex<Settings>,
     members: Mutex<Members>,
     stand_ins: Mutex<StandIns>,
-    /// Nobody can be replaced any more.
+    /// No process can be replaced any more.
     stand_ins_closed: AtomicBool,
     #[cfg(unix)]
     devices: Arc<crate::devices::Devices>,
@@ -47,8 +47,9 @@ pub(crate) struct Plan {
     was_refused: AtomicBool,
 }
 
-// Nothing of the user's runs under its locks, and what they guard is whole between two statements. So who catches a panic finds the system as it was, or as it ended: described, with or
-// without the process that panicked as it was made, or run.
+// No user code runs under its locks, and what they guard is whole between two statements. So code
+// that catches a panic finds the system as it was, or as it ended: described, with or without the
+// process that panicked as it was made, or run.
 impl UnwindSafe for Plan {}
 impl RefUnwindSafe for Plan {}
 
@@ -57,7 +58,7 @@ pub(crate) struct Settings {
     pub(crate) strict: bool,
     pub(crate) lock_memory: bool,
     pub(crate) max_loops: Option<usize>,
-    /// Who wakes the loops, if it is not their executors.
+    /// The manager that wakes the loops, if their executors do not.
     pub(crate) manager: Option<Arc<Manager>>,
     pub(crate) max_timers: Option<usize>,
     /// The core of the timer manager.
@@ -84,7 +85,8 @@ pub(crate) struct Members {
     /// The executors that were started, as parts of the system.
     pub(crate) places: Vec<ThreadPart>,
     pub(crate) waiting: Vec<ProcessPlan>,
-    /// Before who was started: dropping a thread waits for its body, which refers to its process.
+    /// Before the processes that were started: dropping a thread waits for its body, which refers
+    /// to its process.
     pub(crate) threads: Vec<NamedThread>,
     pub(crate) started: Register,
     pub(crate) running: Option<Arc<Running>>,
@@ -169,14 +171,15 @@ impl Plan {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// When the system starts: every stand-in must have found whom it stands in for.
+    /// When the system starts: every stand-in must have found the process that it replaces.
     pub(crate) fn close_stand_ins(&self) -> Result<()> {
         self.stand_ins().close()?;
         self.stand_ins_closed.store(true, Ordering::Release);
         Ok(())
     }
 
-    /// A process that is spawned without its ends cannot be replaced. While the system runs nobody waits to replace one.
+    /// A process that is spawned without its ends cannot be replaced. While the system runs no
+    /// stand-in waits to replace one.
     pub(crate) fn check_plain(&self, process: &str) -> Result<()> {
         if self.stand_ins_closed.load(Ordering::Acquire) {
             return Ok(());
@@ -193,7 +196,8 @@ impl Plan {
         self.members.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Nobody will run the system: drops what it was to consist of, which may hold the plan, unless it has been run. What is dropped is the user's: without a lock.
+    /// The system will not be run: drops what it was to consist of, which may hold the plan, unless
+    /// it has been run. What is dropped is the user's: without a lock.
     pub(crate) fn abandon(&self) {
         // Also of a start that failed on them.
         let stand_ins = std::mem::take(&mut *self.stand_ins());
@@ -216,7 +220,7 @@ impl Plan {
             );
         }
         for process in waiting {
-            // One panic in a drop, which the hook tells, keeps no other from its own.
+            // One panic in a drop, which the hook reports, does not prevent the drop of the others.
             let _ = catch_unwind(AssertUnwindSafe(|| drop(process)));
         }
         let settings = std::mem::take(&mut *self.settings());

@@ -65,7 +65,8 @@ pub(crate) enum Started {
 }
 
 impl Running {
-    /// Whether there is nothing more to wait for: all processes have ended or time does not go on, and an emergency, if there is one, is over.
+    /// Whether there is nothing more to wait for: all processes have ended or time does not go on,
+    /// and an emergency, if there is one, is over.
     pub(crate) fn is_over(&self) -> bool {
         let Common {
             emergency, living, ..
@@ -79,7 +80,7 @@ impl Running {
         self.simulation.as_ref()?.standstill()
     }
 
-    /// Announces a prepared process on an executor. Nothing of the user's runs there.
+    /// Announces a prepared process on an executor. No user code runs there.
     pub(super) fn announce(
         &self,
         number: usize,
@@ -105,7 +106,8 @@ impl Running {
         (member, announced, frame)
     }
 
-    /// Starts a prepared process: on a thread, which is held; on an executor once it is handed over.
+    /// Starts a prepared process: on a thread, which is held; on an executor once it is handed
+    /// over.
     pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Started), NotStarted> {
         let ProcessPlan {
             place,

@@ -1,7 +1,9 @@
 //! What is kept of processes, by their numbers.
 //!
-//! Numbers are given out one after the other, so what is kept of neighbours lies side by side: who comes next, and who is forgotten next, is found in memory that was
-//! just looked at. A hash table of processes would spread them over all of its memory, and leave a part of it empty.
+//! Numbers are given out one after the other, so what is kept of neighbours lies side by side: the
+//! process that comes next, and the one that is forgotten next, are found in memory that was just
+//! looked at. A hash table of processes would spread them over all of its memory, and leave a part
+//! of it empty.
 
 use super::Spread;
 use luna_core::current::ProcessId;
@@ -99,7 +101,7 @@ impl<T> ById<T> {
         self.pages.iter().flat_map(|(&page, entries)| {
             let entries = entries.entries.iter().enumerate();
             entries.filter_map(move |(place, entry)| {
-                // The last place of all is nobody's.
+                // The last place of all is unused.
                 let number = (page * PAGE as u32 + place as u32).wrapping_add(1);
                 Some((ProcessId::from_number(number)?, entry.as_ref()?))
             })

@@ -58,7 +58,8 @@ fn the_end_of_a_system_looks_at_each_process_a_few_times() {
     }
     assert_eq!(system.run().unwrap().processes.len(), PROCESSES);
     let looks = system.plan.members().started.looks.get();
-    // One for each end, two for the report; a look for a deadlock, which takes a moment in which all sleep, is one more.
+    // One for each end, two for the report; a look for a deadlock, which takes a moment in which
+    // all sleep, is one more.
     assert!((3 * PROCESSES..=10 * PROCESSES).contains(&looks), "{looks}");
 }
 
@@ -89,8 +90,9 @@ fn what_is_kept_of_processes_that_come_and_go_does_not_grow() {
                     }?;
                     on.process_handle(child).unwrap().join().await;
                     let members = plan.members();
-                    // Each has an entry and a name, a place in the order of the ends, perhaps two funerals before somebody comes to hold them; and some
-                    // have not been looked at since they ended, where the system's own thread is slow to come.
+                    // Each has an entry and a name, a place in the order of the ends, perhaps two
+                    // exit records before a waiter comes to hold them; and some have not been
+                    // looked at since they ended, where the system's own thread is slow to come.
                     let (size, funerals) = (members.started.size(), members.started.funerals.len());
                     assert!(
                         size - funerals <= 10 * (REMEMBERED + 2),

@@ -59,7 +59,7 @@ fn a_panic_after_the_end_drops_nothing_of_who_was_left_behind_in_it() {
     };
     let reports = system_threads.end(|_, _| false);
     assert!(reports[0].abandoned);
-    // As by a panic behind that end: nobody is there any more who could be left behind.
+    // As by a panic behind that end: there is no thread left that could be detached.
     drop(system_threads);
     drop((system, plan));
     release.send(()).unwrap();

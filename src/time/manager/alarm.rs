@@ -1,4 +1,5 @@
-//! What the manager's thread sleeps in: a timer for each base, and one for the next deadline of a callback.
+//! What the manager's thread sleeps in: a timer for each timer group, and one for the next deadline
+//! of a callback.
 
 use super::timer_groups::Arm;
 use crate::error::SetupError;
@@ -43,7 +44,8 @@ const DISARMED: Armed = Armed {
 };
 
 impl Alarm {
-    /// With timers for so many timer_groups. Allocates; a file for each timer and three more.
+    /// With timers for `timer_groups` timer groups. Allocates; a file for each timer and three
+    /// more.
     pub(super) fn new(timer_groups: usize) -> Result<Self, SetupError> {
         match files(timer_groups)? {
             Some(files) => Ok(Alarm::Files(files)),
@@ -76,7 +78,9 @@ impl Alarm {
         }
     }
 
-    /// Sleeps until a timer expires or [`wake`](Self::wake) is called; calls `expired` with the number of each base whose timer has, and how often it has. May end without a cause.
+    /// Sleeps until a timer expires or [`wake`](Self::wake) is called; calls `expired` with the
+    /// number of each timer group with an expired timer, and how often it has expired. May end
+    /// without a cause.
     pub(super) fn wait(&self, expired: &mut dyn FnMut(usize, u64)) {
         match self {
             Alarm::Files(files) => {

@@ -11,7 +11,7 @@ use luna_platform::lock::PiLock;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-/// What a callback is told: which of its deadlines has come.
+/// The argument of a callback: which of its deadlines has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Firing {
@@ -25,7 +25,8 @@ pub struct Firing {
     pub missed: u64,
 }
 
-/// A callback that takes longer holds up all that the manager wakes: it is counted. The least that one rests which is always late already.
+/// A callback that takes longer delays all that the manager wakes: it is counted. Also the least
+/// rest of a callback that is always late already.
 pub(super) const BUDGET: Duration = Duration::from_micros(100);
 
 type Function = Box<dyn FnMut(Firing) + Send>;
@@ -48,20 +49,20 @@ struct Table {
     entries: Vec<Entry>,
     /// Places of callbacks that were dropped.
     free: Vec<usize>,
-    /// Those that the callbacks' timer is armed for.
+    /// The callbacks with deadlines that the callbacks' timer is armed for.
     timed: Heap,
-    /// Those for whose deadlines a base ticks.
+    /// The callbacks with deadlines for which a timer group ticks.
     ridden: Heap,
-    /// What the timer is armed for.
+    /// The deadline for which the timer is armed.
     armed: Option<u64>,
-    /// How many there is room for, once that is settled.
+    /// Number of callbacks that there is room for, once that is settled.
     most: Option<usize>,
     /// When the processes started.
     start: Option<Instant>,
     /// The system is on a virtual clock.
     is_refused: bool,
     has_ended: bool,
-    /// How many were dropped and made room for others.
+    /// Number of dropped callbacks that made room for others.
     replaced: u64,
 }
 
@@ -116,7 +117,8 @@ impl Callbacks {
         }
     }
 
-    /// From now on there is room for `most`, or those that are there if they are more. Allocates.
+    /// From now on there is room for `most` callbacks, or for the existing ones if they are more.
+    /// Allocates.
     pub(super) fn close_room(&self, most: usize) {
         let mut table = self.table.lock();
         let most = most.max(table.entries.len());
@@ -124,7 +126,7 @@ impl Callbacks {
         table.reserve(most);
     }
 
-    /// There will be nobody to call any: an error if there is one, and for each that comes.
+    /// No callback will be called: an error if there is one already, and for each that comes.
     pub(super) fn refuse(&self) -> Result<(), SetupError> {
         let mut table = self.table.lock();
         table.is_refused = true;
@@ -136,7 +138,8 @@ impl Callbacks {
         }
     }
 
-    /// A callback that is not set; gives its number. Allocates only as long as the room is not closed, but for what is given.
+    /// Adds a callback that is not set; returns its number. Allocates only as long as the room is
+    /// not closed, apart from the arguments.
     pub(super) fn add(&self, name: String, function: Function) -> Result<usize, SetupError> {
         let entry = Entry::new(name, function);
         let mut table = self.table.lock();
@@ -162,7 +165,7 @@ impl Callbacks {
         };
         table.replaced += 1;
         let former = std::mem::replace(&mut table.entries[free], entry);
-        // Dropped without the lock: it is the user's.
+        // Dropped outside of the lock: it is user code.
         drop(table);
         drop(former);
         Ok(free)
@@ -182,7 +185,7 @@ impl Callbacks {
         }
     }
 
-    /// Calls it no more; says whether it was set. O(log n); at most two system calls.
+    /// Calls it no more; returns whether it was set. O(log n); at most two system calls.
     pub(super) fn cancel(&self, callback: usize, engine: Option<&Engine>) -> bool {
         let mut table = self.table.lock();
         let was_set = table.unset(callback, engine);
@@ -205,7 +208,7 @@ impl Callbacks {
         if !entry.is_called {
             let function = entry.function.take();
             table.free.push(callback);
-            // Dropped without the lock: it is the user's.
+            // Dropped outside of the lock: it is user code.
             drop(table);
             drop(function);
         }
@@ -223,10 +226,12 @@ impl Callbacks {
         table.arm(engine);
     }
 
-    /// Calls those that are due by now, each of them once at most; gives the panic of one with its name. Manager's thread alone.
+    /// Calls the callbacks that are due by now, each once at most; passes the panic of one with its
+    /// name to `on_panic`. Manager's thread alone.
     pub(super) fn call_due(&self, engine: &Engine, mut on_panic: impl FnMut(String, String)) {
         let mut table = self.table.lock();
-        // Who is set during this pass, as those are that rest, comes in the next: ticks and all others come before.
+        // A callback that is set during this pass, as those are that rest, comes in the next: ticks
+        // and all others come before.
         let due_by = Instant::now();
         for _ in 0..table.entries.len() {
             let now = Instant::now();
@@ -244,7 +249,7 @@ impl Callbacks {
             let ended = Instant::now();
             let taken = ended - now;
             if let Err(payload) = outcome {
-                // It ends the system: nothing of what follows has to be in time.
+                // It ends the system: what follows need not be in time.
                 current::set_on_path(false);
                 let message = luna_executors::panic_message(&*payload);
                 // Its drop is the user's code too.
@@ -266,7 +271,7 @@ impl Callbacks {
         table.arm(engine);
     }
 
-    /// Calls nobody any more, and drops the functions. Not for the real-time path.
+    /// Stops all calls, and drops the functions. Not for the real-time path.
     pub(super) fn end(&self, engine: Option<&Engine>) {
         let mut functions = Vec::new();
         let mut table = self.table.lock();
@@ -277,12 +282,12 @@ impl Callbacks {
         }
         drop(table);
         for function in functions {
-            // The panic hook tells it; the others are to be dropped all the same.
+            // The panic hook reports it; the others are to be dropped all the same.
             let _ = catch_unwind(AssertUnwindSafe(|| drop(function)));
         }
     }
 
-    /// What was counted, and how many made room for others. Not for the real-time path.
+    /// The counters, and how many callbacks made room for others. Not for the real-time path.
     pub(super) fn reports(&self) -> (Vec<CallbackReport>, u64) {
         let table = self.table.lock();
         let reports = table.entries.iter().map(|entry| entry.counted.clone());
@@ -298,7 +303,7 @@ impl Table {
         self.ridden.reserve(members);
     }
 
-    /// Takes it out of its heap, and off its base.
+    /// Takes it out of its heap, and out of its timer group.
     fn unset(&mut self, callback: usize, engine: Option<&Engine>) -> bool {
         self.timed.remove(callback);
         self.ridden.remove(callback);
@@ -331,8 +336,9 @@ impl Table {
         self.list(callback, engine);
     }
 
-    /// Puts it into the heap where its deadline belongs. If that is an instant that has passed, when it has rested since its last call: else one that always
-    /// sets itself to the past would be called without end, on a thread above all others, and before them.
+    /// Puts it into the heap where its deadline belongs. For an instant that has passed it waits
+    /// until it has rested since its last call. Otherwise a callback that always sets itself to the
+    /// past would be called without end, on a thread above all others, and before them.
     fn list(&mut self, callback: usize, engine: &Engine) {
         let entry = &mut self.entries[callback];
         let is_late = entry.period().is_none()
@@ -358,7 +364,7 @@ impl Table {
         heap.insert(callback, deadline);
     }
 
-    /// Arms the timer for the first deadline that no base ticks for.
+    /// Arms the timer for the first deadline that no timer group ticks for.
     fn arm(&mut self, engine: &Engine) {
         let first = self.timed.first().map(|(deadline, _)| deadline);
         if first != self.armed {
@@ -368,7 +374,7 @@ impl Table {
         }
     }
 
-    /// Takes out the first that was due at `due_by`; what it is to be told if it is called `now`.
+    /// Takes out the first that was due at `due_by`, with its argument for a call `now`.
     fn take_due(&mut self, due_by: Instant, now: Instant) -> Option<(usize, Firing)> {
         let firsts = [self.timed.first(), self.ridden.first()];
         let (_, callback) = firsts
@@ -416,7 +422,8 @@ impl Table {
         counted.longest = counted.longest.max(taken);
         counted.latest = counted.latest.max(firing.lateness);
         if entry.is_gone {
-            // Its function is dropped by whoever takes the place, or at the end: not here, on the path.
+            // Its function is dropped by the next user of the place, or at the end: not here, on
+            // the path.
             self.free.push(callback);
         } else if let Some(period) = entry.period()
             && entry.turn == turn
@@ -425,7 +432,7 @@ impl Table {
             entry.deadline = entry.deadline.plus_nanos(period);
             self.list(callback, engine);
         } else if entry.period().is_none() && self.timed.remove(callback) {
-            // Set in the call, whose end was not known then.
+            // Set in the call, before the call's end was known.
             self.list(callback, engine);
         }
     }

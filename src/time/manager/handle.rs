@@ -8,7 +8,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The timer manager of a system, for callbacks: from [`System::timer_manager`](crate::System::timer_manager). Cloning it is cheap; processes can keep one.
+/// The timer manager of a system, for callbacks: from
+/// [`System::timer_manager`](crate::System::timer_manager). Cloning it is cheap; processes can keep
+/// one.
 #[derive(Clone)]
 pub struct TimerManager {
     manager: Arc<Manager>,
@@ -19,11 +21,13 @@ impl TimerManager {
         Self { manager }
     }
 
-    /// A function that the manager's thread calls when it is set: see [`TimerCallback`]. Not for the real-time path: it allocates.
+    /// A function that the manager's thread calls when it is set: see [`TimerCallback`]. Not for
+    /// the real-time path: it allocates.
     ///
     /// # Errors
     ///
-    /// [`SetupError::CallbackOnVirtualClock`](crate::SetupError::CallbackOnVirtualClock) in a system that runs on a virtual clock; one that has a callback before does not start there.
+    /// [`SetupError::CallbackOnVirtualClock`](crate::SetupError::CallbackOnVirtualClock) in a
+    /// system that runs on a virtual clock; one that has a callback before does not start there.
     ///
     /// [`SetupError::TooManyTimers`]: the system runs, and the room that was set aside before the start is taken
     /// ([`System::max_timers`](crate::System::max_timers)).
@@ -40,16 +44,22 @@ impl TimerManager {
     }
 }
 
-/// A function that the timer manager calls on its own thread: each slot of a period, or once at an instant.
+/// A function that the timer manager calls on its own thread: each slot of a period, or once at an
+/// instant.
 ///
-/// That thread is above all processes, so **the function must be short**: while it runs, no loop of the system is woken. It must not wait, nor allocate. What takes longer than 100 µs is counted, and
-/// the longest time stands in the [report](crate::TimersReport). It is called after the loops of the same tick were woken; several that are due together in the order of their deadlines.
+/// That thread is above all processes, so **the function must be short**: while it runs, no loop of
+/// the system is woken. It must not wait, nor allocate. What takes longer than 100 µs is counted,
+/// and the longest time stands in the [report](crate::TimersReport). It is called after the loops
+/// of the same tick were woken; several that are due together in the order of their deadlines.
 ///
-/// A panic in it is an emergency like one in a process: the functions of [`on_emergency`](crate::System::on_emergency) run, and the system ends with
-/// [`Error::Callback`](crate::Error::Callback). Callbacks do not keep a system running, and end with it: their functions are dropped then, and setting one later does nothing.
+/// A panic in it is an emergency like one in a process: the functions of
+/// [`on_emergency`](crate::System::on_emergency) run, and the system ends with
+/// [`Error::Callback`](crate::Error::Callback). Callbacks do not keep a system running, and end
+/// with it: their functions are dropped then, and setting one later does nothing.
 ///
-/// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks, no allocation, at most two system calls. One may set and cancel itself. Dropping the handle
-/// ends the callback, off the path, since it frees the function.
+/// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks,
+/// no allocation, at most two system calls. One may set and cancel itself. Dropping the handle ends
+/// the callback, off the path, since it frees the function.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -80,13 +90,17 @@ pub struct TimerCallback {
 }
 
 impl TimerCallback {
-    /// Calls it at each slot of the common grid of `period`, `phase` behind it, as [`Periodic::phase`](crate::Periodic::phase) says it of loops; no more at what it was set to before.
+    /// Calls it at each slot of the common grid of `period`, `phase` behind it, as
+    /// [`Periodic::phase`](crate::Periodic::phase) does for loops; no more at what it was set to
+    /// before.
     ///
-    /// A slot can be served while it lasts; those that pass whole are missed, and counted. Before the system runs it counts from the start.
+    /// A slot can be served while it lasts; those that pass whole are missed, and counted. Before
+    /// the system runs it counts from the start.
     ///
     /// # Errors
     ///
-    /// [`SetupError::ZeroPeriod`], [`SetupError::PeriodTooLong`] (of more than 292 years) and [`SetupError::PhaseTooLong`] (of a period or more).
+    /// [`SetupError::ZeroPeriod`], [`SetupError::PeriodTooLong`] (of more than 292 years) and
+    /// [`SetupError::PhaseTooLong`] (of a period or more).
     pub fn every(&self, period: Duration, phase: Duration) -> Result<()> {
         let name = || "timer callback".to_owned();
         let (length, behind) = (nanos(period), nanos(phase));
@@ -115,19 +129,22 @@ impl TimerCallback {
 
     /// Calls it once, at `deadline`, which may have passed; no more at what it was set to before.
     ///
-    /// For an instant that has passed it is called at once, but not before it has rested after its last call for as long as that took, and for 100 µs at least:
-    /// one that sets itself to the past in each call takes half of a core at most, and keeps nobody from being called. Each such call counts as late
-    /// ([`Firing::lateness`]).
+    /// For an instant that has passed it is called at once, but not before it has rested after its
+    /// last call for as long as that took, and for 100 µs at least: one that sets itself to the
+    /// past in each call takes half of a core at most, and does not keep other callbacks from being
+    /// called. Each such call counts as late ([`Firing::lateness`]).
     pub fn at(&self, deadline: Instant) {
         self.set(Wish::At(deadline));
     }
 
-    /// Calls it once, `delay` from now; no more at what it was set to before. After no delay, as [`at`](Self::at) an instant that has passed.
+    /// Calls it once, `delay` from now; no more at what it was set to before. After no delay, as
+    /// [`at`](Self::at) an instant that has passed.
     pub fn after(&self, delay: Duration) {
         self.at(Instant::now() + delay);
     }
 
-    /// Calls it no more; says whether it was set. A call that has begun goes on, and may end after this returns.
+    /// Calls it no more; returns whether it was set. A call that has begun goes on, and may end
+    /// after this returns.
     ///
     /// ```
     /// # let mut system = luna::System::new("machine");

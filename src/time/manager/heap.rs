@@ -1,6 +1,7 @@
-//! Deadlines in order, in room that was set aside: a binary heap that knows where each of its members is.
+//! Deadlines in order, in reserved room: a binary heap that keeps the position of each of its
+//! members.
 
-/// So many members as there is room for, by their numbers, each with one deadline at most.
+/// As many members as there is room for, by their numbers, each with one deadline at most.
 #[derive(Debug, Default)]
 pub(super) struct Heap {
     /// Each member's deadline is not before that of the one at half its index.
@@ -20,7 +21,7 @@ impl Heap {
         }
     }
 
-    /// The first deadline, and whose it is; of equal ones the member with the lowest number. O(1).
+    /// The first deadline, and its member; of equal ones the member with the lowest number. O(1).
     pub(super) fn first(&self) -> Option<(u64, usize)> {
         self.order
             .first()
@@ -42,7 +43,7 @@ impl Heap {
         }
         self.order.swap_remove(place as usize);
         if (place as usize) < self.order.len() {
-            // Who stands there now came from the end, of whichever branch.
+            // The member that stands there now came from the end, of whichever branch.
             let place = self.rise(place as usize);
             self.sink(place);
         }

@@ -1,4 +1,5 @@
-//! The timer manager: one thread above all others that sleeps on one timer of the kernel for each period, and wakes the loops of a tick in order of priority.
+//! The timer manager: one thread above all others that sleeps on one timer of the kernel for each
+//! period, and wakes the loops of a tick in order of priority.
 //!
 //! ```text
 //!   loop, in `next`                        manager's thread
@@ -9,10 +10,13 @@
 //!     was fired                            e runs the callbacks that are due
 //! ```
 //!
-//! `timer_groups` says which loops share a timer, `alarm` is the timers, `slot_of_timer` a loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines,
-//! `thread` the thread's life, `handle` what the user has of it. That a tick is never slept through is for [`luna_core::tick_list`].
+//! `timer_groups` decides which loops share a timer, `alarm` is the timers, `slot_of_timer` a
+//! loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines, `thread`
+//! the thread's life, `handle` what the user has of it. [`luna_core::tick_list`] ensures that a
+//! tick is never slept through.
 //!
-//! Locks, in this order: the callbacks', the timer_groups', a list's. No more than O(loops of one base, or log of the callbacks) is done under one, and nothing of the user's.
+//! Locks, in this order: the callbacks', the timer groups', a list's. No more than O(loops of one
+//! group, or log of the callbacks) is done under one, and no user code runs there.
 
 mod alarm;
 mod callbacks;
@@ -38,29 +42,39 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use timer_groups::{Place, TimerGroups};
 
-/// Who wakes the loops of a system at their slots. Set by [`System::timers`](crate::System::timers); the loops' code is the same.
+/// What wakes the loops of a system at their slots. Set by
+/// [`System::timers`](crate::System::timers); the loops' code is the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum Timers {
-    /// Each executor, and each OS-thread process, sleeps until the next deadline of its own: one wake-up for all loops of an executor, and no thread in between.
+    /// Each executor, and each OS-thread process, sleeps until the next deadline of its own: one
+    /// wake-up for all loops of an executor, and no thread in between.
     #[default]
     Executor,
-    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps on one timer for each period and wakes the loops of a tick in order of priority, across
-    /// executors and OS threads.
+    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps on one timer
+    /// for each period and wakes the loops of a tick in order of priority, across executors and OS
+    /// threads.
     ///
-    /// For systems of several threads whose loops are to begin in order and in phase, for callbacks ([`TimerManager`]), and for machines with few timers. A wake-up takes one thread switch
-    /// more than [`Executor`](Self::Executor); `docs/time-sources.md` has the figures. In a system in which no thread asks for a real-time policy the manager has none either.
+    /// For systems of several threads with loops that are to begin in order and in phase, for
+    /// callbacks ([`TimerManager`]), and for machines with few timers. A wake-up takes one thread
+    /// switch more than [`Executor`](Self::Executor); `docs/time-sources.md` has the figures. In a
+    /// system in which no thread asks for a real-time policy the manager has none either.
     ///
-    /// A loop whose period is a multiple of another's rides on the other's ticks, if they are in phase. A loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on
-    /// the common grid, not when it is made, so that all loops of a period are in phase. Loops that leave the common grid ([`correct`](crate::Periodic::correct),
-    /// [`Overrun::Rephase`](crate::Overrun::Rephase)), and those of a seventeenth period at once, take their executor's deadlines. So do delays, [`ticks`](crate::ticks()) and [`Timer`](crate::Timer)s.
+    /// A loop with a multiple of another's period joins the other's ticks, if they are in phase. A
+    /// loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on the
+    /// common grid, not when it is made, so that all loops of a period are in phase. Loops that
+    /// leave the common grid ([`correct`](crate::Periodic::correct),
+    /// [`Overrun::Rephase`](crate::Overrun::Rephase)), and those of a seventeenth period at once,
+    /// take their executor's deadlines. So do delays, [`ticks`](crate::ticks()) and
+    /// [`Timer`](crate::Timer)s.
     Manager,
 }
 
-/// How many timers of the kernel there are for timer_groups: so many periods that are no multiples of each other, or phases, at a time.
+/// Number of kernel timers for timer groups: the most periods that are no multiples of each other,
+/// or phases, at a time.
 const BASES: usize = 16;
 
-/// The room for callbacks unless it is asked for.
+/// The default room for callbacks.
 pub(crate) const MOST_CALLBACKS: usize = 64;
 
 /// What loops, callbacks' handles and the thread share.
@@ -108,7 +122,7 @@ impl Manager {
 
     /// The processes start at `start`: callbacks that were started before begin to count.
     pub(crate) fn begin(&self, start: Instant) {
-        // Whoever is released sees what came before the release.
+        // A process that is released sees what came before the release.
         self.start.store(start.as_nanos(), Ordering::Relaxed);
         if let Some(engine) = self.engine.get() {
             self.callbacks.begin(start, engine);
@@ -122,8 +136,9 @@ impl Manager {
         start.plus_nanos(since - since % period)
     }
 
-    /// The list of the base on which `place` waits for `at`, after it has found its place anew if that is to be; none if there is no room. O(1); O(timer_groups) and a system call where the place is a new
-    /// one.
+    /// The list of the timer group on which `place` waits for `at`, after it has found its place
+    /// anew if that is needed; none if there is no room. O(1); O(timer groups) and a system call
+    /// where the place is a new one.
     fn list_for(&self, place: &mut Place, at: Instant) -> Option<&TickList> {
         let engine = self.engine.get()?;
         engine.timer_groups.settle(place, at, &engine.alarm);

@@ -1,13 +1,15 @@
-//! What the manager did, told when the system has ended.
+//! What the manager did, reported when the system has ended.
 
 use crate::time::short;
 use luna_platform::thread::Policy;
 use std::fmt;
 use std::time::Duration;
 
-/// What the timer manager did: part of the [`Report`](crate::Report) of a system with [`Timers::Manager`](crate::Timers::Manager).
+/// What the timer manager did: part of the [`Report`](crate::Report) of a system with
+/// [`Timers::Manager`](crate::Timers::Manager).
 ///
-/// What the loops did of their slots stands in their own [`LoopReport`](crate::LoopReport)s: a tick that the manager was late for, and a slot that a loop missed, are different faults.
+/// What the loops did of their slots stands in their own [`LoopReport`](crate::LoopReport)s: a tick
+/// that the manager was late for, and a slot that a loop missed, are different faults.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -41,11 +43,13 @@ pub struct TimersReport {
     pub ticks: Vec<TickReport>,
     /// How many wake-ups of loops it made.
     pub woken: u64,
-    /// How often a loop found no timer, because too many periods were in use at once, and took its executor's deadlines.
+    /// How often a loop found no timer, because too many periods were in use at once, and took its
+    /// executor's deadlines.
     pub loops_without_timer: u64,
     /// The callbacks, in the order of their making.
     pub callbacks: Vec<CallbackReport>,
-    /// How many callbacks were dropped while the system ran and made room for others: they do not stand in the list.
+    /// How many callbacks were dropped while the system ran and made room for others: they do not
+    /// stand in the list.
     pub earlier_callbacks: u64,
 }
 
@@ -57,7 +61,8 @@ pub struct TickReport {
     pub period: Duration,
     /// How often it expired, by the kernel's count.
     pub ticks: u64,
-    /// How many of these came while the one before had not been read yet: the manager's own overruns.
+    /// How many of these came while the one before had not been read yet: the manager's own
+    /// overruns.
     pub missed: u64,
     /// The longest time from a tick until the manager read it.
     pub latest: Duration,

@@ -32,7 +32,7 @@ struct Shared {
 }
 
 impl ManagerThread {
-    /// Starts the thread, with room for so many loops.
+    /// Starts the thread, with room for `loops` loops.
     pub(crate) fn start(
         manager: Arc<Manager>,
         emergency: Arc<Emergency>,
@@ -140,10 +140,11 @@ struct End<'a> {
 impl Drop for End<'_> {
     fn drop(&mut self) {
         current::set_on_path(false);
-        // Whoever still waits takes the deadlines of its own thread.
+        // A loop that still waits takes the deadlines of its own thread.
         self.engine.timer_groups.close();
         if std::thread::panicking() {
-            // A fault of the framework: nobody keeps time any more as the system was told.
+            // A fault of the framework: the manager the system asked for does not keep time any
+            // more.
             self.shared.emergency.trigger_by_panic();
         }
     }

@@ -1,19 +1,23 @@
-//! Which loops share a timer: timer_groups, on whose ticks the slots of several loops lie.
+//! Which loops share a timer: timer groups. On the ticks of a group lie the slots of several loops.
 //!
-//! A base has the period of a loop of its own. Loops whose period is a multiple of that, and whose slots lie on its ticks, ride on it. When a finer base comes that carries another one's
-//! ticks, or the last loop of a base's own period goes, that base is *stale*: nobody joins it, and who is on it looks for another place when it waits for the next time. So at most
-//! one timer ticks where one is enough, but for the period in which loops move, and no node is ever moved from list to list.
+//! A timer group (*base* in the code) has the period of a loop of its own. Loops with a multiple of
+//! that period, and with slots on its ticks, join it. When a finer group comes that carries another
+//! one's ticks, or the last loop of a group's own period goes, that group is *stale*: no loop joins
+//! it, and each of its loops looks for another place when it waits for the next time. So at most
+//! one timer ticks where one is enough, but for the period in which loops move, and no node is ever
+//! moved from list to list.
 
 use luna_core::tick_list::TickList;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The timers of the timer_groups.
+/// The timers of the timer groups.
 pub(super) trait Arm {
-    /// The timer of `base` expires at `first`, which may have passed, and every `period` nanoseconds from then on.
+    /// The timer of the group `base` expires at `first`, which may have passed, and every `period`
+    /// nanoseconds from then on.
     fn arm(&self, base: usize, first: Instant, period: u64);
-    /// It expires no more.
+    /// The timer expires no more.
     fn disarm(&self, base: usize);
     /// The time on their clock.
     fn now(&self) -> Instant;
@@ -22,13 +26,13 @@ pub(super) trait Arm {
 pub(super) struct TimerGroups {
     rows: PiLock<Box<[Row]>>,
     timer_groups: Box<[TimerGroup]>,
-    /// Changes when who has a place may find a better one.
+    /// Changes when a loop that has a place may find a better one.
     generation: AtomicU64,
     /// How often there was no room.
     refused: AtomicU64,
 }
 
-/// What is known of a base under the lock.
+/// The state of a timer group under the lock.
 #[derive(Debug, Clone, Copy, Default)]
 struct Row {
     /// 0 if it was never used.
@@ -36,18 +40,18 @@ struct Row {
     /// Where its ticks lie: the remainder of their instants by the period.
     offset: u64,
     members: u32,
-    /// Those whose own period it is.
+    /// The loops that have its period as their own.
     own: u32,
     is_stale: bool,
 }
 
-/// What the thread and the loops use of a base without the lock.
+/// The state of a timer group that the thread and the loops use without the lock.
 pub(super) struct TimerGroup {
     pub(super) list: TickList,
     pub(super) counted: Counted,
 }
 
-/// What is counted of a base: by the manager's thread alone.
+/// The counters of a timer group: written by the manager's thread alone.
 #[derive(Debug, Default)]
 pub(super) struct Counted {
     pub(super) period: AtomicU64,
@@ -57,7 +61,7 @@ pub(super) struct Counted {
     pub(super) longest: AtomicU64,
 }
 
-/// The place of a loop, or of a periodic callback.
+/// The place of a loop, or of a periodic callback, in a timer group.
 #[derive(Debug)]
 pub(super) struct Place {
     period: u64,
@@ -69,7 +73,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Nowhere yet, for slots that are `period` nanoseconds apart.
+    /// Not in a group yet, for slots that are `period` nanoseconds apart.
     pub(super) fn new(period: u64) -> Self {
         Self {
             period,
@@ -80,7 +84,7 @@ impl Place {
         }
     }
 
-    /// The number of its base.
+    /// The number of its timer group.
     pub(super) fn base(&self) -> Option<usize> {
         self.base
     }
@@ -119,7 +123,7 @@ impl TimerGroups {
         &self.timer_groups[number]
     }
 
-    /// All that were ever used.
+    /// All groups that were ever used.
     pub(super) fn used(&self) -> impl Iterator<Item = &TimerGroup> {
         let is_used = |base: &&TimerGroup| base.counted.period.load(Ordering::Relaxed) > 0;
         self.timer_groups.iter().filter(is_used)
@@ -134,12 +138,13 @@ impl TimerGroups {
         Some(&self.timer_groups[place.base?].list)
     }
 
-    /// Nobody fires any more.
+    /// No timer fires any more.
     pub(super) fn close(&self) {
         self.timer_groups.iter().for_each(|base| base.list.close());
     }
 
-    /// Sees to it that a tick comes at `at`, the next slot of whoever has `place`, if there is room. O(1) where nothing has changed.
+    /// Ensures that a tick comes at `at`, the next slot of the loop that has `place`, if there is
+    /// room. O(1) where nothing has changed.
     #[inline]
     pub(super) fn settle(&self, place: &mut Place, at: Instant, timers: &impl Arm) {
         let generation = self.generation.load(Ordering::Acquire);
@@ -173,11 +178,12 @@ impl TimerGroups {
         } else if place.base.is_none() {
             self.refused.fetch_add(1, Ordering::Relaxed);
         }
-        // Also of one that stays where it is for want of room: it looks again when something has changed.
+        // Also for a loop that stays where it is for want of room: it looks again when something
+        // has changed.
         place.generation = self.generation.load(Ordering::Relaxed);
     }
 
-    /// Gives the place up.
+    /// Leaves the place.
     pub(super) fn vacate(&self, place: &mut Place, timers: &impl Arm) {
         place.is_settled = false;
         if let Some(base) = place.base.take() {
@@ -197,7 +203,8 @@ impl TimerGroups {
             let fits = |row: &Row| row.members == 0 && wanted(row);
             rows.iter().position(fits)
         };
-        // The one that was the same before counts on; then one without a past.
+        // First a group that had the same ticks: its counters continue. Then an unused one, then
+        // any.
         let base = free(&|row| row.is_of(period, offset))
             .or_else(|| free(&|row| row.period == 0))
             .or_else(|| free(&|_| true))?;
@@ -222,7 +229,8 @@ impl TimerGroups {
         if others_move {
             self.generation.fetch_add(1, Ordering::Release);
         }
-        // From the next tick on, which may come before this loop's next slot: others join who have theirs there.
+        // From the next tick on, which may come before this loop's next slot: other loops with
+        // slots there join.
         let ahead = at.nanos_since(timers.now()) / period;
         let first = Instant::from_nanos(at.as_nanos() - ahead * period);
         timers.arm(base, first, period);
@@ -236,7 +244,7 @@ impl TimerGroups {
         let others_look = if row.members == 0 {
             row.is_stale = false;
             timers.disarm(base);
-            // Who found no room may find some.
+            // A loop that found no room may find some.
             self.refused() > 0
         } else {
             row.own == 0 && !std::mem::replace(&mut row.is_stale, true)
@@ -248,7 +256,7 @@ impl TimerGroups {
 }
 
 impl Counted {
-    /// The timer is another one's from now on.
+    /// From now on the timer belongs to another group.
     fn begin(&self, period: u64, offset: u64) {
         self.period.store(period, Ordering::Relaxed);
         self.offset.store(offset, Ordering::Relaxed);
@@ -257,7 +265,7 @@ impl Counted {
         }
     }
 
-    /// Its timer has expired so many times when it was read at `now`.
+    /// Its timer has expired `times` times when it was read at `now`.
     pub(super) fn expired(&self, times: u64, now: Instant) {
         self.ticks.fetch_add(times, Ordering::Relaxed);
         self.missed.fetch_add(times - 1, Ordering::Relaxed);

@@ -21,14 +21,17 @@ impl TimerSlot {
         }
     }
 
-    /// Waits until the manager wakes the loop at `at`, one of its slots; says whether it did: if not, there is no room for the loop's period, or the manager has ended.
+    /// Waits until the manager wakes the loop at `at`, one of its slots; returns whether it did: if
+    /// not, there is no room for the loop's period, or the manager has ended.
     ///
-    /// Real-time path: yes; O(loops of this base of lower priority), no allocation; at most two system calls where the place is a new one. Cancel-safe.
+    /// Real-time path: yes; O(loops of this group of lower priority), no allocation; at most two
+    /// system calls where the place is a new one. Cancel-safe.
     pub(crate) async fn wait(&mut self, at: Instant) -> bool {
         let Some(list) = self.manager.list_for(&mut self.place, at) else {
             return false;
         };
-        // The thread sleeps without a deadline of its own, and is woken all the same: so this is no deadlock.
+        // The thread sleeps without a deadline of its own, and is woken all the same: so this is no
+        // deadlock.
         let _under_way = UnderWay::begin();
         list.wait(at).await == Woken::ByTick
     }

@@ -35,7 +35,7 @@ impl Fake {
         periods
     }
 
-    /// Whether the timer of `base` expires at `at`.
+    /// Whether the timer of the group `base` expires at `at`.
     fn ticks_at(&self, base: usize, at: u64) -> bool {
         let armed = self.0.borrow();
         armed.iter().any(|&(other, first, period)| {
