@@ -466,7 +466,7 @@ impl System {
     /// # Ok::<(), luna::Error>(())
     /// ```
     ///
-    /// With the feature `events`, `recording.events()` records CSP events too: `docs/logger.md` has
+    /// With the feature `events`, `recording.events()` records CSP events too: `docs/events.md` has
     /// what they are.
     ///
     #[cfg_attr(feature = "events", doc = "```")]
