@@ -87,7 +87,8 @@ fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
             let held = held.filter(|_| was_in_the_way);
             if let Some(held) = held {
                 assert_eq!(held.process, id);
-                assert!(held.held >= LONG && held.held <= now - slot);
+                // From the alarm on, which may be late on a busy machine.
+                assert!(held.held <= now - slot);
                 let turn = of_hog.get().unwrap();
                 assert!(turn.ended >= slot + LONG && turn.ended <= now);
                 if cfg!(all(target_os = "linux", not(luna_portable))) {
