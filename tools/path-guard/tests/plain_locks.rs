@@ -36,7 +36,7 @@ const KNOWN: [(&str, &str); 17] = [
         "processes are named when they are made; only in guarded builds",
     ),
     (
-        "executors/src/process/living.rs",
+        "executors/src/process/registry.rs",
         "threads enlist when they start and end, and the system looks whether all is still",
     ),
     (
