@@ -156,7 +156,8 @@ impl Memory {
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use luna_executors::{Executor, ProcessSpec, interference};
-/// use luna_platform::{clock::Instant, thread::Attributes, timer_queue::Sleep};
+/// use luna_core::timer_queue::Sleep;
+/// use luna_platform::{clock::Instant, thread::Attributes};
 /// use std::time::Duration;
 ///
 /// let executor = Executor::start(Attributes::new("main"))?;

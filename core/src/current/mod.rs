@@ -138,7 +138,8 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
 ///
 /// ```compile_fail,E0277
 /// fn can_be_sent(_: impl Send) {}
-/// use luna_platform::{current, sync::Arc, timer_queue::TimerQueue};
+/// use luna_core::{current, timer_queue::TimerQueue};
+/// use luna_platform::sync::Arc;
 /// can_be_sent(current::enter_home(current::Home::new(), Arc::new(TimerQueue::new()), false));
 /// ```
 #[derive(Debug)]

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// two for the last owner. There are no weak owners.
 ///
 /// ```
-/// use luna_platform::{current, reclaim};
+/// use luna_core::{current, reclaim};
 /// use std::sync::Arc;
 ///
 /// let token = Arc::new(());

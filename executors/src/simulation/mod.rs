@@ -78,7 +78,8 @@ pub enum Standstill {
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use luna_executors::{Executor, ProcessRegistry, Pace, ProcessSpec, Simulation};
-/// use luna_platform::{clock::Instant, thread::Attributes, timer_queue::Sleep};
+/// use luna_core::timer_queue::Sleep;
+/// use luna_platform::{clock::Instant, thread::Attributes};
 /// use std::{sync::Arc, time::Duration};
 ///
 /// let simulation = Simulation::start(Pace::Jumping, Arc::new(ProcessRegistry::new()), u64::MAX)?;
