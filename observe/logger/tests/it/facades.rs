@@ -43,5 +43,5 @@ fn both_facades_end_in_the_recording() {
     let fields = "too high: valve 3 pressure=7.5 unit=\"bar\"";
     assert_eq!(*second, expected(Level::Warn, "leg", fields));
     assert!(third.truncated && third.text.ends_with("xxx…"), "{third:?}");
-    assert_eq!(third.target, "facades");
+    assert_eq!(third.target, module_path!());
 }
