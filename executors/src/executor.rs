@@ -35,6 +35,7 @@ use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::time::Duration;
@@ -697,7 +698,10 @@ fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         SPARE_SHARED.with(|spare| spare.keep(shared));
         current::set_on_path(true);
         while let Phase::RELEASED = shared.phase() {
-            turns(|| while round(shared, deadlines, true) {});
+            turns(|| {
+                let mut next = None;
+                while round(shared, deadlines, true, &mut next) {}
+            });
         }
         current::set_on_path(false);
         drop(keeps);
@@ -707,7 +711,14 @@ fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         record.cancel();
     }
     while task::count() > 0 {
-        turns(|| while round(shared, deadlines, false) && task::count() > 0 {});
+        turns(|| {
+            let mut next = None;
+            while round(shared, deadlines, false, &mut next) && task::count() > 0 {}
+            if let Some(next) = next {
+                // SAFETY: it was taken for the turn that is not given.
+                unsafe { current::put_back(next) };
+            }
+        });
     }
 }
 
@@ -721,25 +732,36 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
     }
 }
 
-/// Polls one process, or sleeps if none is ready. `false` if the phase may be another.
+/// Polls `next`, or else the first process of the run queue, or sleeps if none is ready. `false` if
+/// the phase may be another; there is no next one then.
 #[inline(always)]
-fn round(shared: &Arc<Shared>, deadlines: &Deadlines, take_in: bool) -> bool {
+fn round(
+    shared: &Arc<Shared>,
+    deadlines: &Deadlines,
+    take_in: bool,
+    next: &mut Option<NonNull<()>>,
+) -> bool {
     let signals = shared.inbound.signals();
-    if !signals.is_empty() && !look_outside(shared, deadlines, take_in, signals) {
-        return false;
+    if !signals.is_empty() || watch::has_files() {
+        if let Some(next) = next.take() {
+            // SAFETY: it was taken for this turn, and nothing was done with it.
+            unsafe { current::put_back(next) };
+        }
+        if !look_outside(shared, deadlines, take_in, signals) {
+            return false;
+        }
     }
-    watch::glance(shared.inbound.bell());
     // SAFETY: each dequeued process is given a turn at once, or retired.
-    match unsafe { current::next_ready() } {
-        // SAFETY: it was just popped from this thread's queue, where only live tasks are.
-        Some(owner) => unsafe { task::run(owner) },
+    match next.take().or_else(|| unsafe { current::next_ready() }) {
+        // SAFETY: it was just taken from this thread's queue, where only live tasks are.
+        Some(owner) => *next = unsafe { task::run(owner) },
         None => rest(shared, deadlines),
     }
     true
 }
 
-/// Takes in the requests of other threads, and looks at the deadlines. `false` if that has changed
-/// the phase.
+/// Takes in the requests of other threads, and looks at the deadlines and the files. `false` if that
+/// has changed the phase.
 #[cold]
 fn look_outside(
     shared: &Arc<Shared>,
@@ -747,6 +769,8 @@ fn look_outside(
     take_in: bool,
     signals: Signals,
 ) -> bool {
+    task::end_turns();
+    watch::glance(shared.inbound.bell());
     if signals.attention() {
         shared.inbound.take_attention();
         if take_in {
@@ -774,6 +798,7 @@ fn look_outside(
 #[cold]
 #[inline(never)]
 fn rest(shared: &Shared, deadlines: &Deadlines) {
+    task::end_turns();
     // Others may wait for what this thread has kept to itself while there was something to do.
     shared.living.tell_kept();
     reclaim::hand_over();

@@ -56,8 +56,14 @@ fn this_thread() -> usize {
     HAS_FILES.with(|flag| std::ptr::from_ref(flag).addr())
 }
 
+/// Whether this thread has files to [glance](glance) at. One load.
+#[inline(always)]
+pub(crate) fn has_files() -> bool {
+    HAS_FILES.get()
+}
+
 /// Looks at this thread's files now and then, without sleeping: called in each round of a busy
-/// thread. One branch where it has none.
+/// thread.
 #[inline]
 pub(crate) fn glance(bell: &Bell) {
     if HAS_FILES.get() {

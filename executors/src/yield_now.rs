@@ -1,6 +1,6 @@
 //! Letting others run.
 
-use luna_core::current::{self, Place};
+use luna_core::current;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -34,7 +34,7 @@ impl Future for YieldNow {
             return Poll::Ready(());
         }
         self.yielded = true;
-        current::ready_again(cx, Place::Last);
+        current::yield_turn(cx);
         Poll::Pending
     }
 }

@@ -467,11 +467,14 @@ thread_local! {
     /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that
     /// panics.
     static FAILURE: Cell<Option<Failure>> = const { Cell::new(None) };
+    /// Whether there is one: what each poll asks.
+    static HAS_FAILED: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Ends the current process with `failure` at its next await, which does not return.
 pub(crate) async fn fail_current(failure: Failure) -> ! {
     FAILURE.set(Some(failure));
+    HAS_FAILED.set(true);
     std::future::pending().await
 }
 
@@ -552,14 +555,20 @@ fn poll_until_failure<F: Future>(
 ) -> Poll<Result<F::Output, Failure>> {
     let polled = body.poll(cx);
     // Also of a body that has ended and had the branch: the next process' poll must not find it.
-    match FAILURE.get() {
-        Some(failure) => {
-            cold_path();
-            FAILURE.set(None);
-            Poll::Ready(Err(failure))
+    if HAS_FAILED.get() {
+        cold_path();
+        if let Some(failure) = take_failure() {
+            return Poll::Ready(Err(failure));
         }
-        None => polled.map(Ok),
     }
+    polled.map(Ok)
+}
+
+/// The failure of the current process, which has none from then on.
+#[inline(never)]
+fn take_failure() -> Option<Failure> {
+    HAS_FAILED.set(false);
+    FAILURE.take()
 }
 
 /// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor

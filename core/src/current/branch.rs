@@ -125,12 +125,12 @@ pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl Fn
     impl Drop for Restore {
         #[inline]
         fn drop(&mut self) {
-            THREAD.with(|thread| thread.branch.set(self.0));
+            THREAD.with(|thread| thread.set_branch(self.0));
         }
     }
     let _restore = THREAD.with(|thread| {
         let before = thread.branch.get();
-        thread.branch.set(before.branch(failed, levels, number));
+        thread.set_branch(before.branch(failed, levels, number));
         Restore(before)
     });
     poll()

@@ -34,7 +34,7 @@ pub(super) static METHODS: Methods = Methods {
     ready_elsewhere: |_, _| {},
     free,
     // Its thread polls it.
-    poll: |_, _| false,
+    poll: |_, _| {},
     body,
     seldom: None,
 };

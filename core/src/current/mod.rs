@@ -34,15 +34,17 @@ pub use home_thread::{RefusedBoosts, refused_boosts};
 pub use inheritor::Inheritor;
 pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
-pub use process::{Activity, Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
+pub use process::{
+    Activity, AfterTurn, Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User,
+};
 pub use ready::{
     OPERATIONS_PER_POLL, count_operation, give_way, gives_way, is_outranked, next_ready,
-    pretend_ready_levels, ready_again, ready_levels, spend_operation,
+    pretend_ready_levels, put_back, ready_again, ready_levels, spend_operation, yield_turn,
 };
 pub use renewal::Renewal;
 pub use taped::{branch_path, is_replayed, is_taped, tape, with_tape, without_tape};
 pub use turn::{
-    give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,
+    end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,
     unrecorded_turn, user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
@@ -59,6 +61,7 @@ use run_queue::RunQueue;
 use std::cell::{Cell, RefCell};
 use std::marker::PhantomData;
 use std::ptr::NonNull;
+use std::task::Waker;
 
 /// The state of a thread that runs processes.
 ///
@@ -66,7 +69,10 @@ use std::ptr::NonNull;
 /// share one, whatever other thread-locals a program has.
 #[repr(C, align(64))]
 struct Thread {
+    /// The process that is polled, or was polled last: see [`end_turns`].
     process: Cell<Option<NonNull<Process>>>,
+    /// Where the waker of that process lies, while its turn is a [plain](plain_turn) one.
+    plain: Cell<*const Waker>,
     branch: Cell<Branch>,
     home: Cell<Option<Home>>,
     operations_left: Cell<u32>,
@@ -82,6 +88,7 @@ model_local! {
     static THREAD: Thread = const {
         Thread {
             process: Cell::new(None),
+            plain: Cell::new(std::ptr::null()),
             home: Cell::new(None),
             queue: RunQueue::new(),
             operations_left: Cell::new(0),
@@ -147,6 +154,24 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
 pub struct HomeGuard {
     home: Home,
     stays_on_its_thread: PhantomData<*const ()>,
+}
+
+impl Thread {
+    /// Sets the current process and the branch of it that is polled.
+    fn set_turn(&self, process: Option<NonNull<Process>>, branch: Branch) {
+        self.process.set(process);
+        self.set_branch(branch);
+    }
+
+    /// Sets the branch of the current process that is polled.
+    #[inline]
+    fn set_branch(&self, branch: Branch) {
+        self.branch.set(branch);
+        let process = self.process.get().filter(|_| branch.is_plain());
+        // SAFETY: the pointer is that of a process which is being polled, so it is live.
+        let waker = process.and_then(|process| unsafe { process.as_ref() }.waker_of_plain_turns());
+        self.plain.set(waker.unwrap_or(std::ptr::null()));
+    }
 }
 
 impl Drop for HomeGuard {

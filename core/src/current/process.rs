@@ -116,10 +116,10 @@ pub struct Methods {
     /// Frees the owner, on any thread: the process has ended, and there is no reference to it any
     /// more.
     pub free: unsafe fn(NonNull<()>),
-    /// Polls the body of a process that was taken from the run queue, in its turn; `true` if the
-    /// body has ended. It is here and not in each process because all processes of a kind share it:
+    /// Polls the body of a process that was taken from the run queue, in its turn, and marks the
+    /// process if its body has ended ([`Process::set_ended`]). It is here and not in each process because all processes of a kind share it:
     /// a turn then reads one cache line less.
-    pub poll: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
+    pub poll: unsafe fn(NonNull<()>, &mut Context<'_>),
     /// The addresses of the body and its captures. The owner is live; its body may have ended.
     pub body: unsafe fn(NonNull<()>) -> Range<usize>,
     /// Rare operations of an executor on processes of this kind; the executor knows the type.
@@ -138,6 +138,19 @@ pub(super) mod state {
     pub(in super::super) const NEW: u8 = 8;
     /// Its wakes are recorded as events.
     pub(in super::super) const RECORDED: u8 = 16;
+    /// It is queued when its turn is over, behind the others of its level.
+    pub(in super::super) const YIELDED: u8 = 32;
+}
+
+/// What is to be done after a turn: see [`Process::after_turn`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AfterTurn {
+    /// Nothing: the process waits, or is ready again.
+    Nothing,
+    /// It has yielded to this process, which runs next.
+    Next(Option<NonNull<()>>),
+    /// It has ended, or its events are recorded: the turn is [to be ended](Process::end_turn).
+    More,
 }
 
 /// The state of a process, seen from any thread.
@@ -174,9 +187,8 @@ enum Kind {
 /// `waker` is written before the first poll and when the process is freed; in between it is only
 /// read. `methods` and `kind` are set for processes of executors and for those that are alone.
 /// Their owner lies where the process lies, at a multiple of [`ALIGN`](Process::ALIGN); its address
-/// is exposed, and it stays valid until `free` was called. `link`, `queued_level` and `state` are
-/// written by the executor's thread alone. The link is in its run queue exactly while the state
-/// says so, at `queued_level`.
+/// is exposed, and it stays valid until `free` was called. `link` and `state` are written by the
+/// executor's thread alone. The link is in its run queue exactly while the state says so.
 ///
 /// The fields of each turn and each wake come first: 96 bytes at most, which lie on two cache lines
 /// wherever [`ALIGN`](Process::ALIGN) puts them.
@@ -187,7 +199,6 @@ pub struct Process {
     state: AtomicU8,
     /// Bits that its executor is to look at before the next poll; their meaning is the executor's.
     notices: AtomicU8,
-    queued_level: Cell<u8>,
     kind: Cell<Kind>,
     thread_priority: u8,
     own_level: u8,
@@ -224,7 +235,6 @@ impl Process {
             link: Link::new(),
             state: AtomicU8::new(state::NEW),
             notices: AtomicU8::new(0),
-            queued_level: Cell::new(0),
             kind: Cell::new(Kind::Bare),
             thread_priority,
             own_level: level,
@@ -306,6 +316,11 @@ impl Process {
     pub unsafe fn keep_recorded(&self) {
         let now = self.state.load(Ordering::Relaxed);
         self.state.store(now | state::RECORDED, Ordering::Relaxed);
+        super::THREAD.with(|thread| {
+            if thread.process.get() == Some(NonNull::from(self)) {
+                thread.plain.set(ptr::null());
+            }
+        });
     }
 
     /// Takes the waker out, which breaks the cycle of a process that holds a reference to itself.
@@ -360,11 +375,17 @@ impl Process {
         unsafe { (*self.waker.get()).as_ref() }
     }
 
-    /// Whether `cx` has the waker of the process at the same address: an executor polls with that
-    /// one.
+    /// Where its waker lies: an executor polls it with that one.
     #[inline(always)]
-    pub(super) fn is_polled_by(&self, cx: &Context<'_>) -> bool {
-        ptr::eq(self.waker.get().cast_const().cast::<Waker>(), cx.waker())
+    pub(super) fn waker_address(&self) -> *const Waker {
+        self.waker.get().cast_const().cast()
+    }
+
+    /// As [`waker_address`](Self::waker_address), if its turns are plain ones: it can be readied
+    /// without its waker, and its events are not recorded.
+    #[inline]
+    pub(super) fn waker_of_plain_turns(&self) -> Option<*const Waker> {
+        (self.kind.get() == Kind::Owned).then(|| self.waker_address())
     }
 
     /// The id of its executor; a value that no thread has if it has none.
@@ -383,7 +404,7 @@ impl Process {
     /// Whether `cx` has the process' own waker; its address is almost always the same.
     #[inline]
     pub(super) fn is_polled_with(&self, cx: &Context<'_>) -> bool {
-        self.is_polled_by(cx)
+        ptr::eq(self.waker_address(), cx.waker())
             || self
                 .waker()
                 .is_some_and(|waker| waker.will_wake(cx.waker()))
@@ -393,12 +414,6 @@ impl Process {
     #[inline]
     pub(super) fn is_owned(&self) -> bool {
         matches!(self.kind.get(), Kind::Owned | Kind::Recorded)
-    }
-
-    /// Whether it can be readied without its waker, and is not [recorded](Self::set_recorded).
-    #[inline]
-    pub(super) fn is_owned_unrecorded(&self) -> bool {
-        self.kind.get() == Kind::Owned
     }
 
     /// Whether references to it are counted, and keep its memory.
@@ -456,7 +471,7 @@ impl Process {
     #[inline]
     pub unsafe fn ready_at(&self, level: u8, place: Place) {
         let now = self.state.load(Ordering::Relaxed);
-        if now & (state::QUEUED | state::ENDED | state::RECORDED) != 0 {
+        if now & (state::QUEUED | state::YIELDED | state::ENDED | state::RECORDED) != 0 {
             // SAFETY: the caller's promises are those that `ready_more` requires.
             return unsafe { self.ready_more(level, place) };
         }
@@ -471,7 +486,6 @@ impl Process {
     unsafe fn queue_at(&self, now: u8, level: u8, place: Place) {
         self.state
             .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
-        self.queued_level.set(level);
         // SAFETY: the caller promises that the process is one of an executor's.
         let link = unsafe { self.link() };
         // SAFETY: the caller promises that the process stays where it is until it was popped; by
@@ -489,9 +503,9 @@ impl Process {
     /// As for [`ready_at`](Self::ready_at).
     #[cold]
     unsafe fn ready_more(&self, level: u8, place: Place) {
-        let queued = self.queued_level.get();
+        let queued = self.link.level.get();
         let now = self.state.load(Ordering::Relaxed);
-        if now & (state::QUEUED | state::ENDED) == 0 {
+        if now & (state::QUEUED | state::YIELDED | state::ENDED) == 0 {
             events::ready(|| self.id.get());
             // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
             return unsafe { self.queue_at(now, level, place) };
@@ -499,13 +513,12 @@ impl Process {
         if now & state::QUEUED != 0 && queued < level {
             // A more urgent branch of it has become ready: the process is queued at the level of
             // the most urgent one.
-            self.queued_level.set(level);
             // SAFETY: the caller promises that the process is one of an executor's.
             let link = unsafe { self.link() };
             // SAFETY: the caller promises that this is the executor's thread; by the invariant the
-            // link is in its queue at `queued_level`.
+            // link is in its queue.
             super::ready::with_queue(|queue| unsafe {
-                queue.remove(queued, link);
+                queue.remove(link);
                 match place {
                     Place::First => queue.push_front(level, link),
                     Place::Last => queue.push_back(level, link),
@@ -527,11 +540,67 @@ impl Process {
         self.polls.store(polls + 1, Ordering::Relaxed);
     }
 
-    /// Ends its turn. On the executor's thread.
+    /// Ends its turn, and queues it if it has yielded. On the executor's thread.
     #[inline]
-    pub(super) fn end_turn(&self) {
+    pub fn end_turn(&self) {
         let now = self.state.load(Ordering::Relaxed);
-        self.state.store(now & !state::RUNNING, Ordering::Relaxed);
+        let rest = now & !(state::RUNNING | state::YIELDED);
+        self.state.store(rest, Ordering::Relaxed);
+        if now & state::YIELDED != 0 {
+            // SAFETY: it has yielded in a plain turn: it is a process of an executor, and this is
+            // the executor's thread. Its executor keeps it until it was popped.
+            unsafe { self.ready_at(self.level(), Place::Last) };
+        }
+    }
+
+    /// Ends a turn of a process of an executor. One compare if the process waits, as after nearly
+    /// all turns.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread. The process lives until it was popped. A process that is
+    /// returned is given a turn, or [put back](super::put_back).
+    #[inline(always)]
+    pub unsafe fn after_turn(&self) -> AfterTurn {
+        const WAITS: u8 = state::RUNNING;
+        const YIELDS: u8 = state::RUNNING | state::YIELDED;
+        const READY: u8 = state::RUNNING | state::QUEUED;
+        match self.state.load(Ordering::Relaxed) {
+            WAITS => {
+                self.state.store(0, Ordering::Relaxed);
+                AfterTurn::Nothing
+            }
+            YIELDS => {
+                self.state.store(state::QUEUED, Ordering::Relaxed);
+                // SAFETY: the caller promises that this is the executor's thread and that the
+                // process lives until it was popped; it is not queued, by its state.
+                let next = unsafe {
+                    let link = self.link();
+                    super::ready::with_queue(|queue| queue.exchange(self.level(), link))
+                };
+                AfterTurn::Next(next.map(NonNull::cast))
+            }
+            READY => {
+                self.state.store(state::QUEUED, Ordering::Relaxed);
+                AfterTurn::Nothing
+            }
+            _ => AfterTurn::More,
+        }
+    }
+
+    /// Makes the current process yield at the end of its turn, if it is not ready again already.
+    #[inline(always)]
+    pub(super) fn yield_at_end(&self) {
+        let now = self.state.load(Ordering::Relaxed);
+        if now & state::QUEUED == 0 {
+            self.state.store(now | state::YIELDED, Ordering::Relaxed);
+        }
+    }
+
+    /// Whether its body has ended. On the executor's thread.
+    #[inline]
+    pub fn has_ended(&self) -> bool {
+        self.state.load(Ordering::Relaxed) & state::ENDED != 0
     }
 
     /// Whether it is in its executor's run queue. On the executor's thread.
@@ -561,13 +630,13 @@ impl Process {
         NonNull::with_exposed_provenance(NonNull::from(self).addr())
     }
 
-    /// Marks the body as ended: the process is not readied any more.
+    /// Marks the body as ended: the process is not readied any more, and does not yield.
     ///
     /// # Safety
     ///
     /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded).
     pub unsafe fn set_ended(&self) {
-        let now = self.state.load(Ordering::Relaxed);
+        let now = self.state.load(Ordering::Relaxed) & !state::YIELDED;
         self.state.store(now | state::ENDED, Ordering::Relaxed);
     }
 

@@ -73,6 +73,33 @@ pub fn ready_again(cx: &Context<'_>, place: Place) {
     }
 }
 
+/// Lets the other processes of its level, and all of higher ones, run before the current process
+/// runs again. The caller returns `Pending`. In a [plain turn](plain_turn) the process is queued
+/// when the turn is over, so that the executor can exchange it with the next one.
+#[inline]
+pub fn yield_turn(cx: &Context<'_>) {
+    match plain_turn(cx) {
+        Some(process) => process.yield_at_end(),
+        None => ready_again_attentively(cx, Place::Last),
+    }
+}
+
+/// Queues a process again that was taken as the next one and has had no turn: it comes first again.
+///
+/// # Safety
+///
+/// [`next_ready`] or [`Process::after_turn`] has returned it, and nothing was done with it
+/// since.
+#[cold]
+pub unsafe fn put_back(owner: NonNull<()>) {
+    // SAFETY: the caller promises that it was just taken, so it is live and in no queue; the link is
+    // the first field of a process, and the process that of its owner.
+    with_queue(|queue| unsafe {
+        let link = owner.cast::<super::run_queue::Link>();
+        queue.push_front(link.as_ref().level.get(), link);
+    });
+}
+
 #[cold]
 #[inline(never)]
 fn ready_again_attentively(cx: &Context<'_>, place: Place) {

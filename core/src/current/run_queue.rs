@@ -14,6 +14,8 @@ use std::ptr::NonNull;
 pub(super) struct Link {
     next: Cell<Option<NonNull<Link>>>,
     previous: Cell<Option<NonNull<Link>>>,
+    /// The level that it is queued at, or was last.
+    pub(super) level: Cell<u8>,
 }
 
 impl Link {
@@ -22,6 +24,7 @@ impl Link {
         Self {
             next: Cell::new(None),
             previous: Cell::new(None),
+            level: Cell::new(0),
         }
     }
 }
@@ -35,8 +38,7 @@ impl Link {
 /// # Invariants
 ///
 /// The slot is empty only if no process is ready. Its process comes before all others: at its level
-/// as the first, and none is queued at a higher one. `slot_bit` is the bit of its level, 0 if the
-/// slot is empty. Each level is a circle of live links that are in no other queue: `tails` has the
+/// as the first, and none is queued at a higher one. A queued link has its level. Each level is a circle of live links that are in no other queue: `tails` has the
 /// last one of it, whose `next` is the first. The level's bit in `bits` says whether there is one;
 /// while there is none, its tail is not read.
 ///
@@ -45,7 +47,6 @@ impl Link {
 #[repr(C)]
 pub(super) struct RunQueue {
     slot: Cell<Option<NonNull<Link>>>,
-    slot_bit: Cell<u32>,
     bits: Cell<u32>,
     pub(super) tails: [Cell<Option<NonNull<Link>>>; LEVELS as usize],
 }
@@ -54,7 +55,6 @@ impl RunQueue {
     pub(super) const fn new() -> Self {
         Self {
             slot: Cell::new(None),
-            slot_bit: Cell::new(0),
             bits: Cell::new(0),
             tails: [const { Cell::new(None) }; LEVELS as usize],
         }
@@ -63,13 +63,17 @@ impl RunQueue {
     /// The levels with a ready process, one bit each.
     #[inline(always)]
     pub(super) fn bits(&self) -> u32 {
-        self.bits.get() | self.slot_bit.get()
+        // SAFETY: by the invariant the process in the slot is live.
+        let slot = self
+            .slot
+            .get()
+            .map_or(0, |next| 1 << unsafe { next.as_ref() }.level.get());
+        self.bits.get() | slot
     }
 
     /// Makes readers believe that these levels have a ready process.
     pub(super) fn pretend(&self, bits: u32) {
         self.slot.set(None);
-        self.slot_bit.set(0);
         self.bits.set(bits);
         self.tails.iter().for_each(|tail| tail.set(None));
     }
@@ -79,7 +83,6 @@ impl RunQueue {
     pub(super) fn take_over(&self, other: &RunQueue) {
         debug_assert_eq!(self.bits(), 0, "a process that is ready here is forgotten");
         self.slot.set(other.slot.take());
-        self.slot_bit.set(other.slot_bit.replace(0));
         let bits = other.bits.replace(0);
         self.bits.set(bits);
         // By the invariant the tail of an empty level is not read.
@@ -95,12 +98,6 @@ impl RunQueue {
         &self.tails[usize::from(level % LEVELS)]
     }
 
-    #[inline(always)]
-    fn fill_slot(&self, bit: u32, node: NonNull<Link>) {
-        self.slot.set(Some(node));
-        self.slot_bit.set(bit);
-    }
-
     /// Puts a process behind the others of its level.
     ///
     /// # Safety
@@ -108,16 +105,27 @@ impl RunQueue {
     /// `node` is live until it is popped and is in no queue. `level` is below [`LEVELS`].
     #[inline(always)]
     pub(super) unsafe fn push_back(&self, level: u8, node: NonNull<Link>) {
-        let bit = 1 << level;
-        if self.slot_bit.get() == 0 {
-            return self.fill_slot(bit, node);
-        }
-        // SAFETY: the caller promises that the node is live and in no queue.
+        // SAFETY: the caller promises that the node is live and in no queue; by the invariant the
+        // process in the slot is live.
         unsafe {
-            if bit > self.slot_bit.get() {
-                self.displace(bit, node);
+            node.as_ref().level.set(level);
+            let Some(next) = self.slot.get() else {
+                return self.slot.set(Some(node));
+            };
+            self.push_behind(next, node);
+        }
+    }
+
+    /// As [`push_back`](Self::push_back), where `next` is in the slot.
+    #[inline(never)]
+    unsafe fn push_behind(&self, next: NonNull<Link>, node: NonNull<Link>) {
+        // SAFETY: as there.
+        unsafe {
+            if node.as_ref().level.get() > next.as_ref().level.get() {
+                self.link::<true>(next);
+                self.slot.set(Some(node));
             } else {
-                self.link::<false>(level, node);
+                self.link::<false>(node);
             }
         }
     }
@@ -129,32 +137,47 @@ impl RunQueue {
     /// As for [`push_back`](Self::push_back).
     #[inline(never)]
     pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
-        let bit = 1 << level;
-        // SAFETY: the caller promises that the node is live and in no queue.
+        // SAFETY: the caller promises that the node is live and in no queue; by the invariant the
+        // process in the slot is live.
         unsafe {
-            if bit >= self.slot_bit.get() {
-                self.displace(bit, node);
-            } else {
-                self.link::<true>(level, node);
+            node.as_ref().level.set(level);
+            match self.slot.get() {
+                Some(next) if level < next.as_ref().level.get() => {
+                    return self.link::<true>(node);
+                }
+                Some(next) => self.link::<true>(next),
+                None => {}
             }
+            self.slot.set(Some(node));
         }
     }
 
-    /// Makes a process the next one. The process that was in the slot becomes the first of its
-    /// level.
+    /// Puts a process behind the others of its level, and takes the one that runs next. Mostly the
+    /// two change places in the slot.
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back); and no process of a higher level is ready, of which
-    /// `bit` is the level's bit.
-    #[inline(never)]
-    unsafe fn displace(&self, bit: u32, node: NonNull<Link>) {
-        if let Some(next) = self.slot.get() {
-            let level = self.slot_bit.get().trailing_zeros() as u8;
-            // SAFETY: the process in the slot is live, and in no level.
-            unsafe { self.link::<true>(level, next) };
+    /// As for [`push_back`](Self::push_back).
+    #[inline(always)]
+    pub(super) unsafe fn exchange(&self, level: u8, node: NonNull<Link>) -> Option<NonNull<Link>> {
+        if self.bits.get() == 0 {
+            // SAFETY: the caller promises that the node is live; by the invariant the process in
+            // the slot is.
+            unsafe {
+                node.as_ref().level.set(level);
+                match self.slot.get() {
+                    None => return Some(node),
+                    Some(next) if next.as_ref().level.get() >= level => {
+                        self.slot.set(Some(node));
+                        return Some(next);
+                    }
+                    Some(_) => {}
+                }
+            }
         }
-        self.fill_slot(bit, node);
+        // SAFETY: the contract is the same.
+        unsafe { self.push_back(level, node) };
+        self.pop()
     }
 
     /// Puts a process into its level, as the first or as the last.
@@ -163,12 +186,13 @@ impl RunQueue {
     ///
     /// As for [`push_back`](Self::push_back); and the slot's process comes before it.
     #[inline(always)]
-    unsafe fn link<const FIRST: bool>(&self, level: u8, node: NonNull<Link>) {
-        let tail = self.tail(level);
-        let (bits, bit) = (self.bits.get(), 1 << level);
+    unsafe fn link<const FIRST: bool>(&self, node: NonNull<Link>) {
         // SAFETY: the caller promises that the new node is live; by the invariant the others are.
         unsafe {
             let this = node.as_ref();
+            let level = this.level.get();
+            let tail = self.tail(level);
+            let (bits, bit) = (self.bits.get(), 1 << level);
             if bits & bit == 0 {
                 self.bits.set(bits | bit);
                 this.next.set(Some(node));
@@ -192,15 +216,15 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// `node` is in this queue, at `level`.
-    pub(super) unsafe fn remove(&self, level: u8, node: NonNull<Link>) {
+    /// `node` is in this queue.
+    pub(super) unsafe fn remove(&self, node: NonNull<Link>) {
         if self.slot.get() == Some(node) {
             self.pop();
             return;
         }
         // SAFETY: by the contract the node is queued, so by the invariant it and its neighbours are
         // live.
-        unsafe { self.unlink(level, node) };
+        unsafe { self.unlink(node.as_ref().level.get(), node) };
     }
 
     /// # Safety
@@ -233,7 +257,6 @@ impl RunQueue {
         let bits = self.bits.get();
         if bits == 0 {
             self.slot.set(None);
-            self.slot_bit.set(0);
             return Some(node);
         }
         // SAFETY: `bits` is not 0, so a level is not empty.
@@ -255,8 +278,7 @@ impl RunQueue {
             let level = bits.ilog2() as u8;
             let Some(last) = self.tail(level).get() else {
                 // Only `pretend` leads here.
-                self.slot.set(None);
-                return self.slot_bit.set(0);
+                return self.slot.set(None);
             };
             let first = last.as_ref().next.get().unwrap_unchecked();
             if first == last {
@@ -266,7 +288,7 @@ impl RunQueue {
                 last.as_ref().next.set(Some(second));
                 second.as_ref().previous.set(Some(last));
             }
-            self.fill_slot(1 << level, first);
+            self.slot.set(Some(first));
         }
     }
 }
@@ -343,8 +365,7 @@ mod tests {
                 queue.push_back(3, NonNull::from(&links[1]));
                 queue.push_front(3, NonNull::from(&links[2]));
                 queue.push_back(5, NonNull::from(&links[3]));
-                let level = if gone == 3 { 5 } else { 3 };
-                queue.remove(level, NonNull::from(&links[gone]));
+                queue.remove(NonNull::from(&links[gone]));
                 assert_eq!(queue.bits() & 1 << 5 != 0, gone != 3);
                 // And comes again, as the last.
                 queue.push_back(3, NonNull::from(&links[gone]));
@@ -395,7 +416,7 @@ mod tests {
                 },
                 (0, Some(level)) => {
                     // SAFETY: as above.
-                    unsafe { queue.remove(level as u8, NonNull::from(&links[index])) };
+                    unsafe { queue.remove(NonNull::from(&links[index])) };
                     lists[level].retain(|&other| other != index);
                 }
                 (1, Some(_)) => {}

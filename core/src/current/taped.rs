@@ -12,7 +12,7 @@ pub fn with_tape<R>(tape: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
     impl Drop for Restore {
         fn drop(&mut self) {
             THREAD.with(|thread| {
-                thread.branch.set(self.0);
+                thread.set_branch(self.0);
                 thread.tape.set(self.1);
             });
         }
@@ -24,7 +24,7 @@ pub fn with_tape<R>(tape: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
     let tape: *mut (dyn ReplayLog + 'static) = unsafe { std::mem::transmute(tape) };
     let _restore = THREAD.with(|thread| {
         let branch = thread.branch.get();
-        thread.branch.set(Branch(branch.0 | Branch::TAPED));
+        thread.set_branch(Branch(branch.0 | Branch::TAPED));
         if is_replay {
             // So that each operation that need not wait asks whether its process may go on.
             thread.operations_left.set(0);
@@ -39,12 +39,12 @@ pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
     struct Restore(Branch);
     impl Drop for Restore {
         fn drop(&mut self) {
-            THREAD.with(|thread| thread.branch.set(self.0));
+            THREAD.with(|thread| thread.set_branch(self.0));
         }
     }
     let _restore = THREAD.with(|thread| {
         let branch = thread.branch.get();
-        thread.branch.set(Branch(branch.0 & !Branch::TAPED));
+        thread.set_branch(Branch(branch.0 & !Branch::TAPED));
         Restore(branch)
     });
     f()

@@ -1,7 +1,7 @@
 //! The turn of the current process on this thread.
 
 use super::branch::{Branch, lowered};
-use super::{OPERATIONS_PER_POLL, Priority, Process, THREAD, User};
+use super::{OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, User};
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -21,42 +21,57 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
         #[inline]
         fn drop(&mut self) {
             self.running.end_turn();
-            THREAD.with(|thread| {
-                thread.process.set(self.process);
-                thread.branch.set(self.branch);
-            });
+            THREAD.with(|thread| thread.set_turn(self.process, self.branch));
         }
     }
     process.begin_turn();
     let _restore = THREAD.with(|thread| {
         thread.operations_left.set(OPERATIONS_PER_POLL);
-        Restore {
+        let restore = Restore {
             running: process,
-            process: thread.process.replace(Some(NonNull::from(process))),
-            branch: thread.branch.replace(Branch::WHOLE),
-        }
+            process: thread.process.get(),
+            branch: thread.branch.get(),
+        };
+        thread.set_turn(Some(NonNull::from(process)), Branch::WHOLE);
+        restore
     });
     poll()
 }
 
-/// Runs `poll` with `process`, one of an executor's, as the current one, where none was before. If
-/// `poll` panics, the process stays the current one: the code that catches the panic calls
-/// [`take_interrupted`]. So a turn needs nothing that catches panics.
+/// Runs `poll` with `process`, one of an executor's, as the current one. It stays the current one
+/// until another has a turn or [`end_turns`] is called: so turns that follow each other do not
+/// remove it. If `poll` panics, the code that catches the panic calls [`take_interrupted`]: so a
+/// turn needs nothing that catches panics. The caller ends the turn by
+/// [`Process::after_turn`] or [`Process::end_turn`].
 ///
 /// # Safety
 ///
-/// As for [`with_process`]; and if the panic is caught, the process lives until it was taken.
-#[inline]
+/// As for [`with_process`]; and the process lives until another has a turn, or it was taken by
+/// `end_turns` or `take_interrupted`.
+#[inline(always)]
 pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     process.begin_turn();
     THREAD.with(|thread| {
         thread.operations_left.set(OPERATIONS_PER_POLL);
         thread.process.set(Some(NonNull::from(process)));
+        // Outside of turns the branch is the whole.
+        thread.plain.set(process.waker_address());
     });
-    let polled = poll();
-    THREAD.with(|thread| thread.process.set(None));
-    process.end_turn();
-    polled
+    poll()
+}
+
+/// Ends a row of turns: from here on no process is the current one. Returns the id of the process
+/// that was polled last. To be called before an executor does anything else than polling.
+#[inline]
+pub fn end_turns() -> Option<ProcessId> {
+    THREAD.with(|thread| {
+        thread.plain.set(std::ptr::null());
+        // SAFETY: `give_turn` requires that the process lives until it is taken here.
+        thread
+            .process
+            .take()
+            .map(|process| unsafe { process.as_ref() }.id())
+    })
 }
 
 /// Runs `f` as if there were no current process: for work in the middle of a turn that is not part
@@ -65,17 +80,13 @@ pub fn outside<R>(f: impl FnOnce() -> R) -> R {
     struct Restore(Option<NonNull<Process>>, Branch);
     impl Drop for Restore {
         fn drop(&mut self) {
-            THREAD.with(|thread| {
-                thread.process.set(self.0);
-                thread.branch.set(self.1);
-            });
+            THREAD.with(|thread| thread.set_turn(self.0, self.1));
         }
     }
     let _restore = THREAD.with(|thread| {
-        Restore(
-            thread.process.replace(None),
-            thread.branch.replace(Branch::WHOLE),
-        )
+        let restore = Restore(thread.process.get(), thread.branch.get());
+        thread.set_turn(None, Branch::WHOLE);
+        restore
     });
     f()
 }
@@ -88,8 +99,9 @@ pub fn outside<R>(f: impl FnOnce() -> R) -> R {
 /// no code on this thread's stack relies on it as the current one.
 pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
     THREAD.with(|thread| {
-        thread.branch.set(Branch::WHOLE);
-        let process = thread.process.take()?;
+        let process = thread.process.get();
+        thread.set_turn(None, Branch::WHOLE);
+        let process = process?;
         // SAFETY: the caller promises that the turn was given by `give_turn`, which requires that
         // the process lives until it is taken here.
         unsafe { process.as_ref() }.end_turn();
@@ -98,28 +110,26 @@ pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
 }
 
 /// The current process, if its turn is a plain one: the process is an executor's, `cx` has its own
-/// waker and no combinator's, and the branch that is being polled, if any, has not failed and runs
-/// at the process' level. Nearly all polls are plain.
+/// waker and no combinator's, its events are not recorded and it has no replay log, and the branch
+/// that is being polled, if any, has not failed and runs at the process' level. Nearly all polls are
+/// plain. One compare: the waker lies in the process, so its address says which process it is.
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
-    turn(cx, Process::is_owned)
+    THREAD.with(|thread| {
+        if !std::ptr::eq(thread.plain.get(), cx.waker()) {
+            return None;
+        }
+        // SAFETY: in a plain turn there is a current process, and it is being polled, so it is live
+        // now. The waker that `cx` borrows is the process' own: the process lives as long as that
+        // borrow, since the waker lies in it.
+        Some(unsafe { thread.process.get().unwrap_unchecked().as_ref() })
+    })
 }
 
-/// As [`plain_turn`], for a process that is not recorded ([`Process::set_recorded`]): the caller
-/// need not record events.
+/// As [`plain_turn`].
 #[inline(always)]
 pub fn unrecorded_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
-    turn(cx, Process::is_owned_unrecorded)
-}
-
-#[inline(always)]
-fn turn<'a>(cx: &Context<'a>, is_owned: impl FnOnce(&Process) -> bool) -> Option<&'a Process> {
-    let (current, branch) = THREAD.with(|thread| (thread.process.get(), thread.branch.get()));
-    // SAFETY: the pointer is that of a process which is being polled, so it is live now. If the
-    // waker that `cx` borrows is the process' own, the process lives as long as that borrow, since
-    // the waker lies in it.
-    let process = unsafe { &*current?.as_ptr() };
-    (process.is_polled_by(cx) && branch.is_plain() && is_owned(process)).then_some(process)
+    plain_turn(cx)
 }
 
 /// The current process, for callers that know that there is one.

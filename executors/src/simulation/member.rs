@@ -122,6 +122,8 @@ impl Member {
         let lived = catch_unwind(AssertUnwindSafe(|| {
             turns(|| {
                 loop {
+                    // No process is the current one while anything else is done.
+                    task::end_turns();
                     self.look_outside();
                     if !runs {
                         break;
@@ -140,13 +142,18 @@ impl Member {
                     taken += 1;
                     // SAFETY: it was just popped from this thread's queue, where only live tasks
                     // are: those of this executor, which is entered.
-                    unsafe { task::run(owner) };
+                    unsafe {
+                        if let Some(next) = task::run(owner) {
+                            current::put_back(next);
+                        }
+                    }
                     if taken >= most || is_outdone(self) {
                         break;
                     }
                 }
             });
         }));
+        task::end_turns();
         current::set_on_path(false);
         // A turn that ended in a panic counts too.
         self.left = self.left.saturating_sub(taken);

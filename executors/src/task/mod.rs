@@ -27,7 +27,7 @@ use crate::executor::{self, Shared};
 use crate::interference;
 use crate::process::{Body, End, ExitValue, Notice, Record, Words, WordsMethods};
 use crate::remote_wakes::{RemoteWakes, Seat};
-use luna_core::current::{self, Methods, Place, Process};
+use luna_core::current::{self, AfterTurn, Methods, Place, Process};
 use luna_core::events;
 use luna_core::reclaim::Retired;
 use std::any::{Any, TypeId};
@@ -99,9 +99,9 @@ struct Task {
 
 /// Rare operations on a body: found through its process' methods.
 struct BodyMethods {
-    /// Polls it, if it was not cancelled, with all optional work around a poll; `true` if it has
-    /// ended.
-    poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
+    /// Polls it, if it was not cancelled, with all optional work around a poll, and marks the
+    /// process if it has ended.
+    poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>),
     /// Ends a body that has panicked.
     end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
 }
@@ -243,19 +243,15 @@ unsafe fn body_range<F: Future>(owner: NonNull<()>) -> Range<usize> {
 /// # Safety
 ///
 /// As for [`body`]: `owner` is the head of that `Whole<F>`. The body has not ended.
-unsafe fn poll<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
+unsafe fn poll<F>(owner: NonNull<()>, cx: &mut Context<'_>)
 where
     F: Future<Output: ExitValue>,
 {
     let task = owner.cast::<Task>();
     // SAFETY: the contract.
     unsafe {
-        match body::<F>(task).poll_unended(cx) {
-            Poll::Pending => false,
-            Poll::Ready(words) => {
-                end_body::<F>(task, End::Completed(words));
-                true
-            }
+        if let Poll::Ready(words) = body::<F>(task).poll_unended(cx) {
+            end_body::<F>(task, End::Completed(words));
         }
     }
 }
@@ -263,7 +259,7 @@ where
 /// # Safety
 ///
 /// As for [`poll`], but the body may have ended.
-unsafe fn poll_attentively<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
+unsafe fn poll_attentively<F>(owner: NonNull<()>, cx: &mut Context<'_>)
 where
     F: Future<Output: ExitValue>,
 {
@@ -271,12 +267,8 @@ where
     // SAFETY: the caller's contract. `run_attentively` does not poll a body that has ended, so this
     // body has not ended and has no exit value yet.
     unsafe {
-        match body::<F>(task).poll_attentively(&task.as_ref().record, cx) {
-            None => false,
-            Some(end) => {
-                end_body::<F>(task, end);
-                true
-            }
+        if let Some(end) = body::<F>(task).poll_attentively(&task.as_ref().record, cx) {
+            end_body::<F>(task, end);
         }
     }
 }
@@ -320,6 +312,7 @@ where
             waker::add(task);
             Words::new(task.cast(), methods)
         });
+        this.process.set_ended();
         this.record.finish(exit, this.shared.living());
     }
 }
@@ -367,12 +360,15 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
 }
 
 /// Polls the process that has this turn. If that panics, the caller must call [`interrupted`].
+/// Returns the process that has the next turn, if this one has yielded to it.
 ///
 /// # Safety
 ///
-/// `owner` was just taken from this thread's run queue, where only tasks are.
+/// `owner` was just taken from this thread's run queue, where only tasks are. What is returned is
+/// run next, or [put back](current::put_back).
 #[inline(always)]
-pub(crate) unsafe fn run(owner: NonNull<()>) {
+#[must_use = "the process that is returned is in no queue"]
+pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
     // SAFETY: a task is retired only when it is not queued, so this one is live, and it keeps a
     // waker of its own during the poll. By the invariant nothing else accesses its body.
     unsafe {
@@ -382,15 +378,47 @@ pub(crate) unsafe fn run(owner: NonNull<()>) {
         let waker = this.process.waker().unwrap_unchecked();
         let mut cx = Context::from_waker(waker);
         if this.process.notices() != 0 {
-            return run_attentively(task, &mut cx);
+            run_attentively(task, &mut cx);
+            return None;
         }
         this.process.count_poll();
         let poll = this.process.methods().poll;
-        let has_ended = current::give_turn(&this.process, || poll(owner, &mut cx));
-        interference::polled(this.process.id());
-        if has_ended {
+        current::give_turn(&this.process, || poll(owner, &mut cx));
+        match this.process.after_turn() {
+            AfterTurn::Nothing => None,
+            AfterTurn::Next(next) => next,
+            AfterTurn::More => {
+                finish_turn(task);
+                None
+            }
+        }
+    }
+}
+
+/// Ends a turn in which the process has ended.
+///
+/// # Safety
+///
+/// This is its executor's thread, and the task has had its turn just now.
+#[inline(never)]
+unsafe fn finish_turn(task: NonNull<Task>) {
+    // SAFETY: the contract: a task is retired only here or in a turn of its own, so this one is
+    // live.
+    unsafe {
+        let process = &task.as_ref().process;
+        process.end_turn();
+        if process.has_ended() {
             end(task);
         }
+    }
+}
+
+/// No process is the current one from here on, until the next turn: to be called before an executor
+/// does anything else than polling.
+#[inline]
+pub(crate) fn end_turns() {
+    if let Some(last) = current::end_turns() {
+        interference::polled(last);
     }
 }
 
@@ -417,14 +445,14 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
             true => this.process.methods().poll,
             false => this.methods().poll_attentively,
         };
-        let has_ended = current::give_turn(&this.process, || {
+        current::give_turn(&this.process, || {
             if this.process.notices() & Notice::RECORDED != 0 {
                 this.process.keep_recorded();
             }
-            poll(task.cast(), cx)
+            poll(task.cast(), cx);
         });
-        interference::polled(id);
-        if has_ended {
+        this.process.end_turn();
+        if this.process.has_ended() {
             end(task);
         } else {
             events::end_turn(id.get(), this.process.is_queued());
@@ -445,8 +473,8 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
     // methods are those of a task: on this thread only tasks have turns.
     unsafe {
         (task.as_ref().methods().end_panicked)(task, payload);
-        interference::polled(task.as_ref().process.id());
         if current::take_interrupted().is_some() {
+            interference::polled(task.as_ref().process.id());
             end(task);
         }
     }
@@ -498,7 +526,8 @@ unsafe fn end_left(task: NonNull<Task>, why: &str) {
                 current::poison_dropped_ends(|| {
                     (this.methods().end_panicked)(task, Box::new(why.to_owned()));
                 });
-            })
+            });
+            this.process.end_turn();
         }));
         if let Err(payload) = ended {
             // Dropping it could panic in turn.
@@ -514,10 +543,11 @@ unsafe fn end_left(task: NonNull<Task>, why: &str) {
 /// The body of the task has ended in a turn just now. This is its executor's thread.
 #[cold]
 unsafe fn end(task: NonNull<Task>) {
+    // It may be freed here.
+    end_turns();
     // SAFETY: the contract.
     unsafe {
         let process = &task.as_ref().process;
-        process.set_ended();
         if process.is_queued() {
             // It retires when its turn comes.
             process.notify(Notice::ENDED);
@@ -581,8 +611,8 @@ mod tests {
     /// in a system of a million.
     #[test]
     fn a_task_takes_little_beside_its_body() {
-        assert!(size_of::<Task>() <= 208, "{}", size_of::<Task>());
+        assert!(size_of::<Task>() <= 216, "{}", size_of::<Task>());
         assert!(size_of::<Record>() <= 104, "{}", size_of::<Record>());
-        assert!(size_of::<Process>() <= 152, "{}", size_of::<Process>());
+        assert!(size_of::<Process>() <= 160, "{}", size_of::<Process>());
     }
 }
