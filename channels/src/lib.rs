@@ -49,6 +49,7 @@ mod hand_off_slots;
 pub mod inspect;
 pub mod lock_sync;
 mod recv;
+mod replay;
 mod select_state;
 mod send;
 mod source;

@@ -194,11 +194,6 @@ pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
     .unwrap_or_default()
 }
 
-/// Records the success of an operation that was listed; its node got this stamp.
-pub(crate) fn has_waited(order: u64) {
-    current::tape(|tape| tape.leave(Event::done(known(tape, order))));
-}
-
 /// The stamp given by a partner; one that is not recorded gives none.
 pub(crate) fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
     if order == OUTSIDER {
@@ -216,7 +211,7 @@ pub(crate) fn leave(event: Event) {
 /// Records that an operation was dropped without a result.
 #[cold]
 pub(crate) fn abandoned() {
-    current::tape(|tape| tape.abandon());
+    current::tape(|tape| tape.abandon(true));
 }
 
 /// Records that the current process does something that cannot be recorded.

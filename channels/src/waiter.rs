@@ -522,11 +522,22 @@ impl<T> Waiter<T> {
         }
     }
 
+    /// Notes that the operation's result has no stamp yet.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and no other thread accesses it.
+    pub(crate) unsafe fn clear_order(node: NonNull<Waiter<T>>) {
+        // SAFETY: the contract.
+        unsafe { (*node.as_ptr()).seldom.order.write(0) };
+    }
+
     /// The stamp of the operation's result; 0 if it has none.
     ///
     /// # Safety
     ///
-    /// `node` was begun, in no plain turn, and was settled.
+    /// `node` was begun, in no plain turn, or [cleared](Self::clear_order). No other thread
+    /// accesses it any more.
     pub(crate) unsafe fn order(node: NonNull<Waiter<T>>) -> u64 {
         // SAFETY: the contract.
         unsafe { (*node.as_ptr()).seldom.order.assume_init() }

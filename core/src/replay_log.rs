@@ -108,8 +108,8 @@ pub trait ReplayLog {
     /// The operation that was let in is decided. Later calls for the same one do nothing.
     fn leave(&self, event: Event);
 
-    /// The operation that was let in is dropped undecided.
-    fn abandon(&self);
+    /// An operation is dropped undecided. It was let in, or else it may wait for that.
+    fn abandon(&self, was_let_in: bool);
 
     /// Whether all other processes have executed what has the stamp of the operation that was let
     /// in.

@@ -446,8 +446,9 @@ impl ReplayLog for Track {
         self.ring.put(head.get(), &[]);
     }
 
-    fn abandon(&self) {
-        if let Some(branch_log) = self.here() {
+    fn abandon(&self, was_let_in: bool) {
+        // A recorded operation is let in at once.
+        if was_let_in && let Some(branch_log) = self.here() {
             branch_log.runs.set(false);
         }
     }

@@ -9,7 +9,7 @@ use crate::extended::Mode;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
-use crate::waiter::Outcome;
+use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, PendingWake, PlainPendingWake, Process};
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
@@ -163,7 +163,9 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         match self.phase {
             // SAFETY: an operation with a replay log is listed on the slow path alone; it is
             // settled, since its alternative has chosen it.
-            Phase::Listed if self.outcome() != Outcome::Waiting => unsafe { self.order() },
+            Phase::Listed if self.outcome() != Outcome::Waiting => unsafe {
+                Waiter::order(self.node())
+            },
             _ => 0,
         }
     }

@@ -5,8 +5,9 @@ use crate::core::{Ending, FastPath, HandOff, Received, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::hand_off_slots::Side;
+use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::select_state::SelectState;
-use crate::taped;
+use crate::taped::failure;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
 use luna_core::replay_log::Event;
@@ -24,12 +25,11 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet.
     New,
-    /// As `New`, and its process' replay log has not admitted it.
-    Entering,
     /// The node is in the list, or has been settled.
     Listed,
-    /// As `Listed`, and its process has a replay log.
-    Taped,
+    /// As `Listed`, and the next poll takes the slow path: a [replay log](crate::replay) is to see
+    /// the outcome.
+    Logged,
     /// Settled without having been listed: in an alternative; or failed, while the process lets
     /// others run.
     Settled(Outcome),
@@ -143,7 +143,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     pub(super) fn ticket(&self) -> u32 {
         match self.phase {
             // SAFETY: a settled node is known to its future alone, and was begun.
-            Phase::Listed | Phase::Taped => unsafe { (*Waiter::link(self.node())).ticket },
+            Phase::Listed | Phase::Logged => unsafe { (*Waiter::link(self.node())).ticket },
             _ => self.ticket,
         }
     }
@@ -179,10 +179,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New | Phase::Entering | Phase::Over => Err(RecvTimeoutError::Timeout),
+            Phase::New | Phase::Over => Err(RecvTimeoutError::Timeout),
             Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
             Phase::Settled(outcome) => this.settled(outcome).map_err(RecvTimeoutError::from),
-            Phase::Listed | Phase::Taped => {
+            Phase::Listed | Phase::Logged => {
                 let (outcome, _former) = this.take_back();
                 match outcome {
                     Outcome::Waiting => {
@@ -247,29 +247,9 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         Poll::Ready(self.settled(outcome))
     }
 
-    /// Whether it is over but for letting others run.
-    pub(super) fn lets_others_run(&self) -> bool {
-        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
-    }
-
-    /// Whether it has not done anything yet.
-    pub(super) fn is_new(&self) -> bool {
-        matches!(self.phase, Phase::New | Phase::Entering)
-    }
-
     /// Whether it waits for a partner, or has met a later one.
-    pub(super) fn is_listed(&self) -> bool {
-        matches!(self.phase, Phase::Listed | Phase::Taped)
-    }
-
-    /// The stamp of its result.
-    ///
-    /// # Safety
-    ///
-    /// It was listed on the slow path, and is settled.
-    pub(super) unsafe fn order(&self) -> u64 {
-        // SAFETY: the contract.
-        unsafe { Waiter::order(self.node()) }
+    fn is_listed(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Logged)
     }
 
     /// Handles all that did not simply end on the fast path.
@@ -293,78 +273,9 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         if current::is_taped() {
-            return self.poll_taped(cx);
+            return replay::poll(self, cx);
         }
         self.poll_in_general(cx)
-    }
-
-    /// Admits a new receive of a process with a replay log, and returns its error if it has nothing
-    /// more to do than to fail.
-    pub(super) fn enter(&mut self, cx: &mut Context<'_>) -> Poll<Option<RecvError>> {
-        self.phase = Phase::Entering;
-        let entered = std::task::ready!(taped::enter(cx));
-        Poll::Ready(match entered {
-            Ok(_) => {
-                self.phase = Phase::New;
-                self.receiver.channel().note_taped(false);
-                None
-            }
-            Err(failure) => {
-                self.phase = Phase::Over;
-                Some(match failure {
-                    taped::failure::POISONED => RecvError::Poisoned,
-                    _ => RecvError::Closed,
-                })
-            }
-        })
-    }
-
-    /// Polls as the process' replay log says, and records the result in it.
-    #[cold]
-    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<M::Received<'a, T>, RecvError>> {
-        let before = self.phase;
-        match before {
-            Phase::New | Phase::Entering => {
-                if let Some(error) = std::task::ready!(self.enter(cx)) {
-                    return Poll::Ready(Err(error));
-                }
-            }
-            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
-            // Its replay log has the event of its giving way.
-            Phase::Settled(_) => return self.poll_in_general(cx),
-            Phase::Taped if self.outcome() == Outcome::Done => {
-                // SAFETY: it was listed on the slow path, and is settled.
-                taped::has_waited(unsafe { self.order() });
-                if taped::is_held(cx) {
-                    return Poll::Pending;
-                }
-            }
-            _ => {}
-        }
-        let polled = self.poll_in_general(cx);
-        let is_done = matches!(polled, Poll::Ready(Ok(_)));
-        if before == Phase::Taped && is_done {
-            // Its partner may have come between the look above and this one, which is nothing that
-            // happens in a replay. SAFETY: it was listed on the slow path, and is settled.
-            taped::has_waited(unsafe { self.order() });
-        } else if is_done || self.phase == Phase::GaveWay {
-            current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
-        }
-        if self.phase == Phase::Listed {
-            self.phase = Phase::Taped;
-        }
-        let failed = match (&polled, self.phase) {
-            (Poll::Ready(Err(error)), _) => Some(*error == RecvError::Poisoned),
-            (_, Phase::Settled(outcome)) => Some(outcome == Outcome::Poisoned),
-            _ => None,
-        };
-        if let Some(is_poisoned) = failed {
-            taped::leave(Event::failed(match is_poisoned {
-                true => taped::failure::POISONED,
-                false => taped::failure::CLOSED,
-            }));
-        }
-        polled
     }
 
     fn poll_in_general(
@@ -373,8 +284,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         let this = self;
         match this.phase {
-            Phase::New | Phase::Entering => {}
-            Phase::Listed | Phase::Taped => return this.poll_listed(cx),
+            Phase::New => {}
+            Phase::Listed | Phase::Logged => return this.poll_listed(cx),
             Phase::GaveWay => return Poll::Ready(this.settled(Outcome::Done)),
             Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
                 if current::branch_failed() {
@@ -470,11 +381,6 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 // SAFETY: the node was listed.
                 match unsafe { channel.look_for_partner(this.node(), looks, cx) } {
                     Outcome::Waiting => this.waits(),
-                    // A partner came in between. The next poll reports it, as for one that waited.
-                    _ if current::is_taped() => {
-                        cx.waker().wake_by_ref();
-                        this.waits()
-                    }
                     outcome => Poll::Ready(this.settled(outcome)),
                 }
             }
@@ -544,15 +450,15 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
     fn drop_unfinished(&mut self) {
         let _former;
         let holds_value = match self.phase {
-            Phase::New | Phase::Over => false,
-            Phase::Entering => {
-                taped::abandoned();
+            Phase::New => {
+                replay::abandon(true);
                 false
             }
+            Phase::Over => false,
             Phase::GaveWay => true,
-            Phase::Listed | Phase::Taped | Phase::Settled(_) => {
-                if self.phase == Phase::Taped {
-                    taped::abandoned();
+            Phase::Listed | Phase::Logged | Phase::Settled(_) => {
+                if self.phase == Phase::Logged {
+                    replay::abandon(false);
                 }
                 let mut outcome = self.outcome();
                 if outcome == Outcome::Waiting {
@@ -567,6 +473,79 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
             let ticket = self.ticket();
             M::give_back(self.receiver, value, ticket);
         }
+    }
+}
+
+impl<'a, T, M: Mode> Logged for RecvOp<'a, T, M> {
+    type Output = Result<M::Received<'a, T>, RecvError>;
+
+    fn stage(&self) -> Stage {
+        match self.phase {
+            Phase::New => Stage::New,
+            Phase::Listed => Stage::Elsewhere,
+            Phase::Logged if self.outcome() == Outcome::Done => Stage::Met,
+            Phase::Logged => Stage::Waits,
+            Phase::GaveWay => Stage::GaveWay,
+            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
+                Stage::Failed(replay::ended(outcome == Outcome::Poisoned))
+            }
+            Phase::Settled(_) | Phase::Over => Stage::Over,
+        }
+    }
+
+    fn come(&mut self) {
+        self.receiver.channel().note_taped(false);
+        // SAFETY: a new receive's node is known to its future alone.
+        unsafe { Waiter::clear_order(self.node()) };
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
+        self.poll_in_general(cx)
+    }
+
+    fn wait_logged(&mut self) {
+        self.phase = Phase::Logged;
+    }
+
+    unsafe fn stamp(&self) -> u64 {
+        // SAFETY: the contract.
+        unsafe { Waiter::order(self.node()) }
+    }
+
+    fn fail(&mut self, number: u64) -> <Self as Logged>::Output {
+        self.phase = Phase::Over;
+        Err(match number {
+            failure::POISONED => RecvError::Poisoned,
+            _ => RecvError::Closed,
+        })
+    }
+
+    fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
+        let error = output.as_ref().err()?;
+        Some(replay::ended(*error == RecvError::Poisoned))
+    }
+}
+
+impl<'a, T, M: Mode> GiveUp for RecvOp<'a, T, M> {
+    type Outcome = Result<M::Received<'a, T>, RecvTimeoutError>;
+
+    fn lets_others_run(&self) -> bool {
+        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
+    }
+
+    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+        self.give_up()
+    }
+
+    fn in_time(output: <Self as Logged>::Output) -> Self::Outcome {
+        output.map_err(RecvTimeoutError::from)
+    }
+
+    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
+        Some(match outcome.as_ref().err()? {
+            RecvTimeoutError::Timeout => replay::gave_up(),
+            error => replay::ended(*error == RecvTimeoutError::Poisoned),
+        })
     }
 }
 

@@ -8,7 +8,7 @@ use crate::select_state::SelectState;
 use crate::source::Source;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
-use crate::waiter::Outcome;
+use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, PendingWake, PlainPendingWake, Process};
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -183,7 +183,9 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         match self.phase {
             // SAFETY: an operation with a replay log is listed on the slow path alone; it is
             // settled, since its alternative has chosen it.
-            Phase::Listed if self.outcome() != Outcome::Waiting => unsafe { self.order() },
+            Phase::Listed if self.outcome() != Outcome::Waiting => unsafe {
+                Waiter::order(self.node())
+            },
             _ => 0,
         }
     }

@@ -4,9 +4,10 @@ use super::Sender;
 use crate::core::{Ending, FastPath, HandOff, Sent};
 use crate::error::{SendError, SendTimeoutError};
 use crate::hand_off_slots::Side;
+use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::select_state::SelectState;
 use crate::source::{InNode, Offered, Source};
-use crate::taped;
+use crate::taped::failure;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
 use luna_core::replay_log::Event;
@@ -25,12 +26,11 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet; the node holds the value.
     New,
-    /// As `New`, and its process' replay log has not admitted it.
-    Entering,
     /// The node is in the list, or has been settled.
     Listed,
-    /// As `Listed`, and its process has a replay log.
-    Taped,
+    /// As `Listed`, and the next poll takes the slow path: a [replay log](crate::replay) is to see
+    /// the outcome.
+    Logged,
     /// Settled without having been listed: in an alternative; or failed, while the process lets
     /// others run.
     Settled(Outcome),
@@ -197,7 +197,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     pub(crate) fn abandon(self: Pin<&mut Self>) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        if matches!(this.phase, Phase::Listed | Phase::Taped) {
+        if matches!(this.phase, Phase::Listed | Phase::Logged) {
             let (outcome, _former) = this.take_back();
             if outcome == Outcome::Waiting {
                 this.phase = Phase::Settled(Outcome::Poisoned);
@@ -210,12 +210,12 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New | Phase::Entering => Err(SendTimeoutError::Timeout(
+            Phase::New => Err(SendTimeoutError::Timeout(
                 this.failed(Outcome::Closed).value,
             )),
             Phase::GaveWay | Phase::Over | Phase::Overwrote => Ok(()),
             Phase::Settled(outcome) => this.settled(outcome).map_err(SendTimeoutError::from),
-            Phase::Listed | Phase::Taped => {
+            Phase::Listed | Phase::Logged => {
                 let (outcome, _former) = this.take_back();
                 match outcome {
                     Outcome::Waiting => Err(SendTimeoutError::Timeout(
@@ -312,24 +312,9 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
     }
 
-    /// Whether it has not done anything yet.
-    pub(super) fn is_new(&self) -> bool {
-        matches!(self.phase, Phase::New | Phase::Entering)
-    }
-
     /// Whether it waits for a partner, or has met a later one.
-    pub(super) fn is_listed(&self) -> bool {
-        matches!(self.phase, Phase::Listed | Phase::Taped)
-    }
-
-    /// The stamp of its result.
-    ///
-    /// # Safety
-    ///
-    /// It was listed on the slow path, and is settled.
-    pub(super) unsafe fn order(&self) -> u64 {
-        // SAFETY: the contract.
-        unsafe { Waiter::order(self.node()) }
+    fn is_listed(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Logged)
     }
 
     /// Handles all that did not simply end on the fast path.
@@ -350,78 +335,16 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         if current::is_taped() {
-            return self.poll_taped(cx);
+            return replay::poll(self, cx);
         }
         self.poll_in_general(cx)
-    }
-
-    /// Polls as the process' replay log says, and records the result in it.
-    #[cold]
-    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
-        let before = self.phase;
-        match before {
-            Phase::New | Phase::Entering => {
-                self.phase = Phase::Entering;
-                let entered = std::task::ready!(taped::enter(cx));
-                self.phase = Phase::New;
-                if let Err(failure) = entered {
-                    return Poll::Ready(Err(self.failed(match failure {
-                        taped::failure::POISONED => Outcome::Poisoned,
-                        _ => Outcome::Closed,
-                    })));
-                }
-                self.sender.channel().note_taped(true);
-            }
-            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
-            // Its replay log has the event of its giving way.
-            Phase::Settled(_) => return self.poll_in_general(cx),
-            Phase::Taped if self.outcome() == Outcome::Done => {
-                // SAFETY: it was listed on the slow path, and is settled.
-                taped::has_waited(unsafe { self.order() });
-                if taped::is_held(cx) {
-                    return Poll::Pending;
-                }
-            }
-            _ => {}
-        }
-        let polled = self.poll_in_general(cx);
-        let is_done = matches!(polled, Poll::Ready(Ok(_)));
-        if before == Phase::Taped && is_done {
-            // Its partner may have come between the look above and this one, which is nothing that
-            // happens in a replay. SAFETY: it was listed on the slow path, and is settled.
-            taped::has_waited(unsafe { self.order() });
-        } else if is_done || self.phase == Phase::GaveWay {
-            current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
-        }
-        if self.phase == Phase::Listed {
-            self.phase = Phase::Taped;
-        }
-        let failed = match (&polled, self.phase) {
-            (Poll::Ready(Err(error)), _) => Some(error.poisoned),
-            (_, Phase::Settled(outcome)) => Some(outcome == Outcome::Poisoned),
-            _ => None,
-        };
-        if let Some(is_poisoned) = failed {
-            if !is_poisoned && current::is_replayed() {
-                // In a replay nothing fails later than it is found to.
-                debug_assert!(polled.is_ready());
-                // Recorded is a success: it was sent before the receivers went, but never received.
-                taped::leave(Event::done(0));
-                return Poll::Ready(Ok(()));
-            }
-            taped::leave(Event::failed(match is_poisoned {
-                true => taped::failure::POISONED,
-                false => taped::failure::CLOSED,
-            }));
-        }
-        polled
     }
 
     fn poll_in_general(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         let this = self;
         match this.phase {
-            Phase::New | Phase::Entering => {}
-            Phase::Listed | Phase::Taped => return this.poll_listed(cx),
+            Phase::New => {}
+            Phase::Listed | Phase::Logged => return this.poll_listed(cx),
             Phase::GaveWay => {
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));
@@ -493,11 +416,6 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 let channel = this.sender.channel();
                 // SAFETY: the node was listed.
                 let outcome = unsafe { channel.look_for_partner(this.node(), looks, cx) };
-                if current::is_taped() && !matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                    // A partner came in between. The next poll reports it, as for one that waited.
-                    cx.waker().wake_by_ref();
-                    return this.waits();
-                }
                 this.looked(outcome, cx)
             }
             Sent::Held(ready) => {
@@ -575,13 +493,12 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
         let _former;
         match self.phase {
             Phase::GaveWay | Phase::Over => return,
-            Phase::New => {}
-            Phase::Entering => taped::abandoned(),
+            Phase::New => replay::abandon(true),
             // SAFETY: in this phase the node holds a value.
             Phase::Overwrote => return drop(unsafe { self.offered().waiter.take_value() }),
-            Phase::Listed | Phase::Taped | Phase::Settled(_) => {
-                if self.phase == Phase::Taped {
-                    taped::abandoned();
+            Phase::Listed | Phase::Logged | Phase::Settled(_) => {
+                if self.phase == Phase::Logged {
+                    replay::abandon(false);
                 }
                 let mut outcome = self.outcome();
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
@@ -596,6 +513,83 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
         }
         // SAFETY: the value is still here, and no other thread knows the node any more.
         drop(unsafe { S::unsent(self.offered()) });
+    }
+}
+
+impl<T, S: Source<T>> Logged for SendOp<'_, T, S> {
+    type Output = Result<(), SendError<S::Unsent>>;
+
+    fn stage(&self) -> Stage {
+        match self.phase {
+            Phase::New => Stage::New,
+            Phase::Listed => Stage::Elsewhere,
+            Phase::Logged if self.outcome() == Outcome::Done => Stage::Met,
+            Phase::Logged => Stage::Waits,
+            Phase::GaveWay => Stage::GaveWay,
+            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
+                Stage::Failed(replay::ended(outcome == Outcome::Poisoned))
+            }
+            Phase::Settled(_) | Phase::Overwrote | Phase::Over => Stage::Over,
+        }
+    }
+
+    fn come(&mut self) {
+        self.sender.channel().note_taped(true);
+        // SAFETY: a new send's node is known to its future alone.
+        unsafe { Waiter::clear_order(self.node()) };
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
+        self.poll_in_general(cx)
+    }
+
+    fn wait_logged(&mut self) {
+        self.phase = Phase::Logged;
+    }
+
+    unsafe fn stamp(&self) -> u64 {
+        // SAFETY: the contract.
+        unsafe { Waiter::order(self.node()) }
+    }
+
+    fn fail(&mut self, number: u64) -> <Self as Logged>::Output {
+        Err(self.failed(match number {
+            failure::POISONED => Outcome::Poisoned,
+            _ => Outcome::Closed,
+        }))
+    }
+
+    fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
+        let error = output.as_ref().err()?;
+        Some(replay::ended(error.poisoned))
+    }
+
+    /// It was sent before the receivers went, but never received.
+    fn closed_later(&self) -> Option<<Self as Logged>::Output> {
+        Some(Ok(()))
+    }
+}
+
+impl<T> GiveUp for SendOp<'_, T> {
+    type Outcome = Result<(), SendTimeoutError<T>>;
+
+    fn lets_others_run(&self) -> bool {
+        self.lets_others_run()
+    }
+
+    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+        self.give_up()
+    }
+
+    fn in_time(output: <Self as Logged>::Output) -> Self::Outcome {
+        output.map_err(SendTimeoutError::from)
+    }
+
+    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
+        Some(match outcome.as_ref().err()? {
+            SendTimeoutError::Timeout(_) => replay::gave_up(),
+            error => replay::ended(matches!(error, SendTimeoutError::Poisoned(_))),
+        })
     }
 }
 

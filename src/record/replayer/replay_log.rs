@@ -131,8 +131,12 @@ impl ReplayLog for Track {
         }
     }
 
-    fn abandon(&self) {
-        self.with_strand(|branch_log| branch_log.stage = Stage::Idle);
+    fn abandon(&self, was_let_in: bool) {
+        self.with_strand(|branch_log| {
+            if was_let_in || branch_log.stage == Stage::Entering {
+                branch_log.stage = Stage::Idle;
+            }
+        });
     }
 
     fn hold(&self, cx: &mut Context<'_>) -> Poll<()> {

@@ -1,0 +1,245 @@
+//! How the replay log of a recorded or replayed process drives an operation.
+//!
+//! This is the one place where an operation meets the [log](luna_core::replay_log). Its poll comes
+//! here on the slow path, and only in a process with a log. [`poll`] lets it in when the log says
+//! so, polls it as usual, and reports the outcome. [`stop`] does the same for one that gives up.
+//!
+//! ```text
+//!          enter                  poll_unlogged               hold
+//!   New ---------> (let in) ----------------------> Waits --> Met ------> the output
+//!    |                 |                                                     ^
+//!    |                 '--> GaveWay, or the output at once ------------------'
+//!    '--> the recorded failure
+//! ```
+
+use crate::taped::{self, failure, is_held, leave};
+use luna_core::current;
+use luna_core::events;
+use luna_core::replay_log::{Event, Turn, What};
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll, ready};
+
+/// Where an operation is, as far as a replay log needs it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// It has done nothing, or the log has not let it in.
+    New,
+    /// It waits, and has not succeeded yet. The log has let it in.
+    Waits,
+    /// It has waited and succeeded. Its output was not returned.
+    Met,
+    /// It has succeeded, and lets others run.
+    GaveWay,
+    /// It has failed so, and lets others run.
+    Failed(Event),
+    /// It was begun where there was no log.
+    Elsewhere,
+    /// Its output was returned.
+    Over,
+}
+
+/// An operation that a replay log can drive.
+pub(crate) trait Logged {
+    /// What it comes to.
+    type Output;
+
+    fn stage(&self) -> Stage;
+
+    /// It was let in, and is about to look for its partner.
+    fn come(&mut self);
+
+    /// Polls it as in a process without a log.
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<Self::Output>;
+
+    /// It waits: its next poll is to come to the log too.
+    fn wait_logged(&mut self);
+
+    /// The stamp of its success that its partner gave; 0 if there is none.
+    ///
+    /// # Safety
+    ///
+    /// It has [come](Self::come), and no partner can settle it any more.
+    unsafe fn stamp(&self) -> u64;
+
+    /// Ends it with the recorded failure.
+    fn fail(&mut self, number: u64) -> Self::Output;
+
+    /// How it failed; `None` is a success.
+    fn failure(output: &Self::Output) -> Option<Event>;
+
+    /// What it returns in a replay that finds its channel closed, although it succeeded in the
+    /// recording. `None`: it fails.
+    fn closed_later(&self) -> Option<Self::Output> {
+        None
+    }
+}
+
+/// An operation that can give up before it is decided.
+pub(crate) trait GiveUp: Logged + Future<Output = <Self as Logged>::Output> {
+    /// What comes of it then.
+    type Outcome;
+
+    /// Whether it is decided, and lets others run before it returns its output.
+    fn lets_others_run(&self) -> bool;
+
+    /// Gives up, unless it is decided already.
+    fn give_up(self: Pin<&mut Self>) -> Self::Outcome;
+
+    /// The same outcome of one that did not have to give up.
+    fn in_time(output: <Self as Logged>::Output) -> Self::Outcome;
+
+    /// How it failed, or that it gave up; `None` is a success.
+    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event>;
+}
+
+/// The event of an operation that found its channel closed or poisoned.
+pub(crate) fn ended(is_poisoned: bool) -> Event {
+    Event::failed(match is_poisoned {
+        true => failure::POISONED,
+        false => failure::CLOSED,
+    })
+}
+
+/// The event of an operation that gave up.
+pub(crate) fn gave_up() -> Event {
+    Event::new(What::TimedOut, 0, 0)
+}
+
+fn enter(cx: &mut Context<'_>) -> Poll<Turn> {
+    current::tape(|log| log.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
+}
+
+/// Reports a success; `stamp` was given by the partner, or is 0.
+fn succeed(stamp: u64) {
+    current::tape(|log| log.leave(Event::done(taped::known(log, stamp))));
+}
+
+/// Polls an operation as the replay log of its process says, and reports the outcome there.
+#[cold]
+#[inline(never)]
+pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O::Output> {
+    let before = operation.stage();
+    match before {
+        Stage::New => {
+            match ready!(enter(cx)) {
+                Turn::Given(event) if event.what == What::Failed => {
+                    leave(event);
+                    return Poll::Ready(operation.fail(event.number));
+                }
+                // The future around it gives up: see `stop`.
+                Turn::Given(event) if event.what == What::TimedOut => return Poll::Pending,
+                _ => operation.come(),
+            }
+        }
+        Stage::Met => {
+            // SAFETY: it came before it waited, and it has succeeded.
+            succeed(unsafe { operation.stamp() });
+            if is_held(cx) {
+                return Poll::Pending;
+            }
+        }
+        Stage::GaveWay if is_held(cx) => return Poll::Pending,
+        // The log has the outcome.
+        Stage::GaveWay | Stage::Failed(_) | Stage::Over => return operation.poll_unlogged(cx),
+        Stage::Elsewhere => {
+            taped::outside("an operation that another process began");
+            return operation.poll_unlogged(cx);
+        }
+        Stage::Waits => {}
+    }
+    let polled = operation.poll_unlogged(cx);
+    let failure = match (&polled, operation.stage()) {
+        (Poll::Ready(output), _) => O::failure(output),
+        (Poll::Pending, Stage::GaveWay) => None,
+        (Poll::Pending, Stage::Failed(failure)) => Some(failure),
+        (Poll::Pending, stage) => {
+            if stage != Stage::New {
+                operation.wait_logged();
+            }
+            return Poll::Pending;
+        }
+    };
+    match failure {
+        Some(failure)
+            if failure.number == failure::CLOSED
+                && current::is_replayed()
+                && let Some(output) = operation.closed_later() =>
+        {
+            succeed(0);
+            return Poll::Ready(output);
+        }
+        Some(failure) => leave(failure),
+        None => {
+            // SAFETY: it has come, in this poll or before it waited, and it has succeeded.
+            let stamp = match unsafe { operation.stamp() } {
+                // It has met a partner that waited.
+                0 if before == Stage::New => current::tape(|log| log.own_stamp()).unwrap_or(0),
+                stamp => stamp,
+            };
+            succeed(stamp);
+        }
+    }
+    polled
+}
+
+/// Polls an operation that gives up when `stop` has ended.
+#[inline]
+pub(crate) fn poll_until<O: GiveUp, S: Future<Output = ()>>(
+    mut operation: Pin<&mut O>,
+    stop: Pin<&mut S>,
+    cx: &mut Context<'_>,
+) -> Poll<O::Outcome> {
+    if let Poll::Ready(output) = operation.as_mut().poll(cx) {
+        return Poll::Ready(O::in_time(output));
+    }
+    // One that has communicated, or failed, lets others run, and is over then, whatever the time
+    // is.
+    if operation.lets_others_run() {
+        return Poll::Pending;
+    }
+    if current::is_taped() {
+        return self::stop(operation, stop, cx);
+    }
+    match events::beside(|| stop.poll(cx)) {
+        Poll::Ready(()) => Poll::Ready(operation.give_up()),
+        Poll::Pending => Poll::Pending,
+    }
+}
+
+/// Lets an operation that is not decided give up, as the replay log says: a replayed one gives up
+/// when the recorded one did, whatever the time is or has happened.
+#[cold]
+fn stop<O: GiveUp, S: Future<Output = ()>>(
+    mut operation: Pin<&mut O>,
+    stop: Pin<&mut S>,
+    cx: &mut Context<'_>,
+) -> Poll<O::Outcome> {
+    if current::is_replayed() {
+        let is_new = operation.stage() == Stage::New;
+        return match is_new && enter(cx) == Poll::Ready(Turn::Given(gave_up())) {
+            true => {
+                leave(gave_up());
+                Poll::Ready(operation.give_up())
+            }
+            false => Poll::Pending,
+        };
+    }
+    let is_logged = matches!(operation.stage(), Stage::Waits | Stage::Met);
+    ready!(events::beside(|| current::without_tape(|| stop.poll(cx))));
+    let outcome = operation.as_mut().give_up();
+    match O::failure_in_time(&outcome) {
+        Some(failure) => leave(failure),
+        // SAFETY: it came before it waited, and its partner has completed it.
+        None if is_logged => succeed(unsafe { operation.stamp() }),
+        None => {}
+    }
+    Poll::Ready(outcome)
+}
+
+/// An operation was dropped before it was decided. `is_new`: the log had not let it in, or it was
+/// never polled.
+#[cold]
+pub(crate) fn abandon(is_new: bool) {
+    current::tape(|log| log.abandon(!is_new));
+}
