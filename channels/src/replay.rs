@@ -12,7 +12,8 @@
 //!    '--> the recorded failure
 //! ```
 
-use crate::taped::{self, failure, is_held, leave};
+pub(crate) use crate::taped::failure;
+use crate::taped::{self, is_held, leave};
 use luna_core::current;
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
@@ -46,21 +47,33 @@ pub(crate) trait Logged {
 
     fn stage(&self) -> Stage;
 
-    /// It was let in, and is about to look for its partner.
-    fn come(&mut self);
+    /// The log is about to be asked whether to let it in.
+    fn approach(&mut self) {}
+
+    /// The log has let it in, and it is about to be polled. In a replay it gets the recorded
+    /// outcome. Pending: it has to wait for that, or cannot have it.
+    fn come(&mut self, turn: Turn, cx: &mut Context<'_>) -> Poll<()>;
 
     /// Polls it as in a process without a log.
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<Self::Output>;
 
     /// It waits: its next poll is to come to the log too.
-    fn wait_logged(&mut self);
+    fn wait_logged(&mut self) {}
 
-    /// The stamp of its success that its partner gave; 0 if there is none.
+    /// The event of its success. It has its `output` still, unless that is given. `own` is the
+    /// stamp that it took itself, or 0.
     ///
     /// # Safety
     ///
     /// It has [come](Self::come), and no partner can settle it any more.
-    unsafe fn stamp(&self) -> u64;
+    unsafe fn success(&self, output: Option<&Self::Output>, own: u64) -> Event;
+
+    /// Whether it can [keep](Self::keep) its output. If not, its poll asks the log itself whether
+    /// its process may go on.
+    const KEEPS: bool = false;
+
+    /// Keeps the output for the next poll, since its process must not go on yet.
+    fn keep(&mut self, _output: Self::Output) {}
 
     /// Ends it with the recorded failure.
     fn fail(&mut self, number: u64) -> Self::Output;
@@ -76,7 +89,7 @@ pub(crate) trait Logged {
 }
 
 /// An operation that can give up before it is decided.
-pub(crate) trait GiveUp: Logged + Future<Output = <Self as Logged>::Output> {
+pub(crate) trait GiveUp: Logged + Future {
     /// What comes of it then.
     type Outcome;
 
@@ -87,7 +100,7 @@ pub(crate) trait GiveUp: Logged + Future<Output = <Self as Logged>::Output> {
     fn give_up(self: Pin<&mut Self>) -> Self::Outcome;
 
     /// The same outcome of one that did not have to give up.
-    fn in_time(output: <Self as Logged>::Output) -> Self::Outcome;
+    fn in_time(output: <Self as Future>::Output) -> Self::Outcome;
 
     /// How it failed, or that it gave up; `None` is a success.
     fn failure_in_time(outcome: &Self::Outcome) -> Option<Event>;
@@ -110,9 +123,18 @@ fn enter(cx: &mut Context<'_>) -> Poll<Turn> {
     current::tape(|log| log.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
 }
 
-/// Reports a success; `stamp` was given by the partner, or is 0.
-fn succeed(stamp: u64) {
-    current::tape(|log| log.leave(Event::done(taped::known(log, stamp))));
+/// The stamp of a success: as its partner gave it, or else its own.
+pub(crate) fn stamp(of_partner: u64, own: u64) -> u64 {
+    match of_partner {
+        0 => own,
+        stamp => current::tape(|log| taped::known(log, stamp)).unwrap_or(0),
+    }
+}
+
+/// Whether the current process has a replay log.
+#[inline(always)]
+pub(crate) fn is_on() -> bool {
+    current::is_taped()
 }
 
 /// Polls an operation as the replay log of its process says, and reports the outcome there.
@@ -122,6 +144,7 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
     let before = operation.stage();
     match before {
         Stage::New => {
+            operation.approach();
             match ready!(enter(cx)) {
                 Turn::Given(event) if event.what == What::Failed => {
                     leave(event);
@@ -129,12 +152,12 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
                 }
                 // The future around it gives up: see `stop`.
                 Turn::Given(event) if event.what == What::TimedOut => return Poll::Pending,
-                _ => operation.come(),
+                turn => ready!(operation.come(turn, cx)),
             }
         }
         Stage::Met => {
             // SAFETY: it came before it waited, and it has succeeded.
-            succeed(unsafe { operation.stamp() });
+            leave(unsafe { operation.success(None, 0) });
             if is_held(cx) {
                 return Poll::Pending;
             }
@@ -166,21 +189,34 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
                 && current::is_replayed()
                 && let Some(output) = operation.closed_later() =>
         {
-            succeed(0);
+            leave(Event::done(0));
             return Poll::Ready(output);
         }
-        Some(failure) => leave(failure),
-        None => {
-            // SAFETY: it has come, in this poll or before it waited, and it has succeeded.
-            let stamp = match unsafe { operation.stamp() } {
-                // It has met a partner that waited.
-                0 if before == Stage::New => current::tape(|log| log.own_stamp()).unwrap_or(0),
-                stamp => stamp,
-            };
-            succeed(stamp);
+        Some(failure) => {
+            leave(failure);
+            return polled;
         }
+        None => {}
     }
-    polled
+    let own = match before {
+        // It may have met a partner that waited.
+        Stage::New => current::tape(|log| log.own_stamp()).unwrap_or(0),
+        _ => 0,
+    };
+    let output = match polled {
+        Poll::Ready(output) => Some(output),
+        Poll::Pending => None,
+    };
+    // SAFETY: it has come, in this poll or before it waited, and it has succeeded.
+    leave(unsafe { operation.success(output.as_ref(), own) });
+    match output {
+        Some(output) if O::KEEPS && is_held(cx) => {
+            operation.keep(output);
+            Poll::Pending
+        }
+        Some(output) => Poll::Ready(output),
+        None => Poll::Pending,
+    }
 }
 
 /// Polls an operation that gives up when `stop` has ended.
@@ -231,7 +267,7 @@ fn stop<O: GiveUp, S: Future<Output = ()>>(
     match O::failure_in_time(&outcome) {
         Some(failure) => leave(failure),
         // SAFETY: it came before it waited, and its partner has completed it.
-        None if is_logged => succeed(unsafe { operation.stamp() }),
+        None if is_logged => leave(unsafe { operation.success(None, 0) }),
         None => {}
     }
     Poll::Ready(outcome)

@@ -330,17 +330,17 @@ pub(crate) fn has_permits() {
 }
 
 impl<T> Channel<T> {
-    /// As [`note_taped`](Self::note_taped), of an alternative that stays registered: its next
+    /// As [`note_logged`](Self::note_logged), of an alternative that stays registered: its next
     /// channel is not determined, so all that happens there is in order.
     #[cold]
     pub(crate) fn note_alternative(&self) {
-        self.note_taped(false);
+        self.note_logged(false);
         self.lock().lists.order.is_ordered = true;
     }
 
     /// Notes that the current process, which has a replay log, comes as a sender or a receiver.
     #[cold]
-    pub(crate) fn note_taped(&self, is_sender: bool) {
+    pub(crate) fn note_logged(&self, is_sender: bool) {
         let mut section = self.lock();
         section.lists.note_taped(is_sender);
         if is_sender || !current::is_replayed() {

@@ -156,7 +156,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     }
 
     fn note_taped(&self) {
-        self.receiver.channel().note_taped(false);
+        self.receiver.channel().note_logged(false);
     }
 
     fn order(&self) -> u64 {

@@ -7,10 +7,9 @@ use crate::extended::{Mode, Noted, Plain};
 use crate::hand_off_slots::Side;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::select_state::SelectState;
-use crate::taped::failure;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
-use luna_core::replay_log::Event;
+use luna_core::replay_log::{Event, Turn};
 use luna_core::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -272,7 +271,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         &mut self,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
-        if current::is_taped() {
+        if replay::is_on() {
             return replay::poll(self, cx);
         }
         self.poll_in_general(cx)
@@ -493,10 +492,11 @@ impl<'a, T, M: Mode> Logged for RecvOp<'a, T, M> {
         }
     }
 
-    fn come(&mut self) {
-        self.receiver.channel().note_taped(false);
+    fn come(&mut self, _: Turn, _: &mut Context<'_>) -> Poll<()> {
+        self.receiver.channel().note_logged(false);
         // SAFETY: a new receive's node is known to its future alone.
         unsafe { Waiter::clear_order(self.node()) };
+        Poll::Ready(())
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
@@ -507,15 +507,16 @@ impl<'a, T, M: Mode> Logged for RecvOp<'a, T, M> {
         self.phase = Phase::Logged;
     }
 
-    unsafe fn stamp(&self) -> u64 {
+    unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, own: u64) -> Event {
         // SAFETY: the contract.
-        unsafe { Waiter::order(self.node()) }
+        let of_partner = unsafe { Waiter::order(self.node()) };
+        Event::done(replay::stamp(of_partner, own))
     }
 
     fn fail(&mut self, number: u64) -> <Self as Logged>::Output {
         self.phase = Phase::Over;
         Err(match number {
-            failure::POISONED => RecvError::Poisoned,
+            replay::failure::POISONED => RecvError::Poisoned,
             _ => RecvError::Closed,
         })
     }

@@ -149,7 +149,7 @@ impl<T> Receiver<T> {
     #[inline(never)]
     fn try_recv_taped(&self) -> Result<T, TryRecvError> {
         let look = || {
-            self.channel().note_taped(false);
+            self.channel().note_logged(false);
             self.channel().lock().recv_unusually(false)
         };
         let failure = |received: &Received<T>| match received {

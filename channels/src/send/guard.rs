@@ -176,7 +176,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     }
 
     fn note_taped(&self) {
-        self.sender.channel().note_taped(true);
+        self.sender.channel().note_logged(true);
     }
 
     fn order(&self) -> u64 {

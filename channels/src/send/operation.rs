@@ -7,10 +7,9 @@ use crate::hand_off_slots::Side;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::select_state::SelectState;
 use crate::source::{InNode, Offered, Source};
-use crate::taped::failure;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
-use luna_core::replay_log::Event;
+use luna_core::replay_log::{Event, Turn};
 use luna_core::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -334,7 +333,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
-        if current::is_taped() {
+        if replay::is_on() {
             return replay::poll(self, cx);
         }
         self.poll_in_general(cx)
@@ -533,10 +532,11 @@ impl<T, S: Source<T>> Logged for SendOp<'_, T, S> {
         }
     }
 
-    fn come(&mut self) {
-        self.sender.channel().note_taped(true);
+    fn come(&mut self, _: Turn, _: &mut Context<'_>) -> Poll<()> {
+        self.sender.channel().note_logged(true);
         // SAFETY: a new send's node is known to its future alone.
         unsafe { Waiter::clear_order(self.node()) };
+        Poll::Ready(())
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
@@ -547,14 +547,15 @@ impl<T, S: Source<T>> Logged for SendOp<'_, T, S> {
         self.phase = Phase::Logged;
     }
 
-    unsafe fn stamp(&self) -> u64 {
+    unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, own: u64) -> Event {
         // SAFETY: the contract.
-        unsafe { Waiter::order(self.node()) }
+        let of_partner = unsafe { Waiter::order(self.node()) };
+        Event::done(replay::stamp(of_partner, own))
     }
 
     fn fail(&mut self, number: u64) -> <Self as Logged>::Output {
         Err(self.failed(match number {
-            failure::POISONED => Outcome::Poisoned,
+            replay::failure::POISONED => Outcome::Poisoned,
             _ => Outcome::Closed,
         }))
     }

@@ -181,7 +181,7 @@ impl<T> Sender<T> {
         let mut offered = Offered::value(value);
         let offered = NonNull::from(&mut offered);
         let look = || {
-            self.channel().note_taped(true);
+            self.channel().note_logged(true);
             let mut section = self.channel().lock();
             // SAFETY: the node is this call's alone, and holds its value.
             let sent = unsafe { section.send_unusually(offered, None) };
