@@ -4,7 +4,8 @@
 use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
 use crate::taped::{Order, Taped};
-use luna_core::biased_lock::{BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
+use crate::waiter::Waiter;
+use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
 use luna_core::current::{Inheritor, ProcessId, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -20,6 +21,82 @@ pub(crate) enum Ending {
     Poisoned,
 }
 
+/// Moves a value from the node of a sender to that of a receiver, both of the channel's type.
+pub(crate) type Mover = unsafe fn(NonNull<Waiter<()>>, NonNull<Waiter<()>>);
+
+/// What waits at a wait point, as one word that the fast path decides by.
+///
+/// One plain operation may wait outside of the queues: it is *alone*, and its node has a wake handle
+/// and nothing else. Before anything else is done here, the slow path [lists](WaitQueues::list_alone)
+/// it.
+///
+/// ```text
+///   IDLE or STORE <---> alone, sender or receiver
+///     |      ^               |
+///     |      '-- fast path: plain, and both queues are empty
+///     v                      v
+///   QUEUES <--- slow path, with each lock
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Waiting(*mut WaitNode);
+
+// SAFETY: it owns no node; the lock that guards it guards the node too, so it may go where the lock
+// goes.
+unsafe impl Send for Waiting {}
+
+impl Waiting {
+    /// Nothing waits at an unbuffered channel, which is used for plain operations only.
+    const IDLE: u8 = 0;
+    /// Nothing waits at a buffered channel, which is used for plain operations only. There may be
+    /// stored values.
+    const STORE: u8 = 4;
+    /// See the queues.
+    pub(crate) const QUEUES: Waiting = Waiting::special(3);
+    const SENDER: usize = 1;
+    const RECEIVER: usize = 2;
+    /// The bits in which a node's address is 0.
+    const TAG: usize = 7;
+
+    const fn special(number: u8) -> Self {
+        Self(std::ptr::without_provenance_mut(number as usize))
+    }
+
+    const fn tag(of_sender: bool) -> usize {
+        match of_sender {
+            true => Self::SENDER,
+            false => Self::RECEIVER,
+        }
+    }
+
+    /// The operation with this node waits alone.
+    #[inline(always)]
+    fn alone(node: NonNull<WaitNode>, is_sender: bool) -> Self {
+        const { assert!(align_of::<WaitNode>() > Self::TAG) };
+        Self(node.as_ptr().map_addr(|address| address | Self::tag(is_sender)))
+    }
+
+    /// The node of the operation of this side that waits alone.
+    #[inline(always)]
+    pub(crate) fn one(self, is_sender: bool) -> Option<NonNull<WaitNode>> {
+        let node = self.0.map_addr(|word| word.wrapping_sub(Self::tag(is_sender)));
+        // SAFETY: no special number is a tag alone, so what has all bits of the tag clear here is
+        // the address of a node.
+        (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
+    }
+
+    /// Whether nothing waits, and nothing can be stored.
+    #[inline(always)]
+    pub(crate) fn is_idle(self) -> bool {
+        self.0.addr() == Self::IDLE as usize
+    }
+
+    /// Whether nothing waits, at a channel with a buffer.
+    #[inline(always)]
+    pub(crate) fn is_store(self) -> bool {
+        self.0.addr() == Self::STORE as usize
+    }
+}
+
 /// What a wait point's lock guards. The nodes in the lists are guarded with it.
 ///
 /// Fields that each rendezvous writes come first, so that they lie on one cache line with the lock
@@ -28,6 +105,9 @@ pub(crate) enum Ending {
 #[derive(Debug)]
 #[repr(C)]
 pub struct WaitQueues {
+    pub(crate) waiting: Waiting,
+    /// How the fast path moves a value; `None`: as one word, behind the link of the node.
+    pub(crate) mover: Option<Mover>,
     /// Last user of each kind of end.
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
@@ -42,6 +122,8 @@ pub struct WaitQueues {
     pub(crate) is_plain_but_registered: bool,
     pub(crate) may_be_plain: bool,
     pub(crate) is_rendezvous: bool,
+    /// What `waiting` is while nothing waits and the fast path decides: `IDLE` or `STORE`.
+    nothing: u8,
     /// Whether an operation has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
     /// Whether anything is stored: kept here, so that a receiver need not look beyond this line
@@ -73,6 +155,72 @@ pub struct WaitQueues {
 pub(crate) struct LastUser(u32);
 
 impl WaitQueues {
+    /// For a channel of this kind, before its first use.
+    pub(crate) fn set_up(&mut self, is_rendezvous: bool, may_be_plain: bool, mover: Option<Mover>) {
+        self.is_rendezvous = is_rendezvous;
+        self.nothing = match is_rendezvous {
+            true => Waiting::IDLE,
+            false => Waiting::STORE,
+        };
+        self.may_be_plain = may_be_plain;
+        self.order.is_ordered = !may_be_plain;
+        self.mover = mover;
+        self.find_whether_plain();
+    }
+
+    /// The operation with this node waits alone from now on.
+    #[inline(always)]
+    pub(crate) fn set_alone(&mut self, node: NonNull<WaitNode>, is_sender: bool) {
+        self.waiting = Waiting::alone(node, is_sender);
+    }
+
+    /// The operation that waited alone does so no more.
+    #[inline(always)]
+    pub(crate) fn set_nothing_waits(&mut self) {
+        self.waiting = Waiting::special(self.nothing);
+    }
+
+    /// Lets the fast path decide again, if it may.
+    #[inline]
+    pub(crate) fn leave_queues(&mut self) -> bool {
+        let may = self.waiting == Waiting::QUEUES
+            && self.is_plain
+            && self.senders.is_empty()
+            && self.receivers.is_empty()
+            && !(self.is_rendezvous && self.is_storing);
+        if may {
+            self.set_nothing_waits();
+        }
+        may
+    }
+
+    /// Lists the operation that waits alone, if there is one: from here on the queues say all.
+    #[inline(always)]
+    pub(crate) fn list_alone(&mut self) {
+        if self.waiting != Waiting::QUEUES {
+            self.use_queues();
+        }
+    }
+
+    #[inline(never)]
+    fn use_queues(&mut self) {
+        for is_sender in [true, false] {
+            if let Some(node) = self.waiting.one(is_sender) {
+                let list = match is_sender {
+                    true => &mut self.senders,
+                    false => &mut self.receivers,
+                };
+                // SAFETY: a node that waits alone is live, and guarded by the lock that is held. It
+                // was made so by `set_alone`, and while one waits so the lists are empty.
+                unsafe {
+                    WaitNode::complete(node.as_ptr());
+                    list.insert_alone(node);
+                }
+            }
+        }
+        self.waiting = Waiting::QUEUES;
+    }
+
     /// Whether it is plain and has no buffer.
     #[inline]
     pub(crate) fn is_plain_rendezvous(&self) -> bool {
@@ -178,6 +326,9 @@ impl WaitPoint {
         Self {
             hand_off_slots: HandOffSlots::new(),
             lock: BiasedLock::new(WaitQueues {
+                waiting: Waiting::QUEUES,
+                mover: None,
+                nothing: Waiting::IDLE,
                 hand_off: Nodes::NONE,
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
@@ -238,14 +389,16 @@ impl WaitPoint {
     /// point, a caller that looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
-        self.lock.lock()
+        let mut lists = self.lock.lock();
+        lists.list_alone();
+        lists
     }
 
     /// Locks, and lists the operation that waits on a hand-off slot: from there on all is as if
     /// there were no hand-off slots.
     #[inline]
     pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
-        let mut lists = self.lock.lock();
+        let mut lists = self.lock();
         self.clear_spots(&mut lists);
         lists
     }
@@ -286,7 +439,29 @@ impl WaitPoint {
     #[inline(always)]
     pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
-        unsafe { self.lock.lock_if_favoured(home) }
+        let mut lists = unsafe { self.lock.lock_if_favoured(home) }?;
+        lists.list_alone();
+        Some(lists)
+    }
+
+    /// As [`lock_if_favoured`](Self::lock_if_favoured), for the fast path: an operation that waits
+    /// alone is not listed. See [`BiasedLock::enter_if_favoured`].
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(crate) unsafe fn enter(
+        &self,
+        home: u64,
+    ) -> Result<InsideGuard<'_, WaitQueues>, biased_lock::Refused> {
+        // SAFETY: the contract.
+        unsafe { self.lock.enter_if_favoured(home) }
+    }
+
+    /// See [`BiasedLock::after_revocation`].
+    pub(crate) fn after_revocation(&self) {
+        self.lock.after_revocation();
     }
 
     /// Locks for the executor that owns the bias, if it does not hold the lock already: see
@@ -298,7 +473,9 @@ impl WaitPoint {
     #[inline(always)]
     pub(crate) unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
-        unsafe { self.lock.lock_if_free(home) }
+        let mut lists = unsafe { self.lock.lock_if_free(home) }?;
+        lists.list_alone();
+        Some(lists)
     }
 
     /// The guard that was kept: see [`BiasedLock::kept`].
@@ -319,7 +496,9 @@ impl WaitPoint {
 
     /// Locks for an occasional look: see [`BiasedLock::lock_briefly`].
     pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, WaitQueues> {
-        self.lock.lock_briefly()
+        let mut lists = self.lock.lock_briefly();
+        lists.list_alone();
+        lists
     }
 }
 

@@ -1,6 +1,7 @@
 //! The node of a waiting operation, and its outcome.
 
 use crate::select_state::SelectState;
+use crate::wait_point::Mover;
 use luna_core::current::{self, PendingWake, PlainPendingWake, Process, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
@@ -212,6 +213,42 @@ impl<T> Waiter<T> {
                 selection: MaybeUninit::uninit(),
             });
         }
+    }
+
+    /// Prepares a plain operation's node for waiting alone, for the process in its plain turn: see
+    /// [`Waiting`](crate::wait_point::Waiting).
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin_plain`](Self::begin_plain).
+    #[inline(always)]
+    pub(crate) unsafe fn begin_alone(node: NonNull<Waiter<T>>, process: &Process) {
+        // SAFETY: the contract.
+        unsafe {
+            let link = Self::link(node);
+            WaitNode::wait_alone(&raw mut (*link).wait, process);
+            (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
+            (&raw mut (*link).begun).write(Begun::Plainly);
+            (&raw mut (*link).extended).write(false);
+            (&raw mut (*link).inherits).write(false);
+            (&raw mut (*link).ticket).write(0);
+        }
+    }
+
+    /// How the fast path moves values of this type from node to node. `None`: as one word, which
+    /// lies behind the link. A model watches values, so they have their own way there.
+    pub(crate) const MOVER: Option<Mover> = match size_of::<T>() {
+        1..=8 if align_of::<T>() <= align_of::<Link>() && cfg!(not(loom)) => None,
+        _ => Some(Self::move_value),
+    };
+
+    /// # Safety
+    ///
+    /// As for [`Mover`]: `from` is the node of a sender with a value of this type, and `to` that of
+    /// a receiver without. No other thread accesses either value.
+    unsafe fn move_value(from: NonNull<Waiter<()>>, to: NonNull<Waiter<()>>) {
+        // SAFETY: the contract.
+        unsafe { Self::put_value_of(to.cast(), Self::take_value_of(from.cast())) };
     }
 
     /// Prepares a plain operation's node of the current process for waiting on a hand-off slot,
@@ -594,6 +631,25 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn release(node: NonNull<Waiter<T>>) -> PendingWake {
         // SAFETY: the contract.
         unsafe { Self::settle(node, Outcome::Done) }
+    }
+}
+
+impl Waiter<()> {
+    /// Moves a value of a type without a [mover](Self::MOVER).
+    ///
+    /// # Safety
+    ///
+    /// As for [`Mover`], of nodes of such a type.
+    #[inline(always)]
+    pub(crate) unsafe fn move_word(from: NonNull<Self>, to: NonNull<Self>) {
+        // SAFETY: by the contract the value lies right behind the link, and more fields behind it,
+        // so that a word can be accessed there. Bytes beyond the value have no meaning.
+        unsafe {
+            let word = |node: NonNull<Self>| {
+                node.byte_add(size_of::<Link>()).cast::<MaybeUninit<u64>>()
+            };
+            word(to).write(word(from).read());
+        }
     }
 }
 

@@ -225,6 +225,39 @@ impl<T> BiasedLock<T> {
         None
     }
 
+    /// As [`lock_if_favoured`](Self::lock_if_favoured), for a critical section that runs no user
+    /// code and takes no other lock: it is not checked whether the thread holds the lock already.
+    ///
+    /// # Safety
+    ///
+    /// The calling thread is that of the executor `home`, and does not hold the lock.
+    #[inline(always)]
+    pub unsafe fn enter_if_favoured(&self, home: u64) -> Result<InsideGuard<'_, T>, Refused> {
+        if self.favoured.load(Ordering::Acquire) != home {
+            return Err(Refused::NotBiased);
+        }
+        // SAFETY: the caller promises that the thread runs an executor, which has locked before,
+        // and does not hold this lock.
+        unsafe { self.inside.enter_unchecked() };
+        fence::light();
+        if self.favoured.load(Ordering::Acquire) == home {
+            return Ok(InsideGuard {
+                lock: self,
+                home,
+                stays_on_its_thread: PhantomData,
+            });
+        }
+        self.inside.leave();
+        Err(Refused::Revoked)
+    }
+
+    /// Ends the critical section of the owner that has left and found the bias revoked.
+    #[cold]
+    #[inline(never)]
+    pub fn after_revocation(&self) {
+        self.inside.leave_revoked();
+    }
+
     /// As [`lock_if_favoured`](Self::lock_if_favoured), for callers that take several such locks at
     /// once, two of which may be the same: `None` also if this thread holds the lock already.
     ///
@@ -453,6 +486,15 @@ impl<T: fmt::Debug> fmt::Debug for BriefGuard<'_, T> {
     }
 }
 
+/// Why the owner of the bias could not [enter](BiasedLock::enter_if_favoured).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refused {
+    /// The lock is not biased to this executor.
+    NotBiased,
+    /// The bias was revoked at this moment: [`BiasedLock::after_revocation`] is to be called.
+    Revoked,
+}
+
 /// The guard of the owner of the bias: see [`BiasedLock::lock_if_favoured`].
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct InsideGuard<'a, T> {
@@ -462,6 +504,18 @@ pub struct InsideGuard<'a, T> {
 }
 
 impl<T> InsideGuard<'_, T> {
+    /// Leaves; `false` if the bias was revoked meanwhile: then the caller calls
+    /// [`BiasedLock::after_revocation`]. For a caller that is to end by that call.
+    #[inline(always)]
+    #[must_use = "a thread that has revoked the bias may wait"]
+    pub fn leave(self) -> bool {
+        self.lock.inside.leave();
+        fence::light();
+        let is_biased = self.lock.favoured.load(Ordering::Relaxed) == self.home;
+        std::mem::forget(self);
+        is_biased
+    }
+
     /// Leaves the lock locked: [`BiasedLock::kept`] returns the guard again.
     #[inline(always)]
     pub fn keep(self) {

@@ -3,7 +3,7 @@
 //! The nodes lie in the waiting futures, so waiting allocates nothing and a dropped future takes
 //! its node with it. The list belongs to a lock: every method is called with that lock held.
 
-use crate::current::{self, Priority, User, WakeHandle};
+use crate::current::{self, PlainPendingWake, Priority, Process, User, WakeHandle};
 use std::ptr::NonNull;
 
 /// One waiter. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a
@@ -53,6 +53,55 @@ impl WaitNode {
             priority,
             user,
             wakeup: None,
+        }
+    }
+
+    /// Makes the node at `place` that of the current process in its plain turn, which waits alone:
+    /// in no list. Only the wake handle is written.
+    ///
+    /// # Safety
+    ///
+    /// It is room for a node that no other thread accesses. `process` is as for
+    /// [`WakeHandle::of_plain_turn`].
+    #[inline(always)]
+    pub unsafe fn wait_alone(place: *mut WaitNode, process: &Process) {
+        // SAFETY: the contract.
+        unsafe { (&raw mut (*place).wakeup).write(Some(WakeHandle::of_plain_turn(process))) };
+    }
+
+    /// Takes the wake of a process that waits alone.
+    ///
+    /// # Safety
+    ///
+    /// The node was made by [`wait_alone`](Self::wait_alone), and only that was done with it. The
+    /// caller has the lock that guards it. The node has no wake handle afterwards.
+    #[inline(always)]
+    pub unsafe fn take_alone(place: *const WaitNode) -> PlainPendingWake {
+        // SAFETY: by the contract the handle is there, and is read once.
+        unsafe { WakeHandle::plain_of(&raw const (*place).wakeup) }
+    }
+
+    /// Writes the other fields of a node that waits alone, so that it can be listed. It gets the
+    /// priority that its process has now.
+    ///
+    /// # Safety
+    ///
+    /// As for [`take_alone`](Self::take_alone), but the wake handle stays.
+    pub unsafe fn complete(place: *mut WaitNode) {
+        // SAFETY: by the contract the handle is there, and nothing else of the node is shared.
+        unsafe {
+            let wakeup = (&raw mut (*place).wakeup).read();
+            let (user, priority) = match wakeup.as_ref().and_then(WakeHandle::process) {
+                Some(process) => (User::Process(process.id()), process.priority()),
+                None => (User::Outside, Priority::default()),
+            };
+            place.write(WaitNode {
+                before: None,
+                after: None,
+                priority,
+                user,
+                wakeup,
+            });
         }
     }
 

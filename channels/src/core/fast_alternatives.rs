@@ -11,7 +11,7 @@ use super::{Channel, FastPath};
 use crate::alternative::{Entry, Look};
 use crate::select_state::SelectState;
 use crate::source::{Offered, Source};
-use crate::wait_point::{LastUser, WaitQueues, user_number};
+use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PlainPendingWake, Process};
@@ -26,7 +26,7 @@ impl<T> Channel<T> {
     ///
     /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
     /// this channel's, and plain but for one registered alternative.
-    pub(super) unsafe fn send_to_registered<S: Source<T>, const RECORDED: bool>(
+    pub(super) unsafe fn send_to_registered<S: Source<T>>(
         &self,
         mut lists: InsideGuard<'_, WaitQueues>,
         offered: NonNull<Offered<T, S>>,
@@ -48,10 +48,6 @@ impl<T> Channel<T> {
             // done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
-                if RECORDED {
-                    self.place
-                        .tell(|| [process.id().get().into(), user_number(node)]);
-                }
                 Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
                 Waiter::settle_plain(receiver);
                 drop(lists);
@@ -70,7 +66,7 @@ impl<T> Channel<T> {
     /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
     /// this channel's, and plain.
     #[inline(never)]
-    pub(super) unsafe fn send_to_guard<S: Source<T>, const RECORDED: bool>(
+    pub(super) unsafe fn send_to_guard<S: Source<T>>(
         &self,
         mut lists: InsideGuard<'_, WaitQueues>,
         offered: NonNull<Offered<T, S>>,
@@ -94,10 +90,6 @@ impl<T> Channel<T> {
                     };
                     drop(gate);
                     lists.sender = LastUser::process(process.id());
-                    if RECORDED {
-                        self.place
-                            .tell(|| [process.id().get().into(), user_number(first)]);
-                    }
                     lists.receivers.remove_first(first);
                     Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
                     Waiter::settle_plain(receiver);
@@ -124,7 +116,7 @@ impl<T> Channel<T> {
     /// As for [`recv_fast`](Self::recv_fast), where `process` has its plain turn. The lists are
     /// this channel's, and plain, and nothing is stored.
     #[inline(never)]
-    pub(super) unsafe fn recv_from_guard<const RECORDED: bool>(
+    pub(super) unsafe fn recv_from_guard(
         &self,
         mut lists: InsideGuard<'_, WaitQueues>,
         node: NonNull<Waiter<T>>,
@@ -148,10 +140,6 @@ impl<T> Channel<T> {
                     };
                     drop(gate);
                     lists.receiver = LastUser::process(process.id());
-                    if RECORDED {
-                        self.place
-                            .tell(|| [user_number(first), process.id().get().into()]);
-                    }
                     lists.senders.remove_first(first);
                     Waiter::put_value_of(node, Waiter::take_value_of(sender));
                     Waiter::settle_plain(sender);
@@ -236,7 +224,7 @@ impl<T> Channel<T> {
     ///
     /// This is the thread of the process' executor.
     #[inline(always)]
-    pub(crate) unsafe fn take_sender_if<const RECORDED: bool>(
+    pub(crate) unsafe fn take_sender_if(
         &self,
         process: &Process,
         still: impl FnOnce() -> bool,
@@ -250,7 +238,7 @@ impl<T> Channel<T> {
                 return None;
             }
             let first = lists.senders.first()?;
-            let taken = take_from_first::<T, RECORDED>(&self.place, &mut lists, first, process)?;
+            let taken = take_from_first::<T>(&mut lists, first, process)?;
             note(lists.senders.is_empty());
             Some(taken)
         }
@@ -274,7 +262,7 @@ impl<T> Channel<T> {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.senders.first()?;
             let (value, ready) =
-                take_from_first::<T, true>(&self.place, &mut lists, first, process)?;
+                take_from_first::<T>(&mut lists, first, process)?;
             Waiter::put_value_of(node, value);
             Some(ready)
         }
@@ -295,7 +283,7 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.receivers.first()?;
-            give_to_first::<T, true>(&self.place, &mut lists, first, node, process)
+            give_to_first::<T>(&mut lists, first, node, process)
         }
     }
 

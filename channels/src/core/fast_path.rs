@@ -3,39 +3,52 @@
 //!
 //! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
 //! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
-//! is cloned or called; no alternative is registered, no call is served, no buffer overwrites.
-//! Whenever one of these conditions does not hold, no state has changed, and the operation takes
-//! the slow path.
+//! is cloned or called; no alternative is registered, no call is served, no buffer overwrites; the
+//! process is neither recorded nor has a replay log. Whenever one of these conditions does not
+//! hold, no state has changed, and the operation takes the slow path.
 //!
-//! A node that was listed here is marked so ([`Waiter::begin_plain`]). An operation that finds it
-//! here knows that its process belongs to this very executor: only the executor that owns the bias
-//! comes here, and a lock is biased to no second one.
+//! ```text
+//!   plain turn? --> lock biased to this executor? --> what waits, one word?
+//!      | no              | no                           | nothing: the node waits alone
+//!      '--> slow path <--'                              | a partner alone: move the value, leave, ready it
+//!                ^                                      | a buffer: store or take a value
+//!                '--------------------------------------' anything else
+//! ```
 //!
-//! A recorded process has a path of its own, which is the same but for the events. So the others
-//! need not test at each event whether it is recorded.
+//! A node that waits alone belongs to a process of this very executor: only the executor that owns
+//! the bias lets a node wait so, and a lock is biased to no second one.
+//!
+//! [`meet`] does not depend on the type of the values, so all channels share one copy of it for
+//! each direction. A system has processes of many kinds, and its channels many types: with a copy
+//! for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between its
+//! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
 
 use super::Channel;
-use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, part_from_sender};
 use crate::source::{Offered, Source};
-use crate::wait_point::{LastUser, WaitPoint, WaitQueues, user_number};
+use crate::wait_point::{LastUser, Mover, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
+use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{self, PlainPendingWake, Process};
-use luna_core::events;
 use luna_core::wait_list::WaitNode;
+use std::hint::cold_path;
 use std::ptr::NonNull;
 use std::task::Context;
 
 /// Result of an operation on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FastPath {
-    /// Fast path unavailable; no state changed. Take the slow path.
-    No,
-    /// The node is listed.
-    Waits,
-    /// It is done, and the partner woken.
+    /// It is done, and the partner is ready.
     Done,
+    /// The node waits.
+    Waits,
     /// It is done, and the process is queued again: others run first.
     GaveWay,
+    /// Fast path unavailable; no state changed. Take the slow path.
+    No,
+    /// There is a buffer. The lock is kept.
+    Store,
+    /// An alternative may be met. The lock is kept.
+    More,
 }
 
 impl FastPath {
@@ -45,9 +58,393 @@ impl FastPath {
     #[inline(always)]
     pub(super) unsafe fn done(process: &Process) -> FastPath {
         // SAFETY: the contract is the same.
-        match unsafe { current::gives_way(process) } {
+        Self::done_if(unsafe { current::gives_way(process) })
+    }
+
+    #[inline(always)]
+    fn done_if(gives_way: bool) -> FastPath {
+        match gives_way {
             true => FastPath::GaveWay,
             false => FastPath::Done,
+        }
+    }
+}
+
+/// Meets the partner that waits alone, or lets the operation wait. O(1).
+///
+/// # Safety
+///
+/// `node` is that of an operation of the channel around `place`, a send if `SEND`, and not listed. A
+/// send's holds its value, and a receive's none. No other thread accesses it, and it stays where it
+/// is until it is settled or withdrawn. `process` is the current one, in a plain turn.
+#[inline(always)]
+unsafe fn meet<const SEND: bool>(
+    place: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    process: &Process,
+) -> FastPath {
+    // SAFETY: this is the thread of the process' executor, which holds no lock when it polls.
+    let mut lists = match unsafe { place.enter(process.home_number()) } {
+        Ok(lists) => lists,
+        Err(Refused::NotBiased) => return FastPath::No,
+        Err(Refused::Revoked) => return revoked(place, FastPath::No),
+    };
+    // SAFETY: the contract. The lock is held: a node that waits alone is live, and belongs to a
+    // process of this executor.
+    unsafe {
+        if let Some(partner) = lists.waiting.one(!SEND) {
+            let (from, to) = match SEND {
+                true => (node, partner.cast()),
+                false => (partner.cast(), node),
+            };
+            if let Some(mover) = lists.mover {
+                lists.keep();
+                return part_long::<SEND>(place, (from, to), mover, process);
+            }
+            Waiter::move_word(from, to);
+            return part::<SEND>(place, lists, partner, process);
+        }
+        if lists.waiting.is_idle() {
+            note_user::<SEND>(&mut lists, process);
+            Waiter::begin_alone(node, process);
+            lists.set_alone(node.cast(), SEND);
+            if !lists.leave() {
+                return revoked(place, FastPath::Waits);
+            }
+            return FastPath::Waits;
+        }
+        lists.keep();
+        meet_otherwise::<SEND>(place, node, process)
+    }
+}
+
+/// Lets the partner go after the value was moved: it is ready from here on.
+///
+/// # Safety
+///
+/// The partner waits alone, and `process` is the current one, in a plain turn, of the executor that
+/// has the lock.
+#[inline(always)]
+unsafe fn part<const SEND: bool>(
+    place: &WaitPoint,
+    mut lists: InsideGuard<'_, WaitQueues>,
+    partner: NonNull<WaitNode>,
+    process: &Process,
+) -> FastPath {
+    // SAFETY: by the contract the partner's wake handle was made on this thread, and no other
+    // thread has taken it, since the lock is held.
+    unsafe {
+        let ready = WaitNode::take_alone(partner.as_ptr());
+        note_user::<SEND>(&mut lists, process);
+        lists.set_nothing_waits();
+        Waiter::<()>::settle_plain(partner.cast());
+        if !lists.leave() {
+            return part_revoked(place, ready, process);
+        }
+        ready.wake_in_turn(process).map_or_else(
+            |ready| wake_otherwise(ready, process),
+            FastPath::done_if,
+        )
+    }
+}
+
+/// As the rest of [`meet`], for a value that is longer than a word. The lock was kept.
+///
+/// # Safety
+///
+/// As there; the value is to be moved from the first node to the second, one of which is the
+/// partner's.
+#[inline(never)]
+unsafe fn part_long<const SEND: bool>(
+    place: &WaitPoint,
+    (from, to): (NonNull<Waiter<()>>, NonNull<Waiter<()>>),
+    mover: Mover,
+    process: &Process,
+) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        mover(from, to);
+        let partner = if SEND { to } else { from };
+        let lists = place.kept(process.home_number());
+        part::<SEND>(place, lists, partner.cast(), process)
+    }
+}
+
+/// The owner has left, and found the bias revoked.
+#[cold]
+#[inline(never)]
+fn revoked(place: &WaitPoint, result: FastPath) -> FastPath {
+    place.after_revocation();
+    result
+}
+
+/// As the rest of [`part`].
+///
+/// # Safety
+///
+/// As there.
+#[cold]
+#[inline(never)]
+unsafe fn part_revoked(place: &WaitPoint, ready: PlainPendingWake, process: &Process) -> FastPath {
+    place.after_revocation();
+    // SAFETY: the contract.
+    unsafe { wake_otherwise(ready, process) }
+}
+
+/// Readies the partner, whatever is ready already.
+///
+/// # Safety
+///
+/// As for [`part`].
+#[inline(never)]
+unsafe fn wake_otherwise(ready: PlainPendingWake, process: &Process) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        ready.fetch();
+        ready.wake();
+        FastPath::done(process)
+    }
+}
+
+#[inline(always)]
+fn note_user<const SEND: bool>(lists: &mut WaitQueues, process: &Process) {
+    let user = LastUser::process(process.id());
+    match SEND {
+        true => lists.sender = user,
+        false => lists.receiver = user,
+    }
+}
+
+/// As [`meet`], where neither nothing nor a partner waits alone. The lock was kept.
+///
+/// # Safety
+///
+/// As there.
+#[cold]
+#[inline(never)]
+unsafe fn meet_otherwise<const SEND: bool>(
+    place: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    process: &Process,
+) -> FastPath {
+    // SAFETY: the contract; the lock was kept.
+    unsafe {
+        let mut lists = place.kept(process.home_number());
+        if lists.leave_queues() {
+            drop(lists);
+            return match SEND {
+                true => send(place, node, process),
+                false => recv(place, node, process),
+            };
+        }
+        let is_store = !lists.is_rendezvous && lists.is_plain && lists.receivers.is_empty();
+        let uses_queues = lists.waiting == Waiting::QUEUES;
+        if is_store && (uses_queues || lists.waiting.is_store()) {
+            lists.keep();
+            return FastPath::Store;
+        }
+        let may_meet_guard = lists.is_plain_rendezvous() && !lists.is_storing;
+        if uses_queues && (may_meet_guard || SEND && lists.is_plain_but_registered) {
+            lists.keep();
+            return FastPath::More;
+        }
+        FastPath::No
+    }
+}
+
+/// As [`meet`].
+///
+/// # Safety
+///
+/// As there.
+#[inline(never)]
+unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, process: &Process) -> FastPath {
+    // SAFETY: the contract.
+    unsafe { meet::<true>(place, node, process) }
+}
+
+/// As [`meet`].
+///
+/// # Safety
+///
+/// As there.
+#[inline(never)]
+unsafe fn recv(place: &WaitPoint, node: NonNull<Waiter<()>>, process: &Process) -> FastPath {
+    // SAFETY: the contract.
+    unsafe { meet::<false>(place, node, process) }
+}
+
+impl<T> Channel<T> {
+    /// Sends, or lets the sender wait. O(1), without atomic read-modify-writes. If the result is
+    /// `Store` or `More`, [`send_otherwise`](Self::send_otherwise) is to be called at once.
+    ///
+    /// # Safety
+    ///
+    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
+    /// stays where it is until it is settled or withdrawn.
+    #[inline(always)]
+    pub(crate) unsafe fn send_fast<S: Source<T>>(
+        &self,
+        offered: NonNull<Offered<T, S>>,
+        cx: &Context<'_>,
+    ) -> FastPath {
+        if S::MAKE.is_some() {
+            return FastPath::No;
+        }
+        let Some(process) = current::plain_turn(cx) else {
+            cold_path();
+            return FastPath::No;
+        };
+        // SAFETY: the contract; the node is the first part of what is offered.
+        unsafe { send(&self.place, offered.cast(), process) }
+    }
+
+    /// Stores the value, or meets an alternative.
+    ///
+    /// # Safety
+    ///
+    /// As for [`send_fast`](Self::send_fast), which was called just before and has returned
+    /// `found`.
+    #[inline(never)]
+    pub(crate) unsafe fn send_otherwise<S: Source<T>>(
+        &self,
+        found: FastPath,
+        offered: NonNull<Offered<T, S>>,
+    ) -> FastPath {
+        // SAFETY: the contract: this is a process' plain turn, and its executor has the lock.
+        unsafe {
+            let process = current::this_process();
+            match found {
+                FastPath::Store => self.store_fast(offered.cast(), process),
+                FastPath::More => {
+                    let lists = self.place.kept(process.home_number());
+                    match lists.is_plain_but_registered {
+                        true => self.send_to_registered(lists, offered, process),
+                        false => self.send_to_guard(lists, offered, process),
+                    }
+                }
+                found => found,
+            }
+        }
+    }
+
+    /// Stores the value of a sender, or lists the sender.
+    ///
+    /// # Safety
+    ///
+    /// `node` holds a value; as for [`send_otherwise`](Self::send_otherwise).
+    unsafe fn store_fast(&self, node: NonNull<Waiter<T>>, process: &Process) -> FastPath {
+        // SAFETY: the contract: this is the executor that has kept the lock, which guards the store
+        // too.
+        unsafe {
+            let mut lists = self.place.kept(process.home_number());
+            if self.store.with(|store| (*store).len() < self.capacity()) {
+                note_user::<true>(&mut lists, process);
+                let value = Waiter::take_value_of(node);
+                self.store.with_mut(|store| (*store).push_back(value));
+                lists.is_storing = true;
+                drop(lists);
+                return FastPath::done(process);
+            }
+            if !lists.senders.is_empty() {
+                return FastPath::No;
+            }
+            note_user::<true>(&mut lists, process);
+            lists.list_alone();
+            Waiter::begin_plain(node, process);
+            lists.senders.insert_alone(node.cast());
+            FastPath::Waits
+        }
+    }
+
+    /// Receives into the node, or lets the receiver wait. O(1), without atomic read-modify-writes.
+    /// If the result is `Store` or `More`, [`recv_otherwise`](Self::recv_otherwise) is to be called
+    /// at once.
+    ///
+    /// # Safety
+    ///
+    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
+    /// is until it is settled or withdrawn.
+    #[inline(always)]
+    pub(crate) unsafe fn recv_fast(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
+        let Some(process) = current::plain_turn(cx) else {
+            cold_path();
+            return FastPath::No;
+        };
+        // SAFETY: the contract.
+        unsafe { recv(&self.place, node.cast(), process) }
+    }
+
+    /// Takes a stored value, or meets an alternative.
+    ///
+    /// # Safety
+    ///
+    /// As for [`recv_fast`](Self::recv_fast), which was called just before and has returned
+    /// `found`.
+    #[inline(never)]
+    pub(crate) unsafe fn recv_otherwise(
+        &self,
+        found: FastPath,
+        node: NonNull<Waiter<T>>,
+    ) -> FastPath {
+        // SAFETY: the contract: this is a process' plain turn, and its executor has the lock.
+        unsafe {
+            let process = current::this_process();
+            match found {
+                FastPath::Store => self.recv_stored(node, process),
+                FastPath::More => {
+                    let lists = self.place.kept(process.home_number());
+                    self.recv_from_guard(lists, node, process)
+                }
+                found => found,
+            }
+        }
+    }
+
+    /// Receives a stored value, and a waiting sender moves up; or lets the receiver wait.
+    ///
+    /// # Safety
+    ///
+    /// As for [`recv_otherwise`](Self::recv_otherwise).
+    unsafe fn recv_stored(&self, node: NonNull<Waiter<T>>, process: &Process) -> FastPath {
+        // SAFETY: the contract: this is the executor that has kept the lock, which guards the store
+        // too.
+        unsafe {
+            let mut lists = self.place.kept(process.home_number());
+            let stored = self.store.with(|store| (*store).len());
+            // Values given back by dropped futures may exceed the capacity.
+            if stored > self.capacity() {
+                return FastPath::No;
+            }
+            let mut moves_up = None;
+            if let Some(first) = lists.senders.first() {
+                let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<T>>()) else {
+                    return FastPath::No;
+                };
+                moves_up = Some((first, ready));
+            }
+            note_user::<false>(&mut lists, process);
+            let Some(value) = self.store.with_mut(|store| (*store).pop_front()) else {
+                if !lists.waiting.is_store() {
+                    return FastPath::No;
+                }
+                Waiter::begin_alone(node, process);
+                lists.set_alone(node.cast(), false);
+                return FastPath::Waits;
+            };
+            Waiter::put_value_of(node, value);
+            let Some((first, ready)) = moves_up else {
+                lists.is_storing = stored > 1;
+                drop(lists);
+                return FastPath::done(process);
+            };
+            let sender = first.cast::<Waiter<T>>();
+            lists.senders.remove_first(first);
+            let next = Waiter::take_value_of(sender);
+            self.store.with_mut(|store| (*store).push_back(next));
+            Waiter::settle_plain(sender);
+            drop(lists);
+            wake_otherwise(ready, process)
         }
     }
 }
@@ -60,8 +457,7 @@ impl FastPath {
 /// `first` is the first of the receivers, in a channel of values of this type; this executor holds
 /// its lock. `offered` holds a value, and no other thread accesses it.
 #[inline(always)]
-pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
-    place: &WaitPoint,
+pub(super) unsafe fn give_to_first<T>(
     lists: &mut WaitQueues,
     first: NonNull<WaitNode>,
     offered: NonNull<Waiter<T>>,
@@ -71,10 +467,7 @@ pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
     unsafe {
         let receiver = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wakeup(receiver)?;
-        if RECORDED {
-            place.tell(|| [process.id().get().into(), user_number(first)]);
-        }
-        lists.sender = LastUser::process(process.id());
+        note_user::<true>(lists, process);
         lists.receivers.remove_first(first);
         Waiter::put_value_of(receiver, Waiter::take_value_of(offered));
         Waiter::settle_plain(receiver);
@@ -90,8 +483,7 @@ pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
 /// `first` is the first of the senders, in a channel of values of this type; this executor holds
 /// its lock.
 #[inline(always)]
-pub(super) unsafe fn take_from_first<T, const RECORDED: bool>(
-    place: &WaitPoint,
+pub(super) unsafe fn take_from_first<T>(
     lists: &mut WaitQueues,
     first: NonNull<WaitNode>,
     process: &Process,
@@ -100,279 +492,10 @@ pub(super) unsafe fn take_from_first<T, const RECORDED: bool>(
     unsafe {
         let sender = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wakeup(sender)?;
-        if RECORDED {
-            place.tell(|| [user_number(first), process.id().get().into()]);
-        }
-        lists.receiver = LastUser::process(process.id());
+        note_user::<false>(lists, process);
         lists.senders.remove_first(first);
         let value = Waiter::take_value_of(sender);
         Waiter::settle_plain(sender);
         Some((value, ready))
-    }
-}
-
-impl<T> Channel<T> {
-    /// Sends, or lists the sender. O(1), without atomic read-modify-writes.
-    ///
-    /// # Safety
-    ///
-    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
-    /// stays where it is until it is settled or withdrawn.
-    #[inline(always)]
-    pub(crate) unsafe fn send_fast<S: Source<T>>(
-        &self,
-        offered: NonNull<Offered<T, S>>,
-        cx: &Context<'_>,
-    ) -> FastPath {
-        if S::MAKE.is_some() {
-            return FastPath::No;
-        }
-        // SAFETY: the contract.
-        unsafe { self.send_in_turn::<S, false>(offered, cx) }
-    }
-
-    /// # Safety
-    ///
-    /// As for [`send_fast`](Self::send_fast).
-    #[inline(always)]
-    unsafe fn send_in_turn<S: Source<T>, const RECORDED: bool>(
-        &self,
-        offered: NonNull<Offered<T, S>>,
-        cx: &Context<'_>,
-    ) -> FastPath {
-        // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible
-        // while the lock is held.
-        unsafe {
-            match come_to_send::<RECORDED>(&self.place, offered.cast(), cx) {
-                Found::Partner(receiver) => {
-                    let value = Waiter::take_value_of(offered.cast::<Waiter<T>>());
-                    Waiter::put_value_of(receiver.cast::<Waiter<T>>(), value);
-                    part_from_receiver::<RECORDED>(&self.place, receiver)
-                }
-                Found::Nobody => FastPath::Waits,
-                Found::Buffer => self.store_fast::<RECORDED>(offered.cast()),
-                found => self.send_otherwise::<S, RECORDED>(found, offered, cx),
-            }
-        }
-    }
-
-    /// As [`send_fast`](Self::send_fast), for a recorded process. Its waiting is noted.
-    ///
-    /// # Safety
-    ///
-    /// As there.
-    #[cold]
-    unsafe fn send_recorded<S: Source<T>>(
-        &self,
-        offered: NonNull<Offered<T, S>>,
-        cx: &Context<'_>,
-    ) -> FastPath {
-        // SAFETY: the contract.
-        let came_to = unsafe { self.send_in_turn::<S, true>(offered, cx) };
-        if came_to == FastPath::Waits {
-            self.place.waits();
-        }
-        came_to
-    }
-
-    /// Sends where an alternative may be met, or for a recorded process; or returns
-    /// [`No`](FastPath::No) for the slow path.
-    ///
-    /// # Safety
-    ///
-    /// As for [`send_fast`](Self::send_fast); `found` is what the sender has found.
-    #[inline(never)]
-    unsafe fn send_otherwise<S: Source<T>, const RECORDED: bool>(
-        &self,
-        found: Found,
-        offered: NonNull<Offered<T, S>>,
-        cx: &Context<'_>,
-    ) -> FastPath {
-        if found != Found::More {
-            return match !RECORDED && events::is_on() {
-                // SAFETY: the contract: no state has changed.
-                true => unsafe { self.send_recorded(offered, cx) },
-                false => FastPath::No,
-            };
-        }
-        // SAFETY: the contract: this is a process' turn, and it has the lock.
-        unsafe {
-            let process = current::this_process();
-            let lists = self.place.kept(process.home_number());
-            match (lists.is_plain, lists.is_plain_but_registered) {
-                (false, true) => self.send_to_registered::<S, RECORDED>(lists, offered, process),
-                (true, _) if lists.is_rendezvous => {
-                    self.send_to_guard::<S, RECORDED>(lists, offered, process)
-                }
-                _ => FastPath::No,
-            }
-        }
-    }
-
-    /// Stores the value of a sender that has found only a [buffer](Found::Buffer), or lists the
-    /// sender.
-    ///
-    /// # Safety
-    ///
-    /// `node` holds a value; as for [`send_fast`](Self::send_fast).
-    #[inline(never)]
-    unsafe fn store_fast<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> FastPath {
-        // SAFETY: the contract: this is a process' turn, and it has the lock.
-        unsafe {
-            let process = current::this_process();
-            let mut lists = self.place.kept(process.home_number());
-            if self.store.with(|store| (*store).len() < self.capacity()) {
-                lists.sender = LastUser::process(process.id());
-                if RECORDED {
-                    self.place.tell(|| [process.id().get().into(), 0]);
-                }
-                let value = Waiter::take_value_of(node);
-                self.store.with_mut(|store| (*store).push_back(value));
-                lists.is_storing = true;
-                drop(lists);
-                return FastPath::done(process);
-            }
-            if !lists.senders.is_empty() {
-                return FastPath::No;
-            }
-            lists.sender = LastUser::process(process.id());
-            Waiter::begin_plain(node, process);
-            lists.senders.insert_alone(node.cast());
-            FastPath::Waits
-        }
-    }
-
-    /// Receives into the node, or lists the receiver. O(1), without atomic read-modify-writes.
-    ///
-    /// # Safety
-    ///
-    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
-    /// is until it is settled or withdrawn.
-    #[inline(always)]
-    pub(crate) unsafe fn recv_fast(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
-        // SAFETY: the contract.
-        unsafe { self.recv_in_turn::<false>(node, cx) }
-    }
-
-    /// # Safety
-    ///
-    /// As for [`recv_fast`](Self::recv_fast).
-    #[inline(always)]
-    unsafe fn recv_in_turn<const RECORDED: bool>(
-        &self,
-        node: NonNull<Waiter<T>>,
-        cx: &Context<'_>,
-    ) -> FastPath {
-        // SAFETY: the contract. A sender that is found holds its value, and its node is accessible
-        // while the lock is held.
-        unsafe {
-            match come_to_receive::<RECORDED>(&self.place, node.cast(), cx) {
-                Found::Partner(sender) => {
-                    let value = Waiter::take_value_of(sender.cast::<Waiter<T>>());
-                    Waiter::put_value_of(node, value);
-                    part_from_sender::<RECORDED>(&self.place, sender)
-                }
-                Found::Nobody => FastPath::Waits,
-                Found::Buffer => self.recv_stored::<RECORDED>(node),
-                found => self.recv_otherwise::<RECORDED>(found, node, cx),
-            }
-        }
-    }
-
-    /// As [`recv_fast`](Self::recv_fast), for a recorded process. Its waiting is noted.
-    ///
-    /// # Safety
-    ///
-    /// As there.
-    #[cold]
-    unsafe fn recv_recorded(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
-        // SAFETY: the contract.
-        let came_to = unsafe { self.recv_in_turn::<true>(node, cx) };
-        if came_to == FastPath::Waits {
-            self.place.waits();
-        }
-        came_to
-    }
-
-    /// As [`send_otherwise`](Self::send_otherwise), for a receiver.
-    ///
-    /// # Safety
-    ///
-    /// As for [`recv_fast`](Self::recv_fast); `found` is what the receiver has found.
-    #[inline(never)]
-    unsafe fn recv_otherwise<const RECORDED: bool>(
-        &self,
-        found: Found,
-        node: NonNull<Waiter<T>>,
-        cx: &Context<'_>,
-    ) -> FastPath {
-        if found != Found::More {
-            return match !RECORDED && events::is_on() {
-                // SAFETY: the contract: no state has changed.
-                true => unsafe { self.recv_recorded(node, cx) },
-                false => FastPath::No,
-            };
-        }
-        // SAFETY: the contract: this is a process' turn, and it has the lock.
-        unsafe {
-            let process = current::this_process();
-            let lists = self.place.kept(process.home_number());
-            match lists.is_rendezvous {
-                true => self.recv_from_guard::<RECORDED>(lists, node, process),
-                false => FastPath::No,
-            }
-        }
-    }
-
-    /// Receives a stored value; a waiting sender moves up.
-    ///
-    /// # Safety
-    ///
-    /// As for [`recv_fast`](Self::recv_fast), by a receiver that has found a
-    /// [buffer](Found::Buffer).
-    #[inline(never)]
-    unsafe fn recv_stored<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> FastPath {
-        // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the
-        // store too.
-        unsafe {
-            let process = current::this_process();
-            let mut lists = self.place.kept(process.home_number());
-            let stored = self.store.with(|store| (*store).len());
-            // Values given back by dropped futures may exceed the capacity.
-            if stored > self.capacity() {
-                return FastPath::No;
-            }
-            let mut moves_up = None;
-            if let Some(first) = lists.senders.first() {
-                let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<T>>()) else {
-                    return FastPath::No;
-                };
-                moves_up = Some((first, ready));
-            }
-            lists.receiver = LastUser::process(process.id());
-            let Some(value) = self.store.with_mut(|store| (*store).pop_front()) else {
-                return FastPath::No;
-            };
-            Waiter::put_value_of(node, value);
-            if RECORDED {
-                self.place.tell(|| [0, process.id().get().into()]);
-            }
-            let Some((first, ready)) = moves_up else {
-                lists.is_storing = stored > 1;
-                drop(lists);
-                return FastPath::done(process);
-            };
-            let sender = first.cast::<Waiter<T>>();
-            if RECORDED {
-                self.place.tell(|| [user_number(first), 0]);
-            }
-            lists.senders.remove_first(first);
-            let next = Waiter::take_value_of(sender);
-            self.store.with_mut(|store| (*store).push_back(next));
-            Waiter::settle_plain(sender);
-            drop(lists);
-            ready.wake();
-            FastPath::done(process)
-        }
     }
 }

@@ -21,7 +21,6 @@ mod fast_alternatives;
 mod fast_path;
 mod guard;
 mod hand_off;
-mod meeting;
 
 pub(crate) use fast_path::FastPath;
 pub(crate) use guard::{ChannelGuard, Locked, Received, Sent};
@@ -78,11 +77,9 @@ impl<T> Channel<T> {
     pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
         let mut place = WaitPoint::new(identity);
         place.with_mut(|lists| {
-            lists.is_rendezvous = buffer.capacity == 0;
             // A buffer that drops values, or grows, needs the slow path.
-            lists.may_be_plain = buffer.when_full == WhenFull::Wait;
-            lists.order.is_ordered = !lists.may_be_plain;
-            lists.find_whether_plain();
+            let may_be_plain = buffer.when_full == WhenFull::Wait;
+            lists.set_up(buffer.capacity == 0, may_be_plain, Waiter::<T>::MOVER);
         });
         let channel = Box::new(Channel {
             place,

@@ -165,6 +165,15 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         }
     }
 
+    /// What a plain receive returns whose node holds its value.
+    #[inline(always)]
+    fn done(&mut self) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        self.phase = Phase::Over;
+        // SAFETY: a done receive holds its value, and no other thread knows the node any more.
+        let value = unsafe { self.waiter().take_value() };
+        Poll::Ready(Ok(M::received(self.receiver, value, 0, M::Note::default())))
+    }
+
     /// Keeps the received value in the node.
     #[inline]
     pub(super) fn keep(&mut self, value: T, ticket: u32) {
@@ -258,11 +267,26 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         fast_path: FastPath,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
-        if fast_path == FastPath::GaveWay {
-            self.phase = Phase::GaveWay;
-            return Poll::Pending;
+        let fast_path = match fast_path {
+            // SAFETY: the fast path has just returned this for this receive, whose node is as new.
+            FastPath::Store | FastPath::More => unsafe {
+                let channel = self.receiver.channel();
+                channel.recv_otherwise(fast_path, self.node())
+            },
+            other => other,
+        };
+        match fast_path {
+            FastPath::Done => self.done(),
+            FastPath::Waits => {
+                self.phase = Phase::Listed;
+                Poll::Pending
+            }
+            FastPath::GaveWay => {
+                self.phase = Phase::GaveWay;
+                Poll::Pending
+            }
+            _ => self.poll_generally(cx),
         }
-        self.poll_generally(cx)
     }
 
     /// Polls wherever the process is, and whatever is asked of the channel.
@@ -420,13 +444,15 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 return Poll::Pending;
             }
             if fast_path == FastPath::Done {
-                this.phase = Phase::Settled(Outcome::Done);
-                return Poll::Ready(this.settled(Outcome::Done));
+                return this.done();
             }
             cold_path();
             return this.poll_away(fast_path, cx);
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
+            if !M::HOLDS && !M::INHERITS {
+                return this.done();
+            }
             return Poll::Ready(this.settled(Outcome::Done));
         }
         cold_path();

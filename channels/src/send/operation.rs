@@ -323,11 +323,29 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         fast_path: FastPath,
         cx: &mut Context<'_>,
     ) -> Poll<Result<(), SendError<S::Unsent>>> {
-        if fast_path == FastPath::GaveWay {
-            self.phase = Phase::GaveWay;
-            return Poll::Pending;
+        let fast_path = match fast_path {
+            // SAFETY: the fast path has just returned this for this send, whose node is as new.
+            FastPath::Store | FastPath::More => unsafe {
+                let channel = self.sender.channel();
+                channel.send_otherwise(fast_path, self.place_of_offer())
+            },
+            other => other,
+        };
+        match fast_path {
+            FastPath::Done => {
+                self.phase = Phase::Over;
+                Poll::Ready(Ok(()))
+            }
+            FastPath::Waits => {
+                self.phase = Phase::Listed;
+                Poll::Pending
+            }
+            FastPath::GaveWay => {
+                self.phase = Phase::GaveWay;
+                Poll::Pending
+            }
+            _ => self.poll_generally(cx),
         }
-        self.poll_generally(cx)
     }
 
     /// Polls wherever the process is, and whatever is asked of the channel.

@@ -9,6 +9,7 @@ use crate::events;
 use std::any::Any;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
+use std::hint::cold_path;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::ops::Range;
 use std::ptr::{self, NonNull};
@@ -394,13 +395,6 @@ impl Process {
         self.home.number()
     }
 
-    /// Whether one of the `ready` levels is above its own.
-    #[inline]
-    pub(super) fn is_outranked(&self, ready: u32) -> bool {
-        // Two shifts: a shift by 32 would be masked to none.
-        (ready >> self.level()) >> 1 != 0
-    }
-
     /// Whether `cx` has the process' own waker; its address is almost always the same.
     #[inline]
     pub(super) fn is_polled_with(&self, cx: &Context<'_>) -> bool {
@@ -459,6 +453,33 @@ impl Process {
         // SAFETY: the caller's promises are those that `ready_at` requires; the level is at most
         // the process' own.
         unsafe { self.ready_at(self.level().saturating_sub(lowered), place) };
+    }
+
+    /// Readies the process, which waits, if no other one is ready and `current` need not yield to
+    /// it. Counts an operation of `current`. `false`: it is not so, and no state has changed.
+    ///
+    /// # Safety
+    ///
+    /// As for [`ready_at`](Self::ready_at).
+    #[inline(always)]
+    pub(super) unsafe fn ready_alone(&self, current: &Process) -> bool {
+        super::THREAD.with(|thread| {
+            let left = thread.operations_left.get();
+            let level = self.level();
+            if self.state.load(Ordering::Relaxed) != 0
+                || left == 0
+                || level > current.level()
+                || thread.queue.is_filled()
+            {
+                return false;
+            }
+            thread.operations_left.set(left - 1);
+            self.state.store(state::QUEUED, Ordering::Relaxed);
+            // SAFETY: the caller's promises are those that `ready_at` requires. By its state the
+            // process is in no queue, and nothing is ready.
+            unsafe { thread.queue.fill(level, self.link()) };
+            true
+        })
     }
 
     /// Puts the process into its executor's run queue at `level`, unless it is there at that level
@@ -565,11 +586,13 @@ impl Process {
         const WAITS: u8 = state::RUNNING;
         const YIELDS: u8 = state::RUNNING | state::YIELDED;
         const READY: u8 = state::RUNNING | state::QUEUED;
-        match self.state.load(Ordering::Relaxed) {
-            WAITS => {
-                self.state.store(0, Ordering::Relaxed);
-                AfterTurn::Nothing
-            }
+        let now = self.state.load(Ordering::Relaxed);
+        if now == WAITS {
+            self.state.store(0, Ordering::Relaxed);
+            return AfterTurn::Nothing;
+        }
+        cold_path();
+        match now {
             YIELDS => {
                 self.state.store(state::QUEUED, Ordering::Relaxed);
                 // SAFETY: the caller promises that this is the executor's thread and that the

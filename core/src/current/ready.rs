@@ -53,8 +53,7 @@ pub fn is_outranked() -> bool {
             let level = process
                 .level()
                 .saturating_sub(thread.branch.get().lowered());
-            // Two shifts: a shift by 32 would be masked to none.
-            (thread.queue.bits() >> level) >> 1 != 0
+            thread.queue.has_above(level)
         })
     })
 }
@@ -171,7 +170,7 @@ pub fn spend_operation() -> bool {
 #[inline(always)]
 pub unsafe fn gives_way(process: &Process) -> bool {
     let gives_way = THREAD.with(|thread| {
-        if process.is_outranked(thread.queue.bits()) {
+        if thread.queue.has_above(process.level()) {
             return Some(Place::First);
         }
         let left = thread.operations_left.get();

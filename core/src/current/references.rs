@@ -73,6 +73,13 @@ impl References {
         here != HAS_ENDED
     }
 
+    /// As [`remove_here`](Self::remove_here), of a process that is known not to have ended.
+    #[inline(always)]
+    pub(super) fn remove_before_end(&self) {
+        debug_assert_ne!(self.here.get(), HAS_ENDED);
+        self.here.set(self.here.get().wrapping_sub(1));
+    }
+
     /// Ends the process, on the executor's thread, once; `true` if there is no reference to it.
     #[must_use = "if nobody refers to it, the process is to be freed"]
     pub(super) fn end(&self) -> bool {

@@ -71,6 +71,18 @@ impl RunQueue {
         self.bits.get() | slot
     }
 
+    /// Whether a process is ready above `level`.
+    #[inline(always)]
+    pub(super) fn has_above(&self, level: u8) -> bool {
+        match self.slot.get() {
+            // SAFETY: by the invariant the process in the slot is live, and no other one is queued
+            // above it.
+            Some(next) => unsafe { next.as_ref() }.level.get() > level,
+            // Only `pretend` leads to more here. Two shifts: a shift by 32 would be masked to none.
+            None => (self.bits.get() >> level) >> 1 != 0,
+        }
+    }
+
     /// Makes readers believe that these levels have a ready process.
     pub(super) fn pretend(&self, bits: u32) {
         self.slot.set(None);
@@ -128,6 +140,24 @@ impl RunQueue {
                 self.link::<false>(node);
             }
         }
+    }
+
+    /// Whether a process is ready.
+    #[inline(always)]
+    pub(super) fn is_filled(&self) -> bool {
+        self.slot.get().is_some()
+    }
+
+    /// As [`push_back`](Self::push_back), where no process is ready.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(super) unsafe fn fill(&self, level: u8, node: NonNull<Link>) {
+        // SAFETY: the caller promises that the node is live.
+        unsafe { node.as_ref() }.level.set(level);
+        self.slot.set(Some(node));
     }
 
     /// Puts a process before the others of its level.

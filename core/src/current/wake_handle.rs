@@ -253,6 +253,32 @@ impl WakeHandle {
         }
     }
 
+    /// Reads a handle that was made [in a plain turn](Self::of_plain_turn). One word is moved.
+    ///
+    /// # Safety
+    ///
+    /// There is such a handle at `place`, and it is not used again.
+    #[inline(always)]
+    pub(crate) unsafe fn plain_of(place: *const Option<WakeHandle>) -> PlainPendingWake {
+        // SAFETY: by the contract it is `Some`, and a process' handle; it is read once.
+        unsafe {
+            match &*place {
+                Some(WakeHandle(Inner::Process(reference))) => {
+                    PlainPendingWake(ptr::read(reference))
+                }
+                _ => std::hint::unreachable_unchecked(),
+            }
+        }
+    }
+
+    /// The process that it wakes without a waker.
+    pub(crate) fn process(&self) -> Option<&Process> {
+        match &self.0 {
+            Inner::Process(reference) => Some(reference.process()),
+            Inner::Waker(_) => None,
+        }
+    }
+
     /// Whether it wakes the same task as `cx`.
     #[inline]
     pub fn is_of(&self, cx: &Context<'_>) -> bool {
@@ -312,6 +338,33 @@ impl PlainPendingWake {
     #[inline(always)]
     pub fn fetch(&self) {
         fetch::lines(self.0.pointer().as_ptr().cast(), FETCHED);
+    }
+
+    /// Readies the process, and returns whether `current` yields to it, as
+    /// [`gives_way`](super::gives_way) would; if the process waits, and no other process is ready.
+    /// Otherwise gives the pending wake back, and no state has changed. O(1), without atomics.
+    ///
+    /// # Errors
+    ///
+    /// The pending wake, if it is not so.
+    ///
+    /// # Safety
+    ///
+    /// As for [`wake`](Self::wake) and `gives_way`.
+    #[inline(always)]
+    pub unsafe fn wake_in_turn(self, current: &Process) -> Result<bool, Self> {
+        let process = self.0.process();
+        // SAFETY: the caller promises that the handle was made on this thread, which is the
+        // executor's. A process that waits is kept by its executor until it was popped.
+        unsafe {
+            if !process.ready_alone(current) {
+                return Err(self);
+            }
+            // One that waits has not ended.
+            process.references.remove_before_end();
+            mem::forget(self);
+        }
+        Ok(false)
     }
 
     /// Readies the process behind the others of its level. O(1), without atomics.

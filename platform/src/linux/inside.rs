@@ -57,6 +57,18 @@ impl Inside {
         self.word.store(me, Ordering::Relaxed);
     }
 
+    /// As [`enter`](Self::enter), without a check.
+    ///
+    /// # Safety
+    ///
+    /// The thread of the owner has locked something before, so that its id is known; and it is not
+    /// inside.
+    #[inline(always)]
+    pub unsafe fn enter_unchecked(&self) {
+        debug_assert!(!self.is_entered() && known_thread_id() != 0);
+        self.word.store(known_thread_id(), Ordering::Relaxed);
+    }
+
     /// Panics if this thread is inside.
     pub fn assert_not_here(&self) {
         if self.word.load(Ordering::Relaxed) & libc::FUTEX_TID_MASK == thread_id() {

@@ -24,6 +24,13 @@ impl Inside {
     /// The owner enters.
     pub fn enter(&self) {}
 
+    /// As [`enter`](Self::enter), without a check.
+    ///
+    /// # Safety
+    ///
+    /// As on Linux.
+    pub unsafe fn enter_unchecked(&self) {}
+
     /// Panics if this thread is inside.
     pub fn assert_not_here(&self) {}
 
