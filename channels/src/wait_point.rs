@@ -6,7 +6,7 @@ use crate::inspect::Identity;
 use crate::taped::{Order, Taped};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
-use luna_core::current::{Inheritor, ProcessId, User};
+use luna_core::current::{Inheritor, ProcessId, Turn, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
@@ -72,13 +72,18 @@ impl Waiting {
     #[inline(always)]
     fn alone(node: NonNull<WaitNode>, is_sender: bool) -> Self {
         const { assert!(align_of::<WaitNode>() > Self::TAG) };
-        Self(node.as_ptr().map_addr(|address| address | Self::tag(is_sender)))
+        Self(
+            node.as_ptr()
+                .map_addr(|address| address | Self::tag(is_sender)),
+        )
     }
 
     /// The node of the operation of this side that waits alone.
     #[inline(always)]
     pub(crate) fn one(self, is_sender: bool) -> Option<NonNull<WaitNode>> {
-        let node = self.0.map_addr(|word| word.wrapping_sub(Self::tag(is_sender)));
+        let node = self
+            .0
+            .map_addr(|word| word.wrapping_sub(Self::tag(is_sender)));
         // SAFETY: no special number is a tag alone, so what has all bits of the tag clear here is
         // the address of a node.
         (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
@@ -453,10 +458,10 @@ impl WaitPoint {
     #[inline(always)]
     pub(crate) unsafe fn enter(
         &self,
-        home: u64,
+        turn: Turn<'_>,
     ) -> Result<InsideGuard<'_, WaitQueues>, biased_lock::Refused> {
         // SAFETY: the contract.
-        unsafe { self.lock.enter_if_favoured(home) }
+        unsafe { self.lock.enter_if_favoured(turn) }
     }
 
     /// See [`BiasedLock::after_revocation`].

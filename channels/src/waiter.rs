@@ -304,20 +304,6 @@ impl<T> Waiter<T> {
         unsafe { (*Self::link(node)).begun == Begun::Plainly }
     }
 
-    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find a wake handle.
-    ///
-    /// # Safety
-    ///
-    /// As there.
-    #[inline(always)]
-    pub(crate) unsafe fn has_plain_wakeup(node: NonNull<Waiter<T>>) -> bool {
-        // SAFETY: the contract.
-        unsafe {
-            let link = Self::link(node);
-            (*link).begun == Begun::Plainly && WakeHandle::is_plain((*link).wait.wakeup_mut())
-        }
-    }
-
     /// Takes the wake handle of an operation that was listed by [`begin_plain`](Self::begin_plain).
     /// The node is then to be unlisted and settled. `None` for another operation, with no state
     /// changed.
@@ -645,9 +631,8 @@ impl Waiter<()> {
         // SAFETY: by the contract the value lies right behind the link, and more fields behind it,
         // so that a word can be accessed there. Bytes beyond the value have no meaning.
         unsafe {
-            let word = |node: NonNull<Self>| {
-                node.byte_add(size_of::<Link>()).cast::<MaybeUninit<u64>>()
-            };
+            let word =
+                |node: NonNull<Self>| node.byte_add(size_of::<Link>()).cast::<MaybeUninit<u64>>();
             word(to).write(word(from).read());
         }
     }

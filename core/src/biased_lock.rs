@@ -39,7 +39,7 @@
 //!
 //! The loom models use full fences on both sides, which is the effect of the pair in the kernel.
 
-use crate::current;
+use crate::current::{self, Turn};
 use luna_platform::fence;
 use luna_platform::inside::Inside;
 use luna_platform::lock::{PiGuard, PiLock};
@@ -230,15 +230,16 @@ impl<T> BiasedLock<T> {
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor `home`, and does not hold the lock.
+    /// The calling thread does not hold the lock.
     #[inline(always)]
-    pub unsafe fn enter_if_favoured(&self, home: u64) -> Result<InsideGuard<'_, T>, Refused> {
+    pub unsafe fn enter_if_favoured(&self, turn: Turn<'_>) -> Result<InsideGuard<'_, T>, Refused> {
+        let home = turn.home_number();
         if self.favoured.load(Ordering::Acquire) != home {
             return Err(Refused::NotBiased);
         }
-        // SAFETY: the caller promises that the thread runs an executor, which has locked before,
-        // and does not hold this lock.
-        unsafe { self.inside.enter_unchecked() };
+        // SAFETY: a turn is that of the calling thread. The caller promises that the thread does not
+        // hold this lock.
+        unsafe { self.inside.enter_unchecked(turn.thread_id()) };
         fence::light();
         if self.favoured.load(Ordering::Acquire) == home {
             return Ok(InsideGuard {

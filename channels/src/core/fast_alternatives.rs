@@ -261,8 +261,7 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.senders.first()?;
-            let (value, ready) =
-                take_from_first::<T>(&mut lists, first, process)?;
+            let (value, ready) = take_from_first::<T>(&mut lists, first, process)?;
             Waiter::put_value_of(node, value);
             Some(ready)
         }

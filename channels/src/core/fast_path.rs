@@ -28,9 +28,9 @@ use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, Mover, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
-use luna_core::current::{self, PlainPendingWake, Process};
+use luna_core::current::{self, PlainPendingWake, Process, Turn};
 use luna_core::wait_list::WaitNode;
-use std::hint::cold_path;
+use std::hint::{black_box, cold_path};
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -58,12 +58,7 @@ impl FastPath {
     #[inline(always)]
     pub(super) unsafe fn done(process: &Process) -> FastPath {
         // SAFETY: the contract is the same.
-        Self::done_if(unsafe { current::gives_way(process) })
-    }
-
-    #[inline(always)]
-    fn done_if(gives_way: bool) -> FastPath {
-        match gives_way {
+        match unsafe { current::gives_way(process) } {
             true => FastPath::GaveWay,
             false => FastPath::Done,
         }
@@ -76,15 +71,15 @@ impl FastPath {
 ///
 /// `node` is that of an operation of the channel around `place`, a send if `SEND`, and not listed. A
 /// send's holds its value, and a receive's none. No other thread accesses it, and it stays where it
-/// is until it is settled or withdrawn. `process` is the current one, in a plain turn.
+/// is until it is settled or withdrawn.
 #[inline(always)]
 unsafe fn meet<const SEND: bool>(
     place: &WaitPoint,
     node: NonNull<Waiter<()>>,
-    process: &Process,
+    turn: Turn<'_>,
 ) -> FastPath {
-    // SAFETY: this is the thread of the process' executor, which holds no lock when it polls.
-    let mut lists = match unsafe { place.enter(process.home_number()) } {
+    // SAFETY: a thread holds no lock of a wait point when it polls.
+    let mut lists = match unsafe { place.enter(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,
         Err(Refused::Revoked) => return revoked(place, FastPath::No),
@@ -99,22 +94,26 @@ unsafe fn meet<const SEND: bool>(
             };
             if let Some(mover) = lists.mover {
                 lists.keep();
-                return part_long::<SEND>(place, (from, to), mover, process);
+                return part_long::<SEND>(place, (from, to), mover, turn);
             }
             Waiter::move_word(from, to);
-            return part::<SEND>(place, lists, partner, process);
+            return part::<SEND>(place, lists, partner, turn);
         }
         if lists.waiting.is_idle() {
-            note_user::<SEND>(&mut lists, process);
-            Waiter::begin_alone(node, process);
+            note_user::<SEND>(&mut lists, turn.process());
+            Waiter::begin_alone(node, turn.process());
             lists.set_alone(node.cast(), SEND);
             if !lists.leave() {
                 return revoked(place, FastPath::Waits);
             }
             return FastPath::Waits;
         }
+        let is_store = lists.waiting.is_store();
         lists.keep();
-        meet_otherwise::<SEND>(place, node, process)
+        if is_store {
+            return FastPath::Store;
+        }
+        meet_otherwise::<SEND>(place, node, turn)
     }
 }
 
@@ -122,29 +121,28 @@ unsafe fn meet<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// The partner waits alone, and `process` is the current one, in a plain turn, of the executor that
-/// has the lock.
+/// The partner waits alone.
 #[inline(always)]
 unsafe fn part<const SEND: bool>(
     place: &WaitPoint,
     mut lists: InsideGuard<'_, WaitQueues>,
     partner: NonNull<WaitNode>,
-    process: &Process,
+    turn: Turn<'_>,
 ) -> FastPath {
     // SAFETY: by the contract the partner's wake handle was made on this thread, and no other
     // thread has taken it, since the lock is held.
     unsafe {
         let ready = WaitNode::take_alone(partner.as_ptr());
-        note_user::<SEND>(&mut lists, process);
+        note_user::<SEND>(&mut lists, turn.process());
         lists.set_nothing_waits();
         Waiter::<()>::settle_plain(partner.cast());
         if !lists.leave() {
-            return part_revoked(place, ready, process);
+            return part_revoked(place, ready, turn);
         }
-        ready.wake_in_turn(process).map_or_else(
-            |ready| wake_otherwise(ready, process),
-            FastPath::done_if,
-        )
+        match ready.wake_alone(turn) {
+            Ok(()) => FastPath::Done,
+            Err(ready) => wake_otherwise(ready, turn),
+        }
     }
 }
 
@@ -159,14 +157,14 @@ unsafe fn part_long<const SEND: bool>(
     place: &WaitPoint,
     (from, to): (NonNull<Waiter<()>>, NonNull<Waiter<()>>),
     mover: Mover,
-    process: &Process,
+    turn: Turn<'_>,
 ) -> FastPath {
     // SAFETY: the contract.
     unsafe {
         mover(from, to);
         let partner = if SEND { to } else { from };
-        let lists = place.kept(process.home_number());
-        part::<SEND>(place, lists, partner.cast(), process)
+        let lists = place.kept(turn.home_number());
+        part::<SEND>(place, lists, partner.cast(), turn)
     }
 }
 
@@ -175,7 +173,8 @@ unsafe fn part_long<const SEND: bool>(
 #[inline(never)]
 fn revoked(place: &WaitPoint, result: FastPath) -> FastPath {
     place.after_revocation();
-    result
+    // Not to be seen through: a known result would be set after a call, which then is no tail call.
+    black_box(result)
 }
 
 /// As the rest of [`part`].
@@ -185,10 +184,10 @@ fn revoked(place: &WaitPoint, result: FastPath) -> FastPath {
 /// As there.
 #[cold]
 #[inline(never)]
-unsafe fn part_revoked(place: &WaitPoint, ready: PlainPendingWake, process: &Process) -> FastPath {
+unsafe fn part_revoked(place: &WaitPoint, ready: PlainPendingWake, turn: Turn<'_>) -> FastPath {
     place.after_revocation();
     // SAFETY: the contract.
-    unsafe { wake_otherwise(ready, process) }
+    unsafe { wake_otherwise(ready, turn) }
 }
 
 /// Readies the partner, whatever is ready already.
@@ -197,12 +196,12 @@ unsafe fn part_revoked(place: &WaitPoint, ready: PlainPendingWake, process: &Pro
 ///
 /// As for [`part`].
 #[inline(never)]
-unsafe fn wake_otherwise(ready: PlainPendingWake, process: &Process) -> FastPath {
+unsafe fn wake_otherwise(ready: PlainPendingWake, turn: Turn<'_>) -> FastPath {
     // SAFETY: the contract.
     unsafe {
         ready.fetch();
         ready.wake();
-        FastPath::done(process)
+        FastPath::done(turn.process())
     }
 }
 
@@ -225,26 +224,28 @@ fn note_user<const SEND: bool>(lists: &mut WaitQueues, process: &Process) {
 unsafe fn meet_otherwise<const SEND: bool>(
     place: &WaitPoint,
     node: NonNull<Waiter<()>>,
-    process: &Process,
+    turn: Turn<'_>,
 ) -> FastPath {
     // SAFETY: the contract; the lock was kept.
     unsafe {
-        let mut lists = place.kept(process.home_number());
+        let mut lists = place.kept(turn.home_number());
         if lists.leave_queues() {
             drop(lists);
             return match SEND {
-                true => send(place, node, process),
-                false => recv(place, node, process),
+                true => send(place, node, turn),
+                false => recv(place, node, turn),
             };
         }
-        let is_store = !lists.is_rendezvous && lists.is_plain && lists.receivers.is_empty();
-        let uses_queues = lists.waiting == Waiting::QUEUES;
-        if is_store && (uses_queues || lists.waiting.is_store()) {
+        if lists.waiting != Waiting::QUEUES {
+            // A second operation of the same side.
+            return FastPath::No;
+        }
+        if !lists.is_rendezvous && lists.is_plain && lists.receivers.is_empty() {
             lists.keep();
             return FastPath::Store;
         }
         let may_meet_guard = lists.is_plain_rendezvous() && !lists.is_storing;
-        if uses_queues && (may_meet_guard || SEND && lists.is_plain_but_registered) {
+        if may_meet_guard || SEND && lists.is_plain_but_registered {
             lists.keep();
             return FastPath::More;
         }
@@ -258,9 +259,9 @@ unsafe fn meet_otherwise<const SEND: bool>(
 ///
 /// As there.
 #[inline(never)]
-unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, process: &Process) -> FastPath {
+unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: Turn<'_>) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<true>(place, node, process) }
+    unsafe { meet::<true>(place, node, turn) }
 }
 
 /// As [`meet`].
@@ -269,14 +270,15 @@ unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, process: &Process) 
 ///
 /// As there.
 #[inline(never)]
-unsafe fn recv(place: &WaitPoint, node: NonNull<Waiter<()>>, process: &Process) -> FastPath {
+unsafe fn recv(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: Turn<'_>) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<false>(place, node, process) }
+    unsafe { meet::<false>(place, node, turn) }
 }
 
 impl<T> Channel<T> {
     /// Sends, or lets the sender wait. O(1), without atomic read-modify-writes. If the result is
-    /// `Store` or `More`, [`send_otherwise`](Self::send_otherwise) is to be called at once.
+    /// `Store` or `More`, [`store_fast`](Self::store_fast) or [`send_to_more`](Self::send_to_more)
+    /// is to be called at once.
     ///
     /// # Safety
     ///
@@ -291,39 +293,31 @@ impl<T> Channel<T> {
         if S::MAKE.is_some() {
             return FastPath::No;
         }
-        let Some(process) = current::plain_turn(cx) else {
+        let Some(turn) = Turn::of(cx) else {
             cold_path();
             return FastPath::No;
         };
         // SAFETY: the contract; the node is the first part of what is offered.
-        unsafe { send(&self.place, offered.cast(), process) }
+        unsafe { send(&self.place, offered.cast(), turn) }
     }
 
-    /// Stores the value, or meets an alternative.
+    /// Sends to an alternative, or lists the sender.
     ///
     /// # Safety
     ///
     /// As for [`send_fast`](Self::send_fast), which was called just before and has returned
-    /// `found`.
-    #[inline(never)]
-    pub(crate) unsafe fn send_otherwise<S: Source<T>>(
+    /// `More`.
+    pub(crate) unsafe fn send_to_more<S: Source<T>>(
         &self,
-        found: FastPath,
         offered: NonNull<Offered<T, S>>,
     ) -> FastPath {
         // SAFETY: the contract: this is a process' plain turn, and its executor has the lock.
         unsafe {
             let process = current::this_process();
-            match found {
-                FastPath::Store => self.store_fast(offered.cast(), process),
-                FastPath::More => {
-                    let lists = self.place.kept(process.home_number());
-                    match lists.is_plain_but_registered {
-                        true => self.send_to_registered(lists, offered, process),
-                        false => self.send_to_guard(lists, offered, process),
-                    }
-                }
-                found => found,
+            let lists = self.place.kept(process.home_number());
+            match lists.is_plain_but_registered {
+                true => self.send_to_registered(lists, offered, process),
+                false => self.send_to_guard(lists, offered, process),
             }
         }
     }
@@ -332,11 +326,14 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` holds a value; as for [`send_otherwise`](Self::send_otherwise).
-    unsafe fn store_fast(&self, node: NonNull<Waiter<T>>, process: &Process) -> FastPath {
-        // SAFETY: the contract: this is the executor that has kept the lock, which guards the store
-        // too.
+    /// `node` holds a value; as for [`send_fast`](Self::send_fast), which was called just before and
+    /// has returned `Store`.
+    #[inline]
+    pub(crate) unsafe fn store_fast(&self, node: NonNull<Waiter<T>>) -> FastPath {
+        // SAFETY: the contract: this is a process' plain turn, and its executor has kept the lock,
+        // which guards the store too.
         unsafe {
+            let process = current::this_process();
             let mut lists = self.place.kept(process.home_number());
             if self.store.with(|store| (*store).len() < self.capacity()) {
                 note_user::<true>(&mut lists, process);
@@ -358,8 +355,8 @@ impl<T> Channel<T> {
     }
 
     /// Receives into the node, or lets the receiver wait. O(1), without atomic read-modify-writes.
-    /// If the result is `Store` or `More`, [`recv_otherwise`](Self::recv_otherwise) is to be called
-    /// at once.
+    /// If the result is `Store` or `More`, [`recv_stored`](Self::recv_stored) or
+    /// [`recv_from_more`](Self::recv_from_more) is to be called at once.
     ///
     /// # Safety
     ///
@@ -367,37 +364,26 @@ impl<T> Channel<T> {
     /// is until it is settled or withdrawn.
     #[inline(always)]
     pub(crate) unsafe fn recv_fast(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
-        let Some(process) = current::plain_turn(cx) else {
+        let Some(turn) = Turn::of(cx) else {
             cold_path();
             return FastPath::No;
         };
         // SAFETY: the contract.
-        unsafe { recv(&self.place, node.cast(), process) }
+        unsafe { recv(&self.place, node.cast(), turn) }
     }
 
-    /// Takes a stored value, or meets an alternative.
+    /// Receives from an alternative, or lists the receiver.
     ///
     /// # Safety
     ///
     /// As for [`recv_fast`](Self::recv_fast), which was called just before and has returned
-    /// `found`.
-    #[inline(never)]
-    pub(crate) unsafe fn recv_otherwise(
-        &self,
-        found: FastPath,
-        node: NonNull<Waiter<T>>,
-    ) -> FastPath {
+    /// `More`.
+    pub(crate) unsafe fn recv_from_more(&self, node: NonNull<Waiter<T>>) -> FastPath {
         // SAFETY: the contract: this is a process' plain turn, and its executor has the lock.
         unsafe {
             let process = current::this_process();
-            match found {
-                FastPath::Store => self.recv_stored(node, process),
-                FastPath::More => {
-                    let lists = self.place.kept(process.home_number());
-                    self.recv_from_guard(lists, node, process)
-                }
-                found => found,
-            }
+            let lists = self.place.kept(process.home_number());
+            self.recv_from_guard(lists, node, process)
         }
     }
 
@@ -405,11 +391,14 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_otherwise`](Self::recv_otherwise).
-    unsafe fn recv_stored(&self, node: NonNull<Waiter<T>>, process: &Process) -> FastPath {
-        // SAFETY: the contract: this is the executor that has kept the lock, which guards the store
-        // too.
+    /// As for [`recv_fast`](Self::recv_fast), which was called just before and has returned
+    /// `Store`.
+    #[inline]
+    pub(crate) unsafe fn recv_stored(&self, node: NonNull<Waiter<T>>) -> FastPath {
+        // SAFETY: the contract: this is a process' plain turn, and its executor has kept the lock,
+        // which guards the store too.
         unsafe {
+            let process = current::this_process();
             let mut lists = self.place.kept(process.home_number());
             let stored = self.store.with(|store| (*store).len());
             // Values given back by dropped futures may exceed the capacity.
@@ -444,7 +433,8 @@ impl<T> Channel<T> {
             self.store.with_mut(|store| (*store).push_back(next));
             Waiter::settle_plain(sender);
             drop(lists);
-            wake_otherwise(ready, process)
+            ready.wake();
+            FastPath::done(process)
         }
     }
 }

@@ -53,7 +53,7 @@ impl Bell {
 static METHODS: Methods = Methods {
     ready_elsewhere,
     free,
-    poll: |_, _| false,
+    poll: |_, _| {},
     body: |_| 0..0,
     seldom: None,
 };
@@ -175,6 +175,8 @@ impl Executor {
                     drop(task.body.replace(nothing));
                 }
             });
+            task.process.end_turn();
+            current::end_turns();
         }
     }
 }

@@ -267,13 +267,14 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         fast_path: FastPath,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
-        let fast_path = match fast_path {
-            // SAFETY: the fast path has just returned this for this receive, whose node is as new.
-            FastPath::Store | FastPath::More => unsafe {
-                let channel = self.receiver.channel();
-                channel.recv_otherwise(fast_path, self.node())
-            },
-            other => other,
+        // SAFETY: the fast path has just returned this for this receive, whose node is as new.
+        let fast_path = unsafe {
+            let channel = self.receiver.channel();
+            match fast_path {
+                FastPath::Store => channel.recv_stored(self.node()),
+                FastPath::More => channel.recv_from_more(self.node()),
+                other => other,
+            }
         };
         match fast_path {
             FastPath::Done => self.done(),

@@ -323,13 +323,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         fast_path: FastPath,
         cx: &mut Context<'_>,
     ) -> Poll<Result<(), SendError<S::Unsent>>> {
-        let fast_path = match fast_path {
-            // SAFETY: the fast path has just returned this for this send, whose node is as new.
-            FastPath::Store | FastPath::More => unsafe {
-                let channel = self.sender.channel();
-                channel.send_otherwise(fast_path, self.place_of_offer())
-            },
-            other => other,
+        // SAFETY: the fast path has just returned this for this send, whose node is as new.
+        let fast_path = unsafe {
+            let channel = self.sender.channel();
+            match fast_path {
+                FastPath::Store => channel.store_fast(self.node()),
+                FastPath::More => channel.send_to_more(self.place_of_offer()),
+                other => other,
+            }
         };
         match fast_path {
             FastPath::Done => {

@@ -9,6 +9,7 @@
 use super::home_thread::HomeThread;
 use super::{HOME_THREAD, Home, RunQueue, THREAD, TIMERS, entered, home};
 use crate::timer_queue::TimerQueue;
+use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
 use std::fmt;
 use std::marker::PhantomData;
@@ -75,6 +76,7 @@ impl Guest {
         assert!(home().is_none(), "this thread runs processes already");
         THREAD.with(|thread| {
             thread.home.set(Some(self.home));
+            thread.thread_id.set(Inside::id_of_this_thread());
             thread.may_block.set(false);
             thread.queue.take_over(&self.queue);
         });

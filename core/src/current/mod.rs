@@ -44,8 +44,8 @@ pub use ready::{
 pub use renewal::Renewal;
 pub use taped::{branch_path, is_replayed, is_taped, tape, with_tape, without_tape};
 pub use turn::{
-    end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,
-    unrecorded_turn, user, with_process,
+    Turn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
+    this_process, unrecorded_turn, user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 
@@ -56,6 +56,7 @@ use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
 use home_thread::HomeThread;
+use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
 use run_queue::RunQueue;
 use std::cell::{Cell, RefCell};
@@ -76,6 +77,8 @@ struct Thread {
     branch: Cell<Branch>,
     home: Cell<Option<Home>>,
     operations_left: Cell<u32>,
+    /// What the thread writes into the locks that it is inside of.
+    thread_id: Cell<u32>,
     branch_ended: Cell<bool>,
     may_block: Cell<bool>,
     on_path: Cell<bool>,
@@ -92,6 +95,7 @@ model_local! {
             home: Cell::new(None),
             queue: RunQueue::new(),
             operations_left: Cell::new(0),
+            thread_id: Cell::new(0),
             branch: Cell::new(Branch::WHOLE),
             branch_ended: Cell::new(false),
             may_block: Cell::new(true),
@@ -121,6 +125,7 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
     luna_platform::fence::prepare();
     THREAD.with(|thread| {
         thread.home.set(Some(home));
+        thread.thread_id.set(Inside::id_of_this_thread());
         thread.may_block.set(may_block);
     });
     TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));

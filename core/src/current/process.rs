@@ -5,6 +5,7 @@ use super::inheritor::Lent;
 use super::lone;
 use super::references::References;
 use super::run_queue::Link;
+use super::turn::Turn;
 use crate::events;
 use std::any::Any;
 use std::cell::{Cell, UnsafeCell};
@@ -455,31 +456,31 @@ impl Process {
         unsafe { self.ready_at(self.level().saturating_sub(lowered), place) };
     }
 
-    /// Readies the process, which waits, if no other one is ready and `current` need not yield to
-    /// it. Counts an operation of `current`. `false`: it is not so, and no state has changed.
+    /// Readies the process, which waits, if no other one is ready and the current one need not
+    /// yield to it. Counts an operation of the current one. `false`: it is not so, and no state has
+    /// changed.
     ///
     /// # Safety
     ///
     /// As for [`ready_at`](Self::ready_at).
     #[inline(always)]
-    pub(super) unsafe fn ready_alone(&self, current: &Process) -> bool {
-        super::THREAD.with(|thread| {
-            let left = thread.operations_left.get();
-            let level = self.level();
-            if self.state.load(Ordering::Relaxed) != 0
-                || left == 0
-                || level > current.level()
-                || thread.queue.is_filled()
-            {
-                return false;
-            }
-            thread.operations_left.set(left - 1);
-            self.state.store(state::QUEUED, Ordering::Relaxed);
-            // SAFETY: the caller's promises are those that `ready_at` requires. By its state the
-            // process is in no queue, and nothing is ready.
-            unsafe { thread.queue.fill(level, self.link()) };
-            true
-        })
+    pub(super) unsafe fn ready_alone(&self, turn: Turn<'_>) -> bool {
+        let thread = turn.thread();
+        let left = thread.operations_left.get();
+        let level = self.level();
+        if self.state.load(Ordering::Relaxed) != 0
+            || left == 0
+            || thread.queue.is_filled()
+            || level > turn.process().level()
+        {
+            return false;
+        }
+        thread.operations_left.set(left - 1);
+        self.state.store(state::QUEUED, Ordering::Relaxed);
+        // SAFETY: the caller's promises are those that `ready_at` requires. By its state the
+        // process is in no queue, and nothing is ready.
+        unsafe { thread.queue.fill(level, self.link()) };
+        true
     }
 
     /// Puts the process into its executor's run queue at `level`, unless it is there at that level

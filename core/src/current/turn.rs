@@ -1,7 +1,8 @@
 //! The turn of the current process on this thread.
 
 use super::branch::{Branch, lowered};
-use super::{OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, User};
+use super::{Home, OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, Thread, User};
+use std::fmt;
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -109,21 +110,63 @@ pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
     })
 }
 
+/// A [plain turn](plain_turn) of the current process: the state of its thread. Code that is not
+/// generic takes it from its caller, which is: a library's access to a thread-local counts as a call
+/// for the compiler, which then saves registers.
+#[derive(Clone, Copy)]
+pub struct Turn<'a>(&'a Thread);
+
+impl<'a> Turn<'a> {
+    /// The present turn, if it is a plain one.
+    #[inline(always)]
+    pub fn of(cx: &Context<'a>) -> Option<Turn<'a>> {
+        THREAD.with(|thread| {
+            // SAFETY: the state of a thread has no destructor, and outlives all turns on it. A turn
+            // is not `Send`, since the state is not `Sync`.
+            let turn = Turn(unsafe { &*std::ptr::from_ref(thread) });
+            std::ptr::eq(thread.plain.get(), cx.waker()).then_some(turn)
+        })
+    }
+
+    /// The current process.
+    #[inline(always)]
+    pub fn process(self) -> &'a Process {
+        // SAFETY: in a plain turn there is a current process, and it is being polled, so it is live
+        // now. The waker that the context borrowed was the process' own: the process lives as long
+        // as that borrow, since the waker lies in it.
+        unsafe { self.0.process.get().unwrap_unchecked().as_ref() }
+    }
+
+    /// The id of the executor.
+    #[inline(always)]
+    pub fn home_number(self) -> u64 {
+        self.0.home.get().map_or(0, Home::number)
+    }
+
+    #[inline(always)]
+    pub(crate) fn thread_id(self) -> u32 {
+        self.0.thread_id.get()
+    }
+
+    #[inline(always)]
+    pub(super) fn thread(self) -> &'a Thread {
+        self.0
+    }
+}
+
+impl fmt::Debug for Turn<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Turn").field(self.process()).finish()
+    }
+}
+
 /// The current process, if its turn is a plain one: the process is an executor's, `cx` has its own
 /// waker and no combinator's, its events are not recorded and it has no replay log, and the branch
 /// that is being polled, if any, has not failed and runs at the process' level. Nearly all polls are
 /// plain. One compare: the waker lies in the process, so its address says which process it is.
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
-    THREAD.with(|thread| {
-        if !std::ptr::eq(thread.plain.get(), cx.waker()) {
-            return None;
-        }
-        // SAFETY: in a plain turn there is a current process, and it is being polled, so it is live
-        // now. The waker that `cx` borrows is the process' own: the process lives as long as that
-        // borrow, since the waker lies in it.
-        Some(unsafe { thread.process.get().unwrap_unchecked().as_ref() })
-    })
+    Turn::of(cx).map(Turn::process)
 }
 
 /// As [`plain_turn`].

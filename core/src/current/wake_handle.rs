@@ -29,7 +29,7 @@
 //! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
 use super::process::{Place, Process};
-use super::{LEVELS, home, lowered, process};
+use super::{LEVELS, Turn, home, lowered, process};
 use crate::{fetch, park};
 use std::fmt;
 use std::mem::{self, ManuallyDrop};
@@ -340,9 +340,9 @@ impl PlainPendingWake {
         fetch::lines(self.0.pointer().as_ptr().cast(), FETCHED);
     }
 
-    /// Readies the process, and returns whether `current` yields to it, as
-    /// [`gives_way`](super::gives_way) would; if the process waits, and no other process is ready.
-    /// Otherwise gives the pending wake back, and no state has changed. O(1), without atomics.
+    /// Readies the process and counts an operation of the current one; if the process waits, no
+    /// other one is ready, and the current one need not yield. Otherwise no state has changed. O(1),
+    /// without atomics.
     ///
     /// # Errors
     ///
@@ -350,21 +350,21 @@ impl PlainPendingWake {
     ///
     /// # Safety
     ///
-    /// As for [`wake`](Self::wake) and `gives_way`.
+    /// As for [`wake`](Self::wake).
     #[inline(always)]
-    pub unsafe fn wake_in_turn(self, current: &Process) -> Result<bool, Self> {
+    pub unsafe fn wake_alone(self, turn: Turn<'_>) -> Result<(), Self> {
         let process = self.0.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's. A process that waits is kept by its executor until it was popped.
         unsafe {
-            if !process.ready_alone(current) {
+            if !process.ready_alone(turn) {
                 return Err(self);
             }
-            // One that waits has not ended.
-            process.references.remove_before_end();
-            mem::forget(self);
         }
-        Ok(false)
+        // One that waits has not ended.
+        process.references.remove_before_end();
+        mem::forget(self);
+        Ok(())
     }
 
     /// Readies the process behind the others of its level. O(1), without atomics.

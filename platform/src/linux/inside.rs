@@ -57,16 +57,20 @@ impl Inside {
         self.word.store(me, Ordering::Relaxed);
     }
 
+    /// What the calling thread writes when it enters. A system call at its first lock.
+    pub fn id_of_this_thread() -> u32 {
+        thread_id()
+    }
+
     /// As [`enter`](Self::enter), without a check.
     ///
     /// # Safety
     ///
-    /// The thread of the owner has locked something before, so that its id is known; and it is not
-    /// inside.
+    /// `me` is the [id of the calling thread](Self::id_of_this_thread), which is not inside.
     #[inline(always)]
-    pub unsafe fn enter_unchecked(&self) {
-        debug_assert!(!self.is_entered() && known_thread_id() != 0);
-        self.word.store(known_thread_id(), Ordering::Relaxed);
+    pub unsafe fn enter_unchecked(&self, me: u32) {
+        debug_assert!(!self.is_entered() && me == thread_id());
+        self.word.store(me, Ordering::Relaxed);
     }
 
     /// Panics if this thread is inside.

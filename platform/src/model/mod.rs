@@ -187,8 +187,13 @@ pub mod inside {
         /// # Safety
         ///
         /// As on Linux.
-        pub unsafe fn enter_unchecked(&self) {
+        pub unsafe fn enter_unchecked(&self, _: u32) {
             self.enter();
+        }
+
+        /// What the calling thread writes when it enters.
+        pub fn id_of_this_thread() -> u32 {
+            0
         }
 
         /// A model's threads do not lock twice.

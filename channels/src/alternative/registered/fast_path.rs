@@ -54,8 +54,7 @@ impl<T> Alternative<'_, T> {
             }
         };
         // SAFETY: the process is polled, so this is its executor's thread.
-        let (value, ready) =
-            unsafe { channel.take_sender_if(process, is_first, note) }?;
+        let (value, ready) = unsafe { channel.take_sender_if(process, is_first, note) }?;
         match self.is_fair {
             true => self.ready.choose(index, is_ready),
             false if !is_ready => self.ready.clear(index),
