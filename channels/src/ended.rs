@@ -1,6 +1,6 @@
 //! Waiting for the end of a channel, without offering to communicate.
 
-use crate::taped;
+use crate::replay::{self, Logged, Stage};
 use crate::wait_point::{Ending, WaitPoint, WaitQueues};
 use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
 use luna_core::events;
@@ -125,52 +125,61 @@ impl Future for Ended<'_> {
     type Output = ChannelEnd;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
-        match current::is_taped() {
-            true => self.poll_taped(cx),
-            false => self.poll_untaped(cx),
+        if replay::is_on() {
+            // SAFETY: nothing is moved.
+            return replay::poll(unsafe { self.get_unchecked_mut() }, cx);
         }
+        self.poll_without_log(cx)
+    }
+}
+
+impl Logged for Ended<'_> {
+    type Output = ChannelEnd;
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.given {
+            Some(_) => Stage::GaveWay,
+            None => Stage::New,
+        }
+    }
+
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        self.has_entered = true;
+        match turn {
+            Turn::Record => Poll::Ready(()),
+            // It did not end while the recorded process waited.
+            Turn::Look => Poll::Pending,
+            Turn::Given(event) => {
+                self.given = Some(match event.number {
+                    0 => ChannelEnd::Closed,
+                    _ => ChannelEnd::Poisoned,
+                });
+                Poll::Ready(())
+            }
+        }
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
+        match self.given {
+            Some(end) => Poll::Ready(end),
+            // SAFETY: what is polled is pinned.
+            None => unsafe { Pin::new_unchecked(self) }.poll_without_log(cx),
+        }
+    }
+
+    unsafe fn success(&self, end: Option<&ChannelEnd>, _: u64) -> Event {
+        let is_poisoned = end == Some(&ChannelEnd::Poisoned);
+        Event::new(What::Chosen, u64::from(is_poisoned), replay::own_stamp())
+    }
+
+    fn keep(&mut self, end: ChannelEnd) {
+        self.given = Some(end);
     }
 }
 
 impl Ended<'_> {
-    /// Polls as the process' replay log says.
-    #[cold]
-    fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
-        let end = match self.given {
-            Some(end) => end,
-            None => {
-                // SAFETY: nothing is moved.
-                unsafe { self.as_mut().get_unchecked_mut() }.has_entered = true;
-                let entered = current::tape(|tape| tape.enter(cx));
-                let end = match entered.unwrap_or(Poll::Ready(Turn::Record)) {
-                    Poll::Pending => return Poll::Pending,
-                    Poll::Ready(Turn::Given(event)) => match event.number {
-                        0 => ChannelEnd::Closed,
-                        _ => ChannelEnd::Poisoned,
-                    },
-                    // It did not end while the recorded process waited.
-                    Poll::Ready(Turn::Look) => return Poll::Pending,
-                    Poll::Ready(Turn::Record) => {
-                        std::task::ready!(self.as_mut().poll_untaped(cx))
-                    }
-                };
-                current::tape(|tape| {
-                    let number = u64::from(end == ChannelEnd::Poisoned);
-                    tape.leave(Event::new(What::Chosen, number, tape.stamp(true)));
-                });
-                // SAFETY: nothing is moved.
-                let this = unsafe { self.as_mut().get_unchecked_mut() };
-                this.has_entered = false;
-                this.given = Some(end);
-                end
-            }
-        };
-        match taped::is_held(cx) {
-            true => Poll::Pending,
-            false => Poll::Ready(end),
-        }
-    }
-
     /// The end that was found without waiting, after others have run if it is their turn. Once: in
     /// a process with a branch that spends all operations of each turn it would otherwise never
     /// come.
@@ -185,7 +194,7 @@ impl Ended<'_> {
         Poll::Ready(end)
     }
 
-    fn poll_untaped(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
+    fn poll_without_log(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         if current::branch_failed() {
             current::stay_in_branch();
             return self.found(ChannelEnd::Poisoned, cx);
@@ -226,8 +235,8 @@ impl Ended<'_> {
 
 impl Drop for Ended<'_> {
     fn drop(&mut self) {
-        if self.has_entered {
-            taped::abandoned();
+        if self.given.is_none() {
+            replay::abandon(!self.has_entered);
         }
         let node = self.node();
         let mut lists = self.place.lock_lists();

@@ -12,8 +12,9 @@
 //!    '--> the recorded failure
 //! ```
 
-pub(crate) use crate::taped::failure;
-use crate::taped::{self, is_held, leave};
+use crate::taped::{self, Stamped, is_held, leave};
+pub(crate) use crate::taped::{failure, is_replayed};
+use crate::wait_point::WaitQueues;
 use luna_core::current;
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
@@ -75,11 +76,15 @@ pub(crate) trait Logged {
     /// Keeps the output for the next poll, since its process must not go on yet.
     fn keep(&mut self, _output: Self::Output) {}
 
-    /// Ends it with the recorded failure.
-    fn fail(&mut self, number: u64) -> Self::Output;
+    /// Ends it with the recorded failure. Pending: it has none.
+    fn fail(&mut self, _number: u64) -> Poll<Self::Output> {
+        differs("an operation that cannot fail")
+    }
 
     /// How it failed; `None` is a success.
-    fn failure(output: &Self::Output) -> Option<Event>;
+    fn failure(_output: &Self::Output) -> Option<Event> {
+        None
+    }
 
     /// What it returns in a replay that finds its channel closed, although it succeeded in the
     /// recording. `None`: it fails.
@@ -131,6 +136,23 @@ pub(crate) fn stamp(of_partner: u64, own: u64) -> u64 {
     }
 }
 
+/// A stamp for an operation that gets one in any case.
+pub(crate) fn own_stamp() -> u64 {
+    current::tape(|log| log.stamp(true)).unwrap_or(0)
+}
+
+/// As [`own_stamp`], of an operation that has met no partner, under the lock where it succeeded.
+pub(crate) fn meeting(lists: &mut WaitQueues) -> u64 {
+    lists.stamp_if(true, Stamped::Meeting)
+}
+
+/// The replayed operation cannot have its recorded outcome.
+#[cold]
+pub(crate) fn differs<R>(what: &'static str) -> Poll<R> {
+    current::tape(|log| log.differs(what));
+    Poll::Pending
+}
+
 /// Whether the current process has a replay log.
 #[inline(always)]
 pub(crate) fn is_on() -> bool {
@@ -147,8 +169,9 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
             operation.approach();
             match ready!(enter(cx)) {
                 Turn::Given(event) if event.what == What::Failed => {
+                    let output = ready!(operation.fail(event.number));
                     leave(event);
-                    return Poll::Ready(operation.fail(event.number));
+                    return Poll::Ready(output);
                 }
                 // The future around it gives up: see `stop`.
                 Turn::Given(event) if event.what == What::TimedOut => return Poll::Pending,

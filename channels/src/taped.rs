@@ -12,7 +12,7 @@ use luna_core::current;
 use luna_core::replay_log::{Event, OUTSIDER, ReplayLog, Turn, What};
 use luna_platform::clock::Instant;
 use std::collections::VecDeque;
-use std::task::{Context, Poll};
+use std::task::Context;
 
 /// How an operation failed, as a number.
 pub(crate) mod failure {
@@ -279,54 +279,6 @@ pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
             seen
         }
     }
-}
-
-/// Admits an operation that can only succeed, or end in one of these ways: returns its failure, if
-/// one was recorded.
-pub(crate) fn enter(cx: &mut Context<'_>) -> Poll<Result<Turn, u64>> {
-    let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
-    entered.map(|turn| match turn {
-        Turn::Given(Event {
-            what: What::Failed,
-            number,
-            ..
-        }) => {
-            leave(Event::failed(number));
-            Err(number)
-        }
-        turn => Ok(turn),
-    })
-}
-
-/// Admits an operation with a deadline. `Err`: it is to give up, since the recorded one did.
-pub(crate) fn enter_timed(cx: &mut Context<'_>) -> Poll<Result<(), ()>> {
-    let timed_out = Event::new(What::TimedOut, 0, 0);
-    let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
-    entered.map(|turn| match turn {
-        Turn::Given(event) if event.what == What::TimedOut => {
-            leave(timed_out);
-            Err(())
-        }
-        _ => Ok(()),
-    })
-}
-
-/// Records that a deadline has come before the operation came to anything.
-pub(crate) fn has_timed_out() {
-    leave(Event::new(What::TimedOut, 0, 0));
-}
-
-/// Records that a lock was taken. The stamp is taken now, when the process has the lock: stamps of
-/// holders are in the order of their holding it.
-pub(crate) fn has_acquired(lists: &mut WaitQueues) {
-    let event = Event::done(lists.stamp_if(true, Stamped::Meeting));
-    leave(event);
-}
-
-/// Records that permits were taken. The stamp is taken now, when the process has them: it comes
-/// after what made room for them.
-pub(crate) fn has_permits() {
-    current::tape(|tape| tape.leave(Event::done(tape.stamp(true))));
 }
 
 impl<T> Channel<T> {

@@ -4,11 +4,10 @@ use super::entry::inheritor;
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::Permit;
 use super::semaphore::Semaphore;
-use crate::taped;
+use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Inheritor, Renewal};
-use luna_core::events;
-use luna_core::replay_log::Event;
+use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;
@@ -26,9 +25,7 @@ enum Phase {
     GaveWay,
     /// The node is in the semaphore's list, or was settled.
     Listed,
-    /// As `New`, and its process' replay log has not admitted it.
-    Entering,
-    /// It has its permits. By its process' replay log it must not continue yet.
+    /// It has its permits.
     Keeps,
     Over,
 }
@@ -169,7 +166,7 @@ impl<'a> AcquireOp<'a> {
 
 impl AcquireOp<'_> {
     /// Polls until it has its permits, or its branch has failed.
-    fn poll_untaped(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
+    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
         if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
             if self.phase == Phase::New && crate::fails_later(cx) {
                 self.phase = Phase::GaveWay;
@@ -187,39 +184,10 @@ impl AcquireOp<'_> {
             }
             Phase::New | Phase::GaveWay => self.poll_new(cx),
             Phase::Listed => self.poll_listed(cx),
-            Phase::Entering | Phase::Keeps => Poll::Ready(()),
+            Phase::Keeps => Poll::Ready(()),
             Phase::Over => panic!("an acquire was polled after it was over"),
         };
         polled.map(Ok)
-    }
-
-    /// As [`poll_untaped`](Self::poll_untaped), as its process' replay log says.
-    #[cold]
-    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), AcquireError>> {
-        if self.phase != Phase::Keeps {
-            if matches!(self.phase, Phase::New | Phase::Entering) {
-                self.phase = Phase::Entering;
-                let entered = std::task::ready!(taped::enter(cx));
-                self.phase = Phase::New;
-                if entered.is_err() {
-                    self.phase = Phase::Over;
-                    return Poll::Ready(Err(AcquireError));
-                }
-            }
-            let is_given = current::tape(|tape| tape.is_replay() && tape.stamp(true) != 0);
-            if is_given == Some(true) {
-                self.semaphore.shared().take_given(self.count);
-            } else if let Err(error) = std::task::ready!(self.poll_untaped(cx)) {
-                taped::leave(Event::failed(taped::failure::POISONED));
-                return Poll::Ready(Err(error));
-            }
-            taped::has_permits();
-            self.phase = Phase::Keeps;
-        }
-        match taped::is_held(cx) {
-            true => Poll::Pending,
-            false => Poll::Ready(Ok(())),
-        }
     }
 }
 
@@ -229,9 +197,9 @@ impl<'a> Future for AcquireOp<'a> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        let polled = match current::is_taped() {
-            true => this.poll_taped(cx),
-            false => this.poll_untaped(cx),
+        let polled = match replay::is_on() {
+            true => replay::poll(this, cx),
+            false => this.poll_without_log(cx),
         };
         polled.map(|polled| polled.map(|()| this.acquired()))
     }
@@ -239,9 +207,10 @@ impl<'a> Future for AcquireOp<'a> {
 
 impl Drop for AcquireOp<'_> {
     fn drop(&mut self) {
-        if matches!(self.phase, Phase::Listed | Phase::Entering) {
-            taped::abandoned();
+        if self.phase == Phase::Over {
+            return;
         }
+        replay::abandon(self.phase == Phase::New);
         if self.withdraw() {
             drop(self.acquired());
         }
@@ -279,57 +248,81 @@ impl<'a> Future for AcquireTimeout<'a> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
-        let (mut acquire, sleep) = unsafe {
+        let (acquire, sleep) = unsafe {
             let this = self.get_unchecked_mut();
             (
                 Pin::new_unchecked(&mut this.acquire),
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
-        if current::is_taped() {
-            return poll_taped(acquire, sleep, cx);
-        }
-        if let Poll::Ready(acquired) = acquire.as_mut().poll(cx) {
-            return Poll::Ready(acquired.map_err(AcquireTimeoutError::from));
-        }
-        // An operation that lets others run has not tried yet.
-        if acquire.phase == Phase::GaveWay {
-            return Poll::Pending;
-        }
-        match events::beside(|| sleep.poll(cx)) {
-            Poll::Ready(()) => Poll::Ready(acquire.give_up()),
-            Poll::Pending => Poll::Pending,
-        }
+        replay::poll_until(acquire, sleep, cx)
     }
 }
 
-/// As a process' replay log says: see that of a lock.
-#[cold]
-fn poll_taped<'a>(
-    mut acquire: Pin<&mut AcquireOp<'a>>,
-    sleep: Pin<&mut Sleep>,
-    cx: &mut Context<'_>,
-) -> Poll<Result<Permit<'a>, AcquireTimeoutError>> {
-    let is_new = matches!(acquire.phase, Phase::New | Phase::Entering);
-    if is_new && std::task::ready!(taped::enter_timed(cx)).is_err() {
-        // SAFETY: nothing is moved.
-        unsafe { acquire.as_mut().get_unchecked_mut() }.phase = Phase::New;
-        return Poll::Ready(acquire.give_up());
+impl Logged for AcquireOp<'_> {
+    type Output = Result<(), AcquireError>;
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.phase {
+            Phase::New => Stage::New,
+            // One that lets others run does so before it takes permits.
+            Phase::GaveWay | Phase::Listed => Stage::Waits,
+            Phase::Keeps => Stage::GaveWay,
+            Phase::Over => Stage::Over,
+        }
     }
-    let polled = acquire.as_mut().poll(cx);
-    if polled.is_ready() {
-        return polled.map_err(AcquireTimeoutError::from);
+
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        if matches!(turn, Turn::Given(event) if event.stamp != 0) {
+            self.semaphore.shared().take_given(self.count);
+            self.phase = Phase::Keeps;
+        }
+        Poll::Ready(())
     }
-    if acquire.phase != Phase::Listed
-        || taped::is_replayed()
-        || events::beside(|| sleep.poll(cx)).is_pending()
-    {
-        return Poll::Pending;
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
+        self.poll_without_log(cx)
     }
-    let outcome = acquire.as_mut().give_up();
-    match outcome {
-        Err(AcquireTimeoutError::Timeout) => taped::has_timed_out(),
-        _ => taped::has_permits(),
+
+    /// The stamp is taken now, when the process has the permits: it comes after what made room for
+    /// them.
+    unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
+        Event::done(replay::own_stamp())
     }
-    Poll::Ready(outcome)
+
+    fn keep(&mut self, _: <Self as Logged>::Output) {
+        self.phase = Phase::Keeps;
+    }
+
+    fn fail(&mut self, _: u64) -> Poll<<Self as Logged>::Output> {
+        self.phase = Phase::Over;
+        Poll::Ready(Err(AcquireError))
+    }
+
+    fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
+        output.as_ref().err().map(|_| replay::ended(true))
+    }
+}
+
+impl<'a> GiveUp for AcquireOp<'a> {
+    type Outcome = Result<Permit<'a>, AcquireTimeoutError>;
+
+    /// It has not tried yet.
+    fn lets_others_run(&self) -> bool {
+        self.phase == Phase::GaveWay
+    }
+
+    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+        self.give_up()
+    }
+
+    fn in_time(output: <Self as Future>::Output) -> Self::Outcome {
+        output.map_err(AcquireTimeoutError::from)
+    }
+
+    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
+        matches!(outcome, Err(AcquireTimeoutError::Timeout)).then(replay::gave_up)
+    }
 }

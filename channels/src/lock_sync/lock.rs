@@ -4,10 +4,9 @@ use super::entry::{Entry, inheritor};
 use super::error::{LockError, LockTimeoutError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
-use crate::taped;
+use crate::replay::{self, GiveUp, Logged, Stage};
 use luna_core::current::{self, Inheritor, Renewal};
-use luna_core::events;
-use luna_core::replay_log::Event;
+use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;
@@ -25,9 +24,7 @@ enum Phase {
     GaveWay,
     /// The entry is in the mutex's list, or was settled.
     Listed,
-    /// As `New`, and its process' replay log has not admitted it.
-    Entering,
-    /// It holds the mutex, and has no entry. By its process' replay log it must not continue yet.
+    /// It holds the mutex, and has no entry.
     Keeps,
     Over,
 }
@@ -147,7 +144,7 @@ impl<'a, T> LockOp<'a, T> {
 impl<'a, T> LockOp<'a, T> {
     /// Polls until it holds the mutex, or its branch has failed.
     #[inline(always)]
-    fn poll_untaped(&mut self, cx: &Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
+    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
         if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
             if self.phase == Phase::New && crate::fails_later(cx) {
                 self.phase = Phase::GaveWay;
@@ -166,38 +163,10 @@ impl<'a, T> LockOp<'a, T> {
             Phase::New | Phase::GaveWay => self.poll_lock(cx),
             // SAFETY: the entry is this future's, and was listed there.
             Phase::Listed => unsafe { self.mutex.core().poll_listed(self.entry(), cx) },
-            Phase::Entering | Phase::Keeps => Poll::Ready(()),
+            Phase::Keeps => Poll::Ready(()),
             Phase::Over => panic!("a lock was polled after it was over"),
         };
         polled.map(Ok)
-    }
-
-    /// As [`poll_untaped`](Self::poll_untaped), as its process' replay log says.
-    #[cold]
-    #[inline(never)]
-    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
-        if self.phase != Phase::Keeps {
-            if matches!(self.phase, Phase::New | Phase::Entering) {
-                self.phase = Phase::Entering;
-                let entered = std::task::ready!(taped::enter(cx));
-                self.phase = Phase::New;
-                if entered.is_err() {
-                    self.end();
-                    return Poll::Ready(Err(LockError::Poisoned));
-                }
-            }
-            if let Err(error) = std::task::ready!(self.poll_untaped(cx)) {
-                taped::leave(Event::failed(taped::failure::POISONED));
-                return Poll::Ready(Err(error));
-            }
-            taped::has_acquired(&mut self.mutex.core().place.lock());
-            self.end();
-            self.phase = Phase::Keeps;
-        }
-        match taped::is_held(cx) {
-            true => Poll::Pending,
-            false => Poll::Ready(Ok(())),
-        }
     }
 }
 
@@ -207,9 +176,9 @@ impl<'a, T> Future for LockOp<'a, T> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed entry stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        let polled = match current::is_taped() {
-            true => this.poll_taped(cx),
-            false => this.poll_untaped(cx),
+        let polled = match replay::is_on() {
+            true => replay::poll(this, cx),
+            false => this.poll_without_log(cx),
         };
         polled.map(|polled| polled.and_then(|()| this.locked()))
     }
@@ -218,7 +187,7 @@ impl<'a, T> Future for LockOp<'a, T> {
 impl<T> Drop for LockOp<'_, T> {
     #[inline(always)]
     fn drop(&mut self) {
-        if matches!(self.phase, Phase::Listed | Phase::Entering | Phase::Keeps) {
+        if self.phase != Phase::Over {
             self.drop_unfinished();
         }
     }
@@ -227,7 +196,7 @@ impl<T> Drop for LockOp<'_, T> {
 impl<T> LockOp<'_, T> {
     #[cold]
     fn drop_unfinished(&mut self) {
-        taped::abandoned();
+        replay::abandon(self.phase == Phase::New);
         let holds = self.withdraw();
         self.end();
         if holds {
@@ -267,59 +236,78 @@ impl<'a, T> Future for LockTimeout<'a, T> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
-        let (mut lock, sleep) = unsafe {
+        let (lock, sleep) = unsafe {
             let this = self.get_unchecked_mut();
             (
                 Pin::new_unchecked(&mut this.lock),
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
-        if current::is_taped() {
-            return poll_taped(lock, sleep, cx);
-        }
-        if let Poll::Ready(locked) = lock.as_mut().poll(cx) {
-            return Poll::Ready(locked.map_err(LockTimeoutError::from));
-        }
-        // An operation that lets others run has not tried yet.
-        if lock.phase == Phase::GaveWay {
-            return Poll::Pending;
-        }
-        match events::beside(|| sleep.poll(cx)) {
-            Poll::Ready(()) => Poll::Ready(lock.give_up()),
-            Poll::Pending => Poll::Pending,
-        }
+        replay::poll_until(lock, sleep, cx)
     }
 }
 
-/// As the process' replay log says: a replayed lock gives up when the recorded one did, whatever
-/// the time is, and is admitted here, and not by a partner.
-#[cold]
-fn poll_taped<'a, T>(
-    mut lock: Pin<&mut LockOp<'a, T>>,
-    sleep: Pin<&mut Sleep>,
-    cx: &mut Context<'_>,
-) -> Poll<Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>>> {
-    let is_new = matches!(lock.phase, Phase::New | Phase::Entering);
-    if is_new && std::task::ready!(taped::enter_timed(cx)).is_err() {
-        // SAFETY: nothing is moved.
-        unsafe { lock.as_mut().get_unchecked_mut() }.phase = Phase::New;
-        return Poll::Ready(lock.give_up());
+impl<'a, T> Logged for LockOp<'a, T> {
+    type Output = Result<(), LockError<'a, T>>;
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.phase {
+            Phase::New => Stage::New,
+            // One that lets others run does so before it locks.
+            Phase::GaveWay | Phase::Listed => Stage::Waits,
+            Phase::Keeps => Stage::GaveWay,
+            Phase::Over => Stage::Over,
+        }
     }
-    let polled = lock.as_mut().poll(cx);
-    if polled.is_ready() {
-        return polled.map_err(LockTimeoutError::from);
+
+    fn come(&mut self, _: Turn, _: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
     }
-    if lock.phase != Phase::Listed
-        || taped::is_replayed()
-        || events::beside(|| sleep.poll(cx)).is_pending()
-    {
-        return Poll::Pending;
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
+        self.poll_without_log(cx)
     }
-    let place = &lock.mutex.core().place;
-    let outcome = lock.as_mut().give_up();
-    match outcome {
-        Err(LockTimeoutError::Timeout) => taped::has_timed_out(),
-        _ => taped::has_acquired(&mut place.lock()),
+
+    /// The stamp is taken now, when the process has the lock: stamps of holders are in the order of
+    /// their holding it.
+    unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
+        Event::done(replay::meeting(&mut self.mutex.core().place.lock()))
     }
-    Poll::Ready(outcome)
+
+    fn keep(&mut self, _: <Self as Logged>::Output) {
+        self.end();
+        self.phase = Phase::Keeps;
+    }
+
+    fn fail(&mut self, _: u64) -> Poll<<Self as Logged>::Output> {
+        self.end();
+        Poll::Ready(Err(LockError::Poisoned))
+    }
+
+    fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
+        output.as_ref().err().map(|_| replay::ended(true))
+    }
+}
+
+impl<'a, T> GiveUp for LockOp<'a, T> {
+    type Outcome = Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>>;
+
+    /// It has not tried yet.
+    fn lets_others_run(&self) -> bool {
+        self.phase == Phase::GaveWay
+    }
+
+    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+        self.give_up()
+    }
+
+    fn in_time(output: <Self as Future>::Output) -> Self::Outcome {
+        output.map_err(LockTimeoutError::from)
+    }
+
+    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
+        matches!(outcome, Err(LockTimeoutError::Timeout)).then(replay::gave_up)
+    }
 }

@@ -6,7 +6,7 @@ use super::error::LockError;
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use crate::finally::Finally;
-use crate::taped;
+use crate::replay::{self, Logged, Stage};
 use crate::wait_point::WaitQueues;
 use crate::waiter::Outcome;
 use luna_core::current::{self, Inheritor, Renewal, WakeHandle};
@@ -27,11 +27,10 @@ enum Phase<'a, T> {
     New(MutexGuard<'a, T>),
     /// The entry is in a list of the condition, or of the mutex, or was settled.
     Listed,
-    /// It is replayed, and has unlocked: it is never notified, but the replay log has when it
-    /// locked again.
-    Replayed,
-    /// It holds the mutex, and by its process' replay log must not continue yet. The entry was
-    /// never begun.
+    /// It has unlocked, and is not listed: by its process' replay log it is never notified, but
+    /// locks again when it did.
+    Unlocked,
+    /// It holds the mutex, and has no entry.
     Keeps,
     Over,
 }
@@ -175,17 +174,11 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         admitted.1
     }
 
-    /// What the holder gets.
-    fn locked(&mut self) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
-        self.end();
-        // SAFETY: it was handed to the entry.
-        unsafe { self.mutex.held() }.map_err(LockError::OwnerDied)
-    }
-
     fn end(&mut self) {
-        // SAFETY: it is this future's, was begun, and is settled or in no list.
-        unsafe { Entry::end(self.entry()) };
-        self.phase = Phase::Over;
+        if let Phase::Listed = std::mem::replace(&mut self.phase, Phase::Over) {
+            // SAFETY: it is this future's, was begun, and is settled or in no list.
+            unsafe { Entry::end(self.entry()) };
+        }
     }
 
     /// Gives up in any state. A notification that was for it alone is passed on; a mutex that it
@@ -221,10 +214,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
 }
 
 impl<'a, T> WaitOp<'_, 'a, T> {
-    fn poll_untaped(
-        &mut self,
-        cx: &Context<'_>,
-    ) -> Poll<Result<MutexGuard<'a, T>, LockError<'a, T>>> {
+    /// Polls until it holds the mutex again, or its branch has failed.
+    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
         match std::mem::replace(&mut self.phase, Phase::Over) {
             Phase::New(guard) if current::branch_failed() => {
                 guard.unlock();
@@ -243,75 +234,21 @@ impl<'a, T> WaitOp<'_, 'a, T> {
                     current::stay_in_branch();
                     return Poll::Ready(Err(LockError::Poisoned));
                 }
-                self.poll_listed(cx).map(|()| self.locked())
+                self.poll_listed(cx).map(Ok)
             }
-            Phase::Replayed | Phase::Keeps | Phase::Over => {
-                panic!("a wait was polled after it was over")
+            Phase::Keeps => {
+                self.phase = Phase::Keeps;
+                Poll::Ready(Ok(()))
             }
+            Phase::Unlocked | Phase::Over => panic!("a wait was polled after it was over"),
         }
     }
 
-    /// Polls as its process' replay log says. A recorded wait has a stamp of its locking again; a
-    /// replayed one locks when that comes, and its former notifier need not notify again.
-    #[cold]
-    fn poll_taped(
-        &mut self,
-        cx: &mut Context<'_>,
-    ) -> Poll<Result<MutexGuard<'a, T>, LockError<'a, T>>> {
-        if let Phase::New(_) = self.phase
-            && taped::is_replayed()
-            && let Phase::New(guard) = std::mem::replace(&mut self.phase, Phase::Replayed)
-        {
-            guard.unlock();
-        }
-        if let Phase::Replayed = self.phase {
-            match std::task::ready!(taped::enter(cx)) {
-                Err(_) => {
-                    self.phase = Phase::Over;
-                    return Poll::Ready(Err(LockError::Poisoned));
-                }
-                Ok(Turn::Given(event)) => {
-                    let inheritor = inheritor(self.of_thread);
-                    if self.mutex.core().take(inheritor).is_err() {
-                        current::tape(|tape| tape.differs("somebody else holds the mutex"));
-                        return Poll::Pending;
-                    }
-                    self.has_timed_out = event.number == 1;
-                    self.tell();
-                    self.phase = Phase::Keeps;
-                }
-                // It did not lock again.
-                Ok(_) => return Poll::Pending,
-            }
-        }
-        if let Phase::Keeps = self.phase {
-            if taped::is_held(cx) {
-                return Poll::Pending;
-            }
-            self.phase = Phase::Over;
-            // SAFETY: it was taken.
-            return Poll::Ready(unsafe { self.mutex.held() }.map_err(LockError::OwnerDied));
-        }
-        let entered = taped::enter(cx);
-        debug_assert!(entered.is_ready(), "who is recorded is let in");
-        let polled = std::task::ready!(self.poll_untaped(cx));
-        match &polled {
-            Err(LockError::Poisoned) => taped::leave(Event::failed(taped::failure::POISONED)),
-            _ => self.tell(),
-        }
-        Poll::Ready(polled)
-    }
-
-    /// Records that it has locked again.
-    fn tell(&self) {
-        let stamp = self
-            .mutex
-            .core()
-            .place
-            .lock()
-            .stamp_if(true, taped::Stamped::Meeting);
-        let number = u64::from(self.has_timed_out);
-        taped::leave(Event::new(What::Chosen, number, stamp));
+    /// What the holder gets.
+    fn locked(&mut self) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
+        self.end();
+        // SAFETY: it was taken, or handed to the entry.
+        unsafe { self.mutex.held() }.map_err(LockError::OwnerDied)
     }
 }
 
@@ -321,10 +258,11 @@ impl<'a, T> Future for WaitOp<'_, 'a, T> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed entry stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        match current::is_taped() {
-            true => this.poll_taped(cx),
-            false => this.poll_untaped(cx),
-        }
+        let polled = match replay::is_on() {
+            true => replay::poll(this, cx),
+            false => this.poll_without_log(cx),
+        };
+        polled.map(|polled| polled.and_then(|()| this.locked()))
     }
 }
 
@@ -334,9 +272,9 @@ impl<T> Drop for WaitOp<'_, '_, T> {
             Phase::New(_) | Phase::Over => return,
             Phase::Listed => self.cancel(),
             Phase::Keeps => self.mutex.core().unlock(false),
-            Phase::Replayed => {}
+            Phase::Unlocked => {}
         }
-        taped::abandoned();
+        replay::abandon(false);
     }
 }
 
@@ -345,7 +283,7 @@ impl<T> fmt::Debug for WaitOp<'_, '_, T> {
         f.write_str(match self.phase {
             Phase::New(_) => "WaitOp(New)",
             Phase::Listed => "WaitOp(Listed)",
-            Phase::Replayed => "WaitOp(Replayed)",
+            Phase::Unlocked => "WaitOp(Unlocked)",
             Phase::Keeps => "WaitOp(Keeps)",
             Phase::Over => "WaitOp(Over)",
         })
@@ -404,12 +342,77 @@ impl<'a, T> Future for WaitTimeout<'_, 'a, T> {
             )
         };
         let mut polled = wait.as_mut().poll(cx);
-        let may_be_late = result.is_none() && !taped::is_replayed();
-        if polled.is_pending() && may_be_late && events::beside(|| sleep.poll(cx)).is_ready() {
+        let may_be_late = polled.is_pending() && result.is_none() && !replay::is_replayed();
+        if may_be_late && events::beside(|| sleep.poll(cx)).is_ready() {
             *result = Some(wait.as_mut().time_out());
             // It holds the mutex already if that was free.
             polled = wait.as_mut().poll(cx);
         }
         polled.map(|locked| Ok((locked?, WaitTimeoutResult(wait.has_timed_out))))
+    }
+}
+
+/// A recorded wait has a stamp of its locking again; a replayed one locks when that comes, and its
+/// former notifier need not notify again.
+impl<'a, T> Logged for WaitOp<'_, 'a, T> {
+    type Output = Result<(), LockError<'a, T>>;
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.phase {
+            Phase::New(_) | Phase::Unlocked => Stage::New,
+            Phase::Listed => Stage::Waits,
+            Phase::Keeps => Stage::GaveWay,
+            Phase::Over => Stage::Over,
+        }
+    }
+
+    fn approach(&mut self) {
+        if let Phase::New(_) = self.phase
+            && replay::is_replayed()
+            && let Phase::New(guard) = std::mem::replace(&mut self.phase, Phase::Unlocked)
+        {
+            guard.unlock();
+        }
+    }
+
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        match turn {
+            Turn::Record => Poll::Ready(()),
+            // It did not lock again.
+            Turn::Look => Poll::Pending,
+            Turn::Given(event) => {
+                if self.mutex.core().take(inheritor(self.of_thread)).is_err() {
+                    return replay::differs("another process holds the mutex");
+                }
+                self.has_timed_out = event.number == 1;
+                self.phase = Phase::Keeps;
+                Poll::Ready(())
+            }
+        }
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
+        self.poll_without_log(cx)
+    }
+
+    unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
+        let stamp = replay::meeting(&mut self.mutex.core().place.lock());
+        Event::new(What::Chosen, u64::from(self.has_timed_out), stamp)
+    }
+
+    fn keep(&mut self, _: <Self as Logged>::Output) {
+        self.end();
+        self.phase = Phase::Keeps;
+    }
+
+    fn fail(&mut self, _: u64) -> Poll<<Self as Logged>::Output> {
+        self.end();
+        Poll::Ready(Err(LockError::Poisoned))
+    }
+
+    fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
+        output.as_ref().err().map(|_| replay::ended(true))
     }
 }

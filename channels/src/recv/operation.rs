@@ -540,12 +540,12 @@ impl<'a, T, M: Mode> Logged for RecvOp<'a, T, M> {
         Event::done(replay::stamp(of_partner, own))
     }
 
-    fn fail(&mut self, number: u64) -> <Self as Logged>::Output {
+    fn fail(&mut self, number: u64) -> Poll<<Self as Logged>::Output> {
         self.phase = Phase::Over;
-        Err(match number {
+        Poll::Ready(Err(match number {
             replay::failure::POISONED => RecvError::Poisoned,
             _ => RecvError::Closed,
-        })
+        }))
     }
 
     fn failure(output: &<Self as Logged>::Output) -> Option<Event> {

@@ -572,11 +572,11 @@ impl<T, S: Source<T>> Logged for SendOp<'_, T, S> {
         Event::done(replay::stamp(of_partner, own))
     }
 
-    fn fail(&mut self, number: u64) -> <Self as Logged>::Output {
-        Err(self.failed(match number {
+    fn fail(&mut self, number: u64) -> Poll<<Self as Logged>::Output> {
+        Poll::Ready(Err(self.failed(match number {
             replay::failure::POISONED => Outcome::Poisoned,
             _ => Outcome::Closed,
-        }))
+        })))
     }
 
     fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
