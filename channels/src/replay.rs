@@ -13,7 +13,7 @@
 //! ```
 
 use crate::taped::{self, Stamped, is_held, leave};
-pub(crate) use crate::taped::{failure, is_replayed};
+pub(crate) use crate::taped::{failure, is_replayed, now};
 use crate::wait_point::WaitQueues;
 use luna_core::current;
 use luna_core::events;
@@ -144,6 +144,11 @@ pub(crate) fn own_stamp() -> u64 {
 /// As [`own_stamp`], of an operation that has met no partner, under the lock where it succeeded.
 pub(crate) fn meeting(lists: &mut WaitQueues) -> u64 {
     lists.stamp_if(true, Stamped::Meeting)
+}
+
+/// In a replay: whether the other processes have done what comes before the present operation.
+pub(crate) fn settle(cx: &mut Context<'_>) -> Poll<()> {
+    current::tape(|log| log.settle(cx)).unwrap_or(Poll::Ready(()))
 }
 
 /// The replayed operation cannot have its recorded outcome.

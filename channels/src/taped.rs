@@ -208,12 +208,6 @@ pub(crate) fn leave(event: Event) {
     current::tape(|tape| tape.leave(event));
 }
 
-/// Records that an operation was dropped without a result.
-#[cold]
-pub(crate) fn abandoned() {
-    current::tape(|tape| tape.abandon(true));
-}
-
 /// Records that the current process does something that cannot be recorded.
 #[cold]
 pub(crate) fn outside(construct: &'static str) {

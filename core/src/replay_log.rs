@@ -118,9 +118,6 @@ pub trait ReplayLog {
     /// Whether the branch may go on after an operation.
     fn hold(&self, cx: &mut Context<'_>) -> Poll<()>;
 
-    /// The guard that an alternative that was let in has to choose.
-    fn choice(&self) -> Option<u32>;
-
     /// A stamp, if there has to be one: several compete, or the present operation takes one in any
     /// case. 0: none. Under the lock that decides.
     fn stamp(&self, several: bool) -> u64;

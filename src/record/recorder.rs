@@ -457,10 +457,6 @@ impl ReplayLog for Track {
         Poll::Ready(())
     }
 
-    fn choice(&self) -> Option<u32> {
-        None
-    }
-
     fn stamp(&self, several: bool) -> u64 {
         if !several && !self.takes.get() {
             return 0;

@@ -1,11 +1,11 @@
 //! Delays, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
+use crate::replay::{self, Logged, Stage};
 use crate::select_state::SelectState;
-use crate::taped;
 use crate::wait_point::{WaitPoint, WaitQueues};
-use luna_core::current::{self, PendingWake};
-use luna_core::replay_log::Event;
+use luna_core::current::PendingWake;
+use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::future::Future;
@@ -53,7 +53,7 @@ pub fn after(delay: Duration) -> After {
 pub fn at(deadline: Instant) -> After {
     After {
         sleep: Sleep::until(deadline),
-        is_entered: false,
+        has_come: false,
     }
 }
 
@@ -62,8 +62,8 @@ pub fn at(deadline: Instant) -> After {
 #[must_use = "a delay does nothing unless awaited or offered in an alternative"]
 pub struct After {
     sleep: Sleep,
-    /// It is awaited in a process with a replay log, which has admitted it.
-    is_entered: bool,
+    /// It is awaited in a process with a replay log, and has come.
+    has_come: bool,
 }
 
 impl After {
@@ -83,35 +83,46 @@ impl Future for After {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        if current::is_taped() {
-            return self.poll_taped(cx);
+        if replay::is_on() {
+            // SAFETY: nothing is moved.
+            return replay::poll(unsafe { self.get_unchecked_mut() }, cx);
         }
         self.sleep().poll(cx)
     }
 }
 
-impl After {
-    /// Polls in a process with a replay log: a replayed one does not wait for the time.
-    #[cold]
-    #[inline(never)]
-    fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        if !self.is_entered {
-            match current::tape(|tape| tape.enter(cx)) {
-                Some(Poll::Pending) => return Poll::Pending,
-                _ => {
-                    // SAFETY: nothing is moved.
-                    unsafe { self.as_mut().get_unchecked_mut() }.is_entered = true;
-                }
-            }
+/// A replayed one does not wait for the time.
+impl Logged for After {
+    type Output = ();
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.has_come {
+            true => Stage::GaveWay,
+            false => Stage::New,
         }
-        if !taped::is_replayed() && self.as_mut().sleep().poll(cx).is_pending() {
-            return Poll::Pending;
+    }
+
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        self.has_come = turn != Turn::Record;
+        Poll::Ready(())
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<()> {
+        match self.has_come {
+            true => Poll::Ready(()),
+            // SAFETY: what is polled is pinned.
+            false => unsafe { Pin::new_unchecked(self) }.sleep().poll(cx),
         }
-        current::tape(|tape| {
-            tape.leave(Event::done(0));
-            tape.hold(cx)
-        })
-        .unwrap_or(Poll::Ready(()))
+    }
+
+    unsafe fn success(&self, _: Option<&()>, _: u64) -> Event {
+        Event::done(0)
+    }
+
+    fn keep(&mut self, (): ()) {
+        self.has_come = true;
     }
 }
 

@@ -140,7 +140,7 @@ pub trait RawGuard {
     fn released(&self) {}
 
     /// The current process, which has a replay log, is about to look at it.
-    fn note_taped(&self) {}
+    fn note_logged(&self) {}
 
     /// The stamp of a chosen guard that was listed, of a process with a replay log; 0 if it has
     /// none.

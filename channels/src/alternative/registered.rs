@@ -29,9 +29,9 @@ use super::ready_set::ReadySet;
 use crate::core::Channel;
 use crate::error::RecvError;
 use crate::recv::Receiver;
+use crate::replay;
 use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::fmt;
 use std::marker::PhantomData;
@@ -88,8 +88,8 @@ enum State {
     Holds(usize),
     /// The error of this entry's channel was not handed on yet.
     Fails(usize, RecvError),
-    /// As `Closed`, and the process' replay log has not admitted it.
-    Entering,
+    /// As `Closed`, and a receive is under way that has come to nothing yet.
+    Begun,
 }
 
 // SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection;
@@ -322,7 +322,7 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: the entry is this alternative's and stays where it is until it is
             // unregistered; its channel is borrowed.
             let channel = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-            if current::is_taped() {
+            if replay::is_on() {
                 channel.note_alternative();
             }
             // SAFETY: as above.

@@ -5,8 +5,8 @@ use super::guard::RawGuard;
 use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
 use super::stop::Stop;
 use crate::finally::Finally;
+use crate::replay::{self, Logged, Stage};
 use crate::select_state::SelectState;
-use crate::taped;
 use luna_core::current::{self, Process, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
@@ -24,8 +24,6 @@ type Identity = (*const (), *const RawWakerVTable);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     New,
-    /// As `New`, and the process' replay log has not admitted it.
-    Entering,
     /// The guards are listed, and the selection was opened.
     Listed,
     /// The guards are withdrawn, and the branch is about to be dropped.
@@ -202,7 +200,7 @@ impl<S: Seeds> Select<S> {
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let polled = {
             let mut collected = Collected::default();
-            let first = matches!(this.state, State::New | State::Entering);
+            let first = this.state == State::New;
             guards.as_mut().collect(first, 0, &mut collected);
             let Collected(open) = collected;
             if open.is_empty() && !S::Guards::SKIP && this.state != State::Over {
@@ -215,12 +213,11 @@ impl<S: Seeds> Select<S> {
                 fair: this.fair,
                 state: &mut this.state,
                 polled_by: &mut this.polled_by,
+                skip: S::Guards::SKIP.then_some(S::Guards::LEN as u32),
             };
-            let skip = S::Guards::SKIP.then_some(S::Guards::LEN as u32);
-            if current::is_taped() {
-                alternative.poll_taped(skip, cx)
-            } else {
-                alternative.poll(skip, cx)
+            match replay::is_on() {
+                true => replay::poll(&mut alternative, cx),
+                false => alternative.poll(cx),
             }
         };
         if polled.is_pending() {
@@ -273,13 +270,16 @@ struct Polled<'a> {
     fair: bool,
     state: &'a mut State,
     polled_by: &'a mut Identity,
+    /// The number of `skip`, if it stands.
+    skip: Option<u32>,
 }
 
 impl Polled<'_> {
-    /// Which guard has happened and is over. `skip` is the number of `skip`, if it stands.
-    fn poll(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<u32> {
+    /// Which guard has happened and is over.
+    fn poll(&mut self, cx: &mut Context<'_>) -> Poll<u32> {
+        let skip = self.skip;
         match *self.state {
-            State::New | State::Entering => {
+            State::New => {
                 if current::branch_failed() {
                     if let Some(number) = self.fail() {
                         if crate::fails_later(cx) {
@@ -313,70 +313,6 @@ impl Polled<'_> {
             }
             State::Over => panic!("an alternative was polled after it was over"),
         }
-    }
-
-    /// As [`poll`](Self::poll), as the process' replay log says; the result is recorded in it.
-    #[cold]
-    fn poll_taped(&mut self, mut skip: Option<u32>, cx: &mut Context<'_>) -> Poll<u32> {
-        if let State::GaveWay(_) = *self.state
-            && taped::is_held(cx)
-        {
-            return Poll::Pending;
-        }
-        let is_new = matches!(*self.state, State::New | State::Entering);
-        if is_new {
-            *self.state = State::Entering;
-            match current::tape(|tape| tape.enter(cx)) {
-                Some(Poll::Pending) => return Poll::Pending,
-                Some(Poll::Ready(Turn::Look)) => {
-                    current::tape(|tape| tape.differs("an alternative chooses"));
-                    return Poll::Pending;
-                }
-                _ => *self.state = State::New,
-            }
-        }
-        if matches!(*self.state, State::New | State::Listed)
-            && let Some(choice) = current::tape(|tape| tape.choice()).flatten()
-        {
-            self.open.retain(|(number, _)| *number == choice);
-            let waits_for = self.open.first().map(|(_, guard)| guard.place());
-            match waits_for {
-                // The time had come, or none was ready: there is no partner to wait for.
-                Some(None) => *self.state = State::Chosen(choice),
-                None if skip == Some(choice) => *self.state = State::Chosen(choice),
-                None => {
-                    current::tape(|tape| tape.differs("an alternative has no such guard"));
-                    return Poll::Pending;
-                }
-                Some(Some(_)) => skip = None,
-            }
-        }
-        if is_new {
-            self.open.iter().for_each(|(_, guard)| guard.note_taped());
-        }
-        let was_listed = *self.state == State::Listed;
-        let was_chosen = matches!(*self.state, State::Chosen(_) | State::GaveWay(_));
-        let polled = self.poll(skip, cx);
-        let chosen = match (&polled, *self.state) {
-            (Poll::Ready(number), _) => *number,
-            (Poll::Pending, State::Chosen(number) | State::GaveWay(number)) => number,
-            _ => return Poll::Pending,
-        };
-        let guard = self.open.iter().find(|(number, _)| *number == chosen);
-        let order = guard.map_or(0, |(_, guard)| guard.order());
-        let is_held = current::tape(|tape| {
-            let stamp = match order {
-                0 if !was_listed => tape.own_stamp(),
-                order => taped::known(tape, order),
-            };
-            tape.leave(Event::new(What::Chosen, u64::from(chosen), stamp));
-            !was_chosen && tape.hold(cx).is_pending()
-        });
-        if polled.is_ready() && is_held == Some(true) {
-            *self.state = State::GaveWay(chosen);
-            return Poll::Pending;
-        }
-        polled
     }
 
     /// Looks at the guards for the first time: which has happened, or none, and all are listed.
@@ -511,18 +447,74 @@ impl Polled<'_> {
     }
 }
 
+/// A replayed one looks at the recorded guard alone, in each poll.
+impl Logged for Polled<'_> {
+    type Output = u32;
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match *self.state {
+            State::New | State::Listed => Stage::New,
+            State::Chosen(_) | State::GaveWay(_) => Stage::GaveWay,
+            State::Failed | State::Over => Stage::Over,
+        }
+    }
+
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        let is_new = *self.state == State::New;
+        match turn {
+            Turn::Look => return replay::differs("an alternative chooses"),
+            Turn::Given(event) if event.what == What::Chosen => {
+                let choice = u32::try_from(event.number).unwrap_or(u32::MAX);
+                self.open.retain(|(number, _)| *number == choice);
+                match self.open.first().map(|(_, guard)| guard.place()) {
+                    // The time had come, or none was ready: there is no partner to wait for.
+                    Some(None) => *self.state = State::Chosen(choice),
+                    None if self.skip == Some(choice) => *self.state = State::Chosen(choice),
+                    None => return replay::differs("an alternative has no such guard"),
+                    Some(Some(_)) => self.skip = None,
+                }
+            }
+            _ => {}
+        }
+        if is_new {
+            self.open.iter().for_each(|(_, guard)| guard.note_logged());
+        }
+        Poll::Ready(())
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<u32> {
+        self.poll(cx)
+    }
+
+    unsafe fn success(&self, output: Option<&u32>, own: u64) -> Event {
+        let chosen = match (output, *self.state) {
+            (Some(number), _) => *number,
+            (None, State::Chosen(number) | State::GaveWay(number)) => number,
+            (None, _) => unreachable!("no guard was chosen"),
+        };
+        let guard = self.open.iter().find(|(number, _)| *number == chosen);
+        let of_partner = guard.map_or(0, |(_, guard)| guard.order());
+        let stamp = replay::stamp(of_partner, own);
+        Event::new(What::Chosen, u64::from(chosen), stamp)
+    }
+
+    fn keep(&mut self, number: u32) {
+        *self.state = State::GaveWay(number);
+    }
+}
+
 impl<S: Seeds> Drop for Select<S> {
     #[inline]
     fn drop(&mut self) {
         // Dropped when no node leads here any more.
         let _former;
-        if self.state == State::Entering {
-            taped::abandoned();
+        if self.state == State::New {
+            replay::abandon(true);
         }
         if self.state == State::Listed {
-            if current::is_taped() {
-                taped::abandoned();
-            }
+            replay::abandon(false);
             // From here on no thread can claim it; the guards then take themselves off their lists.
             // A guard that was chosen already keeps its result, and handles it as any operation
             // that is dropped.

@@ -1,12 +1,12 @@
 //! Deadlines that are looked up when they come, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
+use crate::replay::{self, Logged, Stage};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use crate::taped;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use luna_core::current::{self, PendingWake};
-use luna_core::replay_log::Event;
+use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::fmt;
@@ -50,8 +50,8 @@ pub struct When<D> {
     sleep: Sleep,
     /// Whether `sleep` is to be set before it is used again.
     is_set: bool,
-    /// The process' replay log has admitted it, and it is due.
-    is_served: bool,
+    /// It is awaited in a process with a replay log, and is due.
+    has_come: bool,
 }
 
 impl<D: Due> When<D> {
@@ -61,7 +61,7 @@ impl<D: Due> When<D> {
             due,
             sleep: Sleep::until(Instant::NEVER),
             is_set: false,
-            is_served: false,
+            has_come: false,
         }
     }
 
@@ -101,7 +101,7 @@ impl<D: Due> When<D> {
     fn serve(self: Pin<&mut Self>) -> D::Output {
         // SAFETY: what is due is not pinned.
         let this = unsafe { self.get_unchecked_mut() };
-        this.due.serve(taped::now())
+        this.due.serve(replay::now())
     }
 }
 
@@ -109,8 +109,10 @@ impl<D: Due> Future for When<D> {
     type Output = D::Output;
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
-        if current::is_taped() {
-            return self.poll_taped(cx);
+        if replay::is_on() {
+            // SAFETY: nothing is moved.
+            let this = unsafe { self.as_mut().get_unchecked_mut() };
+            return replay::poll(this, cx).map(|()| self.serve());
         }
         if self.as_mut().poll_due(cx).is_pending() {
             return Poll::Pending;
@@ -124,26 +126,38 @@ impl<D: Due> Future for When<D> {
     }
 }
 
-impl<D: Due> When<D> {
-    /// Polls in a process with a replay log: a replayed one does not wait for the time.
-    #[cold]
-    fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
-        if !self.is_served {
-            let entered = current::tape(|tape| tape.enter(cx));
-            if entered.is_some_and(|entered| entered.is_pending()) {
-                return Poll::Pending;
-            }
-            if !taped::is_replayed() && self.as_mut().poll_due(cx).is_pending() {
-                return Poll::Pending;
-            }
-            taped::leave(Event::done(0));
-            // SAFETY: nothing is moved.
-            unsafe { self.as_mut().get_unchecked_mut() }.is_served = true;
+/// A replayed one does not wait for the time.
+impl<D: Due> Logged for When<D> {
+    type Output = ();
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.has_come {
+            true => Stage::GaveWay,
+            false => Stage::New,
         }
-        if taped::is_held(cx) {
-            return Poll::Pending;
+    }
+
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        self.has_come = turn != Turn::Record;
+        Poll::Ready(())
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<()> {
+        match self.has_come {
+            true => Poll::Ready(()),
+            // SAFETY: what is polled is pinned.
+            false => unsafe { Pin::new_unchecked(self) }.poll_due(cx),
         }
-        Poll::Ready(self.serve())
+    }
+
+    unsafe fn success(&self, _: Option<&()>, _: u64) -> Event {
+        Event::done(0)
+    }
+
+    fn keep(&mut self, (): ()) {
+        self.has_come = true;
     }
 }
 

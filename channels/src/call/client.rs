@@ -264,8 +264,8 @@ impl<Q, A> RawGuard for CallOp<'_, Q, A> {
         self.send.released();
     }
 
-    fn note_taped(&self) {
-        self.send.note_taped();
+    fn note_logged(&self) {
+        self.send.note_logged();
     }
 
     fn order(&self) -> u64 {

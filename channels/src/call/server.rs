@@ -273,8 +273,8 @@ impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
         unsafe { self.recv().poll_chosen(cx) }
     }
 
-    fn note_taped(&self) {
-        self.recv.note_taped();
+    fn note_logged(&self) {
+        self.recv.note_logged();
     }
 
     fn order(&self) -> u64 {

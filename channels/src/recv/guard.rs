@@ -155,7 +155,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         Poll::Ready(())
     }
 
-    fn note_taped(&self) {
+    fn note_logged(&self) {
         self.receiver.channel().note_logged(false);
     }
 

@@ -175,7 +175,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         self.sender.channel().ring();
     }
 
-    fn note_taped(&self) {
+    fn note_logged(&self) {
         self.sender.channel().note_logged(true);
     }
 

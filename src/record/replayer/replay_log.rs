@@ -157,17 +157,6 @@ impl ReplayLog for Track {
         )
     }
 
-    fn choice(&self) -> Option<u32> {
-        self.with_strand(|branch_log| match branch_log.stage {
-            Stage::Running(Turn::Given(Event {
-                what: What::Chosen,
-                number,
-                ..
-            })) => u32::try_from(number).ok(),
-            _ => None,
-        })
-    }
-
     fn stamp(&self, _: bool) -> u64 {
         self.with_strand(|branch_log| match branch_log.stage {
             Stage::Running(Turn::Given(event)) => event.stamp,

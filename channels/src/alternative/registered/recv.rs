@@ -3,7 +3,7 @@
 use super::{Alternative, Entry, State};
 use crate::core::{Channel, Ending, Received, Taken};
 use crate::error::RecvError;
-use crate::taped;
+use crate::replay::{self, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
 use luna_core::events;
@@ -13,7 +13,7 @@ use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
 use std::ptr::NonNull;
-use std::task::{Context, Poll, RawWakerVTable};
+use std::task::{Context, Poll, RawWakerVTable, ready};
 
 /// A receive under way from one of many channels: see [`Alternative::recv`].
 #[must_use = "an operation does nothing unless awaited"]
@@ -78,118 +78,13 @@ impl<T> Alternative<'_, T> {
     /// Polls wherever the process is, and whatever is asked of the channels.
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
-        match current::is_taped() {
-            true => self.poll_taped(cx),
-            false => self.poll_untaped(cx),
+        match replay::is_on() {
+            true => replay::poll(self, cx),
+            false => self.poll_without_log(cx),
         }
     }
 
-    /// Polls as the process' replay log says, and records the result in it.
-    #[cold]
-    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
-        if let State::Holds(index) = self.state
-            && taped::is_replayed()
-        {
-            if !taped::is_held(cx)
-                && let Some(received) = self.take_held(index)
-            {
-                return Poll::Ready((index, received));
-            }
-            return Poll::Pending;
-        }
-        let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
-        if entered != Poll::Ready(Turn::Record) {
-            self.state = State::Entering;
-            let turn = std::task::ready!(entered);
-            return self.poll_replayed(turn, cx);
-        }
-        let mut holds = None;
-        let polled = self.poll_untaped(cx);
-        if let State::Holds(index) = self.state {
-            holds = Some(index);
-        }
-        let own = current::tape(|tape| tape.own_stamp()).unwrap_or_default();
-        if let Some(index) = holds {
-            // It lets others run before it hands on what it has received.
-            self.put_order(index, own);
-        }
-        let (index, received) = std::task::ready!(polled);
-        let (number, stamp) = match &received {
-            Ok(_) if own != 0 => (0, own),
-            Ok(_) => (0, self.order(index)),
-            Err(RecvError::Poisoned) => (taped::failure::POISONED, 0),
-            Err(_) => (taped::failure::CLOSED, 0),
-        };
-        current::tape(|tape| {
-            let number = (index as u64) << 2 | number;
-            tape.leave(Event::new(What::Chosen, number, taped::known(tape, stamp)));
-        });
-        Poll::Ready((index, received))
-    }
-
-    /// Receives what the recorded receive did. It is not registered anywhere: every sender lists
-    /// itself, and is there when its stamp has come.
-    fn poll_replayed(
-        &mut self,
-        turn: Turn,
-        cx: &mut Context<'_>,
-    ) -> Poll<(usize, Result<T, RecvError>)> {
-        let differs = |what| {
-            current::tape(|tape| tape.differs(what));
-            Poll::Pending
-        };
-        let Turn::Given(Event { number, stamp, .. }) = turn else {
-            return differs("an `Alternative` receives");
-        };
-        let index = usize::try_from(number >> 2).unwrap_or(usize::MAX);
-        let Some(entry) = self.entries.get(index).copied().flatten() else {
-            return differs("an `Alternative` has no such channel");
-        };
-        let settled = current::tape(|tape| tape.settle(cx));
-        std::task::ready!(settled.unwrap_or(Poll::Ready(())));
-        let event = Event::new(What::Chosen, number, stamp);
-        let received = match number & 3 {
-            0 => {
-                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer
-                // than this alternative lives.
-                let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-                channel.note_alternative();
-                match channel.lock().recv_unusually(false) {
-                    Received::Done(value, ready, _) => {
-                        let taken = Taken::new(channel, value, 0);
-                        ready.wake();
-                        Ok(taken.keep())
-                    }
-                    _ => return differs("an `Alternative` finds nothing"),
-                }
-            }
-            taped::failure::POISONED => Err(RecvError::Poisoned),
-            _ => Err(RecvError::Closed),
-        };
-        self.state = State::Closed;
-        taped::leave(event);
-        let is_held = received.is_ok() && taped::is_held(cx);
-        self.hand_on(index, received, is_held)
-    }
-
-    /// The stamp of an entry's result.
-    fn order(&self, index: usize) -> u64 {
-        self.entries[index].map_or(0, |entry| {
-            // SAFETY: the entry is this alternative's, and was begun when it was made.
-            unsafe { Waiter::order(entry.cast::<Waiter<T>>()) }
-        })
-    }
-
-    fn put_order(&self, index: usize, stamp: u64) {
-        if let Some(entry) = self.entries[index]
-            && stamp != 0
-        {
-            // SAFETY: the selection is closed, so the entry is the owner's.
-            unsafe { Waiter::put_order(entry.cast::<Waiter<T>>(), stamp) };
-        }
-    }
-
-    fn poll_untaped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+    fn poll_without_log(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         let identity: (_, *const RawWakerVTable) = (cx.waker().data(), cx.waker().vtable());
         if let Some(index) = self.holds()
             && let Some(received) = self.take_held(index)
@@ -223,10 +118,8 @@ impl<T> Alternative<'_, T> {
             let Some(first) = self.first_to_fail() else {
                 // As STOP, it has no error to give.
                 current::end_branch(cx);
-                if current::is_taped() {
-                    // Its drop records in the replay log that it came to nothing.
-                    self.state = State::Entering;
-                }
+                // Its drop tells a replay log that it came to nothing.
+                self.state = State::Begun;
                 return Poll::Pending;
             };
             current::stay_in_branch();
@@ -376,22 +269,17 @@ impl<T> Alternative<'_, T> {
     fn end_recv(&mut self) {
         match self.state {
             State::Open => {
-                if current::is_taped() {
-                    taped::abandoned();
-                }
+                replay::abandon(false);
                 let closed = self.hub().selection.close();
                 if closed.is_some() {
                     self.state = State::Closed;
                 }
             }
-            State::Entering => {
-                taped::abandoned();
+            State::Begun => {
+                replay::abandon(false);
                 self.state = State::Closed;
             }
             State::Fails(index, _) => {
-                if current::is_taped() {
-                    taped::abandoned();
-                }
                 // No caller has the report of this one yet. The next call reports an end; a later
                 // caller has no use for a failure of this branch. SAFETY: the entries are this
                 // alternative's.
@@ -402,5 +290,105 @@ impl<T> Alternative<'_, T> {
             }
             State::Closed | State::Holds(_) => {}
         }
+    }
+}
+
+impl<T> Logged for Alternative<'_, T> {
+    type Output = (usize, Result<T, RecvError>);
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.state {
+            State::Closed | State::Begun | State::Open => Stage::New,
+            State::Holds(_) | State::Fails(..) => Stage::GaveWay,
+        }
+    }
+
+    fn approach(&mut self) {
+        if self.state == State::Closed {
+            self.state = State::Begun;
+        }
+    }
+
+    /// A replayed one receives what the recorded one did. It is not registered anywhere: every
+    /// sender lists itself, and is there when its stamp has come.
+    fn come(&mut self, turn: Turn, cx: &mut Context<'_>) -> Poll<()> {
+        let number = match turn {
+            Turn::Record if self.state == State::Begun => {
+                self.state = State::Closed;
+                return Poll::Ready(());
+            }
+            Turn::Record => return Poll::Ready(()),
+            Turn::Look => return replay::differs("an `Alternative` receives"),
+            Turn::Given(event) => event.number,
+        };
+        let index = usize::try_from(number >> 2).unwrap_or(usize::MAX);
+        let Some(entry) = self.entries.get(index).copied().flatten() else {
+            return replay::differs("an `Alternative` has no such channel");
+        };
+        ready!(replay::settle(cx));
+        let error = match number & 3 {
+            replay::failure::NOTHING => {
+                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer
+                // than this alternative lives.
+                let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+                channel.note_alternative();
+                let Received::Done(value, ready, _) = channel.lock().recv_unusually(false) else {
+                    return replay::differs("an `Alternative` finds nothing");
+                };
+                let taken = Taken::new(channel, value, 0);
+                ready.wake();
+                let _ = self.hand_on(index, Ok(taken.keep()), true);
+                return Poll::Ready(());
+            }
+            replay::failure::POISONED => RecvError::Poisoned,
+            _ => RecvError::Closed,
+        };
+        self.state = State::Fails(index, error);
+        Poll::Ready(())
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        self.poll_without_log(cx)
+    }
+
+    unsafe fn success(&self, output: Option<&Self::Output>, own: u64) -> Event {
+        let (index, error) = match (output, self.state) {
+            (Some((index, received)), _) => (*index, received.as_ref().err().copied()),
+            (None, State::Holds(index)) => (index, None),
+            (None, State::Fails(index, error)) => (index, Some(error)),
+            (None, _) => unreachable!("it has its output, or has given it"),
+        };
+        let (failure, stamp) = match error {
+            Some(RecvError::Poisoned) => (replay::failure::POISONED, 0),
+            Some(_) => (replay::failure::CLOSED, 0),
+            // The entry may have the stamp of an earlier result.
+            None if own != 0 => (replay::failure::NOTHING, own),
+            None => (
+                replay::failure::NOTHING,
+                replay::stamp(self.order(index), 0),
+            ),
+        };
+        Event::new(What::Chosen, (index as u64) << 2 | failure, stamp)
+    }
+
+    fn keep(&mut self, (index, received): Self::Output) {
+        match received {
+            Err(error) => self.state = State::Fails(index, error),
+            received => {
+                let _ = self.hand_on(index, received, true);
+            }
+        }
+    }
+}
+
+impl<T> Alternative<'_, T> {
+    /// The stamp of an entry's result.
+    fn order(&self, index: usize) -> u64 {
+        self.entries[index].map_or(0, |entry| {
+            // SAFETY: the entry is this alternative's, and was begun when it was made.
+            unsafe { Waiter::order(entry.cast::<Waiter<T>>()) }
+        })
     }
 }
