@@ -9,8 +9,9 @@
 //! complete, it is also complete for the group before the first waker is woken. From there on, a
 //! member that is dropped has come, and a member that is polled first belongs to the next round.
 
+use super::sync::Came;
 use super::{Barrier, SyncOp};
-use luna_core::current::{self, Home, WakeHandle};
+use luna_core::current::{self, Home, Renewal, WakeHandle};
 use luna_core::reclaim::Shared;
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
@@ -124,27 +125,35 @@ impl Group {
     }
 
     /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, when the
-    /// group is complete. Runs no user code.
-    fn come(&self, wakeup: WakeHandle) -> After<'_> {
+    /// group is complete. Runs no user code. The renewal has a handle.
+    fn come(&self, renewal: &mut Renewal<'_, '_>) -> After<'_> {
         // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the
         // group's own allocation and is dropped after it; it is not moved while it is there, and is
         // taken out as soon as its round is complete.
         let came = unsafe {
             let global = &mut *self.global.get();
+            if global.is_none() {
+                self.barrier.shared().note_user();
+            }
             let sync = global.get_or_insert_with(|| {
                 let barrier: *const Barrier = &raw const self.barrier;
                 (*barrier).sync()
             });
-            sync.come(wakeup)
+            sync.look(renewal)
         };
-        if came.is_complete {
+        let (is_complete, completes, former) = match came {
+            Came::Waits => (false, false, None),
+            Came::Completes => (true, true, None),
+            Came::IsOver(former) => (true, false, former),
+        };
+        if is_complete {
             self.complete();
         }
         After {
             group: self,
-            completes: came.completes,
-            is_complete: came.is_complete,
-            former: came.former,
+            completes,
+            is_complete,
+            former: [former, None],
         }
     }
 
@@ -325,11 +334,11 @@ impl LocalSync<'_> {
             return false;
         }
         // Cloning a waker is user code: its effects are looked at afterwards.
-        let wakeup = WakeHandle::of(cx);
+        let mut renewal = Renewal::made(cx);
         if !is_due() {
             return false;
         }
-        let after = self.group.come(wakeup);
+        let after = self.group.come(&mut renewal);
         let completes = after.completes;
         after.carry_out();
         completes

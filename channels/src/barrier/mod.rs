@@ -15,6 +15,7 @@
 //! "Alting Barriers: synchronisation with choice in Java using JCSP", 2010. Here unrelated barriers
 //! do not meet.)
 
+mod fast_path;
 mod local;
 mod party;
 mod sync;

@@ -1,5 +1,6 @@
 //! A party's coming to a barrier.
 
+use super::fast_path::Arrival;
 use super::{Barrier, Shared};
 use crate::alternative::{Attempt, Guard, RawGuard};
 use crate::select_state::SelectState;
@@ -28,16 +29,16 @@ enum Phase {
     Over,
 }
 
-/// What [`SyncOp::come`] has led to. Its caller carries it out once its own state is changed, since
-/// all of it may run user code.
+/// What one [look](SyncOp::look) at the barrier has led to. Its caller carries it out once its own
+/// state is changed, since all of it may run user code.
 #[must_use]
-pub(super) struct Came {
-    /// The round is complete.
-    pub(super) is_complete: bool,
-    /// This party has completed it, and the others are to be [released](Shared::release).
-    pub(super) completes: bool,
-    /// Not needed any more.
-    pub(super) former: [Option<WakeHandle>; 2],
+pub(super) enum Came {
+    /// The round is not complete.
+    Waits,
+    /// This party has completed the round, and the others are to be [released](Shared::release).
+    Completes,
+    /// The round is complete. The wake handle is not needed any more.
+    IsOver(Option<WakeHandle>),
 }
 
 /// Coming to a barrier: see [`Barrier::sync`].
@@ -83,66 +84,16 @@ impl<'a> SyncOp<'a> {
         unsafe { Waiter::outcome(self.node()) }
     }
 
-    /// For a listed party: whether the round is complete; if so, it is in no list any more.
-    /// Otherwise the poller's waker from `cx` is woken then.
-    fn poll_round(&mut self, cx: &Context<'_>) -> Poll<()> {
-        if self.outcome() == Outcome::Done {
-            return Poll::Ready(());
-        }
-        let mut renewal = Renewal::of(cx);
-        let mut _former = None;
-        let polled = renewal.put(|renewal| {
-            let mut lists = self.shared().place.lock();
-            // SAFETY: under the lock a waiting node may be changed, and the round's number
-            // determines its list.
-            unsafe {
-                if self.outcome() == Outcome::Done {
-                    return Poll::Ready(());
-                }
-                let node = Waiter::link(self.node());
-                if self.shared().round(&lists, |round| round.number) == (*node).ticket {
-                    renewal.store((*node).wait.wakeup_mut());
-                    return Poll::Pending;
-                }
-                lists.held.remove(self.node().cast());
-                (*node)
-                    .outcome
-                    .store(Outcome::Done as u8, Ordering::Relaxed);
-                _former = (*node).wait.wakeup_mut().take();
-                Poll::Ready(())
-            }
-        });
-        if polled.is_pending() {
-            self.shared().place.waits();
-        }
-        polled
-    }
-
-    /// Comes, or looks whether the round is complete, for a group that is one party: all at once,
-    /// without user code. `wakeup` is for the group. Not to be called once the round is complete.
+    /// Comes, or looks whether the round is complete, under the barrier's lock. Runs no user code.
+    /// While it waits, the handle of `renewal` is woken; without a handle nothing changes, and the
+    /// renewal calls this again.
     ///
     /// # Safety
     ///
-    /// It is pinned, and in no alternative.
-    pub(super) unsafe fn come(&mut self, wakeup: WakeHandle) -> Came {
+    /// It is pinned, new or listed, and in no alternative unless that has chosen it.
+    pub(super) unsafe fn look(&mut self, renewal: &mut Renewal<'_, '_>) -> Came {
         let shared = self.shared();
-        let waits = |former| Came {
-            is_complete: false,
-            completes: false,
-            former: [former, None],
-        };
-        let is_over = |completes, former| Came {
-            is_complete: true,
-            completes,
-            former,
-        };
         let is_new = self.phase == Phase::New;
-        if is_new {
-            shared.note_user();
-        } else if self.outcome() == Outcome::Done {
-            self.phase = Phase::Over;
-            return is_over(false, [Some(wakeup), None]);
-        }
         let mut lists = shared.place.lock();
         // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
         // contract, and its drop takes it off. Under the lock a listed node may be changed, and the
@@ -151,39 +102,112 @@ impl<'a> SyncOp<'a> {
             if is_new {
                 if shared.complete_with(&mut lists, 1) {
                     self.phase = Phase::Over;
-                    return is_over(true, [Some(wakeup), None]);
+                    return Came::Completes;
                 }
-                let number = shared.round(&lists, |round| {
-                    round.arrived += 1;
-                    round.number
-                });
-                Waiter::begin(self.node(), false, None, None);
-                (*Waiter::link(self.node())).ticket = number;
-                lists
-                    .senders
-                    .insert(self.node().cast(), current::priority(), Some(wakeup));
-                self.phase = Phase::Listed;
-                return waits(None);
+                if let Some(wakeup) = renewal.take() {
+                    let number = shared.round(&lists, |round| {
+                        round.arrived += 1;
+                        round.number
+                    });
+                    Waiter::begin(self.node(), false, None, None);
+                    (*Waiter::link(self.node())).ticket = number;
+                    lists
+                        .senders
+                        .insert(self.node().cast(), current::priority(), wakeup);
+                    self.phase = Phase::Listed;
+                }
+                return Came::Waits;
             }
             let node = Waiter::link(self.node());
-            let is_done = self.outcome() == Outcome::Done;
-            let number = shared.round(&lists, |round| round.number);
-            if !is_done && number == (*node).ticket {
-                return waits((*node).wait.wakeup_mut().replace(wakeup));
+            if self.outcome() == Outcome::Done {
+                self.phase = Phase::Over;
+                return Came::IsOver(None);
             }
-            if !is_done {
-                lists.held.remove(self.node().cast());
-                (*node)
-                    .outcome
-                    .store(Outcome::Done as u8, Ordering::Relaxed);
+            if shared.round(&lists, |round| round.number) == (*node).ticket {
+                renewal.store(Waiter::change_wakeup(self.node()));
+                return Came::Waits;
             }
+            lists.held.remove(self.node().cast());
+            (*node)
+                .outcome
+                .store(Outcome::Done as u8, Ordering::Relaxed);
             self.phase = Phase::Over;
-            let former = if is_done {
-                None
-            } else {
-                (*node).wait.wakeup_mut().take()
-            };
-            is_over(false, [Some(wakeup), former])
+            Came::IsOver((*node).wait.wakeup_mut().take())
+        }
+    }
+
+    /// Comes to the barrier, or looks whether the round is complete.
+    fn poll_round(&mut self, cx: &Context<'_>) -> Poll<()> {
+        let mut renewal = Renewal::of(cx);
+        // SAFETY: its callers are polled pinned, in these phases.
+        match renewal.put(|renewal| unsafe { self.look(renewal) }) {
+            Came::Waits => {
+                self.shared().place.waits();
+                Poll::Pending
+            }
+            Came::Completes => {
+                self.shared().release();
+                self.let_others_run(cx)
+            }
+            Came::IsOver(_former) => Poll::Ready(()),
+        }
+    }
+
+    /// It has completed the round, and released the others.
+    fn let_others_run(&mut self, cx: &Context<'_>) -> Poll<()> {
+        if crate::gives_way(cx) {
+            self.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
+        Poll::Ready(())
+    }
+
+    /// Handles all that did not simply end on the fast path.
+    #[inline(never)]
+    fn poll_away(&mut self, arrival: Arrival, cx: &Context<'_>) -> Poll<()> {
+        match arrival {
+            Arrival::GaveWay => {
+                self.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
+            Arrival::Completes => {
+                self.phase = Phase::Over;
+                self.shared().release();
+                return self.let_others_run(cx);
+            }
+            _ => {}
+        }
+        match self.phase {
+            Phase::New | Phase::Listed if current::branch_failed() => {
+                // The missing parties may never come, and there is no error to return.
+                let has_come = self.leave();
+                self.phase = if has_come { Phase::Over } else { Phase::New };
+                if has_come {
+                    return Poll::Ready(());
+                }
+                current::end_branch(cx);
+                return Poll::Pending;
+            }
+            Phase::New => self.shared().note_user(),
+            Phase::Listed => {}
+            Phase::GaveWay => {
+                self.phase = Phase::Over;
+                return Poll::Ready(());
+            }
+            Phase::Completed | Phase::Over => panic!("a sync was polled after it was over"),
+        }
+        self.poll_round(cx)
+    }
+
+    /// Its future goes before it has seen the end of the round.
+    #[cold]
+    fn drop_early(&mut self) {
+        match self.phase {
+            Phase::Listed => {
+                self.leave();
+            }
+            // The round is complete, whatever becomes of this party.
+            _ => self.shared().release(),
         }
     }
 
@@ -240,69 +264,35 @@ impl<'a> SyncOp<'a> {
 impl Future for SyncOp<'_> {
     type Output = ();
 
+    #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        if current::branch_failed() && matches!(this.phase, Phase::New | Phase::Listed) {
-            // The missing parties may never come, and there is no error to return.
-            let has_come = this.leave();
-            this.phase = if has_come { Phase::Over } else { Phase::New };
-            if has_come {
-                return Poll::Ready(());
-            }
-            current::end_branch(cx);
-            return Poll::Pending;
-        }
+        let mut arrival = Arrival::SlowPath;
         match this.phase {
-            Phase::New => {}
-            Phase::Listed => {
-                let polled = this.poll_round(cx);
-                if polled.is_ready() {
-                    this.phase = Phase::Over;
+            Phase::New => {
+                // SAFETY: a new node is known to its future alone, which is pinned; its drop takes
+                // the node off.
+                arrival = unsafe { this.shared().come_fast(this.node(), cx) };
+                match arrival {
+                    Arrival::Waits => {
+                        this.phase = Phase::Listed;
+                        return Poll::Pending;
+                    }
+                    Arrival::Done => {
+                        this.phase = Phase::Over;
+                        return Poll::Ready(());
+                    }
+                    _ => {}
                 }
-                return polled;
             }
-            Phase::GaveWay => {
+            Phase::Listed if this.outcome() == Outcome::Done => {
                 this.phase = Phase::Over;
                 return Poll::Ready(());
             }
-            Phase::Completed | Phase::Over => panic!("a sync was polled after it was over"),
+            _ => {}
         }
-        let shared = this.shared();
-        shared.note_user();
-        let mut renewal = Renewal::of(cx);
-        renewal.put(|renewal| {
-            let mut lists = shared.place.lock();
-            // SAFETY: the lists are the barrier's; the node is in none of them, the future is
-            // pinned, and its drop takes it off.
-            unsafe {
-                if shared.complete_with(&mut lists, 1) {
-                    this.phase = Phase::Completed;
-                } else if let Some(wakeup) = renewal.take() {
-                    let number = shared.round(&lists, |round| {
-                        round.arrived += 1;
-                        round.number
-                    });
-                    Waiter::begin(this.node(), false, None, None);
-                    (*Waiter::link(this.node())).ticket = number;
-                    lists
-                        .senders
-                        .insert(this.node().cast(), current::priority(), wakeup);
-                    this.phase = Phase::Listed;
-                }
-            }
-        });
-        if this.phase == Phase::Listed {
-            shared.place.waits();
-            return Poll::Pending;
-        }
-        this.phase = Phase::Over;
-        shared.release();
-        if crate::gives_way(cx) {
-            this.phase = Phase::GaveWay;
-            return Poll::Pending;
-        }
-        Poll::Ready(())
+        this.poll_away(arrival, cx)
     }
 }
 
@@ -394,7 +384,7 @@ impl RawGuard for SyncOp<'_> {
                 this.shared().release();
                 Poll::Ready(())
             }
-            Phase::Listed => this.poll_round(cx),
+            Phase::Listed if this.outcome() != Outcome::Done => this.poll_round(cx),
             _ => Poll::Ready(()),
         }
     }
@@ -425,14 +415,10 @@ impl Guard for SyncOp<'_> {
 }
 
 impl Drop for SyncOp<'_> {
+    #[inline]
     fn drop(&mut self) {
-        match self.phase {
-            Phase::Listed => {
-                self.leave();
-            }
-            // The round is complete, whatever becomes of this party.
-            Phase::Completed => self.shared().release(),
-            Phase::New | Phase::GaveWay | Phase::Over => {}
+        if matches!(self.phase, Phase::Listed | Phase::Completed) {
+            self.drop_early();
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The fast path: a model thread is an executor's, and owns the bias of the channel's lock.
 
 use super::{Drops, Token, check_within, recv_id};
-use crate::{Receiver, Sender, channel, pri_alt};
+use crate::{Barrier, Party, Receiver, Sender, channel, pri_alt};
 use loom::future::block_on;
 use loom::sync::Arc;
 use loom::thread;
@@ -13,6 +13,7 @@ use std::future::Future;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::rc::Rc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::{Context, Waker};
 
 /// Upper limit of the preemptions of a thread in a model.
@@ -275,4 +276,45 @@ fn the_channel_is_poisoned_from_another_thread() {
         sender.poison();
         [None, None]
     });
+}
+
+/// Two parties on the biased thread, and `other` on another one, with a party of its own.
+fn barrier_against(other: impl Fn(Party, &AtomicUsize) + Copy + Send + Sync + 'static) {
+    check_within(PREEMPTIONS, move || {
+        let executor = Executor::enter();
+        let barrier = Barrier::new(2);
+        // The first use in shared mode earns the bias.
+        let party = barrier.enroll();
+        // Not watched by loom: it only shows the order.
+        let come = Arc::new(AtomicUsize::new(0));
+        let theirs = come.clone();
+        let thread = thread::spawn(move || other(party, &theirs));
+        let bodies = [0, 1].map(|_| {
+            let (barrier, come) = (barrier.clone(), come.clone());
+            let body: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async move {
+                for round in 1..=2 {
+                    come.fetch_add(1, Ordering::SeqCst);
+                    barrier.sync().await;
+                    assert!(come.load(Ordering::SeqCst) >= 2 * round);
+                }
+            });
+            body
+        });
+        executor.run(bodies);
+        thread.join().unwrap();
+        assert_eq!(barrier.parties(), 2);
+    });
+}
+
+#[test]
+fn a_party_comes_from_another_thread_and_resigns() {
+    barrier_against(|party, come| {
+        block_on(party.sync());
+        assert!(come.load(Ordering::SeqCst) >= 2);
+    });
+}
+
+#[test]
+fn a_party_resigns_on_another_thread() {
+    barrier_against(|party, _| drop(party));
 }

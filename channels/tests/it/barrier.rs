@@ -295,3 +295,102 @@ fn both_guards_of_two_processes_at_two_barriers() {
         assert_eq!(one, other);
     }
 }
+
+/// More parties of one executor than are released at once: for many rounds alone, then with one of
+/// them in an alternative, or with a thread.
+#[test]
+fn rounds_of_one_executor_alone_and_with_others() {
+    const PARTIES: usize = 20;
+    const ALONE: usize = 100;
+    const ROUNDS: usize = 200;
+
+    #[derive(Clone, Copy, PartialEq)]
+    enum Then {
+        Alone,
+        Alternative,
+        Thread,
+    }
+
+    for then in [Then::Alone, Then::Alternative, Then::Thread] {
+        let barrier = Barrier::new(PARTIES);
+        let arrived = Arc::new(AtomicUsize::new(0));
+        let (gives, party) = std::sync::mpsc::channel();
+        let executor = Executor::start(Attributes::new("parties")).unwrap();
+        let processes: Vec<_> = (0..PARTIES)
+            .map(|number| {
+                let (barrier, arrived) = (barrier.clone(), arrived.clone());
+                let gives = gives.clone();
+                let level = [7, 8, 7, 9][number % 4];
+                let spec = ProcessSpec::new("party").level(level);
+                executor.spawn(spec, move || async move {
+                    let (_quiet, nothing) = channel::<u32>();
+                    for round in 1..=ROUNDS {
+                        arrived.fetch_add(1, Ordering::SeqCst);
+                        let is_first = number == 0 && round > ALONE;
+                        if is_first && round == ALONE + 1 && then == Then::Thread {
+                            gives.send(barrier.enroll()).unwrap();
+                        }
+                        if is_first && then == Then::Alternative {
+                            alt! {
+                                _ = nothing.recv() => unreachable!(),
+                                _ = barrier.sync() => {}
+                            }
+                        } else {
+                            barrier.sync().await;
+                        }
+                        assert!(arrived.load(Ordering::SeqCst) >= PARTIES * round);
+                    }
+                })
+            })
+            .collect();
+        drop(gives);
+        executor.release();
+        if let Ok(party) = party.recv() {
+            for round in ALONE + 1..=ROUNDS {
+                block_on(party.sync());
+                assert!(arrived.load(Ordering::SeqCst) >= PARTIES * round);
+            }
+        }
+        for process in processes {
+            assert_eq!(process.wait(), Exit::Completed);
+        }
+    }
+}
+
+/// A waiting party's future goes to another executor, whose process is then the one to be woken.
+#[test]
+fn a_party_that_waits_moves_to_another_executor() {
+    for comes_there in [false, true] {
+        let barrier = Barrier::new(2);
+        let executors =
+            ["here", "there"].map(|name| Executor::start(Attributes::new(name)).unwrap());
+        let (gives, gets) = std::sync::mpsc::channel();
+        let of_here = barrier.clone();
+        let here = executors[0].spawn(ProcessSpec::new("here"), move || async move {
+            // The barrier is used by this executor alone, until its lock is biased to it.
+            for _ in 0..50 {
+                assert_eq!(of_here.parties(), 2);
+            }
+            let mut waits: Pin<Box<dyn Future<Output = ()> + Send>> =
+                Box::pin(async move { of_here.sync().await });
+            assert!(poll_once(waits.as_mut()).await.is_none());
+            gives.send(waits).unwrap();
+        });
+        executors[0].release();
+        assert_eq!(here.wait(), Exit::Completed);
+        let waits = gets.recv().unwrap();
+        let there = executors[1].spawn(ProcessSpec::new("there"), move || async move {
+            let mut waits = waits;
+            if comes_there {
+                assert!(poll_once(waits.as_mut()).await.is_none());
+            }
+            waits.await;
+        });
+        let last = executors[1].spawn(ProcessSpec::new("last"), move || async move {
+            barrier.sync().await;
+        });
+        executors[1].release();
+        assert_eq!(last.wait(), Exit::Completed);
+        assert_eq!(there.wait(), Exit::Completed);
+    }
+}

@@ -1,0 +1,137 @@
+//! A barrier among processes of one executor: arriving and releasing without atomics.
+//!
+//! It gives the same results as [`SyncOp::look`](super::SyncOp::look) and
+//! [`Shared::release`], without branches for what is not there: the lock is biased to the
+//! executor, the turn is a plain one, and no alternative offers the barrier. So no waker is cloned
+//! or called, and no user code runs. Whenever one of these conditions does not hold, no state has
+//! changed, and the party takes the slow path.
+//!
+//! A node that was listed here is marked so ([`Waiter::begin_plain`]). A party that finds it here
+//! knows that its process belongs to this very executor: only the executor that owns the bias comes
+//! here, and a lock is biased to no second one.
+
+use super::Shared;
+use crate::wait_point::WaitQueues;
+use crate::waiter::Waiter;
+use luna_core::biased_lock::InsideGuard;
+use luna_core::current::{self, PlainPendingWake, Process};
+use std::hint::cold_path;
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
+use std::task::Context;
+
+/// The most parties that are released in one lock section.
+const TOGETHER: usize = 16;
+
+/// What coming to the barrier has led to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Arrival {
+    /// Fast path unavailable; no state changed. Take the slow path.
+    SlowPath,
+    /// The node is listed.
+    Waits,
+    /// The round is complete, and the others are released.
+    Done,
+    /// As `Done`, and the process is queued again: others run first.
+    GaveWay,
+    /// The round is complete, and there are others to be [released](Shared::release).
+    Completes,
+}
+
+impl Shared {
+    /// Comes to the barrier. Without atomic read-modify-writes; O(waiting parties of lower
+    /// priority), and O(parties) for the last one.
+    ///
+    /// # Safety
+    ///
+    /// `node` is a party's that is not listed. No other thread accesses it, and it stays where it
+    /// is until it is settled or taken back.
+    #[inline(never)]
+    pub(super) unsafe fn come_fast(&self, node: NonNull<Waiter<()>>, cx: &Context<'_>) -> Arrival {
+        let Some(process) = current::unrecorded_turn(cx) else {
+            cold_path();
+            return Arrival::SlowPath;
+        };
+        // SAFETY: this is the thread of the process' executor.
+        let Some(mut lists) = (unsafe { self.place.lock_if_favoured(process.home_number()) })
+        else {
+            cold_path();
+            return Arrival::SlowPath;
+        };
+        // SAFETY: the lists are this barrier's, and the lock is held. The node is in none of them,
+        // and stays where it is.
+        unsafe {
+            let came = self.round(&lists, |round| {
+                if round.offering > 0 {
+                    return Arrival::SlowPath;
+                }
+                round.arrived += 1;
+                if round.arrived < round.parties {
+                    Waiter::begin_plain(node, process);
+                    (*Waiter::link(node)).ticket = round.number;
+                    return Arrival::Waits;
+                }
+                round.arrived = 0;
+                round.number = round.number.wrapping_add(1);
+                Arrival::Completes
+            });
+            if came != Arrival::Completes {
+                if came == Arrival::Waits {
+                    lists.senders.insert_again(node.cast());
+                }
+                return came;
+            }
+            let WaitQueues { senders, held, .. } = &mut *lists;
+            held.append(senders);
+            self.release_plain(lists, process)
+        }
+    }
+
+    /// Releases members of completed rounds, as long as they were listed here; then the process
+    /// that has completed one is done.
+    ///
+    /// # Safety
+    ///
+    /// `lists` are this barrier's. `process` is the current one, in a plain turn.
+    #[inline]
+    unsafe fn release_plain<'a>(
+        &'a self,
+        mut lists: InsideGuard<'a, WaitQueues>,
+        process: &Process,
+    ) -> Arrival {
+        let mut pending = [const { MaybeUninit::<PlainPendingWake>::uninit() }; TOGETHER];
+        // SAFETY: this is the thread of the process' executor, which the lock is biased to while it
+        // is held here; so a plain wake handle was made on this thread. A node in the list is a
+        // live waiter, which is not touched after it was settled. The first `count` places are
+        // written in each round, and taken once.
+        unsafe {
+            loop {
+                let mut count = 0;
+                while count < TOGETHER
+                    && let Some(first) = lists.held.first()
+                    && let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<()>>())
+                {
+                    lists.held.remove_first(first);
+                    Waiter::settle_plain(first.cast::<Waiter<()>>());
+                    pending[count].write(ready);
+                    count += 1;
+                }
+                let is_last = lists.held.is_empty();
+                drop(lists);
+                for ready in &pending[..count] {
+                    ready.assume_init_read().wake();
+                }
+                if is_last {
+                    return match current::gives_way(process) {
+                        true => Arrival::GaveWay,
+                        false => Arrival::Done,
+                    };
+                }
+                match self.place.lock_if_favoured(process.home_number()) {
+                    Some(again) if count > 0 => lists = again,
+                    _ => return Arrival::Completes,
+                }
+            }
+        }
+    }
+}
