@@ -64,13 +64,20 @@ impl<T> ArcCache<T> {
     /// A reference to `of`: a returned one, if possible. O(1); nothing is allocated or freed.
     #[inline]
     pub fn another(&self, of: &Arc<T>) -> Arc<T> {
+        let kept = if self.keeps(of) { self.kept() } else { None };
+        kept.unwrap_or_else(|| of.clone())
+    }
+
+    /// A returned reference, if there is one. O(1).
+    #[inline]
+    pub fn kept(&self) -> Option<Arc<T>> {
         let count = self.count.get();
-        if count == 0 || !self.keeps(of) {
-            return of.clone();
+        if count == 0 {
+            return None;
         }
         self.count.set(count - 1);
         // SAFETY: by the invariant the cache owned one reference more, which it passes on here.
-        unsafe { Arc::from_raw(self.of.get()) }
+        Some(unsafe { Arc::from_raw(self.of.get()) })
     }
 
     /// Takes a reference that is no longer needed: keeps it if it is to `of`, and drops it

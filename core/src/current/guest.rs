@@ -7,7 +7,7 @@
 //! before another has its turn, since a critical section does not await.
 
 use super::home_thread::HomeThread;
-use super::{HOME_THREAD, Home, RunQueue, THREAD, TIMERS, entered, home};
+use super::{HOME_THREAD, Home, RunQueue, THREAD, entered, home, set_timers, take_timers};
 use crate::timer_queue::TimerQueue;
 use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
@@ -80,7 +80,9 @@ impl Guest {
             thread.may_block.set(false);
             thread.queue.take_over(&self.queue);
         });
-        TIMERS.with(|slot| *slot.borrow_mut() = self.timers.take());
+        if let Some(timers) = self.timers.take() {
+            set_timers(timers);
+        }
         HOME_THREAD.with(|slot| *slot.borrow_mut() = self.thread.take());
     }
 
@@ -96,7 +98,7 @@ impl Guest {
             thread.home.set(None);
             thread.may_block.set(true);
         });
-        self.timers = TIMERS.with(|slot| slot.borrow_mut().take());
+        self.timers = take_timers();
         self.thread = HOME_THREAD.with(|slot| slot.borrow_mut().take());
     }
 }

@@ -61,6 +61,8 @@ use luna_platform::sync::Arc;
 use run_queue::RunQueue;
 use std::cell::{Cell, RefCell};
 use std::marker::PhantomData;
+#[cfg(not(loom))]
+use std::mem::ManuallyDrop;
 use std::ptr::NonNull;
 use std::task::Waker;
 
@@ -108,6 +110,11 @@ model_local! {
     static HOME_THREAD: RefCell<Option<std::sync::Arc<HomeThread>>> = const { RefCell::new(None) };
     /// References to the thread's `HomeThread`, kept from processes that have ended.
     static SPARE_HOME_THREADS: ArcCache<HomeThread> = const { ArcCache::new() };
+    /// References to the thread's timers, kept from sleeps that have ended, as long as the thread
+    /// is an executor: so nothing is left to be dropped with the thread. A model counts each.
+    #[cfg(not(loom))]
+    static SPARE_TIMERS: ManuallyDrop<ArcCache<TimerQueue>> =
+        const { ManuallyDrop::new(ArcCache::new()) };
 }
 
 /// Marks this thread as the executor `home` with its `timers` until the guard is dropped.
@@ -128,7 +135,7 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
         thread.thread_id.set(Inside::id_of_this_thread());
         thread.may_block.set(may_block);
     });
-    TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
+    set_timers(timers);
     // The boosts of a plain thread count while it is an executor too: two records of one thread
     // would each restore what the other had set.
     let thread = match home_thread::known_plain() {
@@ -187,7 +194,7 @@ impl Drop for HomeGuard {
             thread.queue.pretend(0);
         });
         set_on_path(false);
-        TIMERS.with(|slot| slot.borrow_mut().take());
+        take_timers();
         SPARE_HOME_THREADS.with(ArcCache::release);
         if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take())
             && !thread.is_plain()
@@ -276,9 +283,35 @@ pub fn may_block() -> bool {
     THREAD.with(|thread| thread.may_block.get())
 }
 
+fn set_timers(timers: Arc<TimerQueue>) {
+    #[cfg(not(loom))]
+    SPARE_TIMERS.with(|spare| spare.keep(&timers));
+    TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
+}
+
+fn take_timers() -> Option<Arc<TimerQueue>> {
+    #[cfg(not(loom))]
+    SPARE_TIMERS.with(|spare| spare.release());
+    TIMERS.with(|slot| slot.borrow_mut().take())
+}
+
 /// The timers of this thread, if it runs processes.
+#[inline]
 pub fn timers() -> Option<Arc<TimerQueue>> {
+    #[cfg(not(loom))]
+    if let Some(timers) = SPARE_TIMERS.with(|spare| spare.kept()) {
+        return Some(timers);
+    }
     TIMERS.with(|slot| slot.borrow().clone())
+}
+
+/// Returns a reference of [`timers`] that is not needed any more.
+#[inline]
+pub(crate) fn give_back_timers(timers: Arc<TimerQueue>) {
+    #[cfg(not(loom))]
+    SPARE_TIMERS.with(move |spare| spare.give_back(timers));
+    #[cfg(loom)]
+    drop(timers);
 }
 
 /// Makes this thread's executor read the clock before its next poll.
@@ -301,7 +334,12 @@ pub(crate) fn has_no_deadline_within(time: std::time::Duration) -> bool {
 }
 
 /// Whether this thread runs processes and its timers are other ones than `timers`.
+#[inline]
 pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
+    #[cfg(not(loom))]
+    if SPARE_TIMERS.with(|spare| spare.keeps(timers)) {
+        return false;
+    }
     TIMERS.with(|slot| {
         slot.borrow()
             .as_ref()

@@ -28,19 +28,6 @@ pub(super) struct Node {
 }
 
 impl Node {
-    pub(super) fn new() -> Self {
-        Self {
-            parent: None,
-            left: None,
-            right: None,
-            rank: 1,
-            deadline: Instant::NEVER,
-            sequence: 0,
-            wakeup: None,
-            fired: Fired::new(false),
-        }
-    }
-
     fn key(&self) -> (Instant, u64) {
         (self.deadline, self.sequence)
     }
@@ -74,24 +61,33 @@ impl Heap {
         self.root
     }
 
-    /// Adds a node. O(log n).
+    /// Makes a node at `place`, and adds it. O(log n).
     ///
     /// # Safety
     ///
-    /// `node` is in no heap, stays where it is, and is removed before it is freed.
-    pub(super) unsafe fn insert(&mut self, node: NonNull<Node>, deadline: Instant) {
+    /// `place` is room for a node, and none in a heap. It stays where it is, and the node is
+    /// removed before it is freed.
+    pub(super) unsafe fn insert(
+        &mut self,
+        place: NonNull<Node>,
+        deadline: Instant,
+        wakeup: Option<WakeHandle>,
+    ) {
         self.sequence += 1;
-        // SAFETY: the caller promises that the new node is live and in no heap; by the invariants
-        // the others are live.
+        // SAFETY: the caller promises that there is room for the new node, which is in no heap; by
+        // the invariants the others are live.
         unsafe {
-            let fields = &mut *node.as_ptr();
-            fields.deadline = deadline;
-            fields.sequence = self.sequence;
-            fields.parent = None;
-            fields.left = None;
-            fields.right = None;
-            fields.rank = 1;
-            self.root = merge(self.root, Some(node));
+            place.write(Node {
+                parent: None,
+                left: None,
+                right: None,
+                rank: 1,
+                deadline,
+                sequence: self.sequence,
+                wakeup,
+                fired: Fired::new(false),
+            });
+            self.root = merge(self.root, Some(place));
         }
     }
 
@@ -197,6 +193,7 @@ unsafe fn merge(a: Link, b: Link) -> Link {
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
+    use std::mem::MaybeUninit;
 
     /// A small generator of fixed sequences, so that the test needs no crate.
     fn random(state: &mut u64) -> u64 {
@@ -225,18 +222,19 @@ mod tests {
     #[test]
     fn random_inserts_and_removals_keep_order_and_shape() {
         let mut state = 0x9E37_79B9_7F4A_7C15_u64;
-        let mut nodes: Vec<Box<Node>> = (0..300).map(|_| Box::new(Node::new())).collect();
+        let mut nodes: Vec<Box<MaybeUninit<Node>>> =
+            (0..300).map(|_| Box::new(MaybeUninit::uninit())).collect();
         let mut inside = vec![false; nodes.len()];
         let mut heap = Heap::new();
         for _ in 0..20_000 {
             let index = (random(&mut state) % nodes.len() as u64) as usize;
-            let node = NonNull::from(&mut *nodes[index]);
+            let node = NonNull::from(&mut *nodes[index]).cast();
             // SAFETY: the boxes outlive the heap; `inside` says which are in it.
             unsafe {
                 if inside[index] {
                     heap.remove(node);
                 } else {
-                    heap.insert(node, Instant::from_nanos(random(&mut state) % 50));
+                    heap.insert(node, Instant::from_nanos(random(&mut state) % 50), None);
                 }
             }
             inside[index] = !inside[index];

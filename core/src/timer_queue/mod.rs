@@ -7,27 +7,29 @@
 
 mod heap;
 
+use crate::biased_lock::BiasedLock;
 use crate::current::{self, PendingWake, Renewal, WakeHandle};
 use crate::events;
 use heap::{Heap, Node};
 use luna_platform::clock::Instant;
-use luna_platform::lock::PiLock;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
+use std::mem::MaybeUninit;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
+use std::time::Duration;
 
 /// The armed deadlines of one thread.
 ///
 /// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from
-/// there, hence the lock; otherwise the lock is uncontended.
+/// there, hence the lock; as long as none is, the lock is biased to the thread's executor.
 pub struct TimerQueue {
-    heap: PiLock<Heap>,
+    heap: BiasedLock<Heap>,
     /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the
     /// lock.
     next: AtomicU64,
@@ -62,7 +64,7 @@ impl TimerQueue {
 
     fn provided_from(deadline: Instant, attention: Option<std::sync::Arc<dyn Attention>>) -> Self {
         Self {
-            heap: PiLock::new(Heap::new()),
+            heap: BiasedLock::new(Heap::new()),
             next: AtomicU64::new(u64::MAX),
             provided: AtomicU64::new(deadline.as_nanos()),
             attention,
@@ -170,14 +172,24 @@ impl TimerQueue {
 ///
 /// # Invariants
 ///
-/// `node` is in `queue`'s heap exactly while `armed`; then the sleep is pinned, and the heap's lock
-/// guards the node except for `fired`.
+/// While `armed`, the sleep is pinned, and there is a node. It is in `queue`'s heap until it has
+/// fired, and the heap's lock guards it except for `fired`. A node that is in no heap has no wake
+/// handle, so nothing of it is to be dropped.
 pub struct Sleep {
+    /// While it `is_relative`, as a span of time from the beginning of the clock.
     deadline: Instant,
-    queue: Option<Arc<TimerQueue>>,
+    is_relative: bool,
     armed: bool,
-    node: UnsafeCell<Node>,
+    queue: Option<Arc<TimerQueue>>,
+    node: UnsafeCell<MaybeUninit<Node>>,
     _pinned: PhantomPinned,
+}
+
+/// What was found of a sleep that is armed.
+enum Armed {
+    Is(Poll<()>),
+    /// It was, on another thread, and is to be armed anew. The wake handle is not needed any more.
+    NotHere(Option<WakeHandle>),
 }
 
 // SAFETY: a node in a heap is accessed under the heap's lock alone, on any thread; `fired` is
@@ -188,31 +200,98 @@ unsafe impl Sync for Sleep {}
 
 impl Sleep {
     /// Waits until `deadline`; an instant in the past is ready at once.
+    #[inline]
     pub fn until(deadline: Instant) -> Self {
+        Self::new(deadline, false)
+    }
+
+    /// Waits for `time` from its first poll on. Making one does not read the clock.
+    #[inline]
+    pub fn after(time: Duration) -> Self {
+        Self::new(Instant::from_nanos(0) + time, true)
+    }
+
+    #[inline]
+    fn new(deadline: Instant, is_relative: bool) -> Self {
         Self {
             deadline,
-            queue: None,
+            is_relative,
             armed: false,
-            node: UnsafeCell::new(Node::new()),
+            queue: None,
+            node: UnsafeCell::new(MaybeUninit::uninit()),
             _pinned: PhantomPinned,
         }
     }
 
-    /// The instant it waits for.
+    fn node(&self) -> NonNull<Node> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.node.get()) }.cast()
+    }
+
+    /// The instant it waits for. [`Instant::NEVER`] before the first poll, if it is counted from
+    /// there.
     pub fn deadline(&self) -> Instant {
-        self.deadline
+        match self.is_relative {
+            true => Instant::NEVER,
+            false => self.deadline,
+        }
     }
 
     /// Whether its instant has come. O(1), one clock read.
     pub fn has_come(&self) -> bool {
-        Instant::now() >= self.deadline
+        Instant::now() >= self.deadline()
     }
 
     /// Waits for another instant from now on, as if it were made anew. O(log n).
     pub fn reset(mut self: Pin<&mut Self>, deadline: Instant) {
         let _former = self.as_mut().disarm();
         // SAFETY: nothing is moved, and a disarmed node is in no heap.
-        unsafe { self.get_unchecked_mut() }.deadline = deadline;
+        let this = unsafe { self.get_unchecked_mut() };
+        this.deadline = deadline;
+        this.is_relative = false;
+    }
+
+    /// Polls one that was armed.
+    fn poll_armed(mut self: Pin<&mut Self>, cx: &Context<'_>) -> Armed {
+        // SAFETY: nothing is moved out.
+        let this = unsafe { self.as_mut().get_unchecked_mut() };
+        let node = this.node();
+        // SAFETY: the node is this sleep's; `fired` is atomic, so any thread may read it.
+        if unsafe { &(*node.as_ptr()).fired }.load(Ordering::Acquire) {
+            this.armed = false;
+            this.deadline = Instant::from_nanos(0);
+            return Armed::Is(Poll::Ready(()));
+        }
+        let Some(queue) = &this.queue else {
+            return Armed::Is(Poll::Pending);
+        };
+        if current::has_other_timers(queue) {
+            // A deadline belongs to the thread that polls it: the thread of the other queue may
+            // have ended.
+            return Armed::NotHere(self.disarm());
+        }
+        let mut renewal = Renewal::of(cx);
+        renewal.put(|renewal| {
+            let _heap = queue.heap.lock();
+            // SAFETY: the lock that guards the node is held.
+            let wakeup = unsafe { &mut (*node.as_ptr()).wakeup };
+            // A deadline that has just fired is ready at its next poll.
+            if wakeup.is_some() {
+                renewal.store(wakeup);
+            }
+        });
+        events::waits_for_other();
+        Armed::Is(Poll::Pending)
+    }
+
+    /// Before it goes.
+    #[inline(never)]
+    fn cancel(mut self: Pin<&mut Self>) {
+        let _former = self.as_mut().disarm();
+        // SAFETY: nothing is moved, and a disarmed node is in no heap.
+        if let Some(queue) = unsafe { self.get_unchecked_mut() }.queue.take() {
+            current::give_back_timers(queue);
+        }
     }
 
     /// Returns its wake handle, if there is one.
@@ -226,8 +305,8 @@ impl Sleep {
         this.armed = false;
         events::waits_no_more(|| None);
         let queue = this.queue.as_ref()?;
+        let node = this.node();
         let mut heap = queue.heap.lock();
-        let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
         // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if
         // not, it is in it.
         unsafe {
@@ -245,46 +324,20 @@ impl Future for Sleep {
     type Output = ();
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: nothing is moved out.
-        let this = unsafe { self.as_mut().get_unchecked_mut() };
-        let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
         let mut _former = None;
-        if this.armed {
-            // SAFETY: the node is this sleep's; `fired` is atomic, so any thread may read it.
-            if unsafe { &(*node.as_ptr()).fired }.load(Ordering::Acquire) {
-                this.armed = false;
-                this.deadline = Instant::from_nanos(0);
-                return Poll::Ready(());
-            }
-            match &this.queue {
-                // A deadline belongs to the thread that polls it: the thread of the other queue may
-                // have ended.
-                Some(queue) if current::has_other_timers(queue) => {
-                    _former = self.as_mut().disarm();
-                }
-                Some(queue) => {
-                    let mut renewal = Renewal::of(cx);
-                    renewal.put(|renewal| {
-                        let _heap = queue.heap.lock();
-                        // SAFETY: the lock that guards the node is held.
-                        let wakeup = unsafe { &mut (*node.as_ptr()).wakeup };
-                        // A deadline that has just fired is ready at its next poll.
-                        if wakeup.is_some() {
-                            renewal.store(wakeup);
-                        }
-                    });
-                    events::waits_for_other();
-                    return Poll::Pending;
-                }
-                None => return Poll::Pending,
+        if self.armed {
+            match self.as_mut().poll_armed(cx) {
+                Armed::Is(polled) => return polled,
+                Armed::NotHere(former) => _former = former,
             }
         }
         // SAFETY: nothing is moved out.
         let this = unsafe { self.as_mut().get_unchecked_mut() };
-        if this.queue.as_ref().is_some_and(current::has_other_timers) {
-            this.queue = None;
+        let now = Instant::now();
+        if std::mem::take(&mut this.is_relative) {
+            this.deadline = now.plus_nanos(this.deadline.as_nanos());
         }
-        if Instant::now() >= this.deadline {
+        if now >= this.deadline {
             if !current::count_operation() {
                 // The budget of operations that did not have to wait is used up: the next poll
                 // starts a new count.
@@ -293,7 +346,7 @@ impl Future for Sleep {
             }
             return Poll::Ready(());
         }
-        if this.queue.is_none() {
+        if this.queue.as_ref().is_none_or(current::has_other_timers) {
             this.queue = Some(current::timers().expect(
                 "a LUNA timer was awaited on a thread that runs no LUNA process: await it inside luna::run, a process of a \
                  System, or use your runtime's timers",
@@ -302,17 +355,12 @@ impl Future for Sleep {
         if let Some(queue) = &this.queue {
             let wakeup = WakeHandle::of(cx);
             let mut heap = queue.heap.lock();
-            // SAFETY: the node is in no heap, so only this sleep uses it; it is pinned, and leaves
-            // the heap before it is freed.
-            unsafe {
-                let fields = &mut *node.as_ptr();
-                fields.wakeup = Some(wakeup);
-                fields.fired.store(false, Ordering::Relaxed);
-                heap.insert(node, this.deadline);
-            }
-            this.armed = true;
+            // SAFETY: there is no node in a heap, so only this sleep uses the room for it; it is
+            // pinned, and the node leaves the heap before it is freed.
+            unsafe { heap.insert(this.node(), this.deadline, Some(wakeup)) };
             queue.publish_next(&heap);
             drop(heap);
+            this.armed = true;
             queue.announce(this.deadline);
         }
         events::waits_for_other();
@@ -321,9 +369,12 @@ impl Future for Sleep {
 }
 
 impl Drop for Sleep {
+    #[inline]
     fn drop(&mut self) {
-        // SAFETY: a value that is being dropped does not move any more.
-        drop(unsafe { Pin::new_unchecked(self) }.disarm());
+        if self.queue.is_some() {
+            // SAFETY: a value that is being dropped does not move any more.
+            unsafe { Pin::new_unchecked(self) }.cancel();
+        }
     }
 }
 
