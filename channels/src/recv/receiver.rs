@@ -167,8 +167,8 @@ impl<T> Receiver<T> {
         }))
     }
 
-    /// Like [`recv`](Self::recv), for at most `timeout`. Exact: it times out only if no value was
-    /// taken.
+    /// Like [`recv`](Self::recv), for at most `timeout` from its first poll on. Exact: it times out
+    /// only if no value was taken. One that need not wait does not read the clock.
     ///
     /// # Panics
     ///
@@ -182,8 +182,12 @@ impl<T> Receiver<T> {
     /// assert!(late.unwrap_err().is_timeout());
     /// # }).unwrap();
     /// ```
+    #[inline]
     pub fn recv_timeout(&self, timeout: Duration) -> RecvTimeout<'_, T> {
-        self.recv_deadline(Instant::now() + timeout)
+        RecvTimeout {
+            recv: self.recv(),
+            stop: Sleep::after(timeout),
+        }
     }
 
     /// Like [`recv_timeout`](Self::recv_timeout), until an absolute deadline: so several operations
@@ -196,6 +200,7 @@ impl<T> Receiver<T> {
     /// assert!(receiver.recv_deadline(Instant::now()).await.unwrap_err().is_timeout());
     /// # }).unwrap();
     /// ```
+    #[inline]
     pub fn recv_deadline(&self, deadline: Instant) -> RecvTimeout<'_, T> {
         RecvTimeout {
             recv: self.recv(),

@@ -21,6 +21,7 @@ pub struct RecvTimeout<'a, T, S = Sleep> {
 impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
     type Output = Result<T, RecvTimeoutError>;
 
+    #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
         let (recv, stop) = unsafe {

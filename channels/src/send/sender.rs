@@ -203,8 +203,8 @@ impl<T> Sender<T> {
         unsafe { Self::sent_at_once(offered, sent) }
     }
 
-    /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if the value was
-    /// not taken.
+    /// Like [`send`](Self::send), for at most `timeout` from its first poll on. Exact: it times out
+    /// only if the value was not taken. One that need not wait does not read the clock.
     ///
     /// # Panics
     ///
@@ -219,8 +219,12 @@ impl<T> Sender<T> {
     /// assert_eq!(late.into_inner(), 5);
     /// # }).unwrap();
     /// ```
+    #[inline]
     pub fn send_timeout(&self, value: T, timeout: Duration) -> SendTimeout<'_, T> {
-        self.send_deadline(value, Instant::now() + timeout)
+        SendTimeout {
+            send: self.send(value),
+            stop: Sleep::after(timeout),
+        }
     }
 
     /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations
@@ -234,6 +238,7 @@ impl<T> Sender<T> {
     /// assert!(sender.send_deadline(5, Instant::now()).await.unwrap_err().is_timeout());
     /// # }).unwrap();
     /// ```
+    #[inline]
     pub fn send_deadline(&self, value: T, deadline: Instant) -> SendTimeout<'_, T> {
         SendTimeout {
             send: self.send(value),

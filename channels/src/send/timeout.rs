@@ -21,6 +21,7 @@ pub struct SendTimeout<'a, T, S = Sleep> {
 impl<T, S: Future<Output = ()>> Future for SendTimeout<'_, T, S> {
     type Output = Result<(), SendTimeoutError<T>>;
 
+    #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
         let (send, stop) = unsafe {
