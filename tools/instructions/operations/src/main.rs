@@ -65,7 +65,22 @@ static ALL: &[Operation] = &[
         (500, 1),
         channels::rendezvous_with_deadlines,
     ),
+    operation(
+        "rendezvous with a timeout, with deadlines",
+        (500, 1),
+        channels::rendezvous_in_time,
+    ),
     operation("buffered send and recv", (500, 1), channels::buffered),
+    operation(
+        "buffered send_timeout and recv_timeout",
+        (500, 1),
+        channels::buffered_in_time,
+    ),
+    operation(
+        "buffered send_deadline and recv_deadline",
+        (500, 1),
+        channels::buffered_until,
+    ),
     operation(
         "try_send and try_recv, plain thread",
         (500, 1),
@@ -96,6 +111,11 @@ static ALL: &[Operation] = &[
         "start and join, one of many",
         (2048, 1),
         processes::start_and_join,
+    ),
+    operation(
+        "timeout set and cancelled, with deadlines",
+        (500, 1),
+        processes::timeout,
     ),
     operation("timer armed and expired", (40, 1), processes::timer),
     operation("barrier of 8, a round", (200, 1), shared::barrier),

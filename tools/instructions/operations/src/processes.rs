@@ -4,6 +4,7 @@ use crate::deadlines::{Beside, on_one_executor_beside};
 use crate::laps::laps;
 use crate::on_one_executor;
 use std::future::poll_fn;
+use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::Poll;
@@ -91,6 +92,27 @@ pub(crate) fn start_and_join(steps: u64) -> luna::Result<()> {
                 assert_eq!(child.join().await, luna::Exit::Completed);
             })
             .await;
+            Ok(())
+        })?;
+        Ok(())
+    })
+}
+
+/// A timeout that does not come, beside later ones. As by an operation that has to wait, and is
+/// done in time.
+pub(crate) fn timeout(steps: u64) -> luna::Result<()> {
+    on_one_executor_beside("timeout", Beside::Deadlines, |executor, end| {
+        executor.process("setter").spawn(move || async move {
+            laps(steps, async |_| {
+                let mut timeout = pin!(luna::after(Duration::from_secs(500)));
+                poll_fn(|context| {
+                    assert!(timeout.as_mut().poll(context).is_pending());
+                    Poll::Ready(())
+                })
+                .await;
+            })
+            .await;
+            drop(end);
             Ok(())
         })?;
         Ok(())
