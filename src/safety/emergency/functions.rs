@@ -1,13 +1,15 @@
 //! The functions that bring the machine to safety. The failover sequence decides which worker runs
 //! which function; this module holds the functions and their outcomes.
 
+mod runner;
+mod watcher;
+
 use crate::error::{Result, SetupError};
-use luna_core::failover::{FailoverSequence, Leg, Turn};
+use luna_core::failover::{FailoverSequence, Leg};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::signals;
 use std::fmt;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -17,10 +19,6 @@ pub(crate) const LIMIT: Duration = Duration::from_millis(500);
 /// The most functions of a kind. Their room is reserved beforehand, so that a late registration
 /// finds it.
 const MOST: usize = 256;
-
-/// How often, at most, a watching worker checks whether a function with a shorter limit has begun
-/// meanwhile.
-const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 
 /// The outcome of one function: in [`SafetyReport::functions`](crate::SafetyReport::functions).
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -253,70 +251,6 @@ impl Functions {
         }
     }
 
-    fn run(&self, turn: Turn, around: impl Fn(Moment)) -> bool {
-        let began = Instant::now_real();
-        let (run, shortest) = {
-            let mut slots = self.slots.lock();
-            let shortest = shortest(&slots[turn.job()..]);
-            let slot = &mut slots[turn.job()];
-            if slot.run.is_some() {
-                (slot.began, slot.running) = (Some(began), Some(began));
-            }
-            (slot.run.take(), shortest)
-        };
-        let Some(mut run) = run else {
-            // Withdrawn, or it has hung in an earlier round.
-            return self.failover.finish(turn);
-        };
-        let is_first = !self.has_called.load(Ordering::Relaxed);
-        around(Moment::Begins(is_first.then(|| began + shortest)));
-        // After the clock is read: a worker that sees this flag reads the clock later.
-        self.has_called.store(true, Ordering::Release);
-        // The others must run whatever this one does.
-        let outcome = match catch_unwind(AssertUnwindSafe(&mut run)) {
-            Ok(()) => FunctionOutcome::Ran,
-            Err(payload) => {
-                // Its drop is user code too.
-                std::mem::forget(payload);
-                FunctionOutcome::Panicked
-            }
-        };
-        around(Moment::Ended);
-        let mut slots = self.slots.lock();
-        if slots[turn.job()].outcome == FunctionOutcome::LeftBehind {
-            // Nothing else refers to the function now. Its drop is user code and runs at low
-            // priority.
-            drop(slots);
-            drop(run);
-            return false;
-        }
-        let slot = &mut slots[turn.job()];
-        slot.outcome = outcome;
-        slot.took = slot.running.take().map(|began| Instant::now_real() - began);
-        slot.run = Some(run);
-        // Under the lock, as the watching worker's decision is: one of the two comes first.
-        self.failover.finish(turn)
-    }
-
-    fn watch(&self, turn: Turn, has_crashed: bool) -> Task {
-        let now = Instant::now_real();
-        let mut slots = self.slots.lock();
-        let shortest = shortest(&slots[turn.job()..]);
-        let slot = &mut slots[turn.job()];
-        // Also if the worker is between its turn and the function's begin.
-        let until = slot.running.unwrap_or(now) + slot.limit;
-        if now < until && !has_crashed {
-            return Task::Until(until.min(now + shortest));
-        }
-        if !self.failover.leave_behind(turn) {
-            // It has just ended.
-            return Task::Until(now);
-        }
-        slot.outcome = FunctionOutcome::LeftBehind;
-        slot.took = slot.running.take().map(|began| now - began);
-        Task::LeftBehind(turn.member())
-    }
-
     /// Returns the outcomes, and the functions, which the caller drops.
     pub(super) fn conclude(&self) -> (Vec<FunctionReport>, Vec<Run>) {
         let triggered = Instant::from_nanos(self.triggered.load(Ordering::Relaxed));
@@ -338,12 +272,6 @@ impl Functions {
             .collect();
         (reports, runs)
     }
-}
-
-/// The latest instant at which a worker is to check whether one of these takes too long.
-fn shortest(slots: &[Slot]) -> Duration {
-    let shortest = slots.iter().map(|slot| slot.limit).min();
-    shortest.unwrap_or(LIMIT).max(SHORTEST_LOOK)
 }
 
 impl fmt::Debug for Functions {
