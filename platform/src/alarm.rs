@@ -7,8 +7,10 @@
 //! stays for the program's life. System calls that can be restarted are restarted (`SA_RESTART`).
 //! Where the kernel refuses the timer, and on the portable backend, [`Alarm::new`] returns nothing:
 //! the thread then reads the clock itself.
+//!
+//! [`EventAlarm`] uses the same signal for a thread that waits for [events](crate::signals).
 
-pub use crate::backend::alarm::Alarm;
+pub use crate::backend::alarm::{Alarm, EventAlarm};
 
 #[cfg(test)]
 mod tests {
@@ -89,6 +91,38 @@ mod tests {
         });
         other.join().unwrap();
         assert_eq!(word.load(Ordering::Relaxed), 1, "it was another's");
+    }
+
+    #[test]
+    fn an_event_alarm_ends_the_wait_of_the_thread_that_made_it() {
+        use crate::signals::{event_count, wait_for_event};
+        use std::sync::mpsc;
+        let (made, alarm) = mpsc::channel();
+        let (armed, is_armed) = mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            made.send(EventAlarm::here()).unwrap();
+            let Ok(at) = is_armed.recv() else { return };
+            // Other tests announce events too.
+            loop {
+                let seen = event_count();
+                if Instant::now() >= at {
+                    return;
+                }
+                wait_for_event(seen, at + Duration::from_secs(60));
+            }
+        });
+        let Some(alarm) = alarm.recv().unwrap() else {
+            println!("skipped: an_event_alarm_ends_the_wait: needs Linux");
+            return;
+        };
+        let at = Instant::now() + Duration::from_millis(20);
+        assert!(alarm.arm(at));
+        armed.send(at).unwrap();
+        thread.join().unwrap();
+        assert!(
+            Instant::now() < at + Duration::from_secs(30),
+            "its deadline came"
+        );
     }
 
     /// A program may block all signals before it starts its threads, to read them from a file.

@@ -4,6 +4,7 @@ use super::clock::timespec;
 use crate::clock::Instant;
 use crate::path::{self, Call};
 use libc::{c_int, c_void, siginfo_t, timer_t};
+use nix::errno::Errno;
 use std::any::Any;
 use std::cell::Cell;
 use std::fmt;
@@ -72,7 +73,7 @@ impl Alarm {
             bit,
             rung: AtomicU64::new(0),
         });
-        let timer = create(number)?;
+        let timer = create(number, ptr::null_mut())?;
         let blocked = unblock(number);
         HERE.set(&raw const *target);
         Some(Alarm {
@@ -109,22 +110,27 @@ impl Alarm {
     }
 
     fn set(&self, nanos: u64) -> bool {
-        let time = libc::itimerspec {
-            it_interval: timespec(0),
-            it_value: timespec(nanos),
-        };
-        path::expected(Call::ArmTimer, || {
-            // SAFETY: the timer is this value's, and the time lives during the call.
-            unsafe {
-                libc::timer_settime(
-                    self.timer,
-                    libc::TIMER_ABSTIME,
-                    &raw const time,
-                    ptr::null_mut(),
-                ) == 0
-            }
-        })
+        // SAFETY: the timer is this value's.
+        unsafe { set(self.timer, nanos) }
     }
+}
+
+/// Sets the instant at which a timer expires, 0 for never. Returns whether the kernel did.
+///
+/// # Safety
+///
+/// `timer` was created, and is not deleted during the call.
+unsafe fn set(timer: timer_t, nanos: u64) -> bool {
+    let time = libc::itimerspec {
+        it_interval: timespec(0),
+        it_value: timespec(nanos),
+    };
+    path::expected(Call::ArmTimer, || {
+        // SAFETY: the timer exists by this function's contract, and the time lives during the call.
+        unsafe {
+            libc::timer_settime(timer, libc::TIMER_ABSTIME, &raw const time, ptr::null_mut()) == 0
+        }
+    })
 }
 
 impl Drop for Alarm {
@@ -146,12 +152,77 @@ impl fmt::Debug for Alarm {
     }
 }
 
-/// A timer of the calling thread that sends it the signal `number`.
-fn create(number: c_int) -> Option<timer_t> {
+/// A timer that announces an [event](crate::signals::announce_event), by interrupting the thread
+/// that made it.
+pub struct EventAlarm {
+    timer: timer_t,
+}
+
+// SAFETY: the kernel's name of a timer; any thread of the program may set and delete it.
+unsafe impl Send for EventAlarm {}
+// SAFETY: setting it is one system call, which the kernel orders with others.
+unsafe impl Sync for EventAlarm {}
+
+impl EventAlarm {
+    /// An alarm that interrupts the calling thread, which hears its signal from now on. Nothing if
+    /// the kernel refuses. Not for the real-time path.
+    ///
+    /// ```
+    /// use luna_platform::alarm::EventAlarm;
+    /// use luna_platform::clock::Instant;
+    /// use luna_platform::signals;
+    ///
+    /// let seen = signals::event_count();
+    /// if let Some(alarm) = EventAlarm::here() {
+    ///     assert!(alarm.arm(Instant::now()));
+    ///     assert_ne!(signals::wait_for_event(seen, Instant::NEVER), seen);
+    /// }
+    /// ```
+    pub fn here() -> Option<EventAlarm> {
+        let number = signal_number()?;
+        let timer = create(number, event_mark())?;
+        unblock(number);
+        Some(EventAlarm { timer })
+    }
+
+    /// Announces an event at `at`, which replaces an earlier instant; at once if it has passed. By
+    /// any thread. `false` if the kernel refuses. One system call.
+    #[must_use = "without an alarm the event is to be announced now"]
+    pub fn arm(&self, at: Instant) -> bool {
+        // SAFETY: the timer is this value's. 0 would disarm.
+        unsafe { set(self.timer, at.as_nanos().max(1)) }
+    }
+}
+
+impl Drop for EventAlarm {
+    fn drop(&mut self) {
+        // A child of a bare `fork` has no timers of its parent.
+        if !crate::forked::is_child() {
+            // SAFETY: the timer is this value's, and is deleted once.
+            unsafe { libc::timer_delete(self.timer) };
+        }
+    }
+}
+
+impl fmt::Debug for EventAlarm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("EventAlarm")
+    }
+}
+
+/// What the signal of an [`EventAlarm`] carries; null is that of an [`Alarm`].
+fn event_mark() -> *mut c_void {
+    static MARK: u8 = 0;
+    (&raw const MARK).cast_mut().cast()
+}
+
+/// A timer of the calling thread that sends it the signal `number` with `mark`.
+fn create(number: c_int, mark: *mut c_void) -> Option<timer_t> {
     // SAFETY: zero is a value of each field.
     let mut event: libc::sigevent = unsafe { MaybeUninit::zeroed().assume_init() };
     event.sigev_notify = libc::SIGEV_THREAD_ID;
     event.sigev_signo = number;
+    event.sigev_value.sival_ptr = mark;
     // SAFETY: it has no precondition.
     event.sigev_notify_thread_id = unsafe { libc::gettid() };
     let mut timer = ptr::null_mut();
@@ -225,14 +296,21 @@ fn handler() -> libc::sighandler_t {
     ring as *const () as usize
 }
 
-/// The handler. Async-signal-safe: it reads the clock and a thread-local without a destructor, and
-/// stores to atomics.
+/// The handler. Async-signal-safe: it announces an event, or reads the clock and a thread-local
+/// without a destructor, and stores to atomics.
 extern "C" fn ring(number: c_int, information: *mut siginfo_t, _: *mut c_void) {
     // SAFETY: with SA_SIGINFO the kernel gives it.
     if unsafe { (*information).si_code } != libc::SI_TIMER {
         // Sent by a program.
         super::crash::take_over(number);
         return;
+    }
+    // SAFETY: a timer's signal has the value that it was created with.
+    if unsafe { (*information).si_value().sival_ptr } == event_mark() {
+        // What was interrupted may be about to read its `errno`.
+        let errno = Errno::last_raw();
+        crate::signals::announce_event();
+        return Errno::set_raw(errno);
     }
     // SAFETY: by the alarm's invariant it is null or points to a live target; the handler runs on
     // the thread of the alarm, so the target is not dropped meanwhile.

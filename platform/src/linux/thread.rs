@@ -86,22 +86,47 @@ pub(crate) fn current_number() -> i32 {
     gettid().as_raw()
 }
 
+pub(crate) fn promote(number: i32, policy: Policy) {
+    if let Some(kind) = kind_of(policy) {
+        // Refused to a program that has given up the privilege since its start: then the thread
+        // stays an ordinary one.
+        let _ = set_scheduler(number, kind, policy.priority());
+    }
+}
+
 pub(crate) fn demote(number: i32) {
-    let parameter = zeroed_parameter();
-    let policy = libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK;
-    // SAFETY: plain system calls; the parameter is valid for the first. A thread that has ended is
-    // an error, which is what was wanted.
-    unsafe {
+    // One that was ordinary before keeps no flag, and may not be given one: then this does nothing
+    // that was needed. So for a thread that has ended.
+    let _ = set_scheduler(number, libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK, 0);
+    // SAFETY: a plain system call.
+    unsafe { libc::syscall(libc::SYS_setpriority, libc::PRIO_PROCESS, number, 19) };
+}
+
+/// The kernel's number of a real-time policy with a priority, for a thread whose children are
+/// ordinary ones.
+fn kind_of(policy: Policy) -> Option<libc::c_int> {
+    match policy {
+        Policy::Fifo(_) => Some(libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK),
+        Policy::RoundRobin(_) => Some(libc::SCHED_RR | libc::SCHED_RESET_ON_FORK),
+        Policy::Other | Policy::Deadline { .. } => None,
+    }
+}
+
+/// Sets the policy of the thread `number`, 0 for the calling thread. Direct system call: musl's
+/// function of this name only fails.
+fn set_scheduler(number: i32, kind: libc::c_int, priority: u8) -> Result<(), Errno> {
+    let mut parameter = zeroed_parameter();
+    parameter.sched_priority = i32::from(priority);
+    // SAFETY: the parameter is a valid structure for the length of the call.
+    let outcome = unsafe {
         libc::syscall(
             libc::SYS_sched_setscheduler,
             number,
-            policy,
+            kind,
             &raw const parameter,
-        );
-        // One that was ordinary before keeps no flag, and may not be given one: then the call above
-        // did nothing that was needed.
-        libc::syscall(libc::SYS_setpriority, libc::PRIO_PROCESS, number, 19);
-    }
+        )
+    };
+    Errno::result(outcome).map(drop)
 }
 
 /// Gives the calling thread its attributes.
@@ -207,32 +232,18 @@ pub(crate) fn unpin() {
 }
 
 fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
-    let (before, _) = scheduler();
-    let (number, priority) = match asked {
+    let kind = match asked {
         // A batch or idle thread stays so: it has no real-time policy, and its policy was set on
         // purpose.
         Policy::Other if !current_policy().is_real_time() => return Ok(()),
         // Taking the flag back would need a privilege, which must not keep a thread from giving up
         // its policy.
-        Policy::Other => (libc::SCHED_OTHER | before & libc::SCHED_RESET_ON_FORK, 0),
-        Policy::Fifo(priority) => (libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority),
-        Policy::RoundRobin(priority) => (libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, priority),
+        Policy::Other => libc::SCHED_OTHER | scheduler().0 & libc::SCHED_RESET_ON_FORK,
         Policy::Deadline { .. } => return deadline::set(asked),
+        Policy::Fifo(_) | Policy::RoundRobin(_) => kind_of(asked).unwrap_or(libc::SCHED_OTHER),
     };
-    let mut parameter = zeroed_parameter();
-    parameter.sched_priority = i32::from(priority);
-    // Direct system call: musl's function of this name only fails. SAFETY: the parameter is a valid
-    // structure for the length of the call; 0 is the calling thread.
-    let outcome = unsafe {
-        libc::syscall(
-            libc::SYS_sched_setscheduler,
-            0,
-            number,
-            &raw const parameter,
-        )
-    };
-    match Errno::result(outcome) {
-        Ok(_) => match current_policy() {
+    match set_scheduler(0, kind, asked.priority()) {
+        Ok(()) => match current_policy() {
             obtained if obtained == asked => Ok(()),
             obtained => Err(PolicyRefusal::NotKept { obtained }),
         },

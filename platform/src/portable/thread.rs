@@ -25,6 +25,9 @@ pub(crate) fn current_number() -> i32 {
 }
 
 /// Threads have no priorities here.
+pub(crate) fn promote(_number: i32, _policy: Policy) {}
+
+/// Threads have no priorities here.
 pub(crate) fn demote(_number: i32) {}
 
 pub(crate) fn unpin() {}

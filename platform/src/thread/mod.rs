@@ -212,6 +212,19 @@ pub fn unpin_current() {
     backend::unpin();
 }
 
+/// Gives another thread a policy with a fixed priority, if the program is allowed to: for a thread
+/// that waits as an ordinary one until it is needed. One system call, async-signal-safe. Does
+/// nothing for other policies, where threads have no priorities, or to one that has ended.
+///
+/// ```
+/// use luna_platform::thread::{Policy, current_number, demote, promote};
+/// promote(current_number(), Policy::fifo(10));
+/// # demote(current_number());
+/// ```
+pub fn promote(thread: ThreadNumber, policy: Policy) {
+    backend::promote(thread.0, policy);
+}
+
 /// Gives another thread the lowest priority there is: no real-time policy, and nice 19. For a
 /// thread that does not end; it needs no privilege. Three system calls at most. Does nothing where
 /// threads have no priorities, or to one that has ended.
