@@ -256,7 +256,7 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
     assert_eq!(of_safe_state, [LeftBehind, LeftBehind, LeftBehind, Ran]);
 }
 
-/// The system ends while a function hangs and the watchdog timer has not expired yet.
+/// The system ends while a function hangs and its limit has not passed yet.
 #[test]
 fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     own_process!();

@@ -4,7 +4,6 @@
 mod functions;
 mod panics;
 mod trigger;
-mod watchdog_timer;
 mod workers;
 
 pub(crate) use functions::LIMIT;

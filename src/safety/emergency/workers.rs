@@ -1,33 +1,40 @@
-//! The threads that wait for an emergency, and run the functions.
+//! The threads that wait for an emergency, and run the functions: the workers.
 //!
-//! Three are on duty: one may run a function of the emergency and one a function of the safe state
-//! at the same time, and the third checks that none takes too long. The rest is a reserve: one of
-//! it comes on duty for each worker that hangs. All are made before the start, and have a stack
-//! that is in memory.
+//! | role | thread | file |
+//! | --- | --- | --- |
+//! | runs the next function | any worker | [`functions/runner`](super::functions) |
+//! | leaves behind a worker that hangs | any other on duty | [`functions/watcher`](super::functions) |
+//! | on duty: sleeps until there is an event, such as a signal | two, then more | [`member`] |
+//! | in reserve: takes over a core, or the place of one that hangs | the rest | [`reserve`] |
+//! | wakes the watcher when a function may have taken too long | none: the kernel | [`watch_alarm`] |
+//! | start and end | the one in `System::run` | [`threads`] |
 //!
-//! Waking a thread on another core takes long on a virtual machine. So the reserve waits on the
-//! cores of the system's real-time threads, one worker on each: a trigger on such a core calls that
-//! worker, which preempts the core and runs the functions. A signal that is handled on the thread
-//! of a worker on duty wakes no other thread. The worker that begins in this way has the others
-//! [woken by the timer](super::watchdog_timer) when they are to watch it.
+//! Two are on duty from the start: one runs a function, and the other one checks that it does not
+//! take too long. A third comes when functions of the safe state run, so that an emergency finds
+//! one; and one for each worker that hangs. All are made before the start and have a stack that is
+//! in memory, since a crashed or hung thread may hold the allocator's lock. Only those that must
+//! run at once have the highest priority from the start: those on duty, and those of the reserve
+//! that wait on the core of a real-time thread. The others are ordinary threads until they come on
+//! duty.
 
 mod member;
+mod reserve;
 mod threads;
+mod watch_alarm;
 
 use super::Emergency;
-use super::watchdog_timer::WatchdogTimer;
-use luna_core::parker::Parker;
-use luna_core::path::{self, Call};
+use luna_platform::alarm::EventAlarm;
 use luna_platform::crash::{CrashSlot, MOST_MEMBERS};
-use luna_platform::thread::{self, EMERGENCY_PRIORITY, ThreadNumber};
+use luna_platform::thread::{self, ThreadNumber};
+use reserve::Reserve;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};
-use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 pub(crate) use threads::EmergencyThread;
 
-/// How many are on duty: one for each kind of functions, and one that watches both.
-const ON_DUTY: u32 = 3;
+/// How many are on duty from the start: one that runs a function, and one that watches it.
+const ON_DUTY: usize = 2;
 
 /// The members. Seven may hang: before the last of them is left behind, there are two that run and
 /// one that watches.
@@ -45,11 +52,9 @@ pub(super) const LOOKS_EVERY: Duration = Duration::from_micros(200);
 pub(super) struct EmergencyWorkers {
     /// Members with a lower number are on duty.
     on_duty: AtomicU32,
-    /// What those of the reserve sleep in; of the others' nothing is used.
-    parker: [Parker; MOST],
-    /// The core on which each worker of the reserve waits. None for a worker that would not preempt
-    /// a core.
-    cores: OnceLock<Vec<Option<usize>>>,
+    /// A third was brought on duty for the functions of the safe state.
+    has_third: AtomicBool,
+    reserve: Reserve,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MOST],
     /// A bit for each member that was left behind.
@@ -66,17 +71,17 @@ pub(super) struct EmergencyWorkers {
     /// That the functions have run was announced.
     has_announced: AtomicBool,
     crash: OnceLock<CrashSlot>,
-    /// Wakes the other workers when the first function has begun. None where they are better woken
-    /// before.
-    watchdog_timer: OnceLock<Arc<WatchdogTimer>>,
+    /// Those of the members that are on duty from the start; none where the watcher is better woken
+    /// before the first function.
+    watch_alarms: [OnceLock<EventAlarm>; ON_DUTY],
 }
 
 impl Default for EmergencyWorkers {
     fn default() -> Self {
         Self {
-            on_duty: AtomicU32::new(ON_DUTY),
-            parker: [const { Parker::new() }; MOST],
-            cores: OnceLock::new(),
+            on_duty: AtomicU32::new(ON_DUTY as u32),
+            has_third: AtomicBool::new(false),
+            reserve: Reserve::default(),
             numbers: [const { OnceLock::new() }; MOST],
             left_behind: AtomicU16::new(0),
             members: AtomicU32::new(0),
@@ -86,7 +91,7 @@ impl Default for EmergencyWorkers {
             has_noted: AtomicBool::new(false),
             has_announced: AtomicBool::new(false),
             crash: OnceLock::new(),
-            watchdog_timer: OnceLock::new(),
+            watch_alarms: [const { OnceLock::new() }; ON_DUTY],
         }
     }
 }
@@ -108,6 +113,11 @@ impl EmergencyWorkers {
         self.left_behind.load(Ordering::Acquire) & 1 << member != 0
     }
 
+    /// How many do not hang.
+    fn able(&self) -> u32 {
+        MOST as u32 - self.left_behind.load(Ordering::Acquire).count_ones()
+    }
+
     /// Another member hangs: it goes on at low priority if it ever does, and one of the reserve
     /// takes its place.
     fn leave_behind(&self, member: u8) {
@@ -115,33 +125,27 @@ impl EmergencyWorkers {
         if let Some(number) = self.numbers[usize::from(member)].get() {
             thread::demote(*number);
         }
-        self.call_reserve(1);
+        self.bring_on_duty();
     }
 
     fn is_on_duty(&self, member: u8) -> bool {
         u32::from(member) < self.on_duty.load(Ordering::Acquire)
     }
 
-    /// So many more are on duty.
-    fn call_reserve(&self, more: u32) {
-        self.on_duty.fetch_add(more, Ordering::AcqRel);
-        for parker in &self.parker[ON_DUTY as usize..] {
-            // A busy worker checks before it sleeps.
-            parker.call();
+    /// The next of the reserve comes on duty, if there is one.
+    fn bring_on_duty(&self) {
+        let next = self.on_duty.fetch_add(1, Ordering::AcqRel);
+        let number = self.numbers.get(next as usize).and_then(OnceLock::get);
+        // One that took over its core, and was left behind there, was none of those on duty.
+        if let Some(number) = number.filter(|_| !self.is_left_behind(next as u8)) {
+            self.reserve.summon(next as usize, *number);
         }
     }
 
-    /// Calls the worker that waits on this core, if there is one. Returns whether it comes.
-    pub(super) fn call_here(&self) -> bool {
-        let place = self.cores.get().and_then(|cores| {
-            let here = Some(thread::current_core()?);
-            cores.iter().position(|&core| core == here)
-        });
-        place.is_some_and(|place| {
-            // One of the same priority, such as a function of another system, does not give way,
-            // nor does a thread with a deadline.
-            path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
-                && self.parker[ON_DUTY as usize + place].call()
-        })
+    /// Functions of the safe state begin: one more is on duty from now on.
+    fn bring_a_third(&self) {
+        if !self.has_third.swap(true, Ordering::AcqRel) {
+            self.bring_on_duty();
+        }
     }
 }

@@ -9,26 +9,22 @@ use luna_platform::{signals, thread};
 use std::sync::atomic::Ordering;
 
 impl EmergencyWorkers {
-    /// The first function is about to be called on the calling thread; the others may not know of
-    /// it. They are woken when they are to check it, or now if they cannot be woken then.
-    fn rouse_others(&self, at: Instant) {
-        if !self
-            .watchdog_timer
-            .get()
-            .is_some_and(|watchdog_timer| watchdog_timer.rouse(at))
-        {
-            signals::announce_event();
+    /// The kernel may choose the calling thread for signals, which waits on duty.
+    fn accept_signals(&self) {
+        if self.hears_signals.load(Ordering::Relaxed) {
+            signals::accept_here();
         }
     }
 
-    /// The kernel may choose the calling thread for signals, or not: one that runs a function may
-    /// hang, or be left behind with the lowest priority, and the user's code need not know of
-    /// interrupted calls.
-    fn accept_signals(&self, accepts: bool) {
+    /// The kernel may not choose the calling thread any more: one that runs a function may hang, or
+    /// be left behind with the lowest priority, and the user's code need not know of interrupted
+    /// calls. If it `is_last` it takes requests all the same, so that a second one ends the program
+    /// also when all workers hang.
+    fn refuse_signals(&self, is_last: bool) {
         if self.hears_signals.load(Ordering::Relaxed) {
-            match accepts {
-                true => signals::accept_here(),
-                false => signals::refuse_here(),
+            signals::refuse_here();
+            if is_last {
+                signals::accept_ends_here();
             }
         }
     }
@@ -40,7 +36,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
     let _clock = emergency.clock().enter();
     let is_wanted = || workers.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
     while !is_wanted() {
-        workers.parker[usize::from(member)].sleep(is_wanted);
+        workers.reserve.sleep(member, is_wanted);
         // Called on its core: what is there to be run. Those on duty see that it does not take too
         // long.
         if work(emergency, member, living).is_none() {
@@ -49,7 +45,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
     }
     // A watching worker must not wait for the core of a function that computes for ever.
     thread::unpin_current();
-    workers.accept_signals(true);
+    workers.accept_signals();
     loop {
         let seen = signals::event_count();
         let Some(until) = work(emergency, member, living) else {
@@ -72,7 +68,7 @@ fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<I
             announce(emergency, living);
         }
         match step(emergency, member) {
-            Task::Ran(true) if workers.is_on_duty(member) => workers.accept_signals(true),
+            Task::Ran(true) if workers.is_on_duty(member) => workers.accept_signals(),
             Task::Ran(true) => {}
             Task::Ran(false) => return None,
             Task::LeftBehind(other) => workers.leave_behind(other),
@@ -104,7 +100,11 @@ fn step(emergency: &Emergency, member: u8) -> Task {
     let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
     let around = |moment, is_announced: bool| match moment {
         Moment::Begins(look) => {
-            emergency.workers.accept_signals(false);
+            if is_announced {
+                emergency.workers.bring_a_third();
+            }
+            let is_last = emergency.is_last_worker();
+            emergency.workers.refuse_signals(is_last);
             let number = emergency.workers.numbers[usize::from(member)].get();
             if let Some((crash, number)) = crash.zip(number) {
                 crash.enter(member, *number);
@@ -112,7 +112,7 @@ fn step(emergency: &Emergency, member: u8) -> Task {
             // Behind the signals: one that this thread has taken before is soon known to the
             // others.
             if let Some(at) = look.filter(|_| !is_announced) {
-                emergency.workers.rouse_others(at);
+                emergency.wake_watchers(member, at);
             }
         }
         Moment::Ended => {
@@ -123,8 +123,8 @@ fn step(emergency: &Emergency, member: u8) -> Task {
         }
     };
     let mut until = Instant::NEVER;
-    // The safe state always wakes all workers on duty, so that its functions are watched: the only
-    // timer belongs to the emergency.
+    // The safe state always wakes all workers on duty, so that its functions are watched: the
+    // alarms belong to the emergency.
     for (functions, is_announced) in [
         (&emergency.at_emergency, false),
         (&emergency.at_safe_state, true),
@@ -138,6 +138,13 @@ fn step(emergency: &Emergency, member: u8) -> Task {
 }
 
 impl Emergency {
+    /// Whether no worker is left to watch while the calling one runs a function.
+    fn is_last_worker(&self) -> bool {
+        let kinds = [&self.at_emergency, &self.at_safe_state];
+        let run = kinds.map(|kind| u32::from(kind.failover().is_under_way()));
+        self.workers.able() <= run.iter().sum()
+    }
+
     /// Begins if a signal has come. It has begun when this returns, also if another worker received
     /// the signal first: else this one would sleep, and not watch that one.
     fn hear(&self) {

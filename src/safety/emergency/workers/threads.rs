@@ -1,7 +1,7 @@
 //! The workers' threads: their start and end.
 
 use super::super::panics;
-use super::super::watchdog_timer::{self, RouserThread};
+use super::watch_alarm::wakes_beside_a_function;
 use super::{Emergency, LOOKS_EVERY, MOST, ON_DUTY, member};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
@@ -22,8 +22,8 @@ pub(crate) struct EmergencyThread {
     emergency: Arc<Emergency>,
     living: Arc<ProcessRegistry>,
     policy: Policy,
-    threads: Vec<Thread<()>>,
-    watchdog_timer: Option<RouserThread>,
+    /// With their numbers as members; those on duty from the start come last.
+    threads: Vec<(u8, Thread<()>)>,
     listeners: Option<Listeners>,
     signals: Option<SignalWatch>,
     crash: Option<CrashWatch>,
@@ -70,36 +70,22 @@ impl EmergencyThread {
             living,
             policy,
             threads: Vec::with_capacity(MOST),
-            watchdog_timer: None,
             listeners: Some(Listeners::new()),
             signals,
             crash,
             is_armed: false,
         };
-        // All, also where few functions are known: drivers register theirs while the system runs.
-        for member in 0..MOST {
-            all.add_member(
-                member
-                    .checked_sub(ON_DUTY as usize)
-                    .and_then(|place| cores.get(place)),
-            )?;
-        }
         let workers = &all.emergency.workers;
-        let reserve = all.threads[ON_DUTY as usize..].iter();
-        let cores = reserve.map(|thread| {
-            let obtained = thread.obtained();
-            core_to_take_over(policy, obtained.policy, obtained.core)
-        });
-        let _ = workers.cores.set(cores.collect());
-        // Behind the members, so that the kernel chooses it last for signals.
-        let hears_signals = workers.hears_signals.load(Ordering::Relaxed);
-        all.watchdog_timer = RouserThread::start(policy, hears_signals)?;
+        workers.reserve.set_policy(policy);
         // To wake others on the same core takes no time, and later they would wait for their turns
         // behind the function.
-        let is_better_late =
-            !has_one_core && watchdog_timer::wakes_beside_a_function(&Source::machine());
-        if let Some(watchdog_timer) = all.watchdog_timer.as_ref().filter(|_| is_better_late) {
-            let _ = workers.watchdog_timer.set(watchdog_timer.watchdog_timer());
+        let is_watched_late = !has_one_core && wakes_beside_a_function(&Source::machine());
+        // All, also where few functions are known: drivers register theirs while the system runs.
+        // The reserve first, so that those on duty find it.
+        for member in (0..MOST).rev() {
+            let place = member.checked_sub(ON_DUTY);
+            let core = place.and_then(|place| cores.get(place));
+            all.add_member(member as u8, core.copied(), is_watched_late)?;
         }
         Ok(all)
     }
@@ -109,23 +95,33 @@ impl EmergencyThread {
         self.is_armed = true;
     }
 
-    fn add_member(&mut self, core: Option<&usize>) -> Result<()> {
-        let member = self.threads.len() as u8;
-        let mut attributes = Attributes::framework("luna-emergency", self.policy);
-        if let Some(&core) = core {
+    fn add_member(&mut self, member: u8, core: Option<usize>, is_watched_late: bool) -> Result<()> {
+        let is_on_duty = usize::from(member) < ON_DUTY;
+        let policy = match core {
+            None if !is_on_duty => Policy::Other,
+            _ => self.policy,
+        };
+        let mut attributes = Attributes::framework("luna-emergency", policy);
+        if let Some(core) = core {
             attributes = attributes.core(core);
         }
-        if u32::from(member) >= ON_DUTY {
+        if !is_on_duty {
             attributes = attributes.stack_size(2 * MINIMUM_STACK_SIZE);
         }
         let (emergency, living) = (self.emergency.clone(), self.living.clone());
         let prepared = self.emergency.clone();
         let thread = thread::spawn(
             attributes,
-            move |_| {
+            move |obtained| {
                 let workers = &prepared.workers;
                 // Each number is given once.
                 let _ = workers.numbers[usize::from(member)].set(thread::current_number());
+                if is_on_duty && is_watched_late {
+                    workers.make_watch_alarm(member);
+                }
+                if !is_on_duty {
+                    workers.reserve.wait_on_core(member, policy, obtained);
+                }
                 workers.members.fetch_add(1, Ordering::Relaxed);
                 // A thread's first lock asks the kernel for its number: not in an emergency.
                 prepared.bound_crashes();
@@ -134,15 +130,15 @@ impl EmergencyThread {
             move |()| member::serve(&emergency, member, &living),
         )
         .map_err(|error| Error::not_started("the emergency manager", error))?;
-        self.threads.push(thread);
+        self.threads.push((member, thread));
         Ok(())
     }
 
     /// What was refused to the workers.
     pub(crate) fn shortfalls(&self) -> &[Shortfall] {
-        // The others were refused the same.
-        let first = self.threads.first();
-        first.map_or(&[], |thread| &thread.obtained().shortfalls)
+        // The others on duty were refused the same.
+        let last = self.threads.last();
+        last.map_or(&[], |(_, thread)| &thread.obtained().shortfalls)
     }
 
     /// Ends the workers, which run the functions before that if there is an emergency. Returns the
@@ -162,11 +158,11 @@ impl EmergencyThread {
     fn join(&mut self) {
         self.emergency.end();
         let workers = &self.emergency.workers;
-        workers.call_reserve(0);
-        for (member, thread) in self.threads.drain(..).enumerate() {
+        workers.reserve.call_all();
+        for (member, thread) in self.threads.drain(..) {
             // A hung worker is detached: the watching worker may notice only now. No event covers
             // both conditions, and polling is good enough here.
-            while !thread.is_finished() && !workers.is_left_behind(member as u8) {
+            while !thread.is_finished() && !workers.is_left_behind(member) {
                 std::thread::sleep(LOOKS_EVERY);
             }
             if thread.is_finished() {
@@ -183,7 +179,6 @@ impl EmergencyThread {
             }
         }
         drop(self.listeners.take());
-        drop(self.watchdog_timer.take());
         if let Some(signals) = self.signals.take() {
             // A signal that came too late for the functions has the effect that it has after the
             // end.
@@ -202,35 +197,10 @@ impl Drop for EmergencyThread {
     }
 }
 
-/// The core that a worker of the reserve can preempt. None if it was refused its core, since it
-/// then waits on any core, or its policy, since it would then wait for the thread that calls it.
-fn core_to_take_over(asked: Policy, obtained: Policy, core: Option<usize>) -> Option<usize> {
-    core.filter(|_| asked.is_real_time() && obtained == asked)
-}
-
 fn supported<T>(watch: Result<T, SignalError>) -> Result<Option<T>> {
     match watch {
         Ok(watch) => Ok(Some(watch)),
         Err(SignalError::Unsupported) => Ok(None),
         Err(error) => Err(error.into()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_who_has_both_its_policy_and_its_core_takes_it_over() {
-        let emergency = Policy::fifo(EMERGENCY_PRIORITY);
-        assert_eq!(core_to_take_over(emergency, emergency, Some(1)), Some(1));
-        assert_eq!(core_to_take_over(emergency, emergency, None), None);
-        for refused in [Policy::Other, Policy::fifo(50)] {
-            assert_eq!(core_to_take_over(emergency, refused, Some(1)), None);
-        }
-        assert_eq!(
-            core_to_take_over(Policy::Other, Policy::Other, Some(1)),
-            None
-        );
     }
 }

@@ -1,0 +1,113 @@
+//! The reserve: workers that sleep until they take over a core, or the place of one that hangs.
+//!
+//! Waking a thread on another core takes long on a virtual machine. So the reserve waits on the
+//! cores of the system's real-time threads, one worker on each: a trigger on such a core calls that
+//! worker, which preempts the core and runs the functions.
+
+use super::{EmergencyWorkers, MOST, ON_DUTY};
+use luna_core::parker::Parker;
+use luna_core::path::{self, Call};
+use luna_platform::thread::{self, EMERGENCY_PRIORITY, Obtained, Policy, ThreadNumber};
+use std::sync::OnceLock;
+
+/// What those of the reserve sleep in, by their numbers as members.
+#[derive(Debug)]
+pub(super) struct Reserve {
+    /// Of those that are on duty from the start nothing is used.
+    parkers: [Parker; MOST],
+    /// The core on which each worker waits. None for a worker that would not preempt a core.
+    cores: [OnceLock<usize>; MOST],
+    /// The policy of the workers on duty.
+    policy: OnceLock<Policy>,
+}
+
+impl Default for Reserve {
+    fn default() -> Self {
+        Self {
+            parkers: [const { Parker::new() }; MOST],
+            cores: [const { OnceLock::new() }; MOST],
+            policy: OnceLock::new(),
+        }
+    }
+}
+
+impl Reserve {
+    /// Sets the policy of the workers on duty, before there are workers.
+    pub(super) fn set_policy(&self, policy: Policy) {
+        // A system is started once.
+        let _ = self.policy.set(policy);
+    }
+
+    /// `member` waits on a core, with what it obtained, and takes it over when it is called there.
+    pub(super) fn wait_on_core(&self, member: u8, asked: Policy, obtained: &Obtained) {
+        if let Some(core) = core_to_take_over(asked, obtained.policy, obtained.core) {
+            // Each member is made once.
+            let _ = self.cores[usize::from(member)].set(core);
+        }
+    }
+
+    /// Sleeps until the worker is called, or `is_wanted` without a call.
+    pub(super) fn sleep(&self, member: u8, is_wanted: impl FnOnce() -> bool) {
+        self.parkers[usize::from(member)].sleep(is_wanted);
+    }
+
+    /// `member`, the thread with this number, is on duty, and gets the priority for it. Two system
+    /// calls.
+    pub(super) fn summon(&self, member: usize, number: ThreadNumber) {
+        // First, so that it runs as soon as it is woken.
+        if let Some(policy) = self.policy.get() {
+            thread::promote(number, *policy);
+        }
+        // A busy worker checks before it sleeps.
+        self.parkers[member].call();
+    }
+
+    /// All are to end.
+    pub(super) fn call_all(&self) {
+        for parker in &self.parkers[ON_DUTY..] {
+            parker.call();
+        }
+    }
+}
+
+impl EmergencyWorkers {
+    /// Calls the worker that waits on this core, if there is one. Returns whether it comes.
+    pub(in super::super) fn call_here(&self) -> bool {
+        let reserve = &self.reserve;
+        let member = thread::current_core().and_then(|here| {
+            let mut cores = reserve.cores.iter();
+            cores.position(|core| core.get() == Some(&here))
+        });
+        member.is_some_and(|member| {
+            // One of the same priority, such as a function of another system, does not give way,
+            // nor does a thread with a deadline.
+            path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
+                && reserve.parkers[member].call()
+        })
+    }
+}
+
+/// The core that a worker of the reserve can preempt. None if it was refused its core, since it
+/// then waits on any core, or its policy, since it would then wait for the thread that calls it.
+fn core_to_take_over(asked: Policy, obtained: Policy, core: Option<usize>) -> Option<usize> {
+    core.filter(|_| asked.is_real_time() && obtained == asked)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_who_has_both_its_policy_and_its_core_takes_it_over() {
+        let emergency = Policy::fifo(EMERGENCY_PRIORITY);
+        assert_eq!(core_to_take_over(emergency, emergency, Some(1)), Some(1));
+        assert_eq!(core_to_take_over(emergency, emergency, None), None);
+        for refused in [Policy::Other, Policy::fifo(50)] {
+            assert_eq!(core_to_take_over(emergency, refused, Some(1)), None);
+        }
+        assert_eq!(
+            core_to_take_over(Policy::Other, Policy::Other, Some(1)),
+            None
+        );
+    }
+}
