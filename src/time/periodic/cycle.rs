@@ -1,0 +1,193 @@
+//! A cycle's end and begin, and the wait between them.
+
+use super::{Cycle, Overrun, Periodic};
+use crate::csp::process::{Failure, fail_current};
+use crate::record;
+use crate::safety::Ledger;
+use crate::time::grid::Trim;
+use crate::time::spin;
+use luna_core::current;
+use luna_core::events;
+use luna_core::timer_queue::Sleep;
+use luna_platform::clock::{Clock, Instant, nanos};
+use std::time::Duration;
+
+impl Periodic {
+    /// Ends the cycle, and waits for the next slot. With the new cycle the
+    /// [parameters](crate::Parameter) of the process that has made the loop get the values that
+    /// were set last.
+    ///
+    /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the
+    /// same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
+    /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the
+    /// process ends.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// luna::run(async {
+    ///     let mut tick = luna::periodic("count", Duration::from_millis(1))?;
+    ///     let first = tick.next().await;
+    ///     let second = tick.next().await;
+    ///     assert_eq!(second.number, first.number + second.missed + 1);
+    ///     assert!(second.lateness < tick.period());
+    ///     Ok(())
+    /// })?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub async fn next(&mut self) -> Cycle {
+        if current::is_taped() && record::enters_cycle().await {
+            return self.replayed().await;
+        }
+        let asked = Instant::now();
+        if self.prepared.is_some() {
+            self.begin_prepared(asked);
+        }
+        if let Some(phase) = self.phase.take() {
+            self.join_common_grid(phase, asked);
+        }
+        let target = self.grid.slot(self.number.saturating_add(1));
+        let mut run = None;
+        if let Some(began) = self.began
+            && std::mem::take(&mut self.in_cycle)
+        {
+            run = Some(asked.nanos_since(began));
+            self.statistics().run_time.record(asked.nanos_since(began));
+            // The ledger of the process that runs this cycle: a loop may be handed on.
+            if let Some(ledger) = Ledger::current()
+                && ledger.cycle_ends(self.name(), began, asked)
+            {
+                // The process is ended when this poll is.
+                std::future::pending::<()>().await;
+            }
+            let statistics = self.statistics();
+            if asked > target {
+                statistics.overruns += 1;
+                self.consecutive = self.consecutive.saturating_add(1);
+                if self.limit.is_some_and(|limit| self.consecutive >= limit) {
+                    let name = self.name();
+                    fail_current(Failure::Overrun {
+                        name,
+                        consecutive: self.consecutive,
+                    })
+                    .await;
+                }
+                if self.overrun == Overrun::Rephase {
+                    self.carried += self.leave_grid(asked);
+                }
+            } else {
+                self.consecutive = 0;
+            }
+        }
+        self.statistics().late.asked(asked, run);
+        if target <= asked {
+            // Behind time: still a scheduling point, else it would keep the executor from timers,
+            // wakes and its own cancellation.
+            luna_executors::yield_now().await;
+        } else {
+            // Virtual time stands while a process spins.
+            let guard = if Clock::is_virtual_here() {
+                0
+            } else {
+                self.guard
+            };
+            let awake = target - Duration::from_nanos(guard);
+            if !events::waits_in(self.in_events(), self.wait_for_tick(awake)).await {
+                events::waits_in(self.in_events(), Sleep::until(awake)).await;
+            }
+        }
+        // Without a guard the slot has come: one look at the clock.
+        let now = spin::until(target).await;
+        let cycle = self.begin_cycle(target, now);
+        if current::is_taped() {
+            record::note_cycle([
+                cycle.number,
+                cycle.deadline.as_nanos(),
+                nanos(cycle.lateness),
+                cycle.missed,
+            ]);
+        }
+        self.latch();
+        cycle
+    }
+
+    /// The cycle from the replay log.
+    #[cold]
+    async fn replayed(&mut self) -> Cycle {
+        let Some([number, deadline, lateness, missed]) = record::cycle() else {
+            // The replay has come to its end.
+            return std::future::pending().await;
+        };
+        record::hold().await;
+        if self.prepared.is_some() {
+            self.begin_prepared(Instant::now());
+        }
+        self.number = number;
+        self.come = number;
+        self.latch();
+        Cycle {
+            number,
+            deadline: Instant::from_nanos(deadline),
+            lateness: Duration::from_nanos(lateness),
+            missed,
+        }
+    }
+
+    /// Takes the parameters that were set last, if its process has any.
+    #[inline(always)]
+    fn latch(&self) {
+        if let Some(parameters) = &self.parameters {
+            parameters.latch();
+        }
+    }
+
+    /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its
+    /// executor's deadline.
+    async fn wait_for_tick(&mut self, at: Instant) -> bool {
+        match &mut self.slot_of_timer {
+            Some(slot_of_timer) if self.is_on_grid => slot_of_timer.wait(at).await,
+            Some(slot_of_timer) => {
+                slot_of_timer.leave();
+                false
+            }
+            None => false,
+        }
+    }
+
+    /// Begins a cycle that was scheduled for `target`.
+    fn begin_cycle(&mut self, target: Instant, now: Instant) -> Cycle {
+        let before = self.number;
+        self.come = self.grid.last_at(now).max(before + 1);
+        self.number = match self.overrun {
+            Overrun::CatchUp => before + 1,
+            // The slot that lasts at this moment: later than the one waited for if the wake-up
+            // itself came that late.
+            Overrun::SkipToGrid | Overrun::Rephase => self.come,
+        };
+        let skipped = self.number - before - 1;
+        let deadline = self.grid.slot(self.number);
+        self.trim = Trim::default();
+        let previous = self.began.replace(now);
+        self.in_cycle = true;
+        let number = self.number;
+        let statistics = self.statistics();
+        statistics.kept += 1;
+        events::tell(events::code::SLOT, statistics.number, || {
+            [number, now.nanos_since(deadline)]
+        });
+        let is_late = statistics.late.cycle_begins(number, target, now);
+        if is_late && events::is_on() {
+            statistics.late.tell(statistics.number, target, now);
+        }
+        statistics.missed += skipped;
+        statistics.wake_latency.record(now.nanos_since(target));
+        if let Some(previous) = previous {
+            statistics.cycle_time.record(now.nanos_since(previous));
+        }
+        Cycle {
+            number,
+            deadline,
+            lateness: now - deadline,
+            missed: std::mem::take(&mut self.carried) + skipped,
+        }
+    }
+}
