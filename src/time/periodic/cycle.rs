@@ -12,6 +12,16 @@ use luna_core::timer_queue::Sleep;
 use luna_platform::clock::{Clock, Instant, nanos};
 use std::time::Duration;
 
+/// What follows the end of a cycle.
+enum Then {
+    /// The wait for the next slot.
+    GoOn,
+    /// The process' end, as this poll ends.
+    EndsByBudget,
+    /// The process' end by this failure.
+    Fail(Failure),
+}
+
 impl Periodic {
     /// Ends the cycle, and waits for the next slot. With the new cycle the
     /// [parameters](crate::Parameter) of the process that has made the loop get the values that
@@ -46,55 +56,14 @@ impl Periodic {
             self.join_common_grid(phase, asked);
         }
         let target = self.grid.slot(self.number.saturating_add(1));
-        let mut run = None;
-        if let Some(began) = self.began
-            && std::mem::take(&mut self.in_cycle)
-        {
-            run = Some(asked.nanos_since(began));
-            self.statistics().run_time.record(asked.nanos_since(began));
-            // The ledger of the process that runs this cycle: a loop may be handed on.
-            if let Some(ledger) = Ledger::current()
-                && ledger.cycle_ends(self.name(), began, asked)
-            {
-                // The process is ended when this poll is.
-                std::future::pending::<()>().await;
-            }
-            let statistics = self.statistics();
-            if asked > target {
-                statistics.overruns += 1;
-                self.consecutive = self.consecutive.saturating_add(1);
-                if self.limit.is_some_and(|limit| self.consecutive >= limit) {
-                    let name = self.name();
-                    fail_current(Failure::Overrun {
-                        name,
-                        consecutive: self.consecutive,
-                    })
-                    .await;
-                }
-                if self.overrun == Overrun::Rephase {
-                    self.carried += self.leave_grid(asked);
-                }
-            } else {
-                self.consecutive = 0;
-            }
+        let (run, then) = self.end_cycle(asked, target);
+        match then {
+            Then::GoOn => {}
+            Then::EndsByBudget => std::future::pending().await,
+            Then::Fail(failure) => fail_current(failure).await,
         }
         self.statistics().late.asked(asked, run);
-        if target <= asked {
-            // Behind time: still a scheduling point, else it would keep the executor from timers,
-            // wakes and its own cancellation.
-            luna_executors::yield_now().await;
-        } else {
-            // Virtual time stands while a process spins.
-            let guard = if Clock::is_virtual_here() {
-                0
-            } else {
-                self.guard
-            };
-            let awake = target - Duration::from_nanos(guard);
-            if !events::waits_in(self.in_events(), self.wait_for_tick(awake)).await {
-                events::waits_in(self.in_events(), Sleep::until(awake)).await;
-            }
-        }
+        self.wait_until_slot(asked, target).await;
         // Without a guard the slot has come: one look at the clock.
         let now = spin::until(target).await;
         let cycle = self.begin_cycle(target, now);
@@ -108,6 +77,58 @@ impl Periodic {
         }
         self.latch();
         cycle
+    }
+
+    /// Ends the present cycle, if there is one, at `asked`; the next slot is at `target`. Gives how
+    /// long the cycle ran, and what follows.
+    fn end_cycle(&mut self, asked: Instant, target: Instant) -> (Option<u64>, Then) {
+        let Some(began) = self.began.filter(|_| std::mem::take(&mut self.in_cycle)) else {
+            return (None, Then::GoOn);
+        };
+        let run = asked.nanos_since(began);
+        self.statistics().run_time.record(run);
+        // The ledger of the process that runs this cycle: a loop may be handed on.
+        if let Some(ledger) = Ledger::current()
+            && ledger.cycle_ends(self.name(), began, asked)
+        {
+            return (Some(run), Then::EndsByBudget);
+        }
+        if asked <= target {
+            self.consecutive = 0;
+            return (Some(run), Then::GoOn);
+        }
+        self.statistics().overruns += 1;
+        self.consecutive = self.consecutive.saturating_add(1);
+        if self.limit.is_some_and(|limit| self.consecutive >= limit) {
+            let failure = Failure::Overrun {
+                name: self.name(),
+                consecutive: self.consecutive,
+            };
+            return (Some(run), Then::Fail(failure));
+        }
+        if self.overrun == Overrun::Rephase {
+            self.carried += self.leave_grid(asked);
+        }
+        (Some(run), Then::GoOn)
+    }
+
+    /// Waits until the slot at `target`, or until its guard begins.
+    async fn wait_until_slot(&mut self, asked: Instant, target: Instant) {
+        if target <= asked {
+            // Behind time: still a scheduling point, else it would keep the executor from timers,
+            // wakes and its own cancellation.
+            return luna_executors::yield_now().await;
+        }
+        // Virtual time stands while a process spins.
+        let guard = if Clock::is_virtual_here() {
+            0
+        } else {
+            self.guard
+        };
+        let awake = target - Duration::from_nanos(guard);
+        if !events::waits_in(self.in_events(), self.wait_for_tick(awake)).await {
+            events::waits_in(self.in_events(), Sleep::until(awake)).await;
+        }
     }
 
     /// The cycle from the replay log.
