@@ -1,31 +1,30 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
+mod machine;
+mod processes;
+mod safety;
+
 use super::clock::ClockKind;
 use super::neighbours;
-use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running, Started};
+use super::plan::{ExecutorPlan, Phase, Plan, ProcessPlan, Running, Settings};
+use super::register::REMEMBERED;
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{Common, clean_up, prepare};
+use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::logging::{Log, Session};
-use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
+use crate::safety::{EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MOST_CALLBACKS, ManagerThread, Scope};
-use luna_core::current::ProcessId;
 use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
-use luna_platform::memory::{self, MemoryLock};
+use luna_platform::memory::MemoryLock;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{Attributes, Mode, Policy, TIMER_PRIORITY};
+use machine::{lock_memory, obtained, policy_of, real_time_cores};
+use processes::{Held, pre_run_all};
+use safety::watch_parent;
 use std::sync::Arc;
 use std::time::Duration;
-
-use super::plan::{ExecutorPlan, Place, Settings};
-use super::register::REMEMBERED;
-use crate::notice::notice;
-
-/// The heap that is fetched before the start when memory is locked: what bodies allocate in spite
-/// of it all comes from here first.
-const HEAP_IN_ADVANCE: usize = 4 << 20;
 
 /// Default number of loops with reserved room, if `System::max_loops` sets no other: 745 KiB in
 /// all. One reserve for the system: which processes have loops is known only when their bodies run,
@@ -280,148 +279,4 @@ fn launch_described(
         _memory: memory,
         _latency: latency,
     })
-}
-
-fn policy_of(process: &ProcessPlan) -> Policy {
-    match &process.place {
-        Place::Thread { attributes, .. } => attributes.asked_policy(),
-        Place::Executor(_) => Policy::Other,
-    }
-}
-
-/// The cores that real-time threads are pinned to.
-fn real_time_cores(executors: &[ExecutorPlan], processes: &[ProcessPlan]) -> Vec<usize> {
-    let threads = processes.iter().filter_map(|process| match &process.place {
-        Place::Thread { attributes, .. } => Some(&**attributes),
-        Place::Executor(_) => None,
-    });
-    let all = executors.iter().map(|executor| &executor.attributes);
-    let mut cores = Vec::new();
-    for attributes in all.chain(threads) {
-        if let Some(core) = attributes.asked_core()
-            && attributes.asked_policy().is_real_time()
-            && !cores.contains(&core)
-        {
-            cores.push(core);
-        }
-    }
-    cores
-}
-
-/// Makes the parent's death an emergency, where the machine can report it.
-fn watch_parent(
-    emergency: &Arc<Emergency>,
-    real_time: bool,
-    is_strict: bool,
-) -> Result<Option<ParentThread>> {
-    match ParentThread::start(emergency.clone(), real_time)? {
-        Ok(thread) => Ok(Some(thread)),
-        Err(error) if is_strict => Err(ParentThread::refused(&error)),
-        Err(error) => {
-            notice!("luna: {}", ParentThread::refused(&error));
-            Ok(None)
-        }
-    }
-}
-
-fn lock_memory(settings: &Settings, shortfalls: &mut Vec<Shortfall>) -> Result<Option<MemoryLock>> {
-    if !settings.lock_memory {
-        return Ok(None);
-    }
-    memory::prefault_heap(HEAP_IN_ADVANCE)?;
-    let locked = memory::lock_memory();
-    if settings.strict {
-        return locked.map(Some).map_err(|shortfall| {
-            SetupError::Refused {
-                of: "system".to_owned(),
-                shortfall,
-            }
-            .into()
-        });
-    }
-    Ok(obtained(locked, shortfalls))
-}
-
-fn obtained<T>(asked: Result<T, Shortfall>, shortfalls: &mut Vec<Shortfall>) -> Option<T> {
-    asked.map_err(|shortfall| shortfalls.push(shortfall)).ok()
-}
-
-/// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
-fn pre_run_all(plan: &Plan, running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
-    // Loops that are made there are the system's.
-    let _scope = running.common.scope.clone().enter_to_prepare();
-    for index in 0..processes.len() {
-        let process = &mut processes[index];
-        let Some(resident) = &mut process.prepared.resident else {
-            continue;
-        };
-        let (id, name) = (process.spec.id(), process.spec.name());
-        let (parameters, log) = (plan.parameters(), &running.common.log);
-        let prepared = parameters.declaring(id, name, || {
-            let _log = log.enter();
-            prepare(&mut **resident)
-        });
-        if let Err(error) = prepared {
-            let error = error.in_process(process.name());
-            for earlier in processes[..index].iter_mut().rev() {
-                clean_up(earlier.prepared.resident.take());
-            }
-            return Err(error);
-        }
-    }
-    Ok(())
-}
-
-/// Processes that are started and held.
-#[derive(Default)]
-struct Held {
-    /// Before the members, to which their bodies refer.
-    threads: Vec<NamedThread>,
-    members: Vec<(ProcessId, Member)>,
-}
-
-impl Held {
-    /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up,
-    /// last first.
-    fn start_all(
-        &mut self,
-        running: &Running,
-        places: &[ThreadPart],
-        prepared: Vec<ProcessPlan>,
-    ) -> Result<()> {
-        let mut prepared = prepared.into_iter();
-        while let Some(mut process) = prepared.next() {
-            if running.simulation.is_none() {
-                neighbours::join(&mut process, &running.executors, places, &self.threads);
-            }
-            let id = process.id();
-            match running.start(process) {
-                Ok((member, started)) => {
-                    self.members.push((id, member));
-                    match started {
-                        Started::OnExecutor(pending) => drop(pending.hand_over()),
-                        Started::OnThread(thread) => self.threads.push(thread),
-                    }
-                }
-                Err(NotStarted { error, resident }) => {
-                    prepared
-                        .rev()
-                        .for_each(|process| drop(clean_up(process.prepared.resident)));
-                    clean_up(resident);
-                    return Err(error);
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Ends what was started of a system that does not start. Its executors are gone already, and
-    /// with them their bodies.
-    fn undo(mut self) {
-        self.threads.clear();
-        self.members
-            .into_iter()
-            .rev()
-            .for_each(|(_, mut member)| drop(clean_up(member.take_resident())));
-    }
 }

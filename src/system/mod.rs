@@ -3,6 +3,7 @@
 mod builder;
 mod clock;
 mod compose;
+mod conclusion;
 pub mod deadlock;
 mod launch;
 mod neighbours;
@@ -10,8 +11,10 @@ mod parameters;
 mod pending_errors;
 mod plan;
 mod quiet;
+mod reaper;
 mod register;
 mod safety;
+mod shortfalls;
 mod stand_in;
 mod stolen;
 mod supervise;

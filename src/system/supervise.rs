@@ -1,31 +1,30 @@
 //! The run: from the release of the bodies to the report.
 
+use super::conclusion::{Known, caught_panic, error_of_run, livelock};
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
 use super::plan::{Phase, Plan, Running};
 use super::quiet::Lookout;
-use super::register::{Funeral, Register};
+use super::reaper::{Reaper, wait_until};
+use super::shortfalls::announce_shortfalls;
 use super::stolen::{Stolen, Window};
 use super::system_threads::SystemThreads;
 use super::warnings::Warnings;
-use crate::csp::process::{Common, clean_up};
+use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::parameters::FileWatch;
 use crate::record::RecordError;
 use crate::report::{End, Report};
-use crate::safety::{Cause, Emergency};
-use crate::time::{ManagerThread, StolenTime, Witness};
-use luna_core::current::ProcessId;
-use luna_core::{current, reclaim};
-use luna_executors::{Executor, ProcessState, Standstill};
+use crate::safety::Cause;
+use crate::time::ManagerThread;
+use luna_core::current;
+use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
-use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::HeldBack;
 use luna_platform::thread::{HandlerStack, Mode};
 use std::collections::VecDeque;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 /// The pause of the thread that runs the system between two passes over unhurried ends: at first,
@@ -259,55 +258,6 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
 }
 
-/// Reports once what the system runs without.
-fn announce_shortfalls(
-    plan: &Plan,
-    of_system: &[Shortfall],
-    executors: &VecDeque<(String, Executor)>,
-) {
-    let members = plan.members();
-    let of_executors = executors
-        .iter()
-        .map(|(name, executor)| (name.as_str(), executor.obtained()));
-    let of_threads = members
-        .threads
-        .iter()
-        .map(|(name, thread)| (name.as_str(), thread.obtained()));
-    let of_all = of_executors.chain(of_threads).flat_map(|(name, obtained)| {
-        obtained
-            .into_iter()
-            .flat_map(|got| &got.shortfalls)
-            .map(move |one| (name, one))
-    });
-    let all: Vec<_> = of_system
-        .iter()
-        .map(|one| ("system", one))
-        .chain(of_all)
-        .collect();
-    if all.is_empty() {
-        return;
-    }
-    let what: Vec<String> = all
-        .iter()
-        .map(|(name, one)| format!("{name}: no {}", one.what()))
-        .collect();
-    // Several shortfalls often share one reason and remedy.
-    let mut reasons: Vec<String> = Vec::new();
-    for (_, one) in &all {
-        let reason = format!("{}: {}", one.why(), one.remedy());
-        if !reasons.contains(&reason) {
-            reasons.push(reason);
-        }
-    }
-    notice!(
-        "luna: system `{}` runs with best effort, without {} of what it asked for ({}). {}",
-        plan.name(),
-        all.len(),
-        what.join(", "),
-        reasons.join(". ")
-    );
-}
-
 fn tell_stolen(running: &Running, window: &Window) {
     let log = &running.common.log;
     log.tell_stolen(window.core, window.stolen, window.length());
@@ -411,143 +361,5 @@ fn watch(
             living.wait(seen, until);
             rest = SHORTEST_REST;
         }
-    }
-}
-
-/// What the report needs to explain why cycles were late.
-struct Known<'a> {
-    started: &'a Register,
-    stolen: Stolen,
-}
-
-impl Witness for Known<'_> {
-    fn name_of(&self, process: ProcessId) -> Option<String> {
-        self.started.name(process).map(str::to_owned)
-    }
-
-    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime> {
-        self.stolen.between(core, from, until)
-    }
-}
-
-/// Runs `post_run` of the processes that have ended, drops them, and frees what they left.
-struct Reaper<'a> {
-    plan: &'a Plan,
-    running: &'a Running,
-    /// Where errors go; `None` while processes are being ended, since their errors do not count
-    /// then.
-    errors: Option<&'a PendingErrors>,
-}
-
-impl Reaper<'_> {
-    /// Whether a process has ended since the last time, or there is another reason to come again
-    /// soon. O(their number).
-    fn reap(&self) -> bool {
-        let mut have_ended = false;
-        let Common {
-            living,
-            emergency,
-            clock,
-            ..
-        } = &*self.running.common;
-        let hurried = living.hurried();
-        let clock = clock.enter();
-        loop {
-            // One at a time and without the lock, since `post_run` may take long, and spawn.
-            let next = {
-                let mut members = self.plan.members();
-                members.started.note_ends(living, emergency);
-                have_ended |= members.started.take_news();
-                members.started.next_funeral()
-            };
-            let Some(Funeral {
-                resident,
-                of,
-                was_sentenced,
-                error,
-                forgotten,
-            }) = next
-            else {
-                break;
-            };
-            let _ = catch_unwind(AssertUnwindSafe(|| drop(forgotten)));
-            if let (Some(error), Some(errors)) = (error, self.errors) {
-                errors.add(&error);
-            }
-            let panicked = if was_sentenced {
-                // What it holds outside of its body is dropped in the same way as the body was.
-                current::poison_dropped_ends(|| clean_up(resident))
-            } else {
-                clean_up(resident)
-            };
-            if let Some(error) = panicked
-                && let Some((order, process)) = of
-            {
-                let error = error.in_process(process.name());
-                if let Some(errors) = self.errors {
-                    errors.add(&error);
-                }
-                self.plan.members().started.note_cleanup(order, &error);
-            }
-        }
-        reclaim::collect();
-        drop(clock);
-        if let Some(simulation) = &self.running.simulation {
-            simulation.attended(hurried);
-        }
-        have_ended
-    }
-}
-
-/// Waits for a thread's end, and reaps the processes that end meanwhile. There is no event for it,
-/// and it is not urgent: so it polls at intervals.
-fn wait_until(reaper: &Reaper<'_>, deadline: Instant, done: &dyn Fn() -> bool) -> bool {
-    let mut pause = Duration::from_micros(20);
-    while !done() {
-        reaper.reap();
-        if Instant::now() >= deadline {
-            return false;
-        }
-        std::thread::sleep(pause);
-        pause = (pause * 2).min(Duration::from_millis(5));
-    }
-    true
-}
-
-/// The livelock that a virtual clock has reached, if any, at `now`.
-fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) -> Option<Error> {
-    match standstill? {
-        Standstill::Livelock { process, turns } => Some(Error::Livelock {
-            process: started.name(process).unwrap_or_default().to_owned(),
-            turns,
-            at: now,
-        }),
-        _ => None,
-    }
-}
-
-/// The error of a run that a panic has ended without ending a process: it was an emergency before
-/// the body caught it.
-fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> Option<Error> {
-    let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
-    let message = "it was caught, but not by `luna::catch_panic`";
-    let error = Error::Panicked(message.to_owned());
-    match process.and_then(|process| started.name(process)) {
-        Some(name) => Some(error.in_process(name)),
-        None => Some(error),
-    }
-}
-
-/// The error that a run returns if its time did not stand still: a panic's before all others, since
-/// it is the cause; none if a signal ended the system, since what processes return while they are
-/// being ended does not count.
-fn error_of_run(started: &Register, cause: Option<Error>, report: &Report) -> Option<Error> {
-    match report.end {
-        // Errors that processes return while they are being ended do not count.
-        End::Signal(_) | End::Undriven | End::Livelock => None,
-        End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
-        End::Overrun | End::Emergency => cause,
-        End::Panic => started.first_panic().cloned(),
-        End::Completed => started.first_error().cloned(),
     }
 }

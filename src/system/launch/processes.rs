@@ -1,0 +1,92 @@
+//! The start of the processes: every `pre_run`, and then all of them held.
+
+use super::super::neighbours;
+use super::super::plan::{Member, NamedThread, NotStarted, Plan, ProcessPlan, Running, Started};
+use crate::csp::composition::ThreadPart;
+use crate::csp::process::{clean_up, prepare};
+use crate::error::Result;
+use luna_core::current::ProcessId;
+
+/// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
+pub(super) fn pre_run_all(
+    plan: &Plan,
+    running: &Running,
+    processes: &mut [ProcessPlan],
+) -> Result<()> {
+    // Loops that are made there are the system's.
+    let _scope = running.common.scope.clone().enter_to_prepare();
+    for index in 0..processes.len() {
+        let process = &mut processes[index];
+        let Some(resident) = &mut process.prepared.resident else {
+            continue;
+        };
+        let (id, name) = (process.spec.id(), process.spec.name());
+        let (parameters, log) = (plan.parameters(), &running.common.log);
+        let prepared = parameters.declaring(id, name, || {
+            let _log = log.enter();
+            prepare(&mut **resident)
+        });
+        if let Err(error) = prepared {
+            let error = error.in_process(process.name());
+            for earlier in processes[..index].iter_mut().rev() {
+                clean_up(earlier.prepared.resident.take());
+            }
+            return Err(error);
+        }
+    }
+    Ok(())
+}
+
+/// Processes that are started and held.
+#[derive(Default)]
+pub(super) struct Held {
+    /// Before the members, to which their bodies refer.
+    pub(super) threads: Vec<NamedThread>,
+    pub(super) members: Vec<(ProcessId, Member)>,
+}
+
+impl Held {
+    /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up,
+    /// last first.
+    pub(super) fn start_all(
+        &mut self,
+        running: &Running,
+        places: &[ThreadPart],
+        prepared: Vec<ProcessPlan>,
+    ) -> Result<()> {
+        let mut prepared = prepared.into_iter();
+        while let Some(mut process) = prepared.next() {
+            if running.simulation.is_none() {
+                neighbours::join(&mut process, &running.executors, places, &self.threads);
+            }
+            let id = process.id();
+            match running.start(process) {
+                Ok((member, started)) => {
+                    self.members.push((id, member));
+                    match started {
+                        Started::OnExecutor(pending) => drop(pending.hand_over()),
+                        Started::OnThread(thread) => self.threads.push(thread),
+                    }
+                }
+                Err(NotStarted { error, resident }) => {
+                    prepared
+                        .rev()
+                        .for_each(|process| drop(clean_up(process.prepared.resident)));
+                    clean_up(resident);
+                    return Err(error);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends what was started of a system that does not start. Its executors are gone already, and
+    /// with them their bodies.
+    pub(super) fn undo(mut self) {
+        self.threads.clear();
+        self.members
+            .into_iter()
+            .rev()
+            .for_each(|(_, mut member)| drop(clean_up(member.take_resident())));
+    }
+}

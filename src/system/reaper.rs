@@ -1,0 +1,94 @@
+//! Sees to processes that have ended, on the thread that runs the system.
+
+use super::pending_errors::PendingErrors;
+use super::plan::{Plan, Running};
+use super::register::Funeral;
+use crate::csp::process::{Common, clean_up};
+use luna_core::{current, reclaim};
+use luna_platform::clock::Instant;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+/// Runs `post_run` of the processes that have ended, drops them, and frees what they left.
+pub(super) struct Reaper<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) running: &'a Running,
+    /// Where errors go; `None` while processes are being ended, since their errors do not count
+    /// then.
+    pub(super) errors: Option<&'a PendingErrors>,
+}
+
+impl Reaper<'_> {
+    /// Whether a process has ended since the last time, or there is another reason to come again
+    /// soon. O(their number).
+    pub(super) fn reap(&self) -> bool {
+        let mut have_ended = false;
+        let Common {
+            living,
+            emergency,
+            clock,
+            ..
+        } = &*self.running.common;
+        let hurried = living.hurried();
+        let clock = clock.enter();
+        loop {
+            // One at a time and without the lock, since `post_run` may take long, and spawn.
+            let next = {
+                let mut members = self.plan.members();
+                members.started.note_ends(living, emergency);
+                have_ended |= members.started.take_news();
+                members.started.next_funeral()
+            };
+            let Some(Funeral {
+                resident,
+                of,
+                was_sentenced,
+                error,
+                forgotten,
+            }) = next
+            else {
+                break;
+            };
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(forgotten)));
+            if let (Some(error), Some(errors)) = (error, self.errors) {
+                errors.add(&error);
+            }
+            let panicked = if was_sentenced {
+                // What it holds outside of its body is dropped in the same way as the body was.
+                current::poison_dropped_ends(|| clean_up(resident))
+            } else {
+                clean_up(resident)
+            };
+            if let Some(error) = panicked
+                && let Some((order, process)) = of
+            {
+                let error = error.in_process(process.name());
+                if let Some(errors) = self.errors {
+                    errors.add(&error);
+                }
+                self.plan.members().started.note_cleanup(order, &error);
+            }
+        }
+        reclaim::collect();
+        drop(clock);
+        if let Some(simulation) = &self.running.simulation {
+            simulation.attended(hurried);
+        }
+        have_ended
+    }
+}
+
+/// Waits for a thread's end, and reaps the processes that end meanwhile. There is no event for it,
+/// and it is not urgent: so it polls at intervals.
+pub(super) fn wait_until(reaper: &Reaper<'_>, deadline: Instant, done: &dyn Fn() -> bool) -> bool {
+    let mut pause = Duration::from_micros(20);
+    while !done() {
+        reaper.reap();
+        if Instant::now() >= deadline {
+            return false;
+        }
+        std::thread::sleep(pause);
+        pause = (pause * 2).min(Duration::from_millis(5));
+    }
+    true
+}
