@@ -1,19 +1,167 @@
 //! What a run comes to: its report, and the error that it returns.
 
+use super::clock::ClockKind;
+use super::deadlock::Deadlock;
+use super::plan::{Plan, Running};
 use super::register::Register;
 use super::stolen::Stolen;
-use crate::error::Error;
-use crate::report::{End, Report};
-use crate::safety::Emergency;
-use crate::time::{StolenTime, Witness};
+use super::warnings::Warnings;
+use crate::error::{Error, Result};
+use crate::notice::notice;
+use crate::record::RecordError;
+use crate::report::{End, Report, ThreadReport};
+use crate::safety::{Cause, Emergency, SafetyReport};
+use crate::time::{StolenTime, TimersReport, Witness};
 use luna_core::current::ProcessId;
-use luna_executors::Standstill;
+use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::Instant;
+use luna_platform::shortfall::Shortfall;
+use luna_platform::thread::Mode;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What is known of a run whose threads have ended.
+pub(super) struct Ended {
+    pub(super) clock: ClockKind,
+    pub(super) elapsed: Duration,
+    pub(super) really_elapsed: Duration,
+    /// Why virtual time stood still, if it did and no emergency came first.
+    pub(super) standstill: Option<Standstill>,
+    /// The first error of a process before that.
+    pub(super) failed_before: Option<Error>,
+    pub(super) deadlock: Option<Deadlock>,
+    pub(super) threads: Vec<ThreadReport>,
+    pub(super) timers: Option<TimersReport>,
+    pub(super) callback_panic: Option<Error>,
+    /// The signal that ended the system.
+    pub(super) signal: Option<i32>,
+    pub(super) was_emergency: bool,
+    pub(super) stolen: Stolen,
+    pub(super) safety: SafetyReport,
+    pub(super) shortfalls: Vec<Shortfall>,
+    #[cfg(feature = "logger")]
+    pub(super) logging: Option<crate::logging::LoggingReport>,
+    pub(super) running: Arc<Running>,
+}
+
+/// Makes the report, which the plan keeps, and gives it or the error of the run.
+pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
+    let running = ended.running.clone();
+    let (emergency, tapes) = (&running.common.emergency, &running.common.tapes);
+    let mut members = plan.members();
+    keep_residents_left_behind(&mut members.started);
+    for line in Warnings::rest(&members) {
+        notice!("{line}");
+    }
+    let recorded = tapes.finish();
+    let started = &members.started;
+    let raised = raised_error(started, emergency);
+    let end = end_of(&ended, started, raised.is_some());
+    let (standstill, signal) = (ended.standstill, ended.signal);
+    let known = Known {
+        started,
+        stolen: ended.stolen,
+    };
+    let report = Report {
+        system: plan.name().to_owned(),
+        end,
+        clock: ended.clock,
+        elapsed: ended.elapsed,
+        really_elapsed: ended.really_elapsed,
+        threads: ended.threads,
+        processes: started.reports(),
+        earlier: started.earlier(),
+        loops: running.common.scope.take_reports(&known),
+        stand_ins: plan.stand_ins().replaced(),
+        shortfalls: ended.shortfalls,
+        deadlock: ended.deadlock,
+        timers: ended.timers,
+        safety: ended.safety,
+        #[cfg(feature = "logger")]
+        logging: ended.logging,
+        record: recorded.as_ref().ok().copied().flatten(),
+    };
+    let livelock = livelock(started, standstill, running.common.clock.now());
+    if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
+        // The first cause of the system's end, though a graver error followed.
+        notice!("luna: {livelock}");
+    }
+    let error = match report.end {
+        End::Undriven => ended.failed_before,
+        End::Livelock => livelock,
+        _ => error_of_run(started, raised, &report)
+            .or_else(|| ended.callback_panic.filter(|_| signal.is_none()))
+            .or_else(|| caught_panic(started, emergency, &report)),
+    }
+    // For any end of the system: something may not be as its process was to leave it.
+    .or_else(|| started.first_cleanup().cloned());
+    let error = match (error, recorded) {
+        // Errors that processes return in a replay that has diverged do not count.
+        (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
+        (None, Err(error)) => Some(error.into()),
+        (None, Ok(_)) => tapes.outside().map(Error::from),
+        (error, _) => error,
+    };
+    members.report = Some(report.clone());
+    match error {
+        Some(error) => Err(error),
+        None => Ok(report),
+    }
+}
+
+/// Keeps what the bodies on detached threads refer to, and names those that are not cleaned up.
+fn keep_residents_left_behind(started: &mut Register) {
+    for left_behind in started.left_behind() {
+        if left_behind.handle.state() == ProcessState::Running {
+            notice!(
+                "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
+                left_behind.name()
+            );
+        }
+        // Its body still exists, on the detached thread, and refers to them.
+        std::mem::forget(left_behind.take_resident());
+    }
+}
+
+/// The error that an emergency was raised with, with the process that raised it.
+fn raised_error(started: &Register, emergency: &Emergency) -> Option<Error> {
+    let (process, cause) = emergency.cause()?;
+    let error = match cause {
+        Cause::Raised(error) => error,
+        Cause::ParentDied | Cause::GuardianLost => Error::other(cause.to_string()),
+        _ => return None,
+    };
+    Some(match process.and_then(|process| started.name(process)) {
+        Some(name) => error.in_process(name),
+        None => error,
+    })
+}
+
+/// How the system ended.
+fn end_of(ended: &Ended, started: &Register, is_raised: bool) -> End {
+    if let Some(number) = ended.signal {
+        return End::Signal(number);
+    }
+    if !ended.was_emergency {
+        return match ended.standstill {
+            Some(Standstill::Livelock { .. }) => End::Livelock,
+            Some(_) => End::Undriven,
+            None => End::Completed,
+        };
+    }
+    let is_strict = ended.running.mode == Mode::Strict;
+    match started.first_panic() {
+        _ if is_raised => End::Emergency,
+        None if ended.deadlock.is_some() && is_strict => End::Deadlock,
+        None if started.overrun().is_some() => End::Overrun,
+        _ => End::Panic,
+    }
+}
 
 /// What the report needs to explain why cycles were late.
-pub(super) struct Known<'a> {
-    pub(super) started: &'a Register,
-    pub(super) stolen: Stolen,
+struct Known<'a> {
+    started: &'a Register,
+    stolen: Stolen,
 }
 
 impl Witness for Known<'_> {
@@ -27,11 +175,7 @@ impl Witness for Known<'_> {
 }
 
 /// The livelock that a virtual clock has reached, if any, at `now`.
-pub(super) fn livelock(
-    started: &Register,
-    standstill: Option<Standstill>,
-    now: Instant,
-) -> Option<Error> {
+fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) -> Option<Error> {
     match standstill? {
         Standstill::Livelock { process, turns } => Some(Error::Livelock {
             process: started.name(process).unwrap_or_default().to_owned(),
@@ -44,11 +188,7 @@ pub(super) fn livelock(
 
 /// The error of a run that a panic has ended without ending a process: it was an emergency before
 /// the body caught it.
-pub(super) fn caught_panic(
-    started: &Register,
-    emergency: &Emergency,
-    report: &Report,
-) -> Option<Error> {
+fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> Option<Error> {
     let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
     let message = "it was caught, but not by `luna::catch_panic`";
     let error = Error::Panicked(message.to_owned());
@@ -61,16 +201,13 @@ pub(super) fn caught_panic(
 /// The error that a run returns if its time did not stand still: a panic's before all others, since
 /// it is the cause; none if a signal ended the system, since what processes return while they are
 /// being ended does not count.
-pub(super) fn error_of_run(
-    started: &Register,
-    cause: Option<Error>,
-    report: &Report,
-) -> Option<Error> {
+fn error_of_run(started: &Register, raised: Option<Error>, report: &Report) -> Option<Error> {
     match report.end {
         // Errors that processes return while they are being ended do not count.
         End::Signal(_) | End::Undriven | End::Livelock => None,
         End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
-        End::Overrun | End::Emergency => cause,
+        End::Overrun => started.overrun(),
+        End::Emergency => raised,
         End::Panic => started.first_panic().cloned(),
         End::Completed => started.first_error().cloned(),
     }

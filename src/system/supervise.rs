@@ -1,6 +1,6 @@
 //! The run: from the release of the bodies to the report.
 
-use super::conclusion::{Known, caught_panic, error_of_run, livelock};
+use super::conclusion::{Ended, conclude};
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
@@ -15,12 +15,10 @@ use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::parameters::FileWatch;
-use crate::record::RecordError;
-use crate::report::{End, Report};
+use crate::report::Report;
 use crate::safety::Cause;
 use crate::time::ManagerThread;
 use luna_core::current;
-use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::signals::HeldBack;
 use luna_platform::thread::{HandlerStack, Mode};
@@ -55,17 +53,40 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         is_over: false,
     };
     announce_shortfalls(plan, &launched.shortfalls, &system_threads.executors);
+    let begun = release(plan, &mut launched, &system_threads);
+    let mut stolen = Stolen::begin();
+    let pending = PendingErrors::default();
+    let deadlock = watch(&mut system_threads, &launched, &mut stolen, &pending);
+    let ended = end(
+        launched,
+        &mut system_threads,
+        begun,
+        deadlock,
+        stolen,
+        &pending,
+    );
+    let outcome = conclude(plan, ended);
+    system_threads.is_over = true;
+    pending.settle(outcome.as_ref().err());
+    outcome
+}
 
-    let running = launched.running.clone();
+/// When the bodies were released, on the system's clock and on the machine's.
+struct Begun {
+    at: Instant,
+    really_at: Instant,
+}
+
+/// Releases the bodies.
+fn release(plan: &Plan, launched: &mut Launched, system_threads: &SystemThreads<'_>) -> Begun {
     let Common {
-        scope,
-        emergency,
-        living,
-        clock,
-        ..
-    } = &*running.common;
-    let (started, really_started) = (scope.begin(), Instant::now());
-    if let Some(simulation) = &running.simulation {
+        scope, emergency, ..
+    } = &*launched.running.common;
+    let begun = Begun {
+        at: scope.begin(),
+        really_at: Instant::now(),
+    };
+    if let Some(simulation) = &launched.running.simulation {
         simulation.attend();
     }
     // If an emergency has run its functions before the start, the processes are not released.
@@ -82,14 +103,22 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         // All at once, in their order.
         simulation.release();
     }
+    begun
+}
 
-    let mut stolen = Stolen::begin();
-    let pending = PendingErrors::default();
-    let deadlock = watch(&mut system_threads, &launched, &mut stolen, &pending);
-    let standstill = running.standstill().filter(|_| !emergency.is_safe());
-    let (elapsed, really_elapsed) = (clock.now() - started, Instant::now() - really_started);
+/// Ends what is left of the system: its threads, and then the emergency.
+fn end(
+    launched: Launched,
+    system_threads: &mut SystemThreads<'_>,
+    begun: Begun,
+    deadlock: Option<Deadlock>,
+    mut stolen: Stolen,
+    pending: &PendingErrors,
+) -> Ended {
+    let plan = system_threads.plan;
     let Launched {
         clock: clock_kind,
+        running,
         emergency: guard,
         parent,
         guardian,
@@ -98,29 +127,39 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         recording,
         ..
     } = launched;
+    let Common {
+        scope,
+        emergency,
+        living,
+        clock,
+        ..
+    } = &*running.common;
+    let standstill = running.standstill().filter(|_| !emergency.is_safe());
+    let elapsed = clock.now() - begun.at;
+    let really_elapsed = Instant::now() - begun.really_at;
     // The processes that failed before time stood still. Errors that processes return while they
     // are being ended do not count.
     let failed_before = standstill.and_then(|_| {
         let reaper = Reaper {
             plan,
             running: &running,
-            errors: Some(&pending),
+            errors: Some(pending),
         };
         reaper.reap();
         plan.members().started.first_error().cloned()
     });
     // No callback is called any more; loops that have not ended yet take their own deadlines.
     let (timers, callback_panic) = timers.map(ManagerThread::stop).unzip();
-    let end = Reaper {
+    let reaper = Reaper {
         plan,
         running: &running,
         errors: None,
     };
-    let threads = system_threads.end(|deadline, done| wait_until(&end, deadline, done));
-    end.reap();
+    let threads = system_threads.end(|deadline, done| wait_until(&reaper, deadline, done));
+    reaper.reap();
     // A detached thread may have ended since.
     plan.members().started.note_last_ends(living, emergency);
-    end.reap();
+    reaper.reap();
     drop(parent);
     let signal = guard.stop().or_else(|| match emergency.cause() {
         // A crash, by a signal that was then handled in another way.
@@ -152,109 +191,25 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         not(feature = "logger"),
         expect(unused_variables, reason = "without the logger there is none")
     )]
-    let recording = recording.finish();
-
-    let mut members = plan.members();
-    for left_behind in members.started.left_behind() {
-        if left_behind.handle.state() == ProcessState::Running {
-            notice!(
-                "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
-                left_behind.name()
-            );
-        }
-        // Its body still exists, on the detached thread, and refers to them.
-        std::mem::forget(left_behind.take_resident());
-    }
-    for line in Warnings::rest(&members) {
-        notice!("{line}");
-    }
-    let recorded = running.common.tapes.finish();
-    let processes = members.started.reports();
-    let known = Known {
-        started: &members.started,
-        stolen,
-    };
-    let overrun = members.started.overrun();
-    let raised = emergency.cause().and_then(|(process, cause)| {
-        let error = match cause {
-            Cause::Raised(error) => error,
-            Cause::ParentDied | Cause::GuardianLost => Error::other(cause.to_string()),
-            _ => return None,
-        };
-        match process.and_then(|process| members.started.name(process)) {
-            Some(name) => Some(error.in_process(name)),
-            None => Some(error),
-        }
-    });
-    let report = Report {
-        system: plan.name().to_owned(),
-        end: match (
-            signal,
-            was_emergency,
-            members.started.first_panic().is_some(),
-        ) {
-            (Some(number), _, _) => End::Signal(number),
-            (None, true, _) if raised.is_some() => End::Emergency,
-            (None, true, false) if deadlock.is_some() && running.mode == Mode::Strict => {
-                End::Deadlock
-            }
-            (None, true, false) if overrun.is_some() => End::Overrun,
-            (None, true, _) => End::Panic,
-            (None, false, _) => match standstill {
-                Some(Standstill::Livelock { .. }) => End::Livelock,
-                Some(_) => End::Undriven,
-                None => End::Completed,
-            },
-        },
+    let logging = recording.finish();
+    Ended {
         clock: clock_kind,
         elapsed,
         really_elapsed,
-        threads,
-        processes,
-        earlier: members.started.earlier(),
-        loops: scope.take_reports(&known),
-        stand_ins: plan.stand_ins().replaced(),
-        shortfalls,
+        standstill,
+        failed_before,
         deadlock,
+        threads,
         timers,
+        callback_panic: callback_panic.flatten(),
+        signal,
+        was_emergency,
+        stolen,
         safety,
+        shortfalls,
         #[cfg(feature = "logger")]
-        logging: recording,
-        record: recorded.as_ref().ok().copied().flatten(),
-    };
-    let cause = if report.end == End::Emergency {
-        raised
-    } else {
-        overrun
-    };
-    let livelock = livelock(&members.started, standstill, clock.now());
-    if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
-        // The first cause of the system's end, though a graver error followed.
-        notice!("luna: {livelock}");
-    }
-    let error = match report.end {
-        End::Undriven => failed_before,
-        End::Livelock => livelock,
-        _ => error_of_run(&members.started, cause, &report)
-            .or_else(|| callback_panic.flatten().filter(|_| signal.is_none()))
-            .or_else(|| caught_panic(&members.started, emergency, &report)),
-    }
-    // For any end of the system: something may not be as its process was to leave it.
-    .or_else(|| members.started.first_cleanup().cloned());
-    let error = match (error, recorded) {
-        // Errors that processes return in a replay that has diverged do not count.
-        (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
-        (None, Err(error)) => Some(error.into()),
-        (None, Ok(_)) => running.common.tapes.outside().map(Error::from),
-        (error, _) => error,
-    };
-    members.report = Some(report.clone());
-    drop(members);
-    system_threads.is_over = true;
-    pending.settle(error.as_ref());
-    match error {
-        Some(error) => Err(error),
-        None => Ok(report),
+        logging,
+        running,
     }
 }
 
