@@ -12,17 +12,17 @@ use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::logging::{Log, Session};
-use crate::safety::{EmergencyThread, GuardianWatch, ParentThread};
-use crate::time::{MOST_CALLBACKS, ManagerThread, Scope};
+use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
+use crate::time::{MOST_CALLBACKS, Manager, ManagerThread, Scope};
 use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::MemoryLock;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{Attributes, Mode, Policy, TIMER_PRIORITY};
-use machine::{lock_memory, obtained, policy_of, real_time_cores};
-use processes::{Held, pre_run_all};
-use safety::watch_parent;
+use machine::{Needs, lock_memory};
+use processes::start_processes;
+use safety::SafetyThreads;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -105,30 +105,11 @@ fn launch_described(
     if !is_virtual {
         neighbours::settle(&mut executor_plans, &mut waiting);
     }
-    let mode = if settings.strict {
-        Mode::Strict
-    } else {
-        Mode::BestEffort
-    };
-    // On a clock of its own nothing has to come in time, so nothing is asked of the machine for
-    // that.
-    let real_time = !is_virtual
-        && (executor_plans
-            .iter()
-            .any(|executor| executor.attributes.asked_policy().is_real_time())
-            || waiting
-                .iter()
-                .any(|process| policy_of(process).is_real_time()));
-
-    let mut shortfalls = Vec::new();
     settings.lock_memory &= !is_virtual;
+    let needs = Needs::of(&settings, is_virtual, &executor_plans, &waiting);
+    let mut shortfalls = Vec::new();
     let memory = lock_memory(&settings, &mut shortfalls)?;
-    // It was not requested, so its lack is no reason not to start.
-    let latency = if real_time {
-        obtained(DmaLatency::hold(), &mut shortfalls)
-    } else {
-        None
-    };
+    let latency = needs.hold_latency(&mut shortfalls);
     let log = Log::new(plan.name(), is_virtual);
     let recording = log.start(std::mem::take(&mut settings.logging))?;
     let recorded = settings.tapes.recorded_parameters();
@@ -142,75 +123,30 @@ fn launch_described(
     if let Some(simulation) = &handle {
         emergency.simulate(simulation.clone());
     }
-    // From before anything moves until all has ended.
-    let guardian = match &settings.guardian {
-        Some(guardian) => Some(GuardianWatch::start(
-            guardian,
-            emergency.clone(),
-            settings.strict,
-        )?),
-        None => None,
-    };
-    let cores = real_time_cores(&executor_plans, &waiting);
-    let guard = EmergencyThread::start(
-        emergency.clone(),
-        living.clone(),
-        real_time,
-        if real_time { &cores } else { &[] },
-    )?;
-    shortfalls.extend_from_slice(guard.shortfalls());
-    let parent = if settings.parents_death {
-        watch_parent(&emergency, real_time, settings.strict)?
-    } else {
-        None
-    };
-
+    let safety = SafetyThreads::start(&emergency, living, &settings, &needs)?;
+    shortfalls.extend_from_slice(safety.emergency.shortfalls());
     let loops = settings.max_loops.unwrap_or(LOOPS);
-    // A process on a clock that is not the machine's is woken by that clock alone.
-    let manager = match settings.manager {
-        Some(manager) if handle.is_some() => {
+    let manager = settings.manager.take();
+    let (manager, timers) = match manager {
+        // A process on a clock that is not the machine's is woken by that clock alone.
+        Some(manager) if is_virtual => {
             manager.refuse()?;
-            None
+            (None, None)
         }
-        manager => manager,
-    };
-    let timers = match &manager {
         Some(manager) => {
-            manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS))?;
-            let policy = match real_time {
-                true => Policy::fifo(TIMER_PRIORITY),
-                false => Policy::Other,
-            };
-            let mut attributes = Attributes::framework("luna-timers", policy).mode(mode);
-            if let Some(core) = settings.timer_core {
-                attributes = attributes.core(core);
-            }
-            let (manager, emergency) = (manager.clone(), emergency.clone());
-            let thread = ManagerThread::start(manager, emergency, loops, attributes)?;
+            let thread = start_timers(&manager, &settings, &needs, loops, &emergency)?;
             shortfalls.extend_from_slice(thread.shortfalls());
-            Some(thread)
+            (Some(manager), Some(thread))
         }
-        None => None,
+        None => (None, None),
     };
     let parameters = plan.parameters().clone();
     let scope = Scope::with_room_for(loops, living.clone(), clock.clone(), manager, parameters);
-    // Outlives the executors: their bodies refer to it.
-    let mut held = Held::default();
-    let mut executors = Vec::with_capacity(executor_plans.len());
-    for executor in executor_plans {
-        let started = match &handle {
-            None => Executor::start_counted(executor.attributes.mode(mode), living.clone())
-                .map_err(|error| Error::not_started(&executor.name, error))?,
-            Some(simulation) => Executor::start_simulated(simulation, &executor.attributes),
-        };
-        executors.push((executor.name, started));
-    }
-    let places: Vec<ThreadPart> = executors
-        .iter()
-        .map(|(name, executor)| {
-            ThreadPart::obtained(name, ThreadKind::Executor, executor.obtained())
-        })
-        .collect();
+    let executors = start_executors(executor_plans, handle.as_ref(), needs.mode, living)?;
+    let places = executors.iter().map(|(name, executor)| {
+        ThreadPart::obtained(name, ThreadKind::Executor, executor.obtained())
+    });
+    let places: Vec<ThreadPart> = places.collect();
     plan.members().places = Vec::clone(&places);
     let handles = executors
         .iter()
@@ -227,51 +163,20 @@ fn launch_described(
             log,
             tapes: std::mem::take(&mut settings.tapes).start(plan.name())?,
         }),
-        mode,
+        mode: needs.mode,
         simulation: handle,
     });
 
-    loop {
-        // Without the plan's lock: what runs here is the user's, and may spawn.
-        if let Err(error) = pre_run_all(plan, &running, &mut waiting)
-            .and_then(|()| held.start_all(&running, &places, waiting))
-        {
-            // Their bodies end with the executors and threads.
-            drop(executors);
-            held.undo();
-            return Err(error);
-        }
-        for (_, executor) in &executors {
-            executor.settle();
-        }
-        let mut members = plan.members();
-        // Processes that these have spawned already start with the others.
-        waiting = std::mem::take(&mut members.waiting);
-        if waiting.is_empty() {
-            if let Err(error) = plan.parameters().all_declared() {
-                drop(members);
-                drop(executors);
-                held.undo();
-                return Err(error.into());
-            }
-            members.started.most_ended = settings.remembered.unwrap_or(REMEMBERED);
-            members.started.reserve(held.members.len());
-            for (id, member) in held.members {
-                members.started.enter(id, member, &running.common.emergency);
-            }
-            members.threads = held.threads;
-            members.running = Some(running.clone());
-            break;
-        }
-    }
+    let remembered = settings.remembered.unwrap_or(REMEMBERED);
+    let executors = start_processes(plan, &running, executors, &places, waiting, remembered)?;
     Ok(Launched {
         clock: clock_kind,
         simulation,
         executors,
         running,
-        emergency: guard,
-        parent,
-        guardian,
+        emergency: safety.emergency,
+        parent: safety.parent,
+        guardian: safety.guardian,
         timers,
         shortfalls,
         recording,
@@ -279,4 +184,41 @@ fn launch_described(
         _memory: memory,
         _latency: latency,
     })
+}
+
+/// Starts the thread of the timer manager.
+fn start_timers(
+    manager: &Arc<Manager>,
+    settings: &Settings,
+    needs: &Needs,
+    loops: usize,
+    emergency: &Arc<Emergency>,
+) -> Result<ManagerThread> {
+    manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS))?;
+    let policy = match needs.real_time {
+        true => Policy::fifo(TIMER_PRIORITY),
+        false => Policy::Other,
+    };
+    let mut attributes = Attributes::framework("luna-timers", policy).mode(needs.mode);
+    if let Some(core) = settings.timer_core {
+        attributes = attributes.core(core);
+    }
+    ManagerThread::start(manager.clone(), emergency.clone(), loops, attributes)
+}
+
+fn start_executors(
+    plans: Vec<ExecutorPlan>,
+    simulation: Option<&SimulationHandle>,
+    mode: Mode,
+    living: &Arc<ProcessRegistry>,
+) -> Result<Vec<(String, Executor)>> {
+    let start = |executor: ExecutorPlan| {
+        let started = match simulation {
+            None => Executor::start_counted(executor.attributes.mode(mode), living.clone())
+                .map_err(|error| Error::not_started(&executor.name, error))?,
+            Some(simulation) => Executor::start_simulated(simulation, &executor.attributes),
+        };
+        Ok((executor.name, started))
+    };
+    plans.into_iter().map(start).collect()
 }

@@ -4,15 +4,67 @@ use super::super::neighbours;
 use super::super::plan::{Member, NamedThread, NotStarted, Plan, ProcessPlan, Running, Started};
 use crate::csp::composition::ThreadPart;
 use crate::csp::process::{clean_up, prepare};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use luna_core::current::ProcessId;
+use luna_executors::Executor;
+use std::sync::Arc;
+
+/// Starts all processes, and those that they spawn meanwhile; none is released. Gives the executors
+/// back; if one cannot be started, all that was started is ended.
+pub(super) fn start_processes(
+    plan: &Plan,
+    running: &Arc<Running>,
+    executors: Vec<(String, Executor)>,
+    places: &[ThreadPart],
+    mut waiting: Vec<ProcessPlan>,
+    remembered: usize,
+) -> Result<Vec<(String, Executor)>> {
+    let mut held = Held::default();
+    // Behind it, so ended before it: their bodies refer to it.
+    let executors = executors;
+    let started = loop {
+        // Without the plan's lock: what runs here is the user's, and may spawn.
+        if let Err(error) = pre_run_all(plan, running, &mut waiting)
+            .and_then(|()| held.start_all(running, places, waiting))
+        {
+            break Err(error);
+        }
+        for (_, executor) in &executors {
+            executor.settle();
+        }
+        let mut members = plan.members();
+        // Processes that these have spawned already start with the others.
+        waiting = std::mem::take(&mut members.waiting);
+        if waiting.is_empty() {
+            break plan
+                .parameters()
+                .all_declared()
+                .map(|()| members)
+                .map_err(Error::from);
+        }
+    };
+    let mut members = match started {
+        Ok(members) => members,
+        Err(error) => {
+            // Their bodies end with the executors and threads.
+            drop(executors);
+            held.undo();
+            return Err(error);
+        }
+    };
+    members.started.most_ended = remembered;
+    members.started.reserve(held.members.len());
+    for (id, member) in held.members {
+        members.started.enter(id, member, &running.common.emergency);
+    }
+    members.threads = held.threads;
+    members.running = Some(running.clone());
+    drop(members);
+    Ok(executors)
+}
 
 /// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
-pub(super) fn pre_run_all(
-    plan: &Plan,
-    running: &Running,
-    processes: &mut [ProcessPlan],
-) -> Result<()> {
+fn pre_run_all(plan: &Plan, running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
     // Loops that are made there are the system's.
     let _scope = running.common.scope.clone().enter_to_prepare();
     for index in 0..processes.len() {
@@ -39,16 +91,16 @@ pub(super) fn pre_run_all(
 
 /// Processes that are started and held.
 #[derive(Default)]
-pub(super) struct Held {
+struct Held {
     /// Before the members, to which their bodies refer.
-    pub(super) threads: Vec<NamedThread>,
-    pub(super) members: Vec<(ProcessId, Member)>,
+    threads: Vec<NamedThread>,
+    members: Vec<(ProcessId, Member)>,
 }
 
 impl Held {
     /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up,
     /// last first.
-    pub(super) fn start_all(
+    fn start_all(
         &mut self,
         running: &Running,
         places: &[ThreadPart],
@@ -82,7 +134,7 @@ impl Held {
 
     /// Ends what was started of a system that does not start. Its executors are gone already, and
     /// with them their bodies.
-    pub(super) fn undo(mut self) {
+    fn undo(mut self) {
         self.threads.clear();
         self.members
             .into_iter()
