@@ -10,8 +10,10 @@
 //! receiver has not fetched the one before.
 //!
 //! ```text
-//!   FREE --an operation that may look, under the lock--> WAITING --partner, under the lock--> DONE --who waited--> FREE
-//!                                                          '--anybody else, under the lock--> LISTED --who waited--> FREE
+//!   FREE ------> WAITING ------> DONE ----> FREE      by the operation, the partner, the operation
+//!                   '----------> LISTED --> FREE      by another operation, the first operation
+//!
+//!   Each step but the last one is made under the lock.
 //! ```
 //!
 //! Hand-off slots keep no order, so they are used only as long as there is nothing to order: one

@@ -27,7 +27,7 @@ const MOST: usize = 256;
 /// spare.give_back(one);
 /// assert_eq!(Arc::strong_count(&thing), 2, "it is kept for the next");
 /// let next = spare.another(&thing);
-/// assert_eq!((*next, Arc::strong_count(&thing)), (7, 2), "who was not counted anew");
+/// assert_eq!((*next, Arc::strong_count(&thing)), (7, 2), "without a new count");
 /// spare.release();
 /// assert_eq!(Arc::strong_count(&thing), 2, "it is the next one's own");
 /// ```

@@ -8,34 +8,35 @@
 //! bias, once in the lock's life.
 //!
 //! ```text
-//!   shared --one home alone, 16 times--> favours it --anybody else--> shared, for good
-//!     \                                       ^  \
-//!      two homes: shared, for good             '---' who only looks (`lock_briefly`) gives the favour back
+//!   shared --16 times in a row by one executor--> biased --by another thread--> shared, for good
+//!     \                                            ^  \
+//!      by a second executor: shared, for good       '---' `lock_briefly`: revoked and restored
 //! ```
 //!
 //! # Mutual exclusion
 //!
 //! ```text
-//!   home, each time                      another thread, once
+//!   owner of the bias, each time         another thread, once
 //!   inside = 1                           (holds `shared`)
-//!   -- light fence --                    favoured = nobody
-//!   favoured is me? in : out             -- heavy fence --
+//!   -- light fence --                    bias = nobody
+//!   bias is me? in : out                 -- heavy fence --
 //!   ...                                  waits while inside = 1
 //!   inside = 0
 //!   -- light fence --
-//!   favoured is me? done : repair
+//!   bias is me? done : repair
 //! ```
 //!
-//! In the diagram, "home" is the owner of the bias. This is Dekker's pattern: if both sides have a
-//! full fence between store and load, at least one of them sees the other's store. The light fence
-//! keeps only the compiler from reordering; the heavy one, `membarrier(2)`, makes every running
-//! thread of the program execute a full fence, so the owner of the bias has executed one whenever
-//! it matters (asymmetric fences: P1202, and biased locks: D. Dice, H. Huang, M. Yang, *Asymmetric
-//! Dekker Synchronization*, 2001). The fences give order, not exclusion: a thread that finds the
-//! owner inside has to wait. It waits with priority inheritance: `inside` is the word of a
-//! priority-inheriting futex, and the owner writes its thread id there, so the kernel knows which
-//! thread to boost. The owner's plain store on leaving may erase the kernel's mark that a thread
-//! waits. Hence the second read of `favoured`, and the repair (`Inside::leave_revoked`).
+//! This is Dekker's pattern: if both sides have a full fence between store and load, at least one
+//! of them sees the other's store. The light fence keeps only the compiler from reordering. The
+//! heavy one, `membarrier(2)`, makes every running thread of the program execute a full fence, so
+//! the owner has executed one whenever it matters (asymmetric fences: P1202; biased locks: D. Dice,
+//! H. Huang, M. Yang, *Asymmetric Dekker Synchronization*, 2001).
+//!
+//! The fences give order, not exclusion: a thread that finds the owner inside has to wait. It waits
+//! with priority inheritance: `inside` is the word of a priority-inheriting futex, and the owner
+//! writes its thread id there, so the kernel knows which thread to boost. The owner's plain store
+//! on leaving may erase the kernel's mark that a thread waits. Hence the second read of `bias`, and
+//! the repair (`Inside::leave_revoked`).
 //!
 //! The loom models use full fences on both sides, which is the effect of the pair in the kernel.
 

@@ -24,9 +24,12 @@
 //! | operation | steps |
 //! | --- | --- |
 //! | [`front`](LatestSlots::front), [`is_fresh`](LatestSlots::is_fresh) | one load |
-//! | [`latch`](LatestSlots::latch) | one load; with an offer three atomic exchanges, one load and one store more |
-//! | [`read`](LatestSlots::read) | at most two copies, and three atomic operations between them; the owner makes one copy |
-//! | [`publish`](LatestSlots::publish) | one copy, one exchange, and a look at each slot; there are at most twice as many as `SLOTS` and the greatest number of readers that held slots at once |
+//! | [`latch`](LatestSlots::latch) | one load; with an offer 3 exchanges, 1 load, 1 store more |
+//! | [`read`](LatestSlots::read) | 2 copies at most, 3 atomic operations; the owner: 1 copy |
+//! | [`publish`](LatestSlots::publish) | one copy, one exchange, one load of each slot |
+//!
+//! There are at most twice as many slots as `SLOTS` and the greatest number of readers that held
+//! slots at once.
 //!
 //! # Protocol
 //!

@@ -61,7 +61,7 @@ impl Drop for DeskGuard {
 ///
 /// ```
 /// let under_way = luna_executors::UnderWay::begin();
-/// // Another thread knows whom to wake, and this one may sleep.
+/// // Another thread has the waker, and this one may sleep.
 /// drop(under_way);
 /// ```
 #[must_use = "it is under way until it is dropped"]

@@ -86,7 +86,7 @@ pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
 ///     *waiting.lock().unwrap() = Some(cx.waker().clone());
 ///     if polls == 1 { Poll::Pending } else { Poll::Ready(polls) }
 /// });
-/// // Nobody would ever wake it, so whoever is told does.
+/// // No thread would ever wake it, so the closure does.
 /// let outcome = luna_executors::block_on_patiently(process, Duration::from_millis(1), |_| {
 ///     seen.lock().unwrap().take().map(std::task::Waker::wake);
 ///     true

@@ -7,12 +7,12 @@
 //! observer (not real-time):
 //!
 //! ```text
-//!   home                                        who looks (not real-time)
-//!   1 says asleep where wakes are pushed        a reads every word: all still?
-//!   2 sets STILL (read-modify-write);           b no wake pushed anywhere, no call on the pool anywhere?
-//!     was it WATCHED? rings                     c reads every word again: as in a?
-//!   3 sleeps                                    if not: sets WATCHED at one that is not still, and sleeps
-//!   4 clears STILL, counts the wake
+//!   thread                                  observer
+//!   1 publishes that it sleeps              a reads every word: all still?
+//!   2 sets STILL (read-modify-write);       b no wake pushed, no call on the pool anywhere?
+//!     if it was WATCHED: rings              c reads every word again: as in a?
+//!   3 sleeps                                if not: sets WATCHED at one that is not still,
+//!   4 clears STILL, counts the wake         and sleeps
 //!   5 takes what was pushed
 //! ```
 //!

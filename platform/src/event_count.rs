@@ -37,7 +37,7 @@ impl EventCount {
     #[cfg(not(loom))]
     #[expect(
         clippy::new_without_default,
-        reason = "what it counts for is said where it is made"
+        reason = "the name at its creation states its purpose"
     )]
     pub const fn new() -> Self {
         Self {
@@ -50,7 +50,7 @@ impl EventCount {
     #[cfg(loom)]
     #[expect(
         clippy::new_without_default,
-        reason = "what it counts for is said where it is made"
+        reason = "the name at its creation states its purpose"
     )]
     pub fn new() -> Self {
         Self {

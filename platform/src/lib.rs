@@ -6,9 +6,12 @@
 //!
 //! | backend | what it is | picked |
 //! | --- | --- | --- |
-//! | `linux` | complete: policies, priority-inheriting futex locks, absolute futex waits, epoll, memory locking | on Linux |
-//! | `portable` | the standard library alone: no real-time policy, and asking for one is a clear error | elsewhere, and with `--cfg luna_portable` |
+//! | `linux` | complete | on Linux |
+//! | `portable` | the standard library alone | elsewhere, and with `--cfg luna_portable` |
 //! | `model` | loom's clock, lock and wait, to check protocols | with `--cfg loom` |
+//!
+//! `linux` has policies, priority-inheriting futex locks, absolute futex waits, epoll and memory
+//! locking. `portable` has no real-time policy; asking for one is an error.
 //!
 //! What it offers of the system:
 //!

@@ -8,10 +8,10 @@
 //!
 //! | block | guards against | found |
 //! | --- | --- | --- |
-//! | [`Limit`], [`RateLimit`] | values that are too large, or change too fast | in the same sample |
+//! | [`Limit`], [`RateLimit`] | values too large, or changing too fast | in the same sample |
 //! | [`EndStop`] | motion into an end stop; out of it is allowed | in the same sample |
 //! | [`Range`], [`MaxRate`] | impossible measurements | in the same sample |
-//! | [`Frozen`], [`Noise`], [`Disagreement`] | sensors that stand still, are noisy, or contradict another | within a set time, or number of samples |
+//! | [`Frozen`], [`Noise`], [`Disagreement`] | frozen, noisy or contradicting sensors | within a set time |
 //! | [`Blocked`] | output without motion | within a set time |
 //! | [`Timeout`] | set-points that stop coming | at a set time |
 //! | [`Agreement`] | one of two channels that fails | in the same round, or within a set time |

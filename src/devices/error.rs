@@ -92,7 +92,7 @@ impl fmt::Display for Holder {
             Holder::ThisProgram => f.write_str("this program"),
             Holder::Process { pid, name } => write!(f, "process {pid} (`{name}`)"),
             Holder::Named { name } => write!(f, "`{name}`"),
-            Holder::Unknown => f.write_str("somebody whom the system does not tell"),
+            Holder::Unknown => f.write_str("an unknown holder"),
         }
     }
 }

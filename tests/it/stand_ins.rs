@@ -13,7 +13,7 @@ struct SensorEnds {
 }
 
 struct OtherEnds {
-    #[expect(dead_code, reason = "tells it from the other")]
+    #[expect(dead_code, reason = "makes the type differ from the other")]
     values: Sender<u32>,
 }
 

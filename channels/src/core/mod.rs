@@ -8,8 +8,8 @@
 //!
 //! ```text
 //!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
-//!                             |                      `--> HELD --receiver is done, under the lock--> DONE
-//!                             |-- found by a partner whose claim of its alternative failed --> STALE
+//!                             |                  `--> HELD --receiver done, under the lock--> DONE
+//!                             |-- found by a partner that could not commit its alternative --> STALE
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```
 //!

@@ -7,9 +7,9 @@
 //! | joysticks, input devices | `joystick` | `evdev` | the executor |
 //! | UDP | `udp` | `net` | the executor |
 //! | TCP | `tcp` | `net` | the executor; connecting: a thread |
-//! | I2C, and `embedded-hal` drivers on it | `i2c`, [`driver`](mod@driver) | `i2c` | a thread of the driver |
-//! | SPI, and `embedded-hal` drivers on it | `spi`, [`driver`](mod@driver) | `spi` | a thread of the driver |
-//! | a driver of your own that blocks | [`driver`](mod@driver) | – | a thread of the driver |
+//! | I2C, `embedded-hal` drivers on it | `i2c`, [`driver`](mod@driver) | `i2c` | a thread |
+//! | SPI, `embedded-hal` drivers on it | `spi`, [`driver`](mod@driver) | `spi` | a thread |
+//! | a driver of your own that blocks | [`driver`](mod@driver) | – | a thread |
 //! | a device file of your own | [`reader`], [`writer`] | – | the executor |
 //!
 //! All are opened through the [device manager](luna::devices) while the system is set up, and none

@@ -5,15 +5,16 @@
 //!   take in new executors and processes
 //!     |
 //!     v
-//!   who can run? --- the first executor that has turns left ---> serve it: expire its deadlines, poll its processes
-//!     | nobody                                                    until it rests, its turns are up, or a more urgent one is woken
+//!   an executor with turns left? ---yes--> serve the first: expire its deadlines, poll its
+//!     | no                                 processes until it rests, its turns are up, or a
+//!     |                                    more urgent executor is woken
 //!     v
-//!   at rest: in this order
-//!     a request to stop, the release, the reaper of processes that ended    wait for it
-//!     blocking calls under way                                              wait for the oldest
-//!     an emergency                                                          time stands for good
-//!     a deadline (and, driven: the driver's leave)                          time jumps there, and all have their turns again
-//!     nothing                                                               sleep: only somebody from outside can go on
+//!   at rest: the first of these that applies
+//!     a request to stop, the release, the reaper    wait for it
+//!     blocking calls under way                      wait for the oldest
+//!     an emergency                                  time stands for good
+//!     a deadline (driven: the driver permits it)    time jumps there, all get their turns again
+//!     nothing                                       sleep until a wake from outside
 //! ```
 //!
 //! **Why every run is the same.** One thread decides all, and nothing it decides by depends on how

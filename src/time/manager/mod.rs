@@ -2,17 +2,17 @@
 //! period, and wakes the loops of a tick in order of priority.
 //!
 //! ```text
-//!   loop, in `next`                        manager's thread
-//!   1 has a slot_of_timer on a base whose ticks     a sleeps on the alarm: the timers of all timer_groups
-//!     come at its slots                    b reads the timer: how many ticks came
-//!   2 lists itself with the base's    ---> c takes off all whose slot has come, under the list's lock
-//!     list, or sees that its slot          d wakes them, most urgent first, without a lock
-//!     was fired                            e runs the callbacks that are due
+//!   loop, in `next`                    manager's thread
+//!   1 has a timer slot in a group      a sleeps on the alarm: the timers of all groups
+//!     whose ticks come at its slots    b reads the timer: the number of ticks
+//!   2 enters the group's list,   --->  c takes off all loops that are due, under the list's lock
+//!     or sees that its slot            d wakes them, most urgent first, without a lock
+//!     has fired                        e runs the callbacks that are due
 //! ```
 //!
-//! `timer_groups` decides which loops share a timer, `alarm` is the timers, `slot_of_timer` a
-//! loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines, `thread`
-//! the thread's life, `handle` what the user has of it. [`luna_core::tick_list`] ensures that a
+//! `timer_groups` decides which loops share a timer. `alarm` has the timers, `timer_slot` a loop's
+//! place in a group. `callbacks` are called on the thread itself, `heap` has their deadlines.
+//! `thread` starts and ends the thread, and `handle` is the user's view of it. [`luna_core::tick_list`] ensures that a
 //! tick is never slept through.
 //!
 //! Locks, in this order: the callbacks', the timer groups', a list's. No more than O(loops of one

@@ -16,7 +16,7 @@ pub(super) const TESTS: &[Test] = &[
     Test {
         name: "mutex-of-the-dead",
         component: "locks",
-        shows: "who locks after a holder that was ended is told, and can go on",
+        shows: "the next locker after a holder that ended gets an error, and can go on",
         run: mutex_of_the_dead,
     },
     Test {
@@ -84,12 +84,12 @@ fn mutex_of_the_dead() -> Outcome {
             );
             ensure(dies.await.is_err(), "a branch fails")
         })?;
-        executor.process("heir").spawn(async move {
+        executor.process("next locker").spawn(async move {
             said.recv().await?;
             fail.send(()).await?;
             match state.lock().await {
                 Err(LockError::OwnerDied(died)) => drop(died.recover()),
-                _ => ensure(false, "its death is told")?,
+                _ => ensure(false, "the lock reports the death")?,
             }
             ensure(state.try_lock().is_ok(), "it goes on after that")?;
             tell.store(true, Ordering::Relaxed);
@@ -97,7 +97,7 @@ fn mutex_of_the_dead() -> Outcome {
         })?;
         Ok(())
     })?;
-    ensure(told.load(Ordering::Relaxed), "its heir comes to its end")?;
+    ensure(told.load(Ordering::Relaxed), "the next locker completes")?;
     Ok("1 death".to_owned())
 }
 

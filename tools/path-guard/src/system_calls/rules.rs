@@ -63,7 +63,7 @@ impl Made {
                             | libc::SYS_read
                     )
             }
-            // A timer that is a file, or a thread's own, which tells it of a deadline while it is busy.
+            // A timer file, or the thread's own timer for deadlines that come while it is busy.
             Call::ArmTimer => matches!(number, libc::SYS_timerfd_settime | libc::SYS_timer_settime),
             Call::Lock => matches!(
                 self.futex_operation(),
