@@ -41,8 +41,8 @@ use std::task::{Context, Poll};
 ///
 /// # Errors
 ///
-/// [`FileError`]: no process runs here, the platform cannot, or the file cannot be waited for, as those on a disk, which
-/// always count as ready.
+/// [`FileError`]: no process runs here, the platform cannot, or the file cannot be waited for, as
+/// those on a disk, which always count as ready.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

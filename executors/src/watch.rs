@@ -30,7 +30,8 @@ const ROUNDS_PER_LOOK: u32 = 64;
 ///
 /// # Errors
 ///
-/// [`FileError`]: no process runs here, the platform cannot wait for files, or the program has no descriptors left.
+/// [`FileError`]: no process runs here, the platform cannot wait for files, or the program has no
+/// descriptors left.
 ///
 /// ```
 /// use luna_executors::{FileError, block_on, prepare_files};

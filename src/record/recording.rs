@@ -39,7 +39,8 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// [`RecordError`]: a file that cannot be read, is no recording, or is damaged or truncated; one of a run that did what is not recorded.
+    /// [`RecordError`]: a file that cannot be read, is no recording, or is damaged or truncated;
+    /// one of a run that did what is not recorded.
     pub fn open(path: impl AsRef<Path>) -> Result<Recording, RecordError> {
         match Self::salvage(path)? {
             (recording, None) => Ok(recording),
@@ -52,7 +53,8 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// [`RecordError`]: a file that cannot be read, or has not even the begin of a recording of this version.
+    /// [`RecordError`]: a file that cannot be read, or has not even the begin of a recording of
+    /// this version.
     pub fn salvage(
         path: impl AsRef<Path>,
     ) -> Result<(Recording, Option<RecordError>), RecordError> {

@@ -374,7 +374,8 @@ fn any_executor_and_its_waker_changes() {
     }
     sender.try_send(1).unwrap();
     assert_eq!((woken(0), woken(1)), (0, 1), "the last one that polled");
-    // A foreign waker is not cloned under a lock, so the first wake takes it. The next poll brings one.
+    // A foreign waker is not cloned under a lock, so the first wake takes it. The next poll brings
+    // one.
     sender.try_send(2).unwrap();
     assert_eq!((woken(0), woken(1)), (0, 0));
     assert_eq!(future::block_on(branches), Ok(vec![1, 2]));

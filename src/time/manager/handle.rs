@@ -29,8 +29,8 @@ impl TimerManager {
     /// [`SetupError::CallbackOnVirtualClock`](crate::SetupError::CallbackOnVirtualClock) in a
     /// system that runs on a virtual clock; one that has a callback before does not start there.
     ///
-    /// [`SetupError::TooManyTimers`]: the system runs, and the room that was set aside before the start is taken
-    /// ([`System::max_timers`](crate::System::max_timers)).
+    /// [`SetupError::TooManyTimers`]: the system runs, and the room that was set aside before the
+    /// start is taken ([`System::max_timers`](crate::System::max_timers)).
     pub fn callback(
         &self,
         name: &str,

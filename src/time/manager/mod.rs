@@ -12,8 +12,8 @@
 //!
 //! `timer_groups` decides which loops share a timer. `alarm` has the timers, `timer_slot` a loop's
 //! place in a group. `callbacks` are called on the thread itself, `heap` has their deadlines.
-//! `thread` starts and ends the thread, and `handle` is the user's view of it. [`luna_core::tick_list`] ensures that a
-//! tick is never slept through.
+//! `thread` starts and ends the thread, and `handle` is the user's view of it.
+//! [`luna_core::tick_list`] ensures that a tick is never slept through.
 //!
 //! Locks, in this order: the callbacks', the timer groups', a list's. No more than O(loops of one
 //! group, or log of the callbacks) is done under one, and no user code runs there.

@@ -12,8 +12,8 @@ use std::task::{RawWaker, RawWakerVTable, Waker};
 /// What all panics of these tests carry.
 struct Hostility;
 
-/// Panics, without the hook's message. Not while a panic unwinds, which would end the program. Not on
-/// an executor's thread outside of any process: a waker that panics there ends the executor, as
+/// Panics, without the hook's message. Not while a panic unwinds, which would end the program. Not
+/// on an executor's thread outside of any process: a waker that panics there ends the executor, as
 /// `luna-executors` tests.
 pub(crate) fn strike() {
     let ends_executor =

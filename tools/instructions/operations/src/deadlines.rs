@@ -10,7 +10,8 @@ use std::time::Duration;
 #[derive(Clone, Copy)]
 pub(crate) enum Beside {
     Nothing,
-    /// A loop that waits for its next cycle, and a hundred timeouts. None of them comes: Valgrind's time is not that of a processor, and a count is to be exact.
+    /// A loop that waits for its next cycle, and a hundred timeouts. None of them comes: Valgrind's
+    /// time is not that of a processor, and a count is to be exact.
     Deadlines,
 }
 
