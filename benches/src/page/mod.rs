@@ -79,7 +79,8 @@ pub fn write(docs: &Path, origin: &Origin, benches: &[Found]) -> io::Result<()> 
 
 fn head(origin: &Origin) -> String {
     let mut text = "# Benchmarks\n\n\
-        LUNA beside its peers, and beside what the machine itself takes. This page is made by `cargo run --release -p luna-benches --bin all-benches`; \
+        After reading this page you can compare LUNA with its peers, and with the machine's own primitives. \
+        This page is made by `cargo run --release -p luna-benches --bin all-benches`; \
         [measurements.md](measurements.md) says what such figures do not show.\n\n"
         .to_owned();
     if origin.quick {
