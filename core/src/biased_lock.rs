@@ -18,7 +18,7 @@
 //! ```text
 //!   owner of the bias, each time         another thread, once
 //!   inside = 1                           (holds `shared`)
-//!   -- light fence --                    bias = nobody
+//!   -- light fence --                    bias = none
 //!   bias is me? in : out                 -- heavy fence --
 //!   ...                                  waits while inside = 1
 //!   inside = 0

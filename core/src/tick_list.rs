@@ -66,7 +66,7 @@ pub enum Woken {
 /// The due waiters, to be woken when no lock is held.
 #[derive(Debug)]
 pub struct Due {
-    who: Vec<(Priority, usize, PendingWake)>,
+    entries: Vec<(Priority, usize, PendingWake)>,
     /// The number of lists that have added to it.
     lists: usize,
 }
@@ -75,7 +75,7 @@ impl Due {
     /// Room for `most` waiters at a time, at least one. Allocates.
     pub fn with_room_for(most: usize) -> Self {
         Self {
-            who: Vec::with_capacity(most.max(1)),
+            entries: Vec::with_capacity(most.max(1)),
             lists: 0,
         }
     }
@@ -85,12 +85,12 @@ impl Due {
     pub fn wake(&mut self) -> usize {
         if std::mem::take(&mut self.lists) > 1 {
             // Unstable: the stable sort allocates.
-            self.who.sort_unstable_by_key(|&(priority, number, _)| {
+            self.entries.sort_unstable_by_key(|&(priority, number, _)| {
                 (std::cmp::Reverse(priority), number)
             });
         }
-        let number = self.who.len();
-        for (_, _, ready) in self.who.drain(..) {
+        let number = self.entries.len();
+        for (_, _, ready) in self.entries.drain(..) {
             ready.wake_contained();
         }
         number
@@ -127,14 +127,14 @@ impl TickList {
                 if node.cast::<Node>().as_ref().at > now {
                     continue;
                 }
-                if due.who.len() == due.who.capacity() {
+                if due.entries.len() == due.entries.capacity() {
                     return false;
                 }
                 let ready = waiting
                     .take_off(node)
                     .map_or(PendingWake::NOBODY, WakeHandle::take);
-                due.who
-                    .push((node.as_ref().priority(), due.who.len(), ready));
+                due.entries
+                    .push((node.as_ref().priority(), due.entries.len(), ready));
                 node.cast::<Node>().as_ref().leave(Left::Fired);
             }
         }

@@ -63,7 +63,7 @@ impl Quiescence {
     }
 
     /// The thread is about to sleep until others wake it. Returns whether to ring. Owner only.
-    #[must_use = "who watches sleeps until the ring"]
+    #[must_use = "the observer sleeps until the ring"]
     pub(crate) fn fall_still(&self) -> bool {
         self.word.fetch_or(STILL, Ordering::AcqRel) & WATCHED != 0 && self.take_watch()
     }
@@ -79,7 +79,7 @@ impl Quiescence {
     }
 
     /// Such a call has ended and has woken its waiter. Returns whether to ring.
-    #[must_use = "who watches sleeps until the ring"]
+    #[must_use = "the observer sleeps until the ring"]
     pub(crate) fn end_call(&self) -> bool {
         self.calls.fetch_sub(1, Ordering::AcqRel) == 1 && self.take_watch()
     }

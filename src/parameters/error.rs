@@ -65,7 +65,7 @@ impl fmt::Display for DeclareError {
             ),
             DeclareError::Duplicate { parameter, process } => write!(
                 f,
-                "process `{process}` has a parameter `{parameter}` already; give each a name of its own, or declare it as shared in all who read it"
+                "process `{process}` has a parameter `{parameter}` already; give each a name of its own, or declare it as shared in all processes that read it"
             ),
             DeclareError::Differs { parameter } => write!(
                 f,

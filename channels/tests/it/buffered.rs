@@ -34,7 +34,11 @@ fn a_send_into_room_completes_at_once_and_one_into_a_full_buffer_waits() {
     let (wakes, waker) = Wakes::new();
     let mut second = Box::pin(sender.send(2));
     assert!(poll_with(&mut second, &waker).is_pending());
-    assert_eq!(receiver.buffered(), 1, "who waits is not in the buffer");
+    assert_eq!(
+        receiver.buffered(),
+        1,
+        "the waiting sender's value is not in the buffer"
+    );
     assert_eq!(receiver.try_recv(), Ok(1));
     // The buffer has taken it: that ends a buffered send.
     assert_eq!((wakes.count(), receiver.buffered()), (1, 1));

@@ -37,7 +37,7 @@ fn who_wants_much_is_not_starved_and_who_goes_lets_others_by() {
     pending(&mut little);
     assert!(
         semaphore.try_acquire().is_none(),
-        "somebody waits who is as urgent"
+        "an equally urgent process waits"
     );
     semaphore.add_permits(1);
     pending(&mut little);

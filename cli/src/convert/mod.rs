@@ -83,11 +83,7 @@ impl fmt::Display for Converted {
         let lost = self.lost_blocks;
         if lost > 0 {
             let blocks = Count(lost, "block");
-            writeln!(
-                f,
-                "{blocks} {} lost on the way to who received it",
-                were(lost)
-            )?;
+            writeln!(f, "{blocks} {} lost on the way to the receiver", were(lost))?;
         }
         Ok(())
     }
@@ -178,7 +174,7 @@ mod tests {
             "1 sample of 1 signal, 1 message, 1 event\n\
              1 event was lost while it was recorded\n\
              1 sample or message was lost while it was recorded\n\
-             1 block was lost on the way to who received it\n"
+             1 block was lost on the way to the receiver\n"
         );
         let none = Converted {
             signals: 2,

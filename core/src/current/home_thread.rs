@@ -257,7 +257,7 @@ pub struct RefusedBoosts {
 /// process then runs at its thread's own priority. Reads files; not for the real-time path.
 ///
 /// ```
-/// // Nobody has been refused, since nobody has inherited.
+/// // No boost was refused, since no process has inherited.
 /// assert_eq!(luna_core::current::refused_boosts(), None);
 /// ```
 #[cfg(not(loom))]

@@ -81,7 +81,7 @@ impl References {
     }
 
     /// Ends the process, on the executor's thread, once; `true` if there is no reference to it.
-    #[must_use = "if nobody refers to it, the process is to be freed"]
+    #[must_use = "without references the process is to be freed"]
     pub(super) fn end(&self) -> bool {
         let here = self.here.replace(HAS_ENDED);
         // The common case costs one load. The load may return an old value, but not one from before

@@ -174,7 +174,7 @@ fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
         ready_again(cx, Place::Last);
         // SAFETY: the queue is empty, so no process is taken.
         let next = unsafe { next_ready() };
-        assert_eq!(next, None, "who has ended is not readied");
+        assert_eq!(next, None, "an ended process is not readied");
     });
 }
 

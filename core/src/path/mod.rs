@@ -67,7 +67,10 @@ mod tests {
     #[test]
     fn the_path_is_left_for_a_while_and_found_again() {
         assert!(!off_path(current::on_path));
-        assert!(!current::on_path(), "who was not on it is not after");
+        assert!(
+            !current::on_path(),
+            "a thread that was off the path is off it again"
+        );
         current::set_on_path(true);
         assert!(!off_path(
             || off_path(current::on_path) || current::on_path()

@@ -143,12 +143,12 @@ mod alone {
         }
         let mut add = |list: usize, of_list: &[(u8, usize)]| {
             due.lists = list;
-            for &(level, who) in of_list {
-                let waker = Waker::from(Arc::new(Note(who, order.clone())));
+            for &(level, tick) in of_list {
+                let waker = Waker::from(Arc::new(Note(tick, order.clone())));
                 let ready = WakeHandle::of(&Context::from_waker(&waker)).take();
                 let priority = Priority { thread: 0, level };
-                let number = due.who.len();
-                due.who.push((priority, number, ready));
+                let number = due.entries.len();
+                due.entries.push((priority, number, ready));
             }
         };
         add(1, &[(9, 0), (3, 1)]);

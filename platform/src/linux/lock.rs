@@ -161,7 +161,7 @@ pub(super) fn lock_pi(word: &AtomicU32) {
                 panic!("a thread locked a priority-inheriting lock that it holds already")
             }
             Err(Errno::ESRCH) => {
-                panic!("the owner of a priority-inheriting lock has died with it")
+                panic!("a thread ended while it held a priority-inheriting lock")
             }
             Err(error) => panic!("the kernel refused a priority-inheriting lock: {error}"),
         }

@@ -13,5 +13,5 @@ pub fn light() {}
 
 /// A full fence on this thread and on each other one of the program.
 pub fn heavy() {
-    unreachable!("nobody is favoured without it");
+    unreachable!("no lock is biased without it");
 }

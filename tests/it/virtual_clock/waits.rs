@@ -121,7 +121,7 @@ fn timeouts_and_watchdogs_and_ticks_go_by_it() {
     let guards = async move {
         let start = luna::now();
         dog.expired().await;
-        // It goes hungry when more than its timeout has passed.
+        // It expires when more than its timeout has passed without a feed.
         let hungry = MS * 150 + Duration::from_nanos(1);
         assert_eq!(luna::now() - start, hungry);
         let (_sender, receiver) = luna::channel::<()>();

@@ -21,7 +21,7 @@ pub(super) const CHECKS: &[Check] = &[
     },
     Check {
         name: "numa-balancing",
-        why: "the kernel takes pages away for a moment to see who uses them: page faults in locked memory too",
+        why: "the kernel takes pages away for a moment to see which processes use them: page faults in locked memory too",
         otherwise: "run `sysctl kernel.numa_balancing`",
         look: numa_balancing,
     },

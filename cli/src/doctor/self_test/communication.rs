@@ -44,7 +44,7 @@ pub(super) const TESTS: &[Test] = &[
     Test {
         name: "poison",
         component: "channels",
-        shows: "poison wakes who waits, on the other executor too",
+        shows: "poison wakes waiting processes, on the other executor too",
         run: poison,
     },
     Test {

@@ -28,7 +28,7 @@ pub(super) const TESTS: &[Test] = &[
     Test {
         name: "lock-boost",
         component: "platform",
-        shows: "who holds the lock runs at the priority of who waits for it, as the kernel says, and no longer than that",
+        shows: "the lock's holder runs at the priority of its waiter while that waits, as the kernel reports",
         run: boost,
     },
 ];
