@@ -25,7 +25,8 @@ async fn sieve(input: Receiver<u32>, primes: Sender<u32>, place: Executor) -> lu
     primes.send(prime).await?;
     let (output, next) = luna::channel();
     let process = place.process(&format!("behind {prime}"));
-    process.spawn(move || sieve(next, primes, place))?; // a closure: within `sieve` the compiler does not know yet whether it is `Send`
+    // A closure: within `sieve` the compiler does not know yet whether its future is `Send`.
+    process.spawn(move || sieve(next, primes, place))?;
     while let Ok(n) = input.recv().await {
         if n % prime != 0 {
             output.send(n).await?;

@@ -53,7 +53,8 @@ impl std::error::Error for Nested {}
 ///
 /// ```
 /// assert_eq!(luna_executors::block_on(async { 1 + 1 }), Ok(2));
-/// assert!(luna_executors::block_on(async { luna_executors::block_on(async {}) }).unwrap().is_err());
+/// let nested = luna_executors::block_on(async { luna_executors::block_on(async {}) });
+/// assert!(nested.unwrap().is_err());
 /// ```
 pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
     if current::home().is_some() {

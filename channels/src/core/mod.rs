@@ -9,7 +9,7 @@
 //! ```text
 //!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
 //!                             |                  `--> HELD --receiver done, under the lock--> DONE
-//!                             |-- found by a partner that could not commit its alternative --> STALE
+//!                             |-- found by a partner, its alternative has chosen --> STALE
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```
 //!

@@ -15,8 +15,10 @@
 //! `shuttle::replay`:
 //!
 //! ```text
-//! LUNA_SCHEDULE=<the string> RUSTFLAGS=.. cargo test -p luna-channels --release --lib -- --exact <the test's name>
-//! SHUTTLE_RANDOM_SEED=<the seed> LUNA_SCHEDULES=2 RUSTFLAGS=.. cargo test -p luna-channels --release --lib -- --exact <the test's name>
+//! LUNA_SCHEDULE=<the string> RUSTFLAGS=.. \
+//!     cargo test -p luna-channels --release --lib -- --exact <the test's name>
+//! SHUTTLE_RANDOM_SEED=<the seed> LUNA_SCHEDULES=2 RUSTFLAGS=.. \
+//!     cargo test -p luna-channels --release --lib -- --exact <the test's name>
 //! ```
 
 use std::env;

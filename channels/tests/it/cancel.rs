@@ -89,7 +89,8 @@ fn a_value_that_was_received_and_not_handed_on_goes_back_to_the_head() {
         let mut recv = Box::pin(receiver.recv());
         pending(&mut recv);
         for n in 0..3 {
-            sender.try_send(n).unwrap(); // the first is given to the receive, the others are buffered
+            // The first is given to the receive, the others are buffered.
+            sender.try_send(n).unwrap();
         }
         drop(recv);
         assert_eq!([(); 3].map(|()| receiver.try_recv().unwrap()), [0, 1, 2]);

@@ -272,7 +272,8 @@ fn what_a_process_received_before_it_gave_way_goes_back_if_it_is_cancelled_there
     let again = receiver.clone();
     stage.process(20, move |log| async move {
         let receiving = told.recv().await.unwrap();
-        sender.send(7).await.unwrap(); // waits, is taken, and this one runs on before its receiver does
+        // Waits, is taken, and this process continues before its receiver.
+        sender.send(7).await.unwrap();
         receiving.cancel();
         log.add(format!("{}", receiving.join().await));
         log.add(format!("again {}", again.recv().await.unwrap()));

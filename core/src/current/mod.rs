@@ -159,7 +159,8 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
 /// fn can_be_sent(_: impl Send) {}
 /// use luna_core::{current, timer_queue::TimerQueue};
 /// use luna_platform::sync::Arc;
-/// can_be_sent(current::enter_home(current::Home::new(), Arc::new(TimerQueue::new()), false));
+/// let (executor, timers) = (current::Home::new(), Arc::new(TimerQueue::new()));
+/// can_be_sent(current::enter_home(executor, timers, false));
 /// ```
 #[derive(Debug)]
 #[must_use = "the thread stops being a home when the guard is dropped"]

@@ -104,11 +104,12 @@ impl Policy {
     /// use luna_platform::thread::{Attributes, Policy};
     /// use std::time::Duration;
     ///
-    /// let servo = Policy::deadline(Duration::from_micros(200), Duration::from_micros(500), Duration::from_millis(1));
+    /// let [runtime, deadline, period] = [200, 500, 1000].map(Duration::from_micros);
+    /// let servo = Policy::deadline(runtime, deadline, period);
     /// assert_eq!(servo.to_string(), "deadline:200000/500000/1000000");
     /// assert!(Attributes::new("servo").policy(servo).validate().is_ok());
     /// assert!(Attributes::new("servo").policy(servo).core(1).validate().is_err());
-    /// let impossible = Policy::deadline(Duration::from_millis(2), Duration::from_millis(1), Duration::from_millis(1));
+    /// let impossible = Policy::deadline(Duration::from_millis(2), period, period);
     /// assert!(impossible.validate_user().is_err());
     /// ```
     pub const fn deadline(runtime: Duration, deadline: Duration, period: Duration) -> Policy {

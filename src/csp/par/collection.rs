@@ -24,7 +24,8 @@ use std::task::{Context, Poll};
 /// the parent lets others run. Cancel-safe: dropping it drops all branches.
 ///
 /// ```
-/// let squares = luna::run(async { luna::par_all((1..=3).map(async |n: u32| Ok(n * n)).collect::<Vec<_>>()).await })?;
+/// let branches: Vec<_> = (1..=3).map(async |n: u32| Ok(n * n)).collect();
+/// let squares = luna::run(async { luna::par_all(branches).await })?;
 /// assert_eq!(squares, [1, 4, 9]);
 /// # Ok::<(), luna::Error>(())
 /// ```
