@@ -1,55 +1,19 @@
 //! Shared by the tests: a watchdog, skipping, random numbers, and programs that run in a process of
 //! their own.
 
-#![allow(dead_code, reason = "each test file uses some of it")]
+#![allow(dead_code, unused_imports, reason = "each test file uses some of it")]
 
+#[path = "../shared/spawn.rs"]
+mod spawn;
+
+pub(crate) use crate::shared::{Random, say, seed, skip, watchdog};
 use luna::{Error, Policy, ProcessBuilder, SetupError, System};
+pub(crate) use spawn::SpawnOk;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::mpsc;
-use std::time::Duration;
 
 /// Whether the complete platform layer is below: policies, cores and signals.
 pub(crate) const COMPLETE: bool = cfg!(all(target_os = "linux", not(luna_portable)));
-
-/// Ends the whole program if the calling test is not done after five minutes: a test that hangs has
-/// failed, and its name is printed.
-pub(crate) fn watchdog() -> impl Drop {
-    struct Watchdog(Option<mpsc::Sender<()>>);
-    impl Drop for Watchdog {
-        fn drop(&mut self) {
-            self.0.take();
-        }
-    }
-    let (alive, ended) = mpsc::channel::<()>();
-    let (starting, started) = mpsc::channel::<()>();
-    let test = std::thread::current().name().unwrap_or("a test").to_owned();
-    std::thread::spawn(move || {
-        drop(starting);
-        if ended.recv_timeout(Duration::from_secs(300)) == Err(mpsc::RecvTimeoutError::Timeout) {
-            eprintln!("`{test}` hangs");
-            std::process::abort();
-        }
-    });
-    // What its start allocates has been allocated then.
-    let _ = started.recv();
-    Watchdog(Some(alive))
-}
-
-/// Says what is to be read in any case.
-pub(crate) fn say(text: &str) {
-    // A macro would not do: the harness captures its output.
-    let _ = writeln!(std::io::stderr(), "{text}");
-}
-
-/// Says that the calling test cannot run here.
-pub(crate) fn skip(why: &str) {
-    let current = std::thread::current();
-    say(&format!(
-        "skipped: {}: {why}",
-        current.name().unwrap_or("a test")
-    ));
-}
 
 /// Whether this program is given real-time policies.
 pub(crate) fn has_real_time() -> bool {
@@ -85,44 +49,6 @@ impl Place {
 pub(crate) fn burn_until(end: luna::Instant) {
     while luna::now() < end {
         std::hint::spin_loop();
-    }
-}
-
-/// Numbers that look random: SplitMix64.
-pub(crate) struct Random(u64);
-
-/// The environment's LUNA_SEED, else one of the clock. It is printed, for when the test fails.
-pub(crate) fn seed() -> u64 {
-    let of_clock = || {
-        std::time::UNIX_EPOCH
-            .elapsed()
-            .map_or(1, |since| since.as_nanos() as u64)
-    };
-    let seed = std::env::var("LUNA_SEED")
-        .ok()
-        .and_then(|seed| seed.parse().ok())
-        .unwrap_or_else(of_clock);
-    println!("LUNA_SEED={seed}");
-    seed
-}
-
-impl Random {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// Seeded by [`seed`].
-    pub(crate) fn seeded() -> Self {
-        Self::new(seed())
-    }
-
-    /// A number below `end`.
-    pub(crate) fn below(&mut self, end: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut mixed = self.0;
-        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (mixed ^ (mixed >> 31)) % end
     }
 }
 

@@ -1,7 +1,7 @@
 //! Bad input: each is a typed error that names the value and says what to do.
 
 use crate::common;
-use common::{COMPLETE, PLACES, setup_error, skip};
+use common::{COMPLETE, PLACES, SpawnOk, setup_error, skip};
 use luna::prelude::*;
 use luna::{Error, SetupError};
 use luna_platform::thread::{AttributeError, PolicyError};
@@ -105,8 +105,7 @@ fn a_level_out_of_range() {
             place
                 .process(&mut system, name, name)
                 .priority(level)
-                .spawn(async { Ok(()) })
-                .unwrap();
+                .spawn_ok(async { Ok(()) });
         }
         assert_eq!(
             system.run().unwrap().processes.len(),
@@ -184,8 +183,7 @@ fn two_of_one_name() {
     system
         .thread("own")
         .process("of own")
-        .spawn(async { Ok(()) })
-        .unwrap();
+        .spawn_ok(async { Ok(()) });
 
     // Executors and threads share one list of names.
     for name in ["left", "own"] {
@@ -202,7 +200,7 @@ fn two_of_one_name() {
     }
 
     // Processes of all places by another.
-    left.process("drive").spawn(async { Ok(()) }).unwrap();
+    left.process("drive").spawn_ok(async { Ok(()) });
     for again in [
         left.process("drive"),
         right.process("drive"),
@@ -216,7 +214,7 @@ fn two_of_one_name() {
     }
 
     // What is refused leaves nothing behind.
-    left.process("left").spawn(async { Ok(()) }).unwrap();
+    left.process("left").spawn_ok(async { Ok(()) });
     let names: Vec<_> = system
         .run()
         .unwrap()

@@ -1,7 +1,7 @@
 //! Right calls at the wrong moment: a second run, a run inside a process, a spawn after the end.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Exit, SetupError};
 use std::sync::Arc;
@@ -17,7 +17,7 @@ fn a_second_run() {
     let _watch = watchdog();
     let mut system = System::new("once");
     let executor = system.executor("main").build().unwrap();
-    executor.process("one").spawn(async { Ok(()) }).unwrap();
+    executor.process("one").spawn_ok(async { Ok(()) });
     system.run().unwrap();
     let error = system.run().unwrap_err();
     assert_eq!(error, already_run("once"));
@@ -35,16 +35,13 @@ fn a_second_run_beside_the_first_does_not_disturb_it() {
     let own = executor.clone();
     let (running, runs) = luna::channel();
     let (tried, has_tried) = luna::channel();
-    executor
-        .process("first")
-        .spawn(async move {
-            running.send(()).await?;
-            has_tried.recv().await?;
-            // The system still takes processes.
-            own.process("second").spawn(async { Ok(()) })?;
-            Ok(())
-        })
-        .unwrap();
+    executor.process("first").spawn_ok(async move {
+        running.send(()).await?;
+        has_tried.recv().await?;
+        // The system still takes processes.
+        own.process("second").spawn(async { Ok(()) })?;
+        Ok(())
+    });
     let system = Arc::new(system);
     let own = system.clone();
     let running = std::thread::spawn(move || own.run());
@@ -61,14 +58,14 @@ fn a_system_inside_a_process() {
         let inner = {
             let mut inner = System::new("inner");
             let executor = inner.executor("inner").build().unwrap();
-            executor.process("inner").spawn(async { Ok(()) }).unwrap();
+            executor.process("inner").spawn_ok(async { Ok(()) });
             Arc::new(inner)
         };
         let own = inner.clone();
         let mut outer = System::new("outer");
         place
             .process(&mut outer, "outer", "outer")
-            .spawn(async move {
+            .spawn_ok(async move {
                 let error = own.run().unwrap_err();
                 assert_eq!(error, Error::Setup(SetupError::Nested));
                 assert!(error.to_string().contains("inside a process"), "{error}");
@@ -78,8 +75,7 @@ fn a_system_inside_a_process() {
                 );
                 luna::yield_now().await;
                 Ok(())
-            })
-            .unwrap();
+            });
         outer.run().unwrap();
         // The refused one is as it was.
         assert_eq!(

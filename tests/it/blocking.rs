@@ -1,7 +1,7 @@
 //! Blocking calls of processes that share an executor.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Error, Exit};
@@ -17,17 +17,15 @@ fn the_executor_goes_on_meanwhile() {
     executor
         .process("calling")
         .priority(20)
-        .spawn(async move {
+        .spawn_ok(async move {
             // Comes back only when the other process of the executor has run.
             assert_eq!(luna::blocking(move || released.recv()).await, Ok(7));
             Ok(())
-        })
-        .unwrap();
+        });
     executor
         .process("other")
         .priority(10)
-        .spawn(async move { release.send(7).map_err(Error::other) })
-        .unwrap();
+        .spawn_ok(async move { release.send(7).map_err(Error::other) });
     system.run().unwrap();
 }
 
@@ -37,20 +35,18 @@ fn a_call_runs_on_an_ordinary_thread_of_its_own() {
     for place in PLACES {
         let mut system = System::new("where");
         let process = place.process(&mut system, "place", "calling");
-        process
-            .spawn(async {
-                let own = std::thread::current().id();
-                let call = luna::blocking(move || {
-                    assert_ne!(std::thread::current().id(), own);
-                    assert!(!luna::on_path());
-                    let name = std::thread::current().name().map(str::to_owned);
-                    (name, luna_platform::thread::current_policy())
-                });
-                assert_eq!(call.await, (Some("luna-buddy".to_owned()), Policy::Other));
-                assert_eq!(std::thread::current().id(), own);
-                Ok(())
-            })
-            .unwrap();
+        process.spawn_ok(async {
+            let own = std::thread::current().id();
+            let call = luna::blocking(move || {
+                assert_ne!(std::thread::current().id(), own);
+                assert!(!luna::on_path());
+                let name = std::thread::current().name().map(str::to_owned);
+                (name, luna_platform::thread::current_policy())
+            });
+            assert_eq!(call.await, (Some("luna-buddy".to_owned()), Policy::Other));
+            assert_eq!(std::thread::current().id(), own);
+            Ok(())
+        });
         system.run().unwrap();
     }
 }
@@ -65,7 +61,7 @@ fn a_hundred_at_once() {
         let calls = calls.clone();
         executor
             .process(&format!("calling {number}"))
-            .spawn(async move {
+            .spawn_ok(async move {
                 for round in 0..3 {
                     let calls = calls.clone();
                     let call = luna::blocking(move || {
@@ -76,8 +72,7 @@ fn a_hundred_at_once() {
                     assert_eq!(call.await, number * round);
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
     }
     system.run().unwrap();
     assert_eq!(calls.load(Ordering::Relaxed), 300);
@@ -96,12 +91,11 @@ fn calls_that_wait_for_each_other() {
         let (barrier, leaders) = (barrier.clone(), leaders.clone());
         executors[number % 2]
             .process(&format!("calling {number}"))
-            .spawn(async move {
+            .spawn_ok(async move {
                 let is_leader = luna::blocking(move || barrier.wait().is_leader()).await;
                 leaders.fetch_add(usize::from(is_leader), Ordering::Relaxed);
                 Ok(())
-            })
-            .unwrap();
+            });
     }
     system.run().unwrap();
     assert_eq!(leaders.load(Ordering::Relaxed), 1);
@@ -144,7 +138,7 @@ fn a_panic_passes_through() {
     let mut system = System::new("panicking");
     let executor = system.executor("main").build().unwrap();
     let calling = async { luna::blocking(|| -> luna::Result<()> { panic!("number {}", 7) }).await };
-    let id = executor.process("calling").spawn(calling).unwrap();
+    let id = executor.process("calling").spawn_ok(calling);
     let panicked = Error::Panicked("number 7".to_owned());
     assert_eq!(
         system.run().unwrap_err(),
@@ -213,7 +207,7 @@ fn a_process_that_is_cancelled_in_one() {
         .await;
         Ok(())
     };
-    let id = executor.process("calling").spawn(call).unwrap();
+    let id = executor.process("calling").spawn_ok(call);
     let own = executor.clone();
     let cancel = async move {
         has_begun.recv().await?;
@@ -223,7 +217,7 @@ fn a_process_that_is_cancelled_in_one() {
         // Only now could it have ended.
         release.send(()).map_err(Error::other)
     };
-    executor.process("canceller").spawn(cancel).unwrap();
+    executor.process("canceller").spawn_ok(cancel);
     assert_eq!(
         system.run().unwrap_err().to_string(),
         "process `calling`: cancelled before its body had ended"

@@ -2,7 +2,7 @@
 //! sub-processes and channels.
 
 use crate::common;
-use common::{PLACES, Place, watchdog};
+use common::{PLACES, Place, SpawnOk, watchdog};
 use luna::composition::{ChannelKind, EndUser, ProcessKind, ThreadKind};
 use luna::prelude::*;
 use luna::{Composition, Error, Exit, Observer, ProcessState};
@@ -44,9 +44,8 @@ fn before_the_start_it_shows_what_was_asked_for() {
     control
         .process("loop")
         .priority(20)
-        .spawn(async { Ok(()) })
-        .unwrap();
-    console.process("operator").spawn(async { Ok(()) }).unwrap();
+        .spawn_ok(async { Ok(()) });
+    console.process("operator").spawn_ok(async { Ok(()) });
     let composition = system.composition();
     let names: Vec<_> = composition
         .threads
@@ -90,41 +89,36 @@ fn while_it_runs_it_shows_what_there_is_and_what_each_does() {
         ending.named("end"),
         extra.named("extra"),
     );
-    main.process("source")
-        .priority(7)
-        .spawn(async move {
-            extra.send(1).await?;
-            extra.send(2).await?;
-            par!(
-                luna::named("producer", async {
-                    numbers.send(1).await?;
-                    numbers.send(2).await?;
-                    Ok(())
-                }),
-                luna::named(
-                    "outer",
-                    luna::named("inner", async {
-                        ending.recv().await?;
-                        Ok::<(), Error>(())
-                    })
-                ),
-            )
-            .await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("source").priority(7).spawn_ok(async move {
+        extra.send(1).await?;
+        extra.send(2).await?;
+        par!(
+            luna::named("producer", async {
+                numbers.send(1).await?;
+                numbers.send(2).await?;
+                Ok(())
+            }),
+            luna::named(
+                "outer",
+                luna::named("inner", async {
+                    ending.recv().await?;
+                    Ok::<(), Error>(())
+                })
+            ),
+        )
+        .await?;
+        Ok(())
+    });
     let (go, gone) = luna::channel::<()>();
     let go = go.external();
-    own.process("sink")
-        .spawn(async move {
-            printer.recv().await?;
-            gone.recv().await?;
-            printer.recv().await?;
-            extras.recv().await?;
-            end.send(()).await?;
-            Ok(())
-        })
-        .unwrap();
+    own.process("sink").spawn_ok(async move {
+        printer.recv().await?;
+        gone.recv().await?;
+        printer.recv().await?;
+        extras.recv().await?;
+        end.send(()).await?;
+        Ok(())
+    });
 
     let ran = std::thread::spawn(move || {
         let report = system.run();
@@ -226,14 +220,13 @@ fn it_is_seen_from_within_by_a_process_that_runs() {
         let observer = system.observer();
         place
             .process(&mut system, "main", "looker")
-            .spawn(luna::named("itself", async move {
+            .spawn_ok(luna::named("itself", async move {
                 let composition = observer.composition();
                 let looker = composition.find("looker").unwrap();
                 assert_eq!(looker.state, ProcessState::Running);
                 assert_eq!(looker.children[0].state, ProcessState::Running);
                 Ok(())
-            }))
-            .unwrap();
+            }));
         system.run().unwrap();
         assert!(system.composition().find("itself").is_none());
     }
@@ -247,25 +240,23 @@ fn processes_that_come_late_are_shown_where_they_run() {
     let main = system.executor("main").build().unwrap();
     let thread = Mutex::new(Some(system.thread("own").process("late thread")));
     let on = main.clone();
-    main.process("first")
-        .spawn(async move {
-            on.process("late process")
-                .priority(3)
-                .spawn(async { Ok(()) })?;
-            let late = thread.lock().unwrap().take().unwrap();
-            late.spawn(async { Ok(()) })?;
-            let composition = observer.composition();
-            let on_main: Vec<_> = composition.threads[0]
-                .processes
-                .iter()
-                .map(|process| process.name.as_str())
-                .collect();
-            assert_eq!(on_main, ["first", "late process"]);
-            assert_eq!(composition.threads[1].name, "own");
-            assert_eq!(composition.threads[1].processes[0].name, "late thread");
-            Ok(())
-        })
-        .unwrap();
+    main.process("first").spawn_ok(async move {
+        on.process("late process")
+            .priority(3)
+            .spawn(async { Ok(()) })?;
+        let late = thread.lock().unwrap().take().unwrap();
+        late.spawn(async { Ok(()) })?;
+        let composition = observer.composition();
+        let on_main: Vec<_> = composition.threads[0]
+            .processes
+            .iter()
+            .map(|process| process.name.as_str())
+            .collect();
+        assert_eq!(on_main, ["first", "late process"]);
+        assert_eq!(composition.threads[1].name, "own");
+        assert_eq!(composition.threads[1].processes[0].name, "late thread");
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -285,33 +276,31 @@ fn what_is_named_goes_with_its_future_however_it_ends() {
             seen.lock().unwrap().push(names.collect::<Vec<_>>());
         }
     };
-    main.process("looker")
-        .spawn(async move {
-            {
-                // Dropped where it waits, by an alternative of futures that the other one wins.
-                let lost = luna::named("lost", std::future::pending::<()>());
-                let quick = luna::named("quick", async {
-                    luna::yield_now().await;
-                    see(&observer);
-                });
-                futures_lite::future::or(lost, quick).await;
-            }
-            see(&observer);
-            // A branch that fails ends the others.
-            let failed = par!(
-                luna::named("fails", async { Err::<(), _>(Error::other("no")) }),
-                luna::named("goes on", async {
-                    luna::yield_now().await;
-                    see(&observer);
-                    Ok::<(), Error>(())
-                }),
-            )
-            .await;
-            assert!(failed.is_err());
-            see(&observer);
-            Ok(())
-        })
-        .unwrap();
+    main.process("looker").spawn_ok(async move {
+        {
+            // Dropped where it waits, by an alternative of futures that the other one wins.
+            let lost = luna::named("lost", std::future::pending::<()>());
+            let quick = luna::named("quick", async {
+                luna::yield_now().await;
+                see(&observer);
+            });
+            futures_lite::future::or(lost, quick).await;
+        }
+        see(&observer);
+        // A branch that fails ends the others.
+        let failed = par!(
+            luna::named("fails", async { Err::<(), _>(Error::other("no")) }),
+            luna::named("goes on", async {
+                luna::yield_now().await;
+                see(&observer);
+                Ok::<(), Error>(())
+            }),
+        )
+        .await;
+        assert!(failed.is_err());
+        see(&observer);
+        Ok(())
+    });
     system.run().unwrap();
     let seen = std::mem::take(&mut *seen.lock().unwrap());
     assert_eq!(
@@ -329,28 +318,23 @@ fn one_that_is_cancelled_or_panics_leaves_nothing_behind() {
     let on = main.clone();
     let victim = main
         .process("victim")
-        .spawn(luna::named("part of the victim", std::future::pending()))
-        .unwrap();
-    main.process("killer")
-        .spawn(async move {
-            luna::yield_now().await;
-            assert!(observer.composition().find("part of the victim").is_some());
-            let victim = on.process_handle(victim).unwrap();
-            victim.cancel();
-            assert_eq!(victim.join().await, Exit::Cancelled);
-            assert!(observer.composition().find("part of the victim").is_none());
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::named("part of the victim", std::future::pending()));
+    main.process("killer").spawn_ok(async move {
+        luna::yield_now().await;
+        assert!(observer.composition().find("part of the victim").is_some());
+        let victim = on.process_handle(victim).unwrap();
+        victim.cancel();
+        assert_eq!(victim.join().await, Exit::Cancelled);
+        assert!(observer.composition().find("part of the victim").is_none());
+        Ok(())
+    });
     assert!(system.run().is_err(), "a cancelled process is told");
 
     let mut system = System::new("panics");
     let main = system.executor("main").build().unwrap();
-    main.process("bad")
-        .spawn(luna::named("part", async {
-            std::panic::resume_unwind(Box::new("on purpose"));
-        }))
-        .unwrap();
+    main.process("bad").spawn_ok(luna::named("part", async {
+        std::panic::resume_unwind(Box::new("on purpose"));
+    }));
     assert!(system.run().is_err());
     assert!(system.composition().find("part").is_none());
 }
@@ -362,25 +346,22 @@ fn looking_from_many_threads_disturbs_nobody() {
     let observer = system.observer();
     for place in [Place::Executor, Place::Thread] {
         let name = format!("{place:?}");
-        place
-            .process(&mut system, &name, &name)
-            .spawn(async {
-                for n in 0..500 {
-                    par!(
-                        luna::named(
-                            &format!("a{n}"),
-                            luna::named("b", async {
-                                luna::yield_now().await;
-                                Ok(())
-                            })
-                        ),
-                        luna::named("c", async { Ok::<(), Error>(()) }),
-                    )
-                    .await?;
-                }
-                Ok(())
-            })
-            .unwrap();
+        place.process(&mut system, &name, &name).spawn_ok(async {
+            for n in 0..500 {
+                par!(
+                    luna::named(
+                        &format!("a{n}"),
+                        luna::named("b", async {
+                            luna::yield_now().await;
+                            Ok(())
+                        })
+                    ),
+                    luna::named("c", async { Ok::<(), Error>(()) }),
+                )
+                .await?;
+            }
+            Ok(())
+        });
     }
     let (done, ended) = mpsc::channel::<()>();
     let lookers: Vec<_> = (0..2)

@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, Program, has_no_signals, watchdog};
+use common::{COMPLETE, Program, SpawnOk, has_no_signals, watchdog};
 use luna::prelude::*;
 use luna::{Error, FunctionOutcome};
 use nix::sys::signal::{Signal, raise};
@@ -41,21 +41,17 @@ fn crashing(on: &str, crash: fn()) -> System {
         "executor" => {
             let executor = system.executor("main").policy(Policy::fifo(80)).build();
             let process = executor.unwrap().process("culprit");
-            process
-                .spawn(async move {
-                    crash();
-                    Ok(())
-                })
-                .unwrap();
+            process.spawn_ok(async move {
+                crash();
+                Ok(())
+            });
         }
         "thread" => {
             let process = system.thread("own").process("culprit");
-            process
-                .spawn(async move {
-                    crash();
-                    Ok(())
-                })
-                .unwrap();
+            process.spawn_ok(async move {
+                crash();
+                Ok(())
+            });
         }
         "plain thread" => {
             let process = system.thread("own").process("maker");
@@ -63,13 +59,11 @@ fn crashing(on: &str, crash: fn()) -> System {
                 std::thread::spawn(crash);
                 std::future::pending().await
             };
-            process.spawn(makes).unwrap();
+            process.spawn_ok(makes);
         }
         "function" => {
             let process = system.thread("own").process("raiser");
-            process
-                .spawn(async { Err(luna::emergency(Error::other("now"))) })
-                .unwrap();
+            process.spawn_ok(async { Err(luna::emergency(Error::other("now"))) });
         }
         "post_run" => {
             struct Crashes(fn());
@@ -84,8 +78,7 @@ fn crashing(on: &str, crash: fn()) -> System {
             system
                 .thread("own")
                 .process("culprit")
-                .spawn(Crashes(crash))
-                .unwrap();
+                .spawn_ok(Crashes(crash));
         }
         other => panic!("nobody is {other}"),
     }
@@ -95,8 +88,7 @@ fn crashing(on: &str, crash: fn()) -> System {
         .build()
         .unwrap()
         .process("waiting")
-        .spawn(std::future::pending::<luna::Result<()>>())
-        .unwrap();
+        .spawn_ok(std::future::pending::<luna::Result<()>>());
     system
 }
 
@@ -136,12 +128,10 @@ fn part() {
         "killed" => {
             let mut system = crashing("plain thread", || ());
             let process = system.thread("ready").process("ready");
-            process
-                .spawn(async {
-                    println!("ready");
-                    std::future::pending().await
-                })
-                .unwrap();
+            process.spawn_ok(async {
+                println!("ready");
+                std::future::pending().await
+            });
             system.run().unwrap();
         }
         "hanging function" => {

@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{PLACES, skip, watchdog};
+use common::{PLACES, SpawnOk, skip, watchdog};
 use luna::devices::{Device, DeviceError, DeviceManager, DeviceState, Holder, OnLoss, Sharing};
 use luna::prelude::*;
 use luna::{Degree, End, Error};
@@ -138,18 +138,15 @@ fn in_an_emergency_its_functions_run_in_order_and_then_it_is_closed() {
             .unwrap();
         let process = place.process(&mut system, "place", "drive");
         let own = motor.clone();
-        process
-            .spawn(async move { Err(own.lost(Error::other("no answer"))) })
-            .unwrap();
+        process.spawn_ok(async move { Err(own.lost(Error::other("no answer"))) });
         // Holds its handle to the end, and drops it when it is cancelled, on the real-time path.
         place
             .process(&mut system, "other", "other")
-            .spawn(async move {
+            .spawn_ok(async move {
                 std::future::pending::<()>().await;
                 drop(motor);
                 Ok(())
-            })
-            .unwrap();
+            });
         let error = system.run().unwrap_err();
         assert_eq!(
             error.to_string(),
@@ -187,13 +184,12 @@ fn it_stays_open_until_its_functions_have_run() {
     system
         .thread("place")
         .process("drive")
-        .spawn(async move {
+        .spawn_ok(async move {
             let error = motor.lost(Error::other("no answer"));
             drop(motor);
             gone.send(()).unwrap();
             Err(error)
-        })
-        .unwrap();
+        });
     assert!(system.run().is_err());
     let about = is_seen.recv().unwrap();
     assert_eq!((about.users, about.state), (0, DeviceState::Lost));
@@ -213,8 +209,7 @@ fn one_that_is_closed_by_then_is_left_alone() {
     drop(motor);
     let main = system.executor("main").build().unwrap();
     main.process("raises")
-        .spawn(async { Err(luna::emergency(Error::other("a test"))) })
-        .unwrap();
+        .spawn_ok(async { Err(luna::emergency(Error::other("a test"))) });
     assert!(system.run().is_err());
     assert_eq!(*log.lock().unwrap(), ["closed"]);
 }
@@ -233,19 +228,15 @@ fn a_loss_that_is_no_emergency_ends_its_process_alone() {
     let goes_on = Arc::new(AtomicU32::new(0));
     let count = goes_on.clone();
     let (sender, receiver) = luna::channel::<()>();
-    main.process("drive")
-        .spawn(async move {
-            let _ends_with_it = sender;
-            Err(motor.lost(Error::other("first")))
-        })
-        .unwrap();
-    main.process("other")
-        .spawn(async move {
-            assert!(receiver.recv().await.is_err());
-            count.fetch_add(1, Ordering::Relaxed);
-            Ok(())
-        })
-        .unwrap();
+    main.process("drive").spawn_ok(async move {
+        let _ends_with_it = sender;
+        Err(motor.lost(Error::other("first")))
+    });
+    main.process("other").spawn_ok(async move {
+        assert!(receiver.recv().await.is_err());
+        count.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    });
     let error = system.run().unwrap_err();
     assert!(error.to_string().contains("is lost: first"), "{error}");
     assert_eq!(system.report().unwrap().end, End::Completed);
@@ -266,19 +257,15 @@ fn lower_degrees_let_the_others_run_on() {
         motor.on_loss(policy);
         let main = system.executor("main").build().unwrap();
         let (sender, receiver) = luna::channel::<()>();
-        main.process("drive")
-            .spawn(async move {
-                let _ends_with_it = sender;
-                Err(motor.lost(Error::other("worn")))
-            })
-            .unwrap();
-        main.process("other")
-            .spawn(async move {
-                assert!(receiver.recv().await.is_err());
-                assert_eq!(luna::safety().unwrap().degree(), degree);
-                Ok(())
-            })
-            .unwrap();
+        main.process("drive").spawn_ok(async move {
+            let _ends_with_it = sender;
+            Err(motor.lost(Error::other("worn")))
+        });
+        main.process("other").spawn_ok(async move {
+            assert!(receiver.recv().await.is_err());
+            assert_eq!(luna::safety().unwrap().degree(), degree);
+            Ok(())
+        });
         assert!(system.run().is_err());
         assert_eq!(system.report().unwrap().end, End::Completed);
         assert_eq!(*log.lock().unwrap(), ["closed"]);
@@ -294,24 +281,22 @@ fn one_that_was_lost_may_be_opened_again_while_the_system_runs() {
     let own = devices.clone();
     let logs = Arc::new(Mutex::new(Vec::new()));
     let kept = logs.clone();
-    main.process("drive")
-        .spawn(async move {
-            for _ in 0..2 {
-                let (motor, log) = luna::off_path(|| open(&own, Sharing::Exclusive))?;
-                kept.lock().unwrap().push(log);
-                motor.on_loss(OnLoss::Fail);
-                let _ = motor.lost(Error::other("unplugged"));
-                assert!(matches!(own.list()[0].state, DeviceState::Lost));
-                // At once, and not by the thread that runs the system.
-                luna::off_path(|| drop(motor));
-                assert!(matches!(own.list()[0].state, DeviceState::Closed));
-            }
+    main.process("drive").spawn_ok(async move {
+        for _ in 0..2 {
             let (motor, log) = luna::off_path(|| open(&own, Sharing::Exclusive))?;
             kept.lock().unwrap().push(log);
-            motor.on_emergency("brake", |motor| motor.note("brake"))?;
-            Err(motor.lost(Error::other("at last")))
-        })
-        .unwrap();
+            motor.on_loss(OnLoss::Fail);
+            let _ = motor.lost(Error::other("unplugged"));
+            assert!(matches!(own.list()[0].state, DeviceState::Lost));
+            // At once, and not by the thread that runs the system.
+            luna::off_path(|| drop(motor));
+            assert!(matches!(own.list()[0].state, DeviceState::Closed));
+        }
+        let (motor, log) = luna::off_path(|| open(&own, Sharing::Exclusive))?;
+        kept.lock().unwrap().push(log);
+        motor.on_emergency("brake", |motor| motor.note("brake"))?;
+        Err(motor.lost(Error::other("at last")))
+    });
     assert!(system.run().is_err());
     let logs = logs.lock().unwrap();
     let logs: Vec<_> = logs.iter().map(|log| log.lock().unwrap().clone()).collect();
@@ -353,12 +338,10 @@ fn a_system_that_never_runs_lets_go_of_its_devices() {
         .on_emergency("brake", |motor| motor.note("brake"))
         .unwrap();
     let main = system.executor("main").build().unwrap();
-    main.process("drive")
-        .spawn(async move {
-            motor.note("ran");
-            Ok(())
-        })
-        .unwrap();
+    main.process("drive").spawn_ok(async move {
+        motor.note("ran");
+        Ok(())
+    });
     drop((main, system));
     assert_eq!(*log.lock().unwrap(), ["closed"]);
 }

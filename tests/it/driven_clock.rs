@@ -1,7 +1,7 @@
 //! Systems on a clock that a simulator moves: lock-step, and how it ends.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{ClockDriver, ClockKind, DriveError, End, Error, Instant};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -59,7 +59,7 @@ fn lock_step() -> Vec<u64> {
             actuator.store((400.0 * (1.0 - measured) - 40.0 * speed).to_bits(), Relaxed);
         }
     };
-    main.process("control").spawn(control).unwrap();
+    main.process("control").spawn_ok(control);
     let (report, positions) = beside(&system, move || {
         let mut plant = Plant::default();
         let mut positions = Vec::new();
@@ -112,7 +112,7 @@ fn an_advance_serves_every_deadline_on_the_way_and_returns_at_rest() {
                     .push((name, luna::now().as_nanos() / 1_000_000 - 1000));
             }
         };
-        main.process(name).spawn(body).unwrap();
+        main.process(name).spawn_ok(body);
     }
     let noted = seen.clone();
     let (report, ()) = beside(&system, move || {
@@ -153,7 +153,7 @@ fn what_the_simulator_sends_is_taken_at_the_present_instant() {
         }
         Ok(())
     };
-    main.process("doubles").spawn(body).unwrap();
+    main.process("doubles").spawn_ok(body);
     let (report, ()) = beside(&system, move || {
         for value in 0..100 {
             assert!(inputs.try_send(value).is_ok());
@@ -183,7 +183,7 @@ fn the_driver_is_told_when_all_processes_have_ended() {
             luna::after(MS * 5).await;
             Ok(())
         };
-        main.process("short").spawn(body).unwrap();
+        main.process("short").spawn_ok(body);
         let (report, ()) = beside(&system, move || {
             let start = driver.now();
             driver.advance_by(MS * 4).unwrap();
@@ -221,7 +221,7 @@ fn a_driver_that_goes_ends_the_system_in_good_order() {
             body.await;
             Ok(())
         };
-        main.process("waits").spawn(body).unwrap();
+        main.process("waits").spawn_ok(body);
         // Before it has begun or after.
         drop(driver);
         let report = system.run().unwrap();
@@ -257,8 +257,8 @@ fn an_error_of_a_process_is_that_of_the_run_also_if_the_driver_goes() {
         luna::after(MS * 9).await;
         Ok(())
     };
-    main.process("waits").spawn(waits).unwrap();
-    main.process("fails").spawn(fails).unwrap();
+    main.process("waits").spawn_ok(waits);
+    main.process("fails").spawn_ok(fails);
     let (report, ()) = beside(&system, move || driver.advance_by(MS * 2).unwrap());
     assert_eq!(
         report.unwrap_err().to_string(),
@@ -318,7 +318,7 @@ fn an_advance_without_an_end_stays_at_the_last_deadline() {
         luna::after(MS * 4).await;
         std::future::pending().await
     };
-    main.process("waits").spawn(body).unwrap();
+    main.process("waits").spawn_ok(body);
     let (report, ()) = beside(&system, move || {
         let start = driver.now();
         driver.advance_to(Instant::NEVER).unwrap();
@@ -346,12 +346,12 @@ fn a_panic_on_the_way_stops_time_and_tells_the_driver() {
         luna::after(MS * 3).await;
         panic!("on purpose");
     };
-    main.process("panics").spawn(body).unwrap();
+    main.process("panics").spawn_ok(body);
     let other = async {
         luna::after(MS * 100).await;
         Ok(())
     };
-    main.process("other").spawn(other).unwrap();
+    main.process("other").spawn_ok(other);
     let (report, told) = beside(&system, move || driver.advance_by(MS * 50));
     assert!(matches!(report, Err(Error::Process { .. })), "{report:?}");
     assert_eq!(
@@ -380,7 +380,7 @@ fn an_advance_waits_for_blocking_calls() {
         luna::after(MS).await;
         Ok(())
     };
-    main.process("calls").spawn(body).unwrap();
+    main.process("calls").spawn_ok(body);
     let (report, ()) = beside(&system, move || {
         let releasing = std::thread::spawn(move || release.send(()));
         assert!(driver.advance_by(MS * 2).is_err(), "the process has ended");

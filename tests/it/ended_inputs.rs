@@ -2,7 +2,7 @@
 //! time goes on.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, SendError};
 use std::cell::Cell;
@@ -73,11 +73,11 @@ fn a_merge_ends_when_all_inputs_have() {
             for (index, (sender, receiver, pause)) in parts().into_iter().enumerate() {
                 inputs.push(receiver);
                 let process = executor.process(&format!("source {index}"));
-                process.spawn(source(sender, pause)).unwrap();
+                process.spawn_ok(source(sender, pause));
             }
             let process = executor.process("merge");
-            process.spawn(merge(is_fair, inputs, output)).unwrap();
-            executor.process("sink").spawn(sum(sink)).unwrap();
+            process.spawn_ok(merge(is_fair, inputs, output));
+            executor.process("sink").spawn_ok(sum(sink));
             system.run().unwrap();
         }
         let [(a, from_a, short), (b, from_b, long)] = parts();

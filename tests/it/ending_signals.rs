@@ -5,7 +5,7 @@
 
 use crate::common;
 
-use common::{Program, has_real_time, skip, watchdog};
+use common::{Program, SpawnOk, has_real_time, skip, watchdog};
 use luna::End;
 use luna::prelude::*;
 use nix::libc;
@@ -87,15 +87,11 @@ fn part() {
             setrlimit(Resource::RLIMIT_RTTIME, 50_000, 20_000_000).unwrap();
             set_action(libc::SIGXCPU, libc::SIG_DFL);
             let executor = system.executor("hog").policy(Policy::fifo(10)).build();
-            executor
-                .unwrap()
-                .process("hog")
-                .spawn(async {
-                    loop {
-                        std::hint::spin_loop();
-                    }
-                })
-                .unwrap();
+            executor.unwrap().process("hog").spawn_ok(async {
+                loop {
+                    std::hint::spin_loop();
+                }
+            });
             system.run().unwrap();
         }
         "handled" | "ignored" => {
@@ -110,16 +106,13 @@ fn part() {
             }
             let expected = own.len() as u32 * u32::from(part == "handled");
             let executor = system.executor("control").build().unwrap();
-            executor
-                .process("sender")
-                .spawn(async move {
-                    own.iter().for_each(|&number| send_to_this_program(number));
-                    while COUNTED.load(Ordering::Relaxed) < expected {
-                        luna::after(Duration::from_millis(1)).await;
-                    }
-                    Ok(())
-                })
-                .unwrap();
+            executor.process("sender").spawn_ok(async move {
+                own.iter().for_each(|&number| send_to_this_program(number));
+                while COUNTED.load(Ordering::Relaxed) < expected {
+                    luna::after(Duration::from_millis(1)).await;
+                }
+                Ok(())
+            });
             let report = system.run().unwrap();
             assert_eq!(report.end, End::Completed);
             println!("completed");
@@ -135,26 +128,20 @@ fn part() {
             });
             system.on_emergency("second", || println!("function 2"));
             let executor = system.executor("control").build().unwrap();
-            executor
-                .process("waiting")
-                .spawn(async {
-                    println!("ready");
-                    std::future::pending().await
-                })
-                .unwrap();
+            executor.process("waiting").spawn_ok(async {
+                println!("ready");
+                std::future::pending().await
+            });
             system.run().unwrap();
         }
         number => {
             let number: i32 = number.parse().unwrap();
             set_action(number, libc::SIG_DFL);
             let executor = system.executor("control").build().unwrap();
-            executor
-                .process("sender")
-                .spawn(async move {
-                    send_to_this_program(number);
-                    std::future::pending().await
-                })
-                .unwrap();
+            executor.process("sender").spawn_ok(async move {
+                send_to_this_program(number);
+                std::future::pending().await
+            });
             let report = system.run().unwrap();
             assert_eq!(report.end, End::Signal(number));
             println!("{report}");

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, skip, watchdog};
+use common::{COMPLETE, PLACES, SpawnOk, skip, watchdog};
 use luna::external::{Frame, Framing, FromBytes, Malformed, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::{Buffer, Error};
@@ -71,31 +71,25 @@ fn typed_values_go_out_and_come_in() {
                 let mut system = System::new("around");
                 out_place
                     .process(&mut system, "out", "output")
-                    .spawn(luna::external::output(outgoing, near, framing))
-                    .unwrap();
+                    .spawn_ok(luna::external::output(outgoing, near, framing));
                 in_place
                     .process(&mut system, "in", "input")
-                    .spawn(luna::external::input(far, incoming, framing))
-                    .unwrap();
+                    .spawn_ok(luna::external::input(far, incoming, framing));
                 let ends = system.executor("ends").build().unwrap();
-                ends.process("source")
-                    .spawn(async move {
-                        for number in 0..COUNT {
-                            source.send(Pose::number(number)).await?;
-                        }
-                        Ok(())
-                    })
-                    .unwrap();
-                ends.process("drain")
-                    .spawn(async move {
-                        for number in 0..COUNT {
-                            assert_eq!(drain.recv().await?, Pose::number(number));
-                        }
-                        // The end of the source goes through both links and the file between them.
-                        assert!(drain.recv().await.unwrap_err().is_closed());
-                        Ok(())
-                    })
-                    .unwrap();
+                ends.process("source").spawn_ok(async move {
+                    for number in 0..COUNT {
+                        source.send(Pose::number(number)).await?;
+                    }
+                    Ok(())
+                });
+                ends.process("drain").spawn_ok(async move {
+                    for number in 0..COUNT {
+                        assert_eq!(drain.recv().await?, Pose::number(number));
+                    }
+                    // The end of the source goes through both links and the file between them.
+                    assert!(drain.recv().await.unwrap_err().is_closed());
+                    Ok(())
+                });
                 system.run().unwrap();
             }
         }
@@ -143,31 +137,26 @@ fn records_longer_than_the_pipe() {
         let executor = system.executor("main").build().unwrap();
         executor
             .process("output")
-            .spawn(luna::external::output(outgoing, writing, framing))
-            .unwrap();
+            .spawn_ok(luna::external::output(outgoing, writing, framing));
         executor
             .process("input")
-            .spawn(luna::external::input(reading, incoming, framing))
-            .unwrap();
-        executor
-            .process("both")
-            .spawn(async move {
-                let send = async {
-                    for number in 0..8 {
-                        source.send(Pattern(number)).await?;
-                    }
-                    Ok(())
-                };
-                let receive = async {
-                    for number in 0..8 {
-                        assert_eq!(drain.recv().await?.0, number);
-                    }
-                    Ok(())
-                };
-                par!(send, receive).await?;
+            .spawn_ok(luna::external::input(reading, incoming, framing));
+        executor.process("both").spawn_ok(async move {
+            let send = async {
+                for number in 0..8 {
+                    source.send(Pattern(number)).await?;
+                }
                 Ok(())
-            })
-            .unwrap();
+            };
+            let receive = async {
+                for number in 0..8 {
+                    assert_eq!(drain.recv().await?.0, number);
+                }
+                Ok(())
+            };
+            par!(send, receive).await?;
+            Ok(())
+        });
         system.run().unwrap();
     }
 }
@@ -185,25 +174,20 @@ fn bytes_that_come_one_by_one() {
         let mut system = System::new("slow");
         place
             .process(&mut system, "place", "input")
-            .spawn(luna::external::input(near, sender, Framing::lines(8)))
-            .unwrap();
-        system
-            .thread("far")
-            .process("far")
-            .spawn(async move {
-                for byte in b"one\ntwo\r\n" {
-                    go.recv().await?;
-                    far.write_all(&[*byte])?;
-                }
-                Ok(())
-            })
-            .unwrap();
+            .spawn_ok(luna::external::input(near, sender, Framing::lines(8)));
+        system.thread("far").process("far").spawn_ok(async move {
+            for byte in b"one\ntwo\r\n" {
+                go.recv().await?;
+                far.write_all(&[*byte])?;
+            }
+            Ok(())
+        });
         system
             .executor("reader")
             .build()
             .unwrap()
             .process("reader")
-            .spawn(async move {
+            .spawn_ok(async move {
                 for (line, bytes) in [("one", 4), ("two", 5)] {
                     for _ in 0..bytes {
                         assert!(lines.try_recv().is_err_and(|error| error.is_empty()));
@@ -213,8 +197,7 @@ fn bytes_that_come_one_by_one() {
                 }
                 assert!(lines.recv().await.unwrap_err().is_closed());
                 Ok(())
-            })
-            .unwrap();
+            });
         system.run().unwrap();
     }
 }
@@ -236,20 +219,16 @@ fn chunks_are_all_the_bytes() {
     let executor = system.executor("main").build().unwrap();
     executor
         .process("input")
-        .spawn(luna::external::input(near, sender, Framing::chunks(500)))
-        .unwrap();
-    executor
-        .process("reader")
-        .spawn(async move {
-            let mut got = Vec::new();
-            while let Ok(chunk) = chunks.recv().await {
-                assert!((1..=500).contains(&chunk.len()));
-                got.extend_from_slice(&chunk);
-            }
-            assert_eq!(got, text);
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::external::input(near, sender, Framing::chunks(500)));
+    executor.process("reader").spawn_ok(async move {
+        let mut got = Vec::new();
+        while let Ok(chunk) = chunks.recv().await {
+            assert!((1..=500).contains(&chunk.len()));
+            got.extend_from_slice(&chunk);
+        }
+        assert_eq!(got, text);
+        Ok(())
+    });
     system.run().unwrap();
     writer.join().unwrap();
 }
@@ -270,22 +249,18 @@ fn packets_stay_apart() {
     let executor = system.executor("main").build().unwrap();
     executor
         .process("input")
-        .spawn(luna::external::input(near, sender, Framing::packets(4)))
-        .unwrap();
-    executor
-        .process("reader")
-        .spawn(async move {
-            assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"a");
-            assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"bcde");
-            let bad = packets.recv().await?.unwrap_err();
-            assert_eq!(bad.number, 3);
-            assert_eq!(bad.fault, luna::external::Fault::TooLong { most: 4 });
-            assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"f");
-            far.send(b"").map_err(Error::other)?;
-            assert!(packets.recv().await.unwrap_err().is_closed());
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::external::input(near, sender, Framing::packets(4)));
+    executor.process("reader").spawn_ok(async move {
+        assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"a");
+        assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"bcde");
+        let bad = packets.recv().await?.unwrap_err();
+        assert_eq!(bad.number, 3);
+        assert_eq!(bad.fault, luna::external::Fault::TooLong { most: 4 });
+        assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"f");
+        far.send(b"").map_err(Error::other)?;
+        assert!(packets.recv().await.unwrap_err().is_closed());
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -311,22 +286,17 @@ fn both_directions_of_one_socket() {
     let clone = near.try_clone().unwrap();
     executor
         .process("output")
-        .spawn(luna::external::output(outgoing, clone, framing))
-        .unwrap();
+        .spawn_ok(luna::external::output(outgoing, clone, framing));
     executor
         .process("input")
-        .spawn(luna::external::input(near, incoming, framing))
-        .unwrap();
-    executor
-        .process("asks")
-        .spawn(async move {
-            for number in 0..100 {
-                source.send([number, 1]).await?;
-                assert_eq!(drain.recv().await?, [number, 1]);
-            }
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::external::input(near, incoming, framing));
+    executor.process("asks").spawn_ok(async move {
+        for number in 0..100 {
+            source.send([number, 1]).await?;
+            assert_eq!(drain.recv().await?, [number, 1]);
+        }
+        Ok(())
+    });
     // The input's file is open while the input waits. Only the end of its channel stops it.
     system.run().unwrap();
     echo.join().unwrap();
@@ -346,25 +316,20 @@ fn external_channels_are_guards() {
     let links = system.executor("links").build().unwrap();
     links
         .process("output")
-        .spawn(luna::external::output(outgoing, writing, Framing::fixed(1)))
-        .unwrap();
+        .spawn_ok(luna::external::output(outgoing, writing, Framing::fixed(1)));
     links
         .process("input")
-        .spawn(luna::external::input(reading, incoming, Framing::fixed(1)))
-        .unwrap();
+        .spawn_ok(luna::external::input(reading, incoming, Framing::fixed(1)));
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("both")
-        .spawn(async move {
-            let (mut sent, mut received) = (0, 0);
-            while received < 100 {
-                luna::alt! {
-                    result = source.send([sent]), if sent < 100 => { result?; sent += 1; }
-                    byte = drain.recv() => { assert_eq!(byte?, [received]); received += 1; }
-                }
+    executor.process("both").spawn_ok(async move {
+        let (mut sent, mut received) = (0, 0);
+        while received < 100 {
+            luna::alt! {
+                result = source.send([sent]), if sent < 100 => { result?; sent += 1; }
+                byte = drain.recv() => { assert_eq!(byte?, [received]); received += 1; }
             }
-            Ok(())
-        })
-        .unwrap();
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, Random, skip, watchdog};
+use common::{COMPLETE, PLACES, Random, SpawnOk, skip, watchdog};
 use luna::Error;
 use luna::external::{BadRecord, Fault, Frame, Framing, FromBytes, LinkError, Malformed, Prefix};
 use luna::prelude::*;
@@ -43,12 +43,11 @@ fn read<T: FromBytes + Send + 'static>(
     let mut system = System::new("broken");
     place
         .process(&mut system, "place", "input")
-        .spawn(luna::external::input(near, sender, framing))
-        .unwrap();
+        .spawn_ok(luna::external::input(near, sender, framing));
     system
         .thread("reader")
         .process("reader")
-        .spawn(async move {
+        .spawn_ok(async move {
             let mut got = Vec::new();
             loop {
                 match records.recv().await {
@@ -62,8 +61,7 @@ fn read<T: FromBytes + Send + 'static>(
                     }
                 }
             }
-        })
-        .unwrap();
+        });
     let outcome = system.run().map(drop);
     (results.recv().unwrap(), outcome)
 }
@@ -224,20 +222,18 @@ fn a_value_that_no_reader_would_understand() {
         let mut system = System::new("refused");
         place
             .process(&mut system, "place", "input")
-            .spawn(luna::external::output(outgoing, near, Framing::lines(8)))
-            .unwrap();
+            .spawn_ok(luna::external::output(outgoing, near, Framing::lines(8)));
         system
             .thread("source")
             .process("source")
-            .spawn(async move {
+            .spawn_ok(async move {
                 source.send(Frame::new(b"good").unwrap()).await?;
                 source.send(Frame::new(b"bad\nline").unwrap()).await?;
                 let late = Frame::new(b"late").unwrap();
                 let error = source.send(late).await.unwrap_err();
                 assert!(error.is_closed() && error.into_inner() == late);
                 Ok(())
-            })
-            .unwrap();
+            });
         let fault = Fault::HoldsDelimiter { delimiter: b'\n' };
         assert_bad(system.run().map(drop), 2, fault);
         let mut text = String::new();

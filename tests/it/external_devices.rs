@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, skip, watchdog};
+use common::{COMPLETE, PLACES, SpawnOk, skip, watchdog};
 use futures_lite::future;
 use luna::Buffer;
 use luna::external::{BadRecord, Frame, Framing};
@@ -37,18 +37,16 @@ fn a_terminal_in_both_directions_until_it_hangs_up() {
         let clone = near.try_clone().unwrap();
         place
             .process(&mut system, "in", "input")
-            .spawn(luna::external::input(clone, sender, Framing::lines(16)))
-            .unwrap();
+            .spawn_ok(luna::external::input(clone, sender, Framing::lines(16)));
         place
             .process(&mut system, "out", "output")
-            .spawn(luna::external::output(receiver, near, Framing::lines(16)))
-            .unwrap();
+            .spawn_ok(luna::external::output(receiver, near, Framing::lines(16)));
         system
             .executor("server")
             .build()
             .unwrap()
             .process("server")
-            .spawn(async move {
+            .spawn_ok(async move {
                 let mut count = 0;
                 while let Ok(mut command) = commands.recv().await {
                     assert!(command.append(b"!"));
@@ -57,8 +55,7 @@ fn a_terminal_in_both_directions_until_it_hangs_up() {
                 }
                 assert_eq!(count, 3);
                 Ok(())
-            })
-            .unwrap();
+            });
         let user = std::thread::spawn(move || {
             for command in ["go", "left", "stop"] {
                 writeln!(far, "{command}").unwrap();
@@ -100,20 +97,16 @@ fn files_on_a_disk() {
         let (source, outgoing) = luna::channel::<[u8; 8]>();
         let mut system = System::new("write");
         let link = luna::external::output(outgoing, file.try_clone().unwrap(), Framing::fixed(8));
-        place
-            .process(&mut system, "place", "output")
-            .spawn(link)
-            .unwrap();
+        place.process(&mut system, "place", "output").spawn_ok(link);
         system
             .thread("source")
             .process("source")
-            .spawn(async move {
+            .spawn_ok(async move {
                 for number in 0..3000_u64 {
                     source.send(number.to_le_bytes()).await?;
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
         system.run().unwrap();
 
         file.rewind().unwrap();
@@ -121,19 +114,17 @@ fn files_on_a_disk() {
         let mut system = System::new("read");
         place
             .process(&mut system, "place", "input")
-            .spawn(luna::external::input(file, sender, Framing::fixed(8)))
-            .unwrap();
+            .spawn_ok(luna::external::input(file, sender, Framing::fixed(8)));
         system
             .thread("drain")
             .process("drain")
-            .spawn(async move {
+            .spawn_ok(async move {
                 for number in 0..3000_u64 {
                     assert_eq!(numbers.recv().await?, number.to_le_bytes());
                 }
                 assert!(numbers.recv().await.unwrap_err().is_closed());
                 Ok(())
-            })
-            .unwrap();
+            });
         system.run().unwrap();
     }
 }
@@ -171,18 +162,14 @@ fn the_newest_of_a_device_without_end() {
     let executor = system.executor("main").build().unwrap();
     executor
         .process("input")
-        .spawn(luna::external::input(zero, sender, Framing::fixed(64)))
-        .unwrap();
-    executor
-        .process("reader")
-        .spawn(async move {
-            for _ in 0..10 {
-                assert_eq!(newest.recv().await?, [0; 64]);
-                luna::yield_now().await;
-            }
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::external::input(zero, sender, Framing::fixed(64)));
+    executor.process("reader").spawn_ok(async move {
+        for _ in 0..10 {
+            assert_eq!(newest.recv().await?, [0; 64]);
+            luna::yield_now().await;
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -195,17 +182,13 @@ fn nowhere_takes_all() {
     let executor = system.executor("main").build().unwrap();
     executor
         .process("output")
-        .spawn(luna::external::output(outgoing, null, Framing::fixed(64)))
-        .unwrap();
-    executor
-        .process("source")
-        .spawn(async move {
-            for _ in 0..200 {
-                source.send([1; 64]).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::external::output(outgoing, null, Framing::fixed(64)));
+    executor.process("source").spawn_ok(async move {
+        for _ in 0..200 {
+            source.send([1; 64]).await?;
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -219,15 +202,11 @@ fn a_file_that_cannot_be_read() {
     let executor = system.executor("main").build().unwrap();
     executor
         .process("input")
-        .spawn(luna::external::input(null, sender, Framing::fixed(1)))
-        .unwrap();
-    executor
-        .process("reader")
-        .spawn(async move {
-            assert!(receiver.recv().await.unwrap_err().is_closed());
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::external::input(null, sender, Framing::fixed(1)));
+    executor.process("reader").spawn_ok(async move {
+        assert!(receiver.recv().await.unwrap_err().is_closed());
+        Ok(())
+    });
     let error = system.run().unwrap_err().to_string();
     assert!(
         error.contains("`input`") && error.contains("reading failed: Bad file descriptor"),

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, skip, watchdog};
+use common::{COMPLETE, PLACES, Place, SpawnOk, skip, watchdog};
 use luna::external::{Frame, Framing, LinkError, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::{Buffer, Error};
@@ -33,12 +33,11 @@ fn the_end_comes_after_what_is_buffered() {
     executor
         .process("input")
         .priority(20)
-        .spawn(luna::external::input(near, sender, Framing::lines(8)))
-        .unwrap();
+        .spawn_ok(luna::external::input(near, sender, Framing::lines(8)));
     executor
         .process("reader")
         .priority(10)
-        .spawn(async move {
+        .spawn_ok(async move {
             while lines.buffered() < 3 {
                 luna::yield_now().await;
             }
@@ -47,8 +46,7 @@ fn the_end_comes_after_what_is_buffered() {
             }
             assert!(lines.recv().await.unwrap_err().is_closed());
             Ok(())
-        })
-        .unwrap();
+        });
     system.run().unwrap();
 }
 
@@ -65,20 +63,15 @@ fn a_link_that_has_ended_closes_its_file() {
         let mut system = System::new("closes");
         place
             .process(&mut system, "place", "output")
-            .spawn(luna::external::output(outgoing, near, Framing::fixed(1)))
-            .unwrap();
-        system
-            .thread("far")
-            .process("far")
-            .spawn(async move {
-                source.send(*b"x").await?;
-                drop(source);
-                let mut all = Vec::new();
-                far.read_to_end(&mut all)?;
-                assert_eq!(all, b"x");
-                Ok(())
-            })
-            .unwrap();
+            .spawn_ok(luna::external::output(outgoing, near, Framing::fixed(1)));
+        system.thread("far").process("far").spawn_ok(async move {
+            source.send(*b"x").await?;
+            drop(source);
+            let mut all = Vec::new();
+            far.read_to_end(&mut all)?;
+            assert_eq!(all, b"x");
+            Ok(())
+        });
         system.run().unwrap();
     }
 }
@@ -97,15 +90,11 @@ fn an_input_without_receivers_ends() {
     let executor = system.executor("main").build().unwrap();
     executor
         .process("input")
-        .spawn(luna::external::input(near, sender, Framing::lines(8)))
-        .unwrap();
-    executor
-        .process("reader")
-        .spawn(async move {
-            assert_eq!(lines.recv().await?.text(), Ok("1"));
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(luna::external::input(near, sender, Framing::lines(8)));
+    executor.process("reader").spawn_ok(async move {
+        assert_eq!(lines.recv().await?.text(), Ok("1"));
+        Ok(())
+    });
     system.run().unwrap();
     assert_eq!(
         far.write(b"3\n").unwrap_err().kind(),
@@ -127,19 +116,17 @@ fn an_output_whose_far_side_has_gone() {
         let mut system = System::new("gone");
         place
             .process(&mut system, "place", "output")
-            .spawn(luna::external::output(outgoing, near, Framing::fixed(4)))
-            .unwrap();
+            .spawn_ok(luna::external::output(outgoing, near, Framing::fixed(4)));
         system
             .thread("source")
             .process("source")
-            .spawn(async move {
+            .spawn_ok(async move {
                 source.send(*b"lost").await?;
                 let error = source.send(*b"back").await.unwrap_err();
                 assert!(error.is_closed());
                 assert_eq!(error.into_inner(), *b"back");
                 Ok(())
-            })
-            .unwrap();
+            });
         let (name, error) = link_error(system.run());
         assert_eq!(name, "output");
         assert!(error.is_far_end_closed(), "{error}");
@@ -159,30 +146,23 @@ fn a_far_side_that_goes_while_an_output_waits_for_room() {
     let (source, outgoing) = luna::channel::<Frame<4096>>();
     let mut system = System::new("gone");
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("output")
-        .spawn(luna::external::output(
-            outgoing,
-            near,
-            Framing::chunks(4096),
-        ))
-        .unwrap();
-    executor
-        .process("source")
-        .priority(1)
-        .spawn(async move {
-            let full = Frame::new(&[1; 4096]).unwrap();
-            // Until the file has no more room and the link waits for some.
-            while source
-                .send_timeout(full, std::time::Duration::from_millis(20))
-                .await
-                .is_ok()
-            {}
-            drop(far);
-            while source.send(full).await.is_ok() {}
-            Ok(())
-        })
-        .unwrap();
+    executor.process("output").spawn_ok(luna::external::output(
+        outgoing,
+        near,
+        Framing::chunks(4096),
+    ));
+    executor.process("source").priority(1).spawn_ok(async move {
+        let full = Frame::new(&[1; 4096]).unwrap();
+        // Until the file has no more room and the link waits for some.
+        while source
+            .send_timeout(full, std::time::Duration::from_millis(20))
+            .await
+            .is_ok()
+        {}
+        drop(far);
+        while source.send(full).await.is_ok() {}
+        Ok(())
+    });
     let (_, error) = link_error(system.run());
     assert!(error.is_far_end_closed(), "{error}");
 }
@@ -279,25 +259,20 @@ fn poison_ends_a_link_that_waits_for_its_file() {
             let own = sender.clone();
             place
                 .process(&mut system, "place", "input")
-                .spawn(luna::external::input(near, sender, Framing::fixed(4)))
-                .unwrap();
-            system
-                .thread("far")
-                .process("far")
-                .spawn(async move {
-                    far.write_all(b"oncehalf")?;
-                    assert_eq!(receiver.recv().await?, *b"once");
-                    if from_far_end {
-                        receiver.poison();
-                    } else {
-                        own.poison();
-                    }
-                    // In the middle of a record, and with the channel's ends still here.
-                    assert_eq!(far.read(&mut [0])?, 0);
-                    drop((own, receiver));
-                    Ok(())
-                })
-                .unwrap();
+                .spawn_ok(luna::external::input(near, sender, Framing::fixed(4)));
+            system.thread("far").process("far").spawn_ok(async move {
+                far.write_all(b"oncehalf")?;
+                assert_eq!(receiver.recv().await?, *b"once");
+                if from_far_end {
+                    receiver.poison();
+                } else {
+                    own.poison();
+                }
+                // In the middle of a record, and with the channel's ends still here.
+                assert_eq!(far.read(&mut [0])?, 0);
+                drop((own, receiver));
+                Ok(())
+            });
             assert_poisoned(system.run(), "input");
         }
     }
@@ -327,25 +302,18 @@ fn poison_ends_a_link_that_waits_for_room() {
         let (sender, receiver) = luna::channel::<Full>();
         let mut system = System::new("poisoned");
         let link = luna::external::output(receiver, near, Framing::chunks(50_000));
-        place
-            .process(&mut system, "place", "output")
-            .spawn(link)
-            .unwrap();
-        system
-            .thread("far")
-            .process("far")
-            .spawn(async move {
-                // The pipe takes 64 KiB: the second record waits in the link.
-                sender.send(Full).await?;
-                sender.send(Full).await?;
-                sender.poison();
-                // Comes back only when the file is closed.
-                let mut all = Vec::new();
-                far.read_to_end(&mut all)?;
-                assert!((50_000..=100_000).contains(&all.len()));
-                Ok(())
-            })
-            .unwrap();
+        place.process(&mut system, "place", "output").spawn_ok(link);
+        system.thread("far").process("far").spawn_ok(async move {
+            // The pipe takes 64 KiB: the second record waits in the link.
+            sender.send(Full).await?;
+            sender.send(Full).await?;
+            sender.poison();
+            // Comes back only when the file is closed.
+            let mut all = Vec::new();
+            far.read_to_end(&mut all)?;
+            assert!((50_000..=100_000).contains(&all.len()));
+            Ok(())
+        });
         assert_poisoned(system.run(), "output");
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::common;
 
-use common::{PLACES, Place, Program, watchdog};
+use common::{PLACES, Place, Program, SpawnOk, watchdog};
 use luna::{End, prelude::*};
 use nix::libc;
 use nix::sys::resource::{Resource, setrlimit};
@@ -60,12 +60,10 @@ fn run_a_system_in_the_child() {
     let mut system = System::new("child");
     system.on_emergency("its own", || println!("the child's function"));
     let process = system.thread("own").process("raiser");
-    process
-        .spawn(async {
-            raise(Signal::SIGUSR1).unwrap();
-            std::future::pending().await
-        })
-        .unwrap();
+    process.spawn_ok(async {
+        raise(Signal::SIGUSR1).unwrap();
+        std::future::pending().await
+    });
     system.run().unwrap();
 }
 
@@ -88,7 +86,7 @@ fn part() {
     let crash = CRASHES.iter().find(|(name, _)| *name == crash);
     place
         .process(&mut system, "own", "parent")
-        .spawn(async move {
+        .spawn_ok(async move {
             match crash {
                 Some((_, crash)) => fork_and(*crash),
                 // A thread of a system runs no other.
@@ -97,8 +95,7 @@ fn part() {
                     .unwrap(),
             }
             Ok(())
-        })
-        .unwrap();
+        });
     let report = system.run().unwrap();
     assert_eq!(report.end, End::Completed, "{report}");
     println!("completed");

@@ -1,7 +1,7 @@
 //! Processes seen from outside: their handles.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Exit, ProcessState};
 use std::sync::Arc;
@@ -15,8 +15,7 @@ fn before_the_run_there_is_none() {
     let id = executor
         .process("one")
         .priority(7)
-        .spawn(async { Ok(()) })
-        .unwrap();
+        .spawn_ok(async { Ok(()) });
     assert!(system.process_handle(id).is_none() && executor.process_handle(id).is_none());
     system.run().unwrap();
     // And after it there still is, from both.
@@ -51,20 +50,18 @@ fn states_of_a_process() {
     let watched = executor
         .process("watched")
         .priority(10)
-        .spawn(async move {
+        .spawn_ok(async move {
             gone.recv().await?;
             Ok(())
-        })
-        .unwrap();
+        });
     let low = executor
         .process("low")
         .priority(1)
-        .spawn(async { Ok(()) })
-        .unwrap();
+        .spawn_ok(async { Ok(()) });
     executor
         .process("watching")
         .priority(5)
-        .spawn(async move {
+        .spawn_ok(async move {
             let watched = own.process_handle(watched).unwrap();
             assert_eq!(watched.state(), ProcessState::Waiting);
             assert_eq!(
@@ -76,8 +73,7 @@ fn states_of_a_process() {
             assert_eq!((watched.state(), watched.polls()), (ProcessState::Ended, 2));
             luna::yield_now().await;
             Ok(())
-        })
-        .unwrap();
+        });
     system.run().unwrap();
     assert_eq!(
         system.process_handle(low).unwrap().state(),
@@ -92,18 +88,15 @@ fn a_process_that_runs_says_so() {
     let executor = system.executor("main").build().unwrap();
     let own = executor.clone();
     let (tell, told) = luna::buffered(Buffer::fifo(1));
-    let id = executor
-        .process("self")
-        .spawn(async move {
-            let id = told.recv().await?;
-            let myself = own.process_handle(id).unwrap();
-            assert_eq!(myself.state(), ProcessState::Running);
-            // Cancelled by itself: at its next await.
-            myself.cancel();
-            assert_eq!(myself.state(), ProcessState::Running);
-            std::future::pending().await
-        })
-        .unwrap();
+    let id = executor.process("self").spawn_ok(async move {
+        let id = told.recv().await?;
+        let myself = own.process_handle(id).unwrap();
+        assert_eq!(myself.state(), ProcessState::Running);
+        // Cancelled by itself: at its next await.
+        myself.cancel();
+        assert_eq!(myself.state(), ProcessState::Running);
+        std::future::pending().await
+    });
     tell.try_send(id).unwrap();
     assert!(system.run().is_err());
     assert_eq!(
@@ -123,33 +116,29 @@ fn a_cancelled_process_withdraws_what_it_waited_for() {
         let own_sender = sender.clone();
         let id = place
             .process(&mut system, "place", "offering")
-            .spawn(async move { Ok(own_sender.send(value).await?) })
-            .unwrap();
+            .spawn_ok(async move { Ok(own_sender.send(value).await?) });
         let other = system.executor("other").build().unwrap();
         let own = other.clone();
-        other
-            .process("canceller")
-            .spawn(async move {
-                let offering = own.process_handle(id).unwrap();
-                while offering.state() != ProcessState::Waiting {
-                    luna::after(Duration::from_micros(100)).await;
-                }
-                offering.cancel();
-                assert_eq!(offering.join().await, Exit::Cancelled);
-                assert!(receiver.try_recv().unwrap_err().is_empty());
-                assert_eq!(
-                    Arc::strong_count(&counted),
-                    1,
-                    "the value is gone with the offer"
-                );
-                drop(sender);
-                assert!(
-                    receiver.try_recv().unwrap_err().is_closed(),
-                    "and its end with its body"
-                );
-                Ok(())
-            })
-            .unwrap();
+        other.process("canceller").spawn_ok(async move {
+            let offering = own.process_handle(id).unwrap();
+            while offering.state() != ProcessState::Waiting {
+                luna::after(Duration::from_micros(100)).await;
+            }
+            offering.cancel();
+            assert_eq!(offering.join().await, Exit::Cancelled);
+            assert!(receiver.try_recv().unwrap_err().is_empty());
+            assert_eq!(
+                Arc::strong_count(&counted),
+                1,
+                "the value is gone with the offer"
+            );
+            drop(sender);
+            assert!(
+                receiver.try_recv().unwrap_err().is_closed(),
+                "and its end with its body"
+            );
+            Ok(())
+        });
         let error = system.run().unwrap_err();
         assert_eq!(
             error,
@@ -171,8 +160,7 @@ fn many_join_and_wait() {
     let right = system.executor("right").build().unwrap();
     let id = left
         .process("joined")
-        .spawn(async move { Ok(gone.recv().await?) })
-        .unwrap();
+        .spawn_ok(async move { Ok(gone.recv().await?) });
     let mut joining = Vec::new();
     for (number, place) in (0..8).zip([&left, &right].into_iter().cycle()) {
         let own = place.clone();
@@ -183,12 +171,7 @@ fn many_join_and_wait() {
             );
             Ok(())
         };
-        joining.push(
-            place
-                .process(&format!("joining {number}"))
-                .spawn(joins)
-                .unwrap(),
-        );
+        joining.push(place.process(&format!("joining {number}")).spawn_ok(joins));
     }
     let own = right.clone();
     let last = async move {
@@ -208,7 +191,7 @@ fn many_join_and_wait() {
         go.send(()).await?;
         Ok(())
     };
-    right.process("last").priority(0).spawn(last).unwrap();
+    right.process("last").priority(0).spawn_ok(last);
     let own = left.clone();
     let waiting = std::thread::spawn(move || {
         let handle = loop {
@@ -231,13 +214,11 @@ fn exits_after_a_panic() {
     let executor = system.executor("main").build().unwrap();
     let waiting = executor
         .process("waiting")
-        .spawn(std::future::pending::<luna::Result<()>>())
-        .unwrap();
+        .spawn_ok(std::future::pending::<luna::Result<()>>());
     let culprit = executor
         .process("culprit")
         .priority(0)
-        .spawn(async { panic!("{}", "formatted") })
-        .unwrap();
+        .spawn_ok(async { panic!("{}", "formatted") });
     system.run().unwrap_err();
     let exit = |id| system.process_handle(id).unwrap().exit().unwrap();
     assert_eq!(exit(culprit), Exit::Panicked("formatted".to_owned()));

@@ -1,6 +1,7 @@
 //! Hostile user code: wakers that panic, payloads that panic when dropped, operations moved from
 //! one run to another.
 
+use crate::common::SpawnOk;
 use luna::prelude::*;
 use luna::{Error, RecvError};
 use std::cell::Cell;
@@ -95,7 +96,7 @@ fn a_loop_that_is_always_late_lets_more_urgent_ones_run() {
         }
         Ok(())
     };
-    executor.process("hog").priority(1).spawn(hog).unwrap();
+    executor.process("hog").priority(1).spawn_ok(hog);
     let seen = Arc::new(AtomicU32::new(0));
     let at_end = seen.clone();
     let urgent = async move {
@@ -106,11 +107,7 @@ fn a_loop_that_is_always_late_lets_more_urgent_ones_run() {
         at_end.store(hog_cycles.load(Ordering::Relaxed), Ordering::Relaxed);
         Ok(())
     };
-    executor
-        .process("urgent")
-        .priority(31)
-        .spawn(urgent)
-        .unwrap();
+    executor.process("urgent").priority(31).spawn_ok(urgent);
     system.run().unwrap();
     assert!(
         seen.load(Ordering::Relaxed) < 300,
@@ -135,13 +132,13 @@ fn a_cancelled_body_panics_as_it_is_dropped() {
         let _bomb = Bomb;
         std::future::pending().await
     };
-    let id = executor.process("victim").spawn(victim).unwrap();
+    let id = executor.process("victim").spawn_ok(victim);
     let handles = executor.clone();
     let killer = async move {
         handles.process_handle(id).unwrap().cancel();
         std::future::pending().await
     };
-    executor.process("killer").spawn(killer).unwrap();
+    executor.process("killer").spawn_ok(killer);
     assert!(ends(move || system.run()).is_err());
     assert!(safe.load(Ordering::SeqCst));
 }
@@ -165,8 +162,7 @@ fn an_emergency_function_panics_with_a_payload_that_panics() {
     let executor = system.executor("one").build().unwrap();
     executor
         .process("panics")
-        .spawn(async { panic!("to begin with") })
-        .unwrap();
+        .spawn_ok(async { panic!("to begin with") });
     assert!(ends(move || system.run()).is_err());
     assert!(second_ran.load(Ordering::SeqCst));
 }
@@ -199,7 +195,7 @@ fn a_foreign_waker_panics_on_an_executors_thread() {
         poll_with_panicking_waker(&mut delay);
         std::future::pending().await
     };
-    executor.process("waits").spawn(body).unwrap();
+    executor.process("waits").spawn_ok(body);
     assert!(ends(move || system.run()).is_err());
     assert!(safe.load(Ordering::SeqCst));
 }
@@ -216,19 +212,19 @@ fn partners_elsewhere_learn_that_a_foreign_waker_has_ended_an_executor() {
         poll_with_panicking_waker(&mut delay);
         std::future::pending().await
     };
-    executor.process("has the waker").spawn(has_waker).unwrap();
+    executor.process("has the waker").spawn_ok(has_waker);
     let has_sender = async move {
         let _sender = sender;
         std::future::pending().await
     };
-    executor.process("has a sender").spawn(has_sender).unwrap();
+    executor.process("has a sender").spawn_ok(has_sender);
     let (learns, learned) = mpsc::channel();
     let partner = async move {
         learns.send(receiver.recv().await).map_err(Error::other)?;
         std::future::pending().await
     };
     let other = system.executor("lives").build().unwrap();
-    other.process("partner").spawn(partner).unwrap();
+    other.process("partner").spawn_ok(partner);
     // The partner is cancelled when the functions have ended, so one of them waits for what it
     // learns.
     let received = Arc::new(Mutex::new(None));
@@ -255,7 +251,7 @@ fn a_foreign_waker_panics_on_the_thread_of_a_process() {
         poll_with_panicking_waker(&mut delay);
         std::future::pending().await
     };
-    system.thread("own").process("waits").spawn(body).unwrap();
+    system.thread("own").process("waits").spawn_ok(body);
     assert!(ends(move || system.run()).is_err());
     assert!(safe.load(Ordering::SeqCst));
 }
@@ -280,7 +276,7 @@ impl Drop for Twice {
 fn a_body_panics_and_panics_again_as_it_is_dropped() {
     let mut system = System::new("twice");
     let executor = system.executor("one").build().unwrap();
-    executor.process("panics").spawn(Twice).unwrap();
+    executor.process("panics").spawn_ok(Twice);
     assert!(ends(move || system.run()).is_err());
 }
 
@@ -330,7 +326,7 @@ fn rephasing_tells_the_cycles_what_it_tells_the_report() {
         }
         Ok(())
     };
-    executor.process("body").spawn(body).unwrap();
+    executor.process("body").spawn_ok(body);
     let report = system.run().unwrap();
     let one = &report.loops["loop"];
     assert_eq!(one.missed, told.load(Ordering::Relaxed));

@@ -1,7 +1,7 @@
 //! Values of some tens of kilobytes, moved through channels on stacks of the default size.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 
 /// An unoptimized build moves a value many times on its way, each time with stack of its own.
@@ -17,15 +17,13 @@ fn values_of_24_kib_pass_wherever_processes_run() {
         let (output, input) = luna::channel::<Image>();
         let (stored, found) = luna::buffered::<Image>(Buffer::fifo(2));
         let source = place.process(&mut system, "place of source", "source");
-        source
-            .spawn(async move {
-                output.send([1; SIZE]).await?;
-                par!(output.send([2; SIZE]), stored.send([3; SIZE])).await?;
-                Ok(())
-            })
-            .unwrap();
+        source.spawn_ok(async move {
+            output.send([1; SIZE]).await?;
+            par!(output.send([2; SIZE]), stored.send([3; SIZE])).await?;
+            Ok(())
+        });
         let sink = place.process(&mut system, "place of sink", "sink");
-        sink.spawn(async move {
+        sink.spawn_ok(async move {
             let first = input.recv().await?;
             let second = alt! {
                 image = input.recv() => image?,
@@ -36,8 +34,7 @@ fn values_of_24_kib_pass_wherever_processes_run() {
                 [1, 2, 3]
             );
             Ok(())
-        })
-        .unwrap();
+        });
         system.run().unwrap();
     }
 }

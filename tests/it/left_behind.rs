@@ -1,7 +1,7 @@
 //! A process that cannot be ended is detached, with all that it borrows.
 
 use crate::common;
-use common::{PLACES, Place, watchdog};
+use common::{PLACES, Place, SpawnOk, watchdog};
 use luna::Error;
 use luna::prelude::*;
 use std::sync::{Arc, Mutex};
@@ -44,21 +44,18 @@ fn a_process_that_is_blocked_is_left_behind_and_keeps_what_it_borrows() {
         let mut system = System::new("blocked");
         place
             .process(&mut system, "stuck", "blocked")
-            .spawn(Blocked {
+            .spawn_ok(Blocked {
                 released,
                 log: log.clone(),
-            })
-            .unwrap();
+            });
         let culprit = Place::Thread.process(&mut system, "other", "culprit");
         let own = log.clone();
-        culprit
-            .spawn(async move {
-                while own.lock().unwrap().is_empty() {
-                    std::thread::yield_now();
-                }
-                panic!("while the other is blocked")
-            })
-            .unwrap();
+        culprit.spawn_ok(async move {
+            while own.lock().unwrap().is_empty() {
+                std::thread::yield_now();
+            }
+            panic!("while the other is blocked")
+        });
         let start = luna::now();
         assert_eq!(
             system.run().unwrap_err(),

@@ -1,7 +1,7 @@
 //! Locks in a system: in parallel constructs, in reports, and as errors.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::deadlock::{Operation, Partner};
 use luna::prelude::*;
 use luna::sync::{Condition, LockError, Mutex, Semaphore};
@@ -134,14 +134,12 @@ fn two_mutexes_in_opposite_order_are_reported_with_their_holders() {
             for (number, process) in processes.into_iter().enumerate() {
                 let (first, second) = (mutexes[number].clone(), mutexes[1 - number].clone());
                 let meet = meet.clone();
-                process
-                    .spawn(async move {
-                        let _first = first.lock().await?;
-                        meet.sync().await;
-                        let _second = second.lock().await?;
-                        Ok(())
-                    })
-                    .unwrap();
+                process.spawn_ok(async move {
+                    let _first = first.lock().await?;
+                    meet.sync().await;
+                    let _second = second.lock().await?;
+                    Ok(())
+                });
             }
             let found = deadlock_of(&system);
             assert_eq!(found.waits.len(), 2, "{found}");
@@ -165,13 +163,11 @@ fn who_locks_what_it_holds_is_reported() {
     let mut system = strict("own");
     let main = system.executor("main").build().unwrap();
     let mutex = Mutex::new(()).named("own");
-    main.process("twice")
-        .spawn(async move {
-            let _guard = mutex.lock().await?;
-            let _again = mutex.lock().await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("twice").spawn_ok(async move {
+        let _guard = mutex.lock().await?;
+        let _again = mutex.lock().await?;
+        Ok(())
+    });
     let found = deadlock_of(&system);
     assert_eq!(found.cycle, ["twice"]);
     assert!(
@@ -188,22 +184,18 @@ fn who_waits_at_a_condition_or_for_permits_is_reported() {
     let mut system = strict("both");
     let main = system.executor("main").build().unwrap();
     let condition = Condition::new().named("filled");
-    main.process("waits")
-        .spawn(async move {
-            let mutex = Mutex::new(());
-            let guard = mutex.lock().await?;
-            drop(condition.wait(guard).await?);
-            Ok(())
-        })
-        .unwrap();
+    main.process("waits").spawn_ok(async move {
+        let mutex = Mutex::new(());
+        let guard = mutex.lock().await?;
+        drop(condition.wait(guard).await?);
+        Ok(())
+    });
     let permits = Semaphore::new(1).named("slots");
-    main.process("acquires")
-        .spawn(async move {
-            permits.acquire().await?.forget();
-            permits.acquire().await?.forget();
-            Ok(())
-        })
-        .unwrap();
+    main.process("acquires").spawn_ok(async move {
+        permits.acquire().await?.forget();
+        permits.acquire().await?.forget();
+        Ok(())
+    });
     let found = deadlock_of(&system);
     let text = found.to_string();
     for line in [
@@ -225,13 +217,11 @@ fn what_a_thread_outside_may_do_is_no_deadlock() {
     );
     let held = mutex.clone();
     let (theirs, notifies) = (mutex.clone(), condition.clone());
-    main.process("waits")
-        .spawn(async move {
-            let guard = mutex.lock().await?;
-            drop(condition.wait_while(guard, |is_set| !*is_set).await?);
-            Ok(())
-        })
-        .unwrap();
+    main.process("waits").spawn_ok(async move {
+        let guard = mutex.lock().await?;
+        drop(condition.wait_while(guard, |is_set| !*is_set).await?);
+        Ok(())
+    });
     let held = held.try_lock().unwrap();
     std::thread::scope(|scope| {
         let running = scope.spawn(|| system.run().map(drop));
@@ -259,18 +249,16 @@ fn the_composition_shows_who_holds_a_mutex() {
     let main = system.executor("main").build().unwrap();
     let mutex = Mutex::new(()).named("table");
     let observer = system.observer();
-    main.process("holder")
-        .spawn(async move {
-            let _guard = mutex.lock().await?;
-            let shown = observer.composition();
-            let table = shown
-                .channels
-                .iter()
-                .find(|one| one.name.as_deref() == Some("table"))
-                .expect("it is shown");
-            assert_eq!(table.to_string(), "mutex `table`: held by `holder`");
-            Ok(())
-        })
-        .unwrap();
+    main.process("holder").spawn_ok(async move {
+        let _guard = mutex.lock().await?;
+        let shown = observer.composition();
+        let table = shown
+            .channels
+            .iter()
+            .find(|one| one.name.as_deref() == Some("table"))
+            .expect("it is shown");
+        assert_eq!(table.to_string(), "mutex `table`: held by `holder`");
+        Ok(())
+    });
     system.run().unwrap();
 }

@@ -3,7 +3,7 @@
 #![cfg(feature = "logger")]
 
 use crate::common;
-use common::{has_no_signals, watchdog};
+use common::{SpawnOk, has_no_signals, watchdog};
 use luna::prelude::*;
 use luna::{Error, Level, Logging, LoggingReport, RegisterError, SetupError, Sink, StartError};
 use luna_logger::format::{ClockBase, Reader, Record};
@@ -121,12 +121,11 @@ fn run(prepare: impl FnOnce(&mut System)) -> (Content, LoggingReport) {
     prepare(&mut system);
     system.log(Logging::to_sink(kept.clone()));
     let main = system.executor("main").build().unwrap();
-    main.process("one").spawn(Counter::new("one", 20)).unwrap();
+    main.process("one").spawn_ok(Counter::new("one", 20));
     system
         .thread("apart")
         .process("two")
-        .spawn(Counter::new("two", 10))
-        .unwrap();
+        .spawn_ok(Counter::new("two", 10));
     let report = system.run().unwrap().logging.unwrap();
     let bytes = kept.0.lock().unwrap().clone();
     (content(&bytes), report)
@@ -221,7 +220,7 @@ fn without_a_recording_signals_are_silent() {
     let _watchdog = watchdog();
     let mut system = System::new("silent");
     let main = system.executor("main").build().unwrap();
-    main.process("one").spawn(Counter::new("one", 3)).unwrap();
+    main.process("one").spawn_ok(Counter::new("one", 3));
     assert_eq!(system.run().unwrap().logging, None);
 }
 
@@ -230,8 +229,8 @@ fn bad_signals_and_files_stop_the_start() {
     let _watchdog = watchdog();
     let mut system = System::new("twice");
     let main = system.executor("main").build().unwrap();
-    main.process("one").spawn(Counter::new("same", 1)).unwrap();
-    main.process("two").spawn(Counter::new("same", 2)).unwrap();
+    main.process("one").spawn_ok(Counter::new("same", 1));
+    main.process("two").spawn_ok(Counter::new("same", 2));
     let Err(Error::Process { name, source }) = system.run() else {
         panic!("it has started")
     };
@@ -243,7 +242,7 @@ fn bad_signals_and_files_stop_the_start() {
     let mut system = System::new("nowhere");
     system.log_to("/no/such/folder/run.luna");
     let main = system.executor("main").build().unwrap();
-    main.process("one").spawn(async { Ok(()) }).unwrap();
+    main.process("one").spawn_ok(async { Ok(()) });
     let error = system.run().unwrap_err();
     assert!(matches!(
         error,
@@ -259,15 +258,13 @@ fn a_process_that_comes_late_registers_and_records() {
     system.log(Logging::to_sink(kept.clone()));
     let main = system.executor("main").build().unwrap();
     let own = main.clone();
-    main.process("parent")
-        .spawn(async move {
-            for name in ["first", "second"] {
-                let id = own.process(name).spawn(Counter::new(name, 2))?;
-                own.process_handle(id).unwrap().join().await;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("parent").spawn_ok(async move {
+        for name in ["first", "second"] {
+            let id = own.process(name).spawn(Counter::new(name, 2))?;
+            own.process_handle(id).unwrap().join().await;
+        }
+        Ok(())
+    });
     let recording = system.run().unwrap().logging.unwrap();
     for name in ["first/up", "second/up"] {
         let signal = recording

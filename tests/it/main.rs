@@ -6,6 +6,9 @@
     reason = "the tests of loops are built once for each source of wake-ups"
 )]
 
+#[path = "../shared/mod.rs"]
+mod shared;
+
 #[path = "../common/mod.rs"]
 mod common;
 

@@ -1,7 +1,7 @@
 //! A system that is described and never run, or not started: what it was to consist of is dropped.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, SetupError};
 use std::sync::{Arc, Weak};
@@ -34,27 +34,23 @@ fn describe(kept: &mut Kept) -> (System, luna::Executor) {
     let mut system = System::new("described");
     let main = system.executor("main").build().unwrap();
     let (one, own) = (kept.one(), main.clone());
-    main.process("future")
-        .spawn(async move {
-            let _both = (&one, &own);
-            Ok(())
-        })
-        .unwrap();
+    main.process("future").spawn_ok(async move {
+        let _both = (&one, &own);
+        Ok(())
+    });
     main.process("process")
-        .spawn(Holder(kept.one(), main.clone()))
-        .unwrap();
+        .spawn_ok(Holder(kept.one(), main.clone()));
     let (one, own) = (kept.one(), main.clone());
     system
         .thread("thread")
         .process("on a thread")
-        .spawn(move || {
+        .spawn_ok(move || {
             let both = (one, own);
             async move {
                 drop(both);
                 Ok(())
             }
-        })
-        .unwrap();
+        });
     let (one, own) = (kept.one(), main.clone());
     system.on_emergency("stop", move || {
         let _both = (&one, &own);
@@ -78,12 +74,10 @@ fn a_system_that_is_dropped_drops_what_was_described() {
     let mut kept = Kept(Vec::new());
     let (system, main) = describe(&mut kept);
     let (sender, receiver) = luna::channel::<()>();
-    main.process("sender")
-        .spawn(async move {
-            sender.send(()).await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("sender").spawn_ok(async move {
+        sender.send(()).await?;
+        Ok(())
+    });
     assert_eq!(kept.left(), 5);
     drop(system);
     assert_eq!(kept.left(), 0, "although {main:?} is still here");
@@ -123,15 +117,12 @@ fn a_panic_in_a_drop_keeps_no_other_from_its_own() {
     let mut system = System::new("bomb");
     let main = system.executor("main").build().unwrap();
     let bomb = Bomb;
-    main.process("bomb")
-        .spawn(async move {
-            let _bomb = &bomb;
-            Ok(())
-        })
-        .unwrap();
+    main.process("bomb").spawn_ok(async move {
+        let _bomb = &bomb;
+        Ok(())
+    });
     main.process("holder")
-        .spawn(Holder(kept.one(), main.clone()))
-        .unwrap();
+        .spawn_ok(Holder(kept.one(), main.clone()));
     drop(system);
     assert_eq!(kept.left(), 0);
 }

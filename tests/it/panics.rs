@@ -2,7 +2,7 @@
 //! `run` names the process that panicked.
 
 use crate::common;
-use common::{PLACES, Place, has_real_time, skip, watchdog};
+use common::{PLACES, Place, SpawnOk, has_real_time, skip, watchdog};
 use luna::Error;
 use luna::prelude::*;
 use std::sync::{Arc, Mutex};
@@ -67,17 +67,14 @@ fn functions_run_in_order_then_the_others_are_cancelled() {
             };
             other
                 .process(&mut system, &format!("place {name}"), name)
-                .spawn(process)
-                .unwrap();
+                .spawn_ok(process);
         }
         let culprit = place.process(&mut system, "place", "culprit");
-        culprit
-            .spawn(async move {
-                both_have.recv().await?;
-                both_have.recv().await?;
-                panic!("message {}", 7)
-            })
-            .unwrap();
+        culprit.spawn_ok(async move {
+            both_have.recv().await?;
+            both_have.recv().await?;
+            panic!("message {}", 7)
+        });
         assert_eq!(
             system.run().unwrap_err(),
             panicked("culprit", "message 7"),
@@ -120,8 +117,7 @@ fn the_last_process_that_lives_panics() {
         });
         place
             .process(&mut system, "place", "only")
-            .spawn(async { panic!("alone") })
-            .unwrap();
+            .spawn_ok(async { panic!("alone") });
         assert_eq!(system.run().unwrap_err(), panicked("only", "alone"));
         assert_eq!(*log.lock().unwrap(), ["neutral"], "round {round}");
     }
@@ -140,8 +136,7 @@ fn without_an_emergency_the_functions_do_not_run() {
     // A process that fails is no emergency.
     executor
         .process("failing")
-        .spawn(async { Err(Error::other("no")) })
-        .unwrap();
+        .spawn_ok(async { Err(Error::other("no")) });
     assert_eq!(
         system.run().unwrap_err().to_string(),
         "process `failing`: no"
@@ -161,8 +156,7 @@ fn a_function_that_panics_does_not_stop_the_next() {
     system.on_emergency("good", move || own.lock().unwrap().push("good".to_owned()));
     Place::Executor
         .process(&mut system, "main", "culprit")
-        .spawn(async { panic!("first") })
-        .unwrap();
+        .spawn_ok(async { panic!("first") });
     assert_eq!(system.run().unwrap_err(), panicked("culprit", "first"));
     assert_eq!(*log.lock().unwrap(), ["good"]);
 }
@@ -172,7 +166,7 @@ fn a_panic_without_a_text() {
     let _watch = watchdog();
     let mut system = System::new("speechless");
     let process = Place::Executor.process(&mut system, "main", "culprit");
-    process.spawn(async { std::panic::panic_any(42) }).unwrap();
+    process.spawn_ok(async { std::panic::panic_any(42) });
     assert_eq!(
         system.run().unwrap_err(),
         panicked("culprit", "(a panic whose message is no text)")
@@ -192,17 +186,13 @@ fn where_a_body_is_made() {
             std::thread::sleep(std::time::Duration::from_millis(200));
         });
         let process = place.process(&mut system, "place", "unmade");
-        process
-            .spawn(|| -> std::future::Ready<luna::Result<()>> { panic!("no body") })
-            .unwrap();
+        process.spawn_ok(|| -> std::future::Ready<luna::Result<()>> { panic!("no body") });
         // What is in safety before the start is not set in motion.
         let other = place.process(&mut system, "other place", "other");
-        other
-            .spawn(async move {
-                body.lock().unwrap().push("body".to_owned());
-                Ok(())
-            })
-            .unwrap();
+        other.spawn_ok(async move {
+            body.lock().unwrap().push("body".to_owned());
+            Ok(())
+        });
         assert_eq!(
             system.run().unwrap_err(),
             panicked("unmade", "no body"),
@@ -235,7 +225,7 @@ fn where_a_cancelled_body_is_dropped() {
             begun.send(()).await?;
             std::future::pending().await
         };
-        let id = waiting.spawn(waits).unwrap();
+        let id = waiting.spawn_ok(waits);
         let other = system.executor("other").build().unwrap();
         let handles = other.clone();
         let cancels = async move {
@@ -243,7 +233,7 @@ fn where_a_cancelled_body_is_dropped() {
             handles.process_handle(id).unwrap().cancel();
             std::future::pending().await
         };
-        other.process("canceller").spawn(cancels).unwrap();
+        other.process("canceller").spawn_ok(cancels);
         let error = system.run().unwrap_err();
         assert_eq!(error, panicked("culprit", "in a drop"), "{place:?}");
         assert_eq!(*log.lock().unwrap(), ["neutral"], "{place:?}");
@@ -258,16 +248,12 @@ fn the_panic_counts_and_not_the_errors_that_follow_from_it() {
     let left = system.executor("left").build().unwrap();
     // Spawned first, and fails since its partner has gone.
     left.process("victim")
-        .spawn(async move { Ok(receiver.recv().await?) })
-        .unwrap();
+        .spawn_ok(async move { Ok(receiver.recv().await?) });
     let right = system.executor("right").build().unwrap();
-    right
-        .process("culprit")
-        .spawn(async move {
-            let _sender = sender;
-            panic!("cause")
-        })
-        .unwrap();
+    right.process("culprit").spawn_ok(async move {
+        let _sender = sender;
+        panic!("cause")
+    });
     assert_eq!(system.run().unwrap_err(), panicked("culprit", "cause"));
 }
 
@@ -290,8 +276,7 @@ fn several_at_once() {
             let name = format!("process {number}");
             place
                 .process(&mut system, &name, &name)
-                .spawn(async { panic!("all") })
-                .unwrap();
+                .spawn_ok(async { panic!("all") });
         }
         let Error::Process { source, .. } = system.run().unwrap_err() else {
             panic!("whose was it?")
@@ -322,8 +307,7 @@ fn functions_run_on_a_thread_above_all_others() {
     });
     executor
         .process("culprit")
-        .spawn(async { panic!("on purpose") })
-        .unwrap();
+        .spawn_ok(async { panic!("on purpose") });
     system.run().unwrap_err();
     let (name, policy, on_path) = seen.lock().unwrap().clone().unwrap();
     assert_eq!((name.as_deref(), on_path), (Some("luna-emergency"), false));

@@ -2,7 +2,7 @@
 //! executor and on two.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Receiver, Result, Sender, par_for};
 
@@ -77,8 +77,8 @@ fn run(executors: usize) -> String {
             checked.send(n).await?;
         }
     };
-    left.process("branches").spawn(branches).unwrap();
-    right.process("guard").spawn(guard).unwrap();
+    left.process("branches").spawn_ok(branches);
+    right.process("guard").spawn_ok(guard);
     system.run().unwrap_err().to_string()
 }
 

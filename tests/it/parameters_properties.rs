@@ -2,7 +2,7 @@
 //! refused for each wrong value and for no other.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::parameters::{SetError, Value};
 use luna::prelude::*;
 use proptest::prelude::*;
@@ -161,7 +161,7 @@ proptest! {
             sets,
             taken: taken.clone(),
         };
-        main.process("tries").spawn(tries).unwrap();
+        main.process("tries").spawn_ok(tries);
         system.run().unwrap();
         prop_assert!(*taken.lock().unwrap() < u64::MAX);
     }

@@ -1,7 +1,7 @@
 //! A run that replaces parameters is recorded and replayed, and its sets are messages of its log.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::parameters::SetError;
 use luna::prelude::*;
 use luna::record::{self, RecordError, Recording};
@@ -170,12 +170,10 @@ fn what_a_recorded_process_asks_of_all_parameters_is_refused_by_its_name() {
     system.record(&file.0);
     let main = system.executor("main").build().unwrap();
     let parameters = system.parameters();
-    main.process("looks")
-        .spawn(async move {
-            assert!(parameters.list().is_empty());
-            Ok(())
-        })
-        .unwrap();
+    main.process("looks").spawn_ok(async move {
+        assert!(parameters.list().is_empty());
+        Ok(())
+    });
     match system.run() {
         Err(Error::Record(RecordError::Outside { process, construct })) => {
             assert_eq!(
@@ -227,9 +225,7 @@ fn a_set_that_is_taken_is_a_message_for_each_value_that_changes() {
             Ok(())
         }
     }
-    main.process("axis")
-        .spawn(Axis(Vec::new(), parameters))
-        .unwrap();
+    main.process("axis").spawn_ok(Axis(Vec::new(), parameters));
     system.run().unwrap();
     let bytes = std::fs::read(&file.0).unwrap();
     let mut reader = Reader::new(&bytes[..]).unwrap();

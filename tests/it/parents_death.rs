@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, Program, skip, watchdog};
+use common::{COMPLETE, Program, SpawnOk, skip, watchdog};
 use luna::prelude::*;
 use luna::{Cause, Error};
 use std::process::{Command, Stdio};
@@ -42,12 +42,10 @@ fn part() {
         "child" => {
             let mut system = system();
             let main = system.executor("main").build().unwrap();
-            main.process("servo")
-                .spawn(async {
-                    println!("\nready");
-                    std::future::pending().await
-                })
-                .unwrap();
+            main.process("servo").spawn_ok(async {
+                println!("\nready");
+                std::future::pending().await
+            });
             let error = system.run().unwrap_err();
             println!("\n{error}");
             let latched = system.safety().state().latched.unwrap();
@@ -79,8 +77,7 @@ fn while_the_parent_lives_there_is_none() {
     let mut system = system();
     let main = system.executor("main").build().unwrap();
     main.process("short")
-        .spawn(async { Err(Error::other("its own")) })
-        .unwrap();
+        .spawn_ok(async { Err(Error::other("its own")) });
     let error = system.run().unwrap_err();
     assert_eq!(error.to_string(), "process `short`: its own");
 }

@@ -2,7 +2,7 @@
 //! off the executor's thread.
 
 use crate::common;
-use common::{PLACES, Place, watchdog};
+use common::{PLACES, Place, SpawnOk, watchdog};
 use luna::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -54,25 +54,18 @@ fn every_pre_run_ends_before_any_run_begins() {
             let on = system.executor(executor).build().unwrap();
             for (number, level) in [(1, 31), (2, 0), (3, 16)] {
                 let name = format!("{executor} {number}");
-                on.process(&name)
-                    .priority(level)
-                    .spawn(Logger {
-                        name: name.clone(),
-                        log: events.clone(),
-                    })
-                    .unwrap();
+                on.process(&name).priority(level).spawn_ok(Logger {
+                    name: name.clone(),
+                    log: events.clone(),
+                });
                 names.push(name);
             }
         }
         for name in ["own", "other"] {
-            system
-                .thread(name)
-                .process(name)
-                .spawn(Logger {
-                    name: name.to_owned(),
-                    log: events.clone(),
-                })
-                .unwrap();
+            system.thread(name).process(name).spawn_ok(Logger {
+                name: name.to_owned(),
+                log: events.clone(),
+            });
             names.push(name.to_owned());
         }
         system.run().unwrap();
@@ -119,15 +112,13 @@ fn post_run_runs_when_its_own_body_has_ended_while_others_run() {
         let mut system = System::new("announced");
         place
             .process(&mut system, "first", "announcer")
-            .spawn(Announcer { ended })
-            .unwrap();
+            .spawn_ok(Announcer { ended });
         let second = system.executor("second").build().unwrap();
         // Runs until the other's post_run: if that waited for the end of the system, neither would
         // end.
         second
             .process("listener")
-            .spawn(async move { Ok(announced.recv().await?) })
-            .unwrap();
+            .spawn_ok(async move { Ok(announced.recv().await?) });
         assert_eq!(system.run().unwrap().end, luna::End::Completed, "{place:?}");
     }
 }
@@ -153,21 +144,17 @@ fn a_process_is_dropped_after_its_post_run_and_its_channels_end_with_it() {
         let mut system = System::new("held");
         place
             .process(&mut system, "first", "holder")
-            .spawn(Holder {
+            .spawn_ok(Holder {
                 _output: output,
                 log: events.clone(),
-            })
-            .unwrap();
+            });
         let own = events.clone();
         let second = system.executor("second").build().unwrap();
-        second
-            .process("listener")
-            .spawn(async move {
-                assert!(input.recv().await.unwrap_err().is_closed());
-                log(&own, "closed", "listener");
-                Ok(())
-            })
-            .unwrap();
+        second.process("listener").spawn_ok(async move {
+            assert!(input.recv().await.unwrap_err().is_closed());
+            log(&own, "closed", "listener");
+            Ok(())
+        });
         system.run().unwrap();
         let events: Vec<_> = events
             .lock()
@@ -202,8 +189,7 @@ fn a_post_run_that_panics_does_not_keep_the_others_from_theirs() {
     for name in ["a", "b", "c"] {
         Place::Thread
             .process(&mut system, name, name)
-            .spawn(Counts(count.clone()))
-            .unwrap();
+            .spawn_ok(Counts(count.clone()));
     }
     let error = system.run().unwrap_err();
     assert_eq!(
@@ -298,27 +284,21 @@ fn signals_and_parameters_are_registered_in_pre_run_alone() {
                 (registrar, seen)
             });
             let [(first, of_first), (late, of_late)] = seen;
-            place
-                .process(&mut system, "one", "first")
-                .spawn(first)
-                .unwrap();
+            place.process(&mut system, "one", "first").spawn_ok(first);
             let spawner = system.executor("two").build().unwrap();
             let own = spawner.clone();
-            spawner
-                .process("spawner")
-                .spawn(move || {
-                    assert_eq!(register("in a closure"), refused("in a closure"));
-                    async move {
-                        own.process("late").spawn(late)?;
-                        assert_eq!(register("in a block"), refused("in a block"));
-                        own.process("made here").spawn(|| {
-                            assert_eq!(register("made here"), refused("made here"));
-                            async { Ok(()) }
-                        })?;
-                        Ok(())
-                    }
-                })
-                .unwrap();
+            spawner.process("spawner").spawn_ok(move || {
+                assert_eq!(register("in a closure"), refused("in a closure"));
+                async move {
+                    own.process("late").spawn(late)?;
+                    assert_eq!(register("in a block"), refused("in a block"));
+                    own.process("made here").spawn(|| {
+                        assert_eq!(register("made here"), refused("made here"));
+                        async { Ok(()) }
+                    })?;
+                    Ok(())
+                }
+            });
             drop(spawner);
             system.run().unwrap();
             for (name, seen) in [("first", of_first), ("late", of_late)] {

@@ -2,7 +2,7 @@
 //! `post_run` runs in order, and after an emergency.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{End, Error};
 use std::sync::{Arc, Mutex};
@@ -66,15 +66,11 @@ fn run(then_raises: bool) -> (luna::Result<luna::Report>, luna::Report, Vec<Stri
         cycles: 10_000,
         then_raises,
     };
-    control.process("drive").priority(20).spawn(drive).unwrap();
-    control
-        .process("motor")
-        .priority(19)
-        .spawn(async move {
-            while motor.recv().await.is_ok() {}
-            Ok(())
-        })
-        .unwrap();
+    control.process("drive").priority(20).spawn_ok(drive);
+    control.process("motor").priority(19).spawn_ok(async move {
+        while motor.recv().await.is_ok() {}
+        Ok(())
+    });
     let outcome = system.run();
     let log = log.lock().unwrap().clone();
     (outcome, system.report().unwrap(), log)

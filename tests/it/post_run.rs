@@ -1,7 +1,7 @@
 //! `post_run` runs once, off the executor's thread, whatever ended the body.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Exit};
 use std::sync::{Arc, Mutex};
@@ -91,27 +91,22 @@ fn post_run_runs_once_off_the_executors_thread_whatever_ended_the_body() {
             let traces = Arc::new(Mutex::new(Traces::default()));
             let mut system = System::new("traced");
             let process = place.process(&mut system, "place of traced", "traced");
-            let id = process
-                .spawn(Traced {
-                    ending,
-                    traces: traces.clone(),
-                })
-                .unwrap();
+            let id = process.spawn_ok(Traced {
+                ending,
+                traces: traces.clone(),
+            });
             if ending == Ending::IsCancelled {
                 let other = system.executor("other").build().unwrap();
                 let own = other.clone();
-                other
-                    .process("canceller")
-                    .spawn(async move {
-                        let handle = own.process_handle(id).unwrap();
-                        while handle.state() != luna::ProcessState::Waiting {
-                            luna::after(std::time::Duration::from_micros(100)).await;
-                        }
-                        handle.cancel();
-                        assert_eq!(handle.join().await, Exit::Cancelled);
-                        Ok(())
-                    })
-                    .unwrap();
+                other.process("canceller").spawn_ok(async move {
+                    let handle = own.process_handle(id).unwrap();
+                    while handle.state() != luna::ProcessState::Waiting {
+                        luna::after(std::time::Duration::from_micros(100)).await;
+                    }
+                    handle.cancel();
+                    assert_eq!(handle.join().await, Exit::Cancelled);
+                    Ok(())
+                });
             }
             let outcome = system.run();
 
@@ -187,32 +182,25 @@ fn a_panic_while_cleaning_up_is_the_runs_error_and_ends_nobody_else() {
             let mut system = System::new("untidy");
             let (done, is_done) = luna::channel::<()>();
             let untidy = place.process(&mut system, "place of untidy", "untidy");
-            let id = untidy.spawn(Untidy { in_drop, body }).unwrap();
+            let id = untidy.spawn_ok(Untidy { in_drop, body });
             let other = system.executor("other").build().unwrap();
             let own = other.clone();
-            other
-                .process("goes on")
-                .spawn(async move {
-                    own.process_handle(id).unwrap().join().await;
-                    done.send(()).await?;
-                    Ok(())
-                })
-                .unwrap();
+            other.process("goes on").spawn_ok(async move {
+                own.process_handle(id).unwrap().join().await;
+                done.send(()).await?;
+                Ok(())
+            });
             system
                 .thread("place of traced")
                 .process("traced")
-                .spawn(async move {
+                .spawn_ok(async move {
                     is_done.recv().await?;
                     Ok(())
-                })
-                .unwrap();
-            other
-                .process("tidy")
-                .spawn(Traced {
-                    ending: Ending::Returns,
-                    traces: traces.clone(),
-                })
-                .unwrap();
+                });
+            other.process("tidy").spawn_ok(Traced {
+                ending: Ending::Returns,
+                traces: traces.clone(),
+            });
             let error = system.run().unwrap_err();
             assert_eq!(error.to_string(), expected, "{place:?}");
             let report = system.report().unwrap();

@@ -2,7 +2,7 @@
 //! first.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, SetupError};
 use std::sync::{Arc, Mutex};
@@ -74,14 +74,11 @@ fn run_five(place: common::Place, second: Preparing, third: Preparing) -> (Error
         ("fourth", Preparing::Succeeds),
         ("fifth", Preparing::Succeeds),
     ] {
-        place
-            .process(&mut system, name, name)
-            .spawn(Prepared {
-                name,
-                preparing,
-                log: log.clone(),
-            })
-            .unwrap();
+        place.process(&mut system, name, name).spawn_ok(Prepared {
+            name,
+            preparing,
+            log: log.clone(),
+        });
     }
     let error = system.run().unwrap_err();
     // It has been started, so it is over.
@@ -195,7 +192,7 @@ fn emergency_functions_are_not_for_a_start_that_fails() {
         preparing: Preparing::Panics,
         log: log.clone(),
     };
-    executor.process("only").spawn(process).unwrap();
+    executor.process("only").spawn_ok(process);
     system.run().unwrap_err();
     assert_eq!(*log.lock().unwrap(), ["pre only", "drop only"]);
 }

@@ -2,7 +2,7 @@
 //! order is kept.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Error, ProcessBuilder};
@@ -102,9 +102,9 @@ fn a_process_between_two_branches_runs_between_them() {
                 }
                 Ok(())
             };
-            process("between", 9).spawn(of_between).unwrap();
-            process("parent", 10).spawn(parent).unwrap();
-            process("waker", 1).spawn(waker).unwrap();
+            process("between", 9).spawn_ok(of_between);
+            process("parent", 10).spawn_ok(parent);
+            process("waker", 1).spawn_ok(waker);
         });
         assert_eq!(log.take(), "first between last", "{place}");
     }
@@ -149,9 +149,9 @@ fn a_wake_queues_the_parent_at_the_branch_s_level() {
                 wake_other.try_send(())?;
                 Ok(())
             };
-            process("parent", 10).spawn(parent).unwrap();
-            process("other", 9).spawn(of_other).unwrap();
-            process("waker", 1).spawn(waker).unwrap();
+            process("parent", 10).spawn_ok(parent);
+            process("other", 9).spawn_ok(of_other);
+            process("waker", 1).spawn_ok(waker);
         });
         assert_eq!(log.take(), expected, "branch {branch}");
     }
@@ -170,38 +170,32 @@ fn channels_serve_branches_by_their_levels() {
         // Offered first, by a process as urgent as the second branch: it comes after the first
         // branch and before the third.
         let process_s = offer(20);
-        process("process", 11)
-            .spawn(async move {
-                luna::yield_now().await;
-                process_s.await?;
-                Ok(())
-            })
-            .unwrap();
+        process("process", 11).spawn_ok(async move {
+            luna::yield_now().await;
+            process_s.await?;
+            Ok(())
+        });
         let (first, second, third) = (offer(1), offer(2), offer(3));
         let (go, gone) = luna::channel::<()>();
-        process("parent", 12)
-            .spawn(async move {
-                // Their order of arrival is not that of their levels.
-                let late = async {
-                    gone.recv().await?;
-                    first.await?;
-                    Ok::<_, Error>(())
-                };
-                pri_par!(late, second, third).await?;
-                Ok(())
-            })
-            .unwrap();
+        process("parent", 12).spawn_ok(async move {
+            // Their order of arrival is not that of their levels.
+            let late = async {
+                gone.recv().await?;
+                first.await?;
+                Ok::<_, Error>(())
+            };
+            pri_par!(late, second, third).await?;
+            Ok(())
+        });
         let own = log.clone();
-        process("receiver", 1)
-            .spawn(async move {
-                // Below all others, so they wait by now.
-                go.send(()).await?;
-                for _ in 0..4 {
-                    own.add(receiver.recv().await?.to_string());
-                }
-                Ok(())
-            })
-            .unwrap();
+        process("receiver", 1).spawn_ok(async move {
+            // Below all others, so they wait by now.
+            go.send(()).await?;
+            for _ in 0..4 {
+                own.add(receiver.recv().await?.to_string());
+            }
+            Ok(())
+        });
     });
     assert_eq!(log.take(), "1 2 20 3");
 }
@@ -212,29 +206,27 @@ fn a_branch_that_readies_one_above_lets_it_run_first() {
     let log = Log::default();
     on_one_executor(|process| {
         let own = log.clone();
-        process("parent", 10)
-            .spawn(async move {
-                let (sender, receiver) = luna::channel();
-                pri_par!(
-                    async {
-                        for _ in 0..2 {
-                            let n: u32 = receiver.recv().await?;
-                            own.add(format!("received {n}"));
-                        }
-                        Ok::<_, Error>(())
-                    },
-                    async {
-                        for n in 0..2 {
-                            sender.send(n).await?;
-                            own.add(format!("sent {n}"));
-                        }
-                        Ok::<_, Error>(())
-                    },
-                )
-                .await?;
-                Ok(())
-            })
-            .unwrap();
+        process("parent", 10).spawn_ok(async move {
+            let (sender, receiver) = luna::channel();
+            pri_par!(
+                async {
+                    for _ in 0..2 {
+                        let n: u32 = receiver.recv().await?;
+                        own.add(format!("received {n}"));
+                    }
+                    Ok::<_, Error>(())
+                },
+                async {
+                    for n in 0..2 {
+                        sender.send(n).await?;
+                        own.add(format!("sent {n}"));
+                    }
+                    Ok::<_, Error>(())
+                },
+            )
+            .await?;
+            Ok(())
+        });
     });
     assert_eq!(log.take(), "received 0 sent 0 received 1 sent 1");
 }
@@ -252,29 +244,23 @@ fn levels_fall_on_in_nested_constructs_and_stop_at_the_lowest() {
             }
         };
         let (a, b, c, d, e) = (step("2"), step("1"), step("0 nested"), step("0"), step("0"));
-        process("parent", 2)
-            .spawn(async move {
-                pri_par!(a, async { pri_par!(b, par!(c), d, e).await }).await?;
-                Ok(())
-            })
-            .unwrap();
+        process("parent", 2).spawn_ok(async move {
+            pri_par!(a, async { pri_par!(b, par!(c), d, e).await }).await?;
+            Ok(())
+        });
         // As urgent as the inner construct: its first branch came first, and the others are below.
         let own = log.clone();
-        process("one", 1)
-            .spawn(async move {
-                own.add("process 1");
-                luna::yield_now().await;
-                own.add("process 1");
-                Ok(())
-            })
-            .unwrap();
+        process("one", 1).spawn_ok(async move {
+            own.add("process 1");
+            luna::yield_now().await;
+            own.add("process 1");
+            Ok(())
+        });
         let own = log.clone();
-        process("zero", 0)
-            .spawn(async move {
-                own.add("process 0");
-                Ok(())
-            })
-            .unwrap();
+        process("zero", 0).spawn_ok(async move {
+            own.add("process 0");
+            Ok(())
+        });
     });
     // The inner branches are at levels 1, 0, 0, 0: when their turn comes, nothing more urgent is
     // ready, and the parent comes before its equals.
@@ -288,37 +274,33 @@ fn a_failure_reaches_those_above_and_those_that_gave_way() {
     on_one_executor(|process| {
         let (open, never) = luna::channel::<()>();
         let own = log.clone();
-        process("parent", 10)
-            .spawn(async move {
-                let _open = open;
-                let waits = async || {
-                    let outcome = never.recv().await;
-                    own.add("ended");
-                    outcome
-                };
-                let error = pri_par!(
-                    waits(),
-                    async {
-                        luna::yield_now().await;
-                        Err::<(), _>(Error::Full)
-                    },
-                    waits()
-                )
-                .await
-                .unwrap_err();
-                let all = [Error::Poisoned, Error::Full, Error::Poisoned];
-                assert!(error.errors().eq(&all), "{error}");
-                own.add("over");
-                Ok(())
-            })
-            .unwrap();
+        process("parent", 10).spawn_ok(async move {
+            let _open = open;
+            let waits = async || {
+                let outcome = never.recv().await;
+                own.add("ended");
+                outcome
+            };
+            let error = pri_par!(
+                waits(),
+                async {
+                    luna::yield_now().await;
+                    Err::<(), _>(Error::Full)
+                },
+                waits()
+            )
+            .await
+            .unwrap_err();
+            let all = [Error::Poisoned, Error::Full, Error::Poisoned];
+            assert!(error.errors().eq(&all), "{error}");
+            own.add("over");
+            Ok(())
+        });
         let own = log.clone();
-        process("between", 9)
-            .spawn(async move {
-                own.add("between");
-                Ok(())
-            })
-            .unwrap();
+        process("between", 9).spawn_ok(async move {
+            own.add("between");
+            Ok(())
+        });
     });
     assert_eq!(log.take(), "between ended ended over");
 }
@@ -329,31 +311,26 @@ fn within_a_foreign_combinator_nobody_is_starved() {
     let log = Log::default();
     on_one_executor(|process| {
         let (sender, receiver) = luna::channel::<()>();
-        process("parent", 10)
-            .spawn(async move {
-                // Polls with a waker of its own, so the branch cannot be readied below the parent's
-                // level.
-                let mut inner = Box::pin(async {
-                    pri_par!(async { Ok::<_, Error>(()) }, receiver.recv()).await
-                });
-                let foreign = future::poll_fn(|cx| {
-                    let waker = std::task::Waker::from(Arc::new(Passes(cx.waker().clone())));
-                    inner
-                        .as_mut()
-                        .poll(&mut std::task::Context::from_waker(&waker))
-                });
-                foreign.await?;
-                Ok(())
-            })
-            .unwrap();
+        process("parent", 10).spawn_ok(async move {
+            // Polls with a waker of its own, so the branch cannot be readied below the parent's
+            // level.
+            let mut inner =
+                Box::pin(async { pri_par!(async { Ok::<_, Error>(()) }, receiver.recv()).await });
+            let foreign = future::poll_fn(|cx| {
+                let waker = std::task::Waker::from(Arc::new(Passes(cx.waker().clone())));
+                inner
+                    .as_mut()
+                    .poll(&mut std::task::Context::from_waker(&waker))
+            });
+            foreign.await?;
+            Ok(())
+        });
         let own = log.clone();
-        process("between", 10)
-            .spawn(async move {
-                own.add("between");
-                sender.send(()).await?;
-                Ok(())
-            })
-            .unwrap();
+        process("between", 10).spawn_ok(async move {
+            own.add("between");
+            sender.send(()).await?;
+            Ok(())
+        });
     });
     assert_eq!(log.take(), "between");
 }
@@ -375,7 +352,7 @@ fn an_os_thread_keeps_the_order_only() {
     system
         .thread("alone")
         .process("parent")
-        .spawn(async move {
+        .spawn_ok(async move {
             let step = async |name: &str| {
                 for _ in 0..2 {
                     own.add(name);
@@ -385,8 +362,7 @@ fn an_os_thread_keeps_the_order_only() {
             };
             pri_par!(step("a"), step("b"), step("c")).await?;
             Ok(())
-        })
-        .unwrap();
+        });
     system.run().unwrap();
     assert_eq!(log.take(), "a b c a b c");
 }

@@ -2,7 +2,7 @@
 //! and `run` returns that cause.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{End, Error};
 use std::sync::Arc;
@@ -25,24 +25,19 @@ fn the_cause_is_what_run_returns_wherever_it_is_raised() {
         let executor = system.executor("first").build().unwrap();
         let (value, values) = luna::channel::<u32>();
         // Spawned before, and fails by what the one that raises it leaves.
-        executor
-            .process("reader")
-            .spawn(async move {
-                values.recv().await?;
-                Ok(())
-            })
-            .unwrap();
+        executor.process("reader").spawn_ok(async move {
+            values.recv().await?;
+            Ok(())
+        });
         executor
             .process("waits")
-            .spawn(std::future::pending::<luna::Result<()>>())
-            .unwrap();
+            .spawn_ok(std::future::pending::<luna::Result<()>>());
         place
             .process(&mut system, "sensors", "sensor")
-            .spawn(async move {
+            .spawn_ok(async move {
                 value.poison();
                 Err(luna::emergency(cause()))
-            })
-            .unwrap();
+            });
         let error = system.run().unwrap_err();
         assert_eq!(
             error.to_string(),
@@ -64,13 +59,11 @@ fn the_first_cause_stays() {
     executor
         .process("first")
         .priority(20)
-        .spawn(async { Err(luna::emergency(Error::other("first"))) })
-        .unwrap();
+        .spawn_ok(async { Err(luna::emergency(Error::other("first"))) });
     executor
         .process("second")
         .priority(10)
-        .spawn(async { Err(luna::emergency(Error::other("second"))) })
-        .unwrap();
+        .spawn_ok(async { Err(luna::emergency(Error::other("second"))) });
     let error = system.run().unwrap_err();
     assert_eq!(error.to_string(), "process `first`: first");
 }
@@ -80,13 +73,10 @@ fn who_raises_it_may_go_on_and_the_cause_is_told_all_the_same() {
     let _watch = watchdog();
     let mut system = System::new("goes on");
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("sensor")
-        .spawn(async {
-            let _ = luna::emergency(cause());
-            std::future::pending().await
-        })
-        .unwrap();
+    executor.process("sensor").spawn_ok(async {
+        let _ = luna::emergency(cause());
+        std::future::pending().await
+    });
     let error = system.run().unwrap_err();
     assert_eq!(error.to_string(), "process `sensor`: the sensor is dead");
 }
@@ -123,13 +113,10 @@ fn stands_still_and_then(is_livelock: bool, last: fn()) -> (Error, End, u32) {
         });
         spins.unwrap();
     }
-    executor
-        .process("arm")
-        .spawn(async move {
-            let _last = Last(last);
-            std::future::pending().await
-        })
-        .unwrap();
+    executor.process("arm").spawn_ok(async move {
+        let _last = Last(last);
+        std::future::pending().await
+    });
     let error = system.run().unwrap_err();
     let end = system.report().unwrap().end;
     (error, end, calls.load(Ordering::Relaxed))

@@ -2,7 +2,7 @@
 //! constructs that are refused by name.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::record::{self, RecordError, Recording};
 use luna::sync::{Condition, Mutex, Semaphore};
@@ -469,7 +469,7 @@ fn refused<F: Future<Output = luna::Result<()>> + Send + 'static>(name: &str, bo
     let file = TempFile::new(name);
     let mut system = System::new(name);
     let thread = system.thread("main");
-    thread.process("main").spawn(body).unwrap();
+    thread.process("main").spawn_ok(body);
     let error = system.record(&file.0).run().unwrap_err();
     let Error::Record(error) = error else {
         panic!("{name}: {error}")

@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, has_no_signals, watchdog};
+use common::{Program, SpawnOk, has_no_signals, watchdog};
 use luna::prelude::*;
 use luna::record::{self, Recording};
 use luna::{Buffer, End};
@@ -76,7 +76,7 @@ fn network(name: &str, outputs: &Outputs) -> System {
                 par!(only_waits(), counts(&outputs, 5)).await?;
                 Ok(())
             };
-            left.process("main").spawn(body).unwrap();
+            left.process("main").spawn_ok(body);
         }
         "branches that take" => {
             let (values, taken) = luna::buffered::<u64>(Buffer::fifo(4));
@@ -86,7 +86,7 @@ fn network(name: &str, outputs: &Outputs) -> System {
                 }
                 Ok(())
             };
-            left.process("source").spawn(source).unwrap();
+            left.process("source").spawn_ok(source);
             let out = outputs.clone();
             let body = async move {
                 // So that the process itself has an operation before its branches.
@@ -101,7 +101,7 @@ fn network(name: &str, outputs: &Outputs) -> System {
                 let ((), ()) = par!(takes, counts(&outputs, 5)).await?;
                 Ok(())
             };
-            right.process("worker").spawn(body).unwrap();
+            right.process("worker").spawn_ok(body);
         }
         "constructs in turn" => {
             let body = async move {
@@ -127,7 +127,7 @@ fn network(name: &str, outputs: &Outputs) -> System {
                 }
                 Ok(())
             };
-            left.process("main").spawn(body).unwrap();
+            left.process("main").spawn_ok(body);
         }
         "one that only yields" => {
             let body = async move {
@@ -143,7 +143,7 @@ fn network(name: &str, outputs: &Outputs) -> System {
                     luna::yield_now().await;
                 }
             };
-            left.process("main").spawn(body).unwrap();
+            left.process("main").spawn_ok(body);
         }
         "killed" => {
             let body = async move {
@@ -153,7 +153,7 @@ fn network(name: &str, outputs: &Outputs) -> System {
                 luna::after(Duration::from_secs(1000)).await;
                 Ok(())
             };
-            left.process("main").spawn(body).unwrap();
+            left.process("main").spawn_ok(body);
         }
         other => panic!("no system `{other}`"),
     }

@@ -1,7 +1,7 @@
 //! The report: threads as obtained, processes with their exits, a row for each loop.
 
 use crate::common;
-use common::{COMPLETE, has_real_time, skip, watchdog};
+use common::{COMPLETE, SpawnOk, has_real_time, skip, watchdog};
 use luna::prelude::*;
 use luna::{End, Error, Exit, Report};
 use std::time::Duration;
@@ -21,19 +21,16 @@ fn run_some() -> Report {
         ("slow process", "slow", Duration::from_micros(2500), 5),
     ] {
         let on = if name == "fast" { &control } else { &logging };
-        on.process(process)
-            .timed()
-            .spawn(async move {
-                let mut tick = luna::periodic(name, period)?;
-                for _ in 0..cycles {
-                    tick.next().await;
-                }
-                Ok(())
-            })
-            .unwrap();
+        on.process(process).timed().spawn_ok(async move {
+            let mut tick = luna::periodic(name, period)?;
+            for _ in 0..cycles {
+                tick.next().await;
+            }
+            Ok(())
+        });
     }
     let console = system.thread("console").policy(Policy::round_robin(30));
-    console.process("operator").spawn(async { Ok(()) }).unwrap();
+    console.process("operator").spawn_ok(async { Ok(()) });
     system.run().unwrap()
 }
 
@@ -128,7 +125,7 @@ fn a_report_without_loops_has_no_table() {
     let _watch = watchdog();
     let mut system = System::new("plain");
     let executor = system.executor("main").build().unwrap();
-    executor.process("one").spawn(async { Ok(()) }).unwrap();
+    executor.process("one").spawn_ok(async { Ok(()) });
     let text = system.run().unwrap().to_string();
     assert_eq!(text.lines().count(), 2, "{text}");
     assert!(!text.contains('|') && !text.contains("latency"), "{text}");
@@ -196,8 +193,8 @@ fn exits_and_polls() {
         while luna::now() - start < Duration::from_millis(2) {}
         Ok(())
     };
-    main.process("timed").timed().spawn(yields(4)).unwrap();
-    main.process("not timed").spawn(yields(2)).unwrap();
+    main.process("timed").timed().spawn_ok(yields(4));
+    main.process("not timed").spawn_ok(yields(2));
     let report = system.run().unwrap();
     let [timed, not_timed] = &report.processes[..] else {
         panic!("{report:?}")
@@ -225,8 +222,7 @@ fn a_process_that_fails_is_the_outcome_when_all_have_ended() {
     let main = system.executor("main").build().unwrap();
     // Ends after the other has failed.
     main.process("good")
-        .spawn(async move { Ok(went_on.recv().await?) })
-        .unwrap();
+        .spawn_ok(async move { Ok(went_on.recv().await?) });
     let deeper = Error::Process {
         name: "within".to_owned(),
         source: Box::new(Error::Poisoned),
@@ -234,16 +230,12 @@ fn a_process_that_fails_is_the_outcome_when_all_have_ended() {
     let own = deeper.clone();
     main.process("spawned first")
         .priority(1)
-        .spawn(async move { Err(own) })
-        .unwrap();
+        .spawn_ok(async move { Err(own) });
     let fails = async move {
         failing.send(()).await?;
         Err(Error::other("spawned later"))
     };
-    main.process("fails first")
-        .priority(31)
-        .spawn(fails)
-        .unwrap();
+    main.process("fails first").priority(31).spawn_ok(fails);
     let error = system.run().unwrap_err();
     assert_eq!(
         error,
@@ -263,14 +255,13 @@ fn a_process_that_somebody_cancelled_has_failed() {
     let waiting = main
         .process("waiting")
         .priority(31)
-        .spawn(std::future::pending::<luna::Result<()>>())
-        .unwrap();
+        .spawn_ok(std::future::pending::<luna::Result<()>>());
     let own = main.clone();
     let canceller = async move {
         own.process_handle(waiting).unwrap().cancel();
         Ok(())
     };
-    main.process("canceller").spawn(canceller).unwrap();
+    main.process("canceller").spawn_ok(canceller);
     let error = system.run().unwrap_err();
     assert_eq!(
         error,
@@ -300,9 +291,9 @@ fn a_threads_processor_time_is_told_where_there_is_one() {
             {}
             Ok(())
         };
-        main.process("on an executor").spawn(busy()).unwrap();
+        main.process("on an executor").spawn_ok(busy());
         let alone = system.thread("alone").process("on a thread");
-        alone.spawn(busy()).unwrap();
+        alone.spawn_ok(busy());
         let report = system.run().unwrap();
         assert_eq!(report.threads.len(), 2);
         for thread in &report.threads {

@@ -1,7 +1,7 @@
 //! The safety state: what is latched, which process reported it, and how it is left.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Cause, Degree, End, Error, ResetError};
 use std::future::Future;
@@ -59,13 +59,11 @@ fn an_emergency_is_not_reset() {
     let mut system = System::new("emergency");
     let safety = system.safety();
     let main = system.executor("main").build().unwrap();
-    main.process("raiser")
-        .spawn(async {
-            let safety = luna::safety().unwrap();
-            safety.enter_safe_state(why("first"));
-            Err(luna::emergency(why("then")))
-        })
-        .unwrap();
+    main.process("raiser").spawn_ok(async {
+        let safety = luna::safety().unwrap();
+        safety.enter_safe_state(why("first"));
+        Err(luna::emergency(why("then")))
+    });
     system.run().unwrap_err();
     assert_eq!(safety.reset(why("please")), Err(ResetError::Emergency));
     let state = safety.state();
@@ -79,8 +77,7 @@ fn the_cause_and_who_of_each_kind() {
     let mut system = System::new("panic");
     let main = system.executor("main").build().unwrap();
     main.process("culprit")
-        .spawn(async { panic!("on purpose") })
-        .unwrap();
+        .spawn_ok(async { panic!("on purpose") });
     system.run().unwrap_err();
     let latched = system.safety().state().latched.unwrap();
     assert_eq!(
@@ -93,8 +90,7 @@ fn the_cause_and_who_of_each_kind() {
     main.process("hog")
         .poll_budget(Duration::from_nanos(1))
         .on_overrun(luna::OnOverrun::Emergency)
-        .spawn(std::future::pending::<luna::Result<()>>())
-        .unwrap();
+        .spawn_ok(std::future::pending::<luna::Result<()>>());
     system.run().unwrap_err();
     let latched = system.safety().state().latched.unwrap();
     assert_eq!(
@@ -106,12 +102,10 @@ fn the_cause_and_who_of_each_kind() {
     system.strict();
     let (sender, receiver) = luna::channel::<()>();
     let main = system.executor("main").build().unwrap();
-    main.process("waiting")
-        .spawn(async move {
-            let _kept = sender;
-            Ok(receiver.recv().await?)
-        })
-        .unwrap();
+    main.process("waiting").spawn_ok(async move {
+        let _kept = sender;
+        Ok(receiver.recv().await?)
+    });
     system.run().unwrap_err();
     let latched = system.safety().state().latched.unwrap();
     assert_eq!(latched.cause, Cause::Deadlock);
@@ -135,7 +129,7 @@ fn in_the_safe_state_all_goes_on() {
     system
         .thread("own")
         .process("controller")
-        .spawn(async move {
+        .spawn_ok(async move {
             let safety = luna::safety().unwrap();
             for round in 1..=3 {
                 safety.enter_safe_state(why("no set-points"));
@@ -152,8 +146,7 @@ fn in_the_safe_state_all_goes_on() {
             safety.enter_safe_state(why("at last"));
             has_run.recv().unwrap();
             Ok(())
-        })
-        .unwrap();
+        });
     let report = system.run().unwrap();
     assert_eq!(report.end, End::Completed);
     assert_eq!(entered.load(Ordering::SeqCst), 4, "once each time");
@@ -179,15 +172,11 @@ fn an_emergency_is_before_the_safe_state() {
     // Only the emergency function lets the other one end.
     let mut let_go = Some(let_go);
     system.on_emergency("neutral", move || drop(let_go.take()));
-    system
-        .thread("own")
-        .process("raiser")
-        .spawn(async move {
-            luna::safety().unwrap().enter_safe_state(why("first"));
-            has_begun.recv().unwrap();
-            Err(luna::emergency(why("then")))
-        })
-        .unwrap();
+    system.thread("own").process("raiser").spawn_ok(async move {
+        luna::safety().unwrap().enter_safe_state(why("first"));
+        has_begun.recv().unwrap();
+        Err(luna::emergency(why("then")))
+    });
     system.run().unwrap_err();
     let safety = system.report().unwrap().safety;
     assert_eq!(
@@ -275,7 +264,7 @@ fn after_a_reset_functions_have_not_run() {
     system
         .thread("own")
         .process("controller")
-        .spawn(async move {
+        .spawn_ok(async move {
             let safety = luna::safety().unwrap();
             safety.enter_safe_state(why("first"));
             has_run.recv().unwrap();
@@ -284,8 +273,7 @@ fn after_a_reset_functions_have_not_run() {
                 luna::after(Duration::from_millis(1)).await;
             }
             Ok(())
-        })
-        .unwrap();
+        });
     let report = system.run().unwrap();
     let function = &report.safety.safe_state_functions[0];
     assert_eq!(function.outcome, luna::FunctionOutcome::NotRun);
@@ -299,7 +287,7 @@ fn after_the_end_a_safe_state_can_be_reset() {
     let mut system = System::new("ended");
     system.on_safe_state("neutral", || ());
     let main = system.executor("main").build().unwrap();
-    main.process("short").spawn(async { Ok(()) }).unwrap();
+    main.process("short").spawn_ok(async { Ok(()) });
     system.run().unwrap();
     let safety = system.safety();
     safety.enter_safe_state(why("afterwards"));
@@ -315,51 +303,44 @@ fn who_waits_for_the_safe_state_is_woken_once_it_is_entered() {
     let safety = system.safety();
     let main = system.executor("main").build().unwrap();
     for (place, level) in [("a", 3), ("b", 20)] {
-        main.process(place)
-            .priority(level)
-            .spawn(async move {
-                let safety = luna::safety().unwrap();
-                let start = luna::now();
-                let mut entered = std::pin::pin!(safety.safe_state_entered());
-                entered.as_mut().await;
-                assert_eq!(luna::now() - start, Duration::from_millis(5));
-                luna::after(Duration::from_millis(10)).await;
-                // It waits again as long as it is left.
-                entered.as_mut().await;
-                assert_eq!(luna::now() - start, Duration::from_millis(20));
-                entered.await;
-                assert_eq!(luna::now() - start, Duration::from_millis(20));
-                Ok(())
-            })
-            .unwrap();
+        main.process(place).priority(level).spawn_ok(async move {
+            let safety = luna::safety().unwrap();
+            let start = luna::now();
+            let mut entered = std::pin::pin!(safety.safe_state_entered());
+            entered.as_mut().await;
+            assert_eq!(luna::now() - start, Duration::from_millis(5));
+            luna::after(Duration::from_millis(10)).await;
+            // It waits again as long as it is left.
+            entered.as_mut().await;
+            assert_eq!(luna::now() - start, Duration::from_millis(20));
+            entered.await;
+            assert_eq!(luna::now() - start, Duration::from_millis(20));
+            Ok(())
+        });
     }
     // One that goes away before.
-    main.process("goes")
-        .spawn(async {
-            let safety = luna::safety().unwrap();
-            luna::after(Duration::from_millis(1)).await;
-            let (_keeps, never) = luna::channel::<()>();
-            let mut entered = std::pin::pin!(safety.safe_state_entered());
-            let stop = std::future::poll_fn(|cx| {
-                assert!(entered.as_mut().poll(cx).is_pending());
-                std::task::Poll::Ready(())
-            });
-            assert!(never.recv_unless(stop).await.unwrap_err().is_timeout());
-            Ok(())
-        })
-        .unwrap();
-    main.process("says")
-        .spawn(async move {
-            luna::after(Duration::from_millis(5)).await;
-            safety.enter_safe_state(why("hot"));
-            luna::after(Duration::from_millis(5)).await;
-            safety.reset(why("cool")).unwrap();
-            luna::after(Duration::from_millis(10)).await;
-            safety.warn(why("warm"));
-            safety.enter_safe_state(why("hot again"));
-            Ok(())
-        })
-        .unwrap();
+    main.process("goes").spawn_ok(async {
+        let safety = luna::safety().unwrap();
+        luna::after(Duration::from_millis(1)).await;
+        let (_keeps, never) = luna::channel::<()>();
+        let mut entered = std::pin::pin!(safety.safe_state_entered());
+        let stop = std::future::poll_fn(|cx| {
+            assert!(entered.as_mut().poll(cx).is_pending());
+            std::task::Poll::Ready(())
+        });
+        assert!(never.recv_unless(stop).await.unwrap_err().is_timeout());
+        Ok(())
+    });
+    main.process("says").spawn_ok(async move {
+        luna::after(Duration::from_millis(5)).await;
+        safety.enter_safe_state(why("hot"));
+        luna::after(Duration::from_millis(5)).await;
+        safety.reset(why("cool")).unwrap();
+        luna::after(Duration::from_millis(10)).await;
+        safety.warn(why("warm"));
+        safety.enter_safe_state(why("hot again"));
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -377,7 +358,7 @@ fn nobody_misses_the_safe_state() {
         system
             .thread(&format!("waits {number}"))
             .process(&format!("waits {number}"))
-            .spawn(async move {
+            .spawn_ok(async move {
                 let safety = luna::safety().unwrap();
                 for _ in 0..rounds {
                     let mut entered = std::pin::pin!(safety.safe_state_entered());
@@ -392,20 +373,18 @@ fn nobody_misses_the_safe_state() {
                     entered.await;
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
     }
     drop(asks);
     system
         .thread("enters")
         .process("enters")
-        .spawn(async move {
+        .spawn_ok(async move {
             while asked.recv().await.is_ok() {
                 let _ = safety.reset(why("off"));
                 safety.enter_safe_state(why("on"));
             }
             Ok(())
-        })
-        .unwrap();
+        });
     system.run().unwrap();
 }

@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, end_by, has_no_signals, watchdog};
+use common::{Program, SpawnOk, end_by, has_no_signals, watchdog};
 use luna::prelude::*;
 use luna::{End, Exit, Report};
 use std::os::unix::process::ExitStatusExt;
@@ -55,30 +55,23 @@ fn looping_system() -> System {
     let mut system = System::new("looping");
     let control = system.executor("control").build().unwrap();
     let (ready, is_ready) = luna::channel();
-    control
-        .process("fast")
-        .spawn(Narrator {
-            name: "fast",
-            ready: Some(ready.clone()),
-        })
-        .unwrap();
-    control
-        .process("slow")
-        .spawn(Narrator {
-            name: "slow",
-            ready: Some(ready),
-        })
-        .unwrap();
+    control.process("fast").spawn_ok(Narrator {
+        name: "fast",
+        ready: Some(ready.clone()),
+    });
+    control.process("slow").spawn_ok(Narrator {
+        name: "slow",
+        ready: Some(ready),
+    });
     system
         .thread("console")
         .process("operator")
-        .spawn(async move {
+        .spawn_ok(async move {
             is_ready.recv().await?;
             is_ready.recv().await?;
             println!("ready");
             std::future::pending().await
-        })
-        .unwrap();
+        });
     system.on_emergency("first", || println!("function 1"));
     system.on_emergency("second", || println!("function 2"));
     system
@@ -157,15 +150,11 @@ fn part() {
             let (functions_ran, have_run) = std::sync::mpsc::channel();
             let mut system = System::new("preparing");
             let control = system.executor("control").build().unwrap();
-            control.process("slow").spawn(Slow(have_run)).unwrap();
-            system
-                .thread("own")
-                .process("other")
-                .spawn(async {
-                    println!("body");
-                    Ok(())
-                })
-                .unwrap();
+            control.process("slow").spawn_ok(Slow(have_run));
+            system.thread("own").process("other").spawn_ok(async {
+                println!("body");
+                Ok(())
+            });
             system.on_emergency("neutral", move || {
                 println!("function 1");
                 functions_ran.send(()).unwrap();

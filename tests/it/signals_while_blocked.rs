@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{end_by, has_no_signals, watchdog};
+use common::{SpawnOk, end_by, has_no_signals, watchdog};
 use luna::prelude::*;
 use luna::{End, Exit, Report};
 use std::time::Duration;
@@ -28,20 +28,16 @@ fn part() {
         "blocked" => {
             let mut system = System::new("blocked");
             let console = system.thread("console");
-            console
-                .process("operator")
-                .spawn(async {
-                    println!("ready");
-                    let mut line = String::new();
-                    std::io::stdin().read_line(&mut line)?;
-                    Ok(())
-                })
-                .unwrap();
+            console.process("operator").spawn_ok(async {
+                println!("ready");
+                let mut line = String::new();
+                std::io::stdin().read_line(&mut line)?;
+                Ok(())
+            });
             let control = system.executor("control").build().unwrap();
             control
                 .process("waiting")
-                .spawn(std::future::pending::<luna::Result<()>>())
-                .unwrap();
+                .spawn_ok(std::future::pending::<luna::Result<()>>());
             let start = luna::now();
             let report = system.run().unwrap();
             assert!(
@@ -64,18 +60,15 @@ fn part() {
         "blocked at a buddy" => {
             let mut system = System::new("blocked");
             let control = system.executor("control").build().unwrap();
-            control
-                .process("reader")
-                .spawn(async {
-                    luna::blocking(|| {
-                        println!("ready");
-                        let mut line = String::new();
-                        let _ = std::io::stdin().read_line(&mut line);
-                    })
-                    .await;
-                    Ok(())
+            control.process("reader").spawn_ok(async {
+                luna::blocking(|| {
+                    println!("ready");
+                    let mut line = String::new();
+                    let _ = std::io::stdin().read_line(&mut line);
                 })
-                .unwrap();
+                .await;
+                Ok(())
+            });
             let report = system.run().unwrap();
             assert!(
                 report.threads.iter().all(|thread| !thread.abandoned),

@@ -1,7 +1,7 @@
 //! Processes that are spawned while the system starts, or ends.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Executor, Exit, SetupError};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -45,13 +45,10 @@ fn in_a_pre_run_it_starts_with_the_others() {
     let log = Arc::new(Mutex::new(Vec::new()));
     let mut system = System::new("early");
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("parent")
-        .spawn(Spawning {
-            on: executor.clone(),
-            log: log.clone(),
-        })
-        .unwrap();
+    executor.process("parent").spawn_ok(Spawning {
+        on: executor.clone(),
+        log: log.clone(),
+    });
     assert_eq!(system.run().unwrap().processes.len(), 2);
     assert_eq!(
         *log.lock().unwrap(),
@@ -66,11 +63,10 @@ fn where_a_body_is_made() {
         let mut system = System::new("early");
         let other = system.executor("other").build().unwrap();
         let made = place.process(&mut system, "place", "parent");
-        made.spawn(move || {
+        made.spawn_ok(move || {
             let child = other.process("child").spawn(async { Ok(()) });
             async move { child.map(drop) }
-        })
-        .unwrap();
+        });
         let report = system.run().unwrap();
         let exits: Vec<_> = report
             .processes
@@ -100,8 +96,7 @@ fn beside_the_end_it_runs_or_is_refused() {
         let (running, has_run) = luna::channel();
         executor
             .process("first")
-            .spawn(async move { Ok(running.send(()).await?) })
-            .unwrap();
+            .spawn_ok(async move { Ok(running.send(()).await?) });
         struct Counts(Arc<AtomicUsize>);
         impl Process for Counts {
             async fn run(&mut self) -> luna::Result<()> {

@@ -1,7 +1,7 @@
 //! Processes that are spawned while the system runs, or starts, or ends.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Executor, Exit, SetupError};
 use std::pin::Pin;
@@ -46,7 +46,7 @@ fn from_a_process() {
         let own = phases.clone();
         place
             .process(&mut system, "parents", "parent")
-            .spawn(async move {
+            .spawn_ok(async move {
                 parent_thread.try_send(std::thread::current().id())?;
                 let child = other.process("child").priority(20).spawn(Noting(own))?;
                 // It can be looked at from now on.
@@ -57,8 +57,7 @@ fn from_a_process() {
                 );
                 assert_eq!(handle.join().await, Exit::Completed);
                 Ok(())
-            })
-            .unwrap();
+            });
         let report = system.run().unwrap();
         let names: Vec<_> = report
             .processes
@@ -82,14 +81,11 @@ fn from_another_thread() {
         let (enough, was_enough) = luna::channel::<()>();
         let mut system = System::new("growing");
         let executor = system.executor("main").build().unwrap();
-        executor
-            .process("first")
-            .spawn(async move {
-                running.send(()).await?;
-                was_enough.recv().await?;
-                Ok(())
-            })
-            .unwrap();
+        executor.process("first").spawn_ok(async move {
+            running.send(()).await?;
+            was_enough.recv().await?;
+            Ok(())
+        });
         let process = if on_a_thread {
             system.thread("late").process("second")
         } else {
@@ -98,7 +94,7 @@ fn from_another_thread() {
         let own = phases.clone();
         let spawner = std::thread::spawn(move || {
             runs.blocking_recv().unwrap();
-            process.spawn(Noting(own)).unwrap();
+            process.spawn_ok(Noting(own));
             enough.blocking_send(()).unwrap();
             std::thread::current().id()
         });
@@ -157,7 +153,7 @@ fn a_tree_of_processes() {
     let mut system = System::new("tree");
     let executors = ["left", "right"].map(|name| system.executor(name).build().unwrap());
     let root = grow(executors.clone(), "root ".to_owned(), 6, leaves.clone());
-    executors[0].process("root ").spawn(root).unwrap();
+    executors[0].process("root ").spawn_ok(root);
     let report = system.run().unwrap();
     assert_eq!(leaves.load(Ordering::Relaxed), 64);
     assert_eq!(report.processes.len(), 127);
@@ -175,26 +171,23 @@ fn names_stay_unique() {
     let mut system = System::new("unique");
     let executor = system.executor("main").build().unwrap();
     let own = executor.clone();
-    executor
-        .process("parent")
-        .spawn(async move {
-            let child = own.process("child").spawn(async { Ok(()) })?;
-            own.process_handle(child).unwrap().join().await;
-            // Also that of one that has ended: it is in the report.
-            for name in ["parent", "child"] {
-                let error = own.process(name).spawn(async { Ok(()) }).unwrap_err();
-                assert_eq!(
-                    error,
-                    SetupError::DuplicateName {
-                        kind: "process",
-                        name: name.to_owned()
-                    }
-                    .into()
-                );
-            }
-            Ok(())
-        })
-        .unwrap();
+    executor.process("parent").spawn_ok(async move {
+        let child = own.process("child").spawn(async { Ok(()) })?;
+        own.process_handle(child).unwrap().join().await;
+        // Also that of one that has ended: it is in the report.
+        for name in ["parent", "child"] {
+            let error = own.process(name).spawn(async { Ok(()) }).unwrap_err();
+            assert_eq!(
+                error,
+                SetupError::DuplicateName {
+                    kind: "process",
+                    name: name.to_owned()
+                }
+                .into()
+            );
+        }
+        Ok(())
+    });
     assert_eq!(system.run().unwrap().processes.len(), 2);
 }
 
@@ -218,20 +211,17 @@ fn a_pre_run_that_fails_and_is_tried_again() {
     let mut system = System::new("again");
     let executor = system.executor("main").build().unwrap();
     let (own, counted) = (executor.clone(), count.clone());
-    executor
-        .process("parent")
-        .spawn(async move {
-            for _ in 0..2 {
-                let error = own
-                    .process("child")
-                    .spawn(Fails(counted.clone()))
-                    .unwrap_err();
-                assert_eq!(error.to_string(), "process `child`: not yet");
-            }
-            own.process("child").spawn(async { Ok(()) })?;
-            Ok(())
-        })
-        .unwrap();
+    executor.process("parent").spawn_ok(async move {
+        for _ in 0..2 {
+            let error = own
+                .process("child")
+                .spawn(Fails(counted.clone()))
+                .unwrap_err();
+            assert_eq!(error.to_string(), "process `child`: not yet");
+        }
+        own.process("child").spawn(async { Ok(()) })?;
+        Ok(())
+    });
     assert_eq!(system.run().unwrap().processes.len(), 2);
     assert_eq!(count.load(Ordering::Relaxed), 2);
 }
@@ -245,28 +235,23 @@ fn a_name_is_free_once_its_process_is_forgotten_however_busy_its_executor_is() {
     let other = system.executor("other").build().unwrap();
     let is_over = Arc::new(AtomicUsize::new(0));
     let over = is_over.clone();
-    busy.process("sleepless")
-        .spawn(async move {
-            while over.load(Ordering::Relaxed) == 0 {
-                luna::yield_now().await;
+    busy.process("sleepless").spawn_ok(async move {
+        while over.load(Ordering::Relaxed) == 0 {
+            luna::yield_now().await;
+        }
+        Ok(())
+    });
+    other.process("parent").spawn_ok(async move {
+        let mut ran = Ok(());
+        for _ in 0..100 {
+            match busy.process("job").start(async { Ok(()) }) {
+                Ok(job) => assert_eq!(job.join().await, Exit::Completed),
+                Err(error) => ran = Err(error),
             }
-            Ok(())
-        })
-        .unwrap();
-    other
-        .process("parent")
-        .spawn(async move {
-            let mut ran = Ok(());
-            for _ in 0..100 {
-                match busy.process("job").start(async { Ok(()) }) {
-                    Ok(job) => assert_eq!(job.join().await, Exit::Completed),
-                    Err(error) => ran = Err(error),
-                }
-            }
-            is_over.store(1, Ordering::Relaxed);
-            ran
-        })
-        .unwrap();
+        }
+        is_over.store(1, Ordering::Relaxed);
+        ran
+    });
     let report = system.run().unwrap();
     assert_eq!(report.earlier.completed, 100);
 }
@@ -281,31 +266,28 @@ fn many_may_share_a_name_and_take_it_from_nobody() {
         for _ in 0..2 {
             main.process("child")
                 .one_of_many()
-                .spawn(async { Ok(()) })
-                .unwrap();
+                .spawn_ok(async { Ok(()) });
         }
         let place = main.clone();
-        main.process("parent")
-            .spawn(async move {
-                let own = place.process("child").start(std::future::pending())?;
-                for number in 0..10 {
-                    let child = place.process("child").one_of_many();
-                    let child = match number % 2 {
-                        0 => child.start(async { Ok(()) })?,
-                        _ => child.start(Noting(Arc::default()))?,
-                    };
-                    assert_eq!(child.name(), "child");
-                    assert_eq!(child.join().await, Exit::Completed);
-                }
-                let taken = place.process("child").start(async { Ok(()) });
-                assert!(matches!(
-                    taken,
-                    Err(Error::Setup(SetupError::DuplicateName { .. }))
-                ));
-                own.cancel();
-                Ok(())
-            })
-            .unwrap();
+        main.process("parent").spawn_ok(async move {
+            let own = place.process("child").start(std::future::pending())?;
+            for number in 0..10 {
+                let child = place.process("child").one_of_many();
+                let child = match number % 2 {
+                    0 => child.start(async { Ok(()) })?,
+                    _ => child.start(Noting(Arc::default()))?,
+                };
+                assert_eq!(child.name(), "child");
+                assert_eq!(child.join().await, Exit::Completed);
+            }
+            let taken = place.process("child").start(async { Ok(()) });
+            assert!(matches!(
+                taken,
+                Err(Error::Setup(SetupError::DuplicateName { .. }))
+            ));
+            own.cancel();
+            Ok(())
+        });
         let error = system.run().unwrap_err();
         assert_eq!(
             error.to_string(),
@@ -335,7 +317,7 @@ fn nothing_is_started_at_once_before_the_start_and_after_the_end() {
             "process `child` cannot be started, since its system does not run yet; spawn it"
         );
         // It was not added, so its name is free.
-        child().spawn(async { Ok(()) }).unwrap();
+        child().spawn_ok(async { Ok(()) });
         assert_eq!(system.run().unwrap().processes.len(), 1);
         let late = child().start(async { Ok(()) });
         assert!(matches!(late, Err(Error::Setup(SetupError::Ended { .. }))));
@@ -350,19 +332,17 @@ fn who_starts_a_process_has_its_handle() {
     let main = system.executor("main").build().unwrap();
     let thread = system.thread("thread");
     let place = main.clone();
-    main.process("parent")
-        .spawn(async move {
-            let plain = place.process("plain").start(async { Ok(()) })?;
-            let phased = place.process("phased").start(Noting(Arc::default()))?;
-            let apart = thread.process("apart").start(async { Ok(()) })?;
-            for handle in [&plain, &phased, &apart] {
-                assert_eq!(handle.join().await, Exit::Completed);
-                let same = place.process_handle(handle.id()).map(|same| same.id());
-                assert_eq!(same, Some(handle.id()));
-            }
-            assert_eq!(plain.name(), "plain");
-            Ok(())
-        })
-        .unwrap();
+    main.process("parent").spawn_ok(async move {
+        let plain = place.process("plain").start(async { Ok(()) })?;
+        let phased = place.process("phased").start(Noting(Arc::default()))?;
+        let apart = thread.process("apart").start(async { Ok(()) })?;
+        for handle in [&plain, &phased, &apart] {
+            assert_eq!(handle.join().await, Exit::Completed);
+            let same = place.process_handle(handle.id()).map(|same| same.id());
+            assert_eq!(same, Some(handle.id()));
+        }
+        assert_eq!(plain.name(), "plain");
+        Ok(())
+    });
     assert_eq!(system.run().unwrap().processes.len(), 4);
 }

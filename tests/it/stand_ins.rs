@@ -1,7 +1,7 @@
 //! Processes that are replaced by name, and the errors if a replacement does not fit.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, ProcessBuilder, SetupError};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -265,7 +265,7 @@ fn a_name_that_is_taken_leaves_the_stand_in_and_the_declaration_as_they_were() {
     // A plain process has the name: nothing is replaced, and the error says so.
     let mut system = System::new("taken");
     let main = system.executor("plain").build().unwrap();
-    main.process("sensor").spawn(async { Ok(()) }).unwrap();
+    main.process("sensor").spawn_ok(async { Ok(()) });
     system
         .stand_in("sensor", |_: SensorEnds| async { Ok(()) })
         .unwrap();
@@ -322,16 +322,14 @@ fn one_that_is_declared_while_the_system_runs_is_itself() {
     let main = system.executor("main").build().unwrap();
     let (values, read) = luna::channel();
     let own = main.clone();
-    main.process("first")
-        .spawn(async move {
-            own.process("sensor")
-                .replaceable(SensorEnds { values }, |ends| async move {
-                    ends.values.send(5).await?;
-                    Ok(())
-                })?;
-            assert_eq!(read.recv().await?, 5);
-            Ok(())
-        })
-        .unwrap();
+    main.process("first").spawn_ok(async move {
+        own.process("sensor")
+            .replaceable(SensorEnds { values }, |ends| async move {
+                ends.values.send(5).await?;
+                Ok(())
+            })?;
+        assert_eq!(read.recv().await?, 5);
+        Ok(())
+    });
     system.run().unwrap();
 }

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::{Ended, Program, watchdog};
+use common::{Ended, Program, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, OnOverrun};
 use std::time::Duration;
@@ -18,7 +18,7 @@ fn report(outcome: luna::Result<luna::Report>) {
 fn described(name: &str) -> System {
     let mut system = System::new(name);
     let main = system.executor("main").build().unwrap();
-    main.process("one").spawn(async { Ok(()) }).unwrap();
+    main.process("one").spawn_ok(async { Ok(()) });
     system
 }
 
@@ -28,42 +28,34 @@ fn play(part: &str) {
         "two fail" => {
             let main = system.executor("main").build().unwrap();
             let (output, input) = luna::channel::<()>();
-            main.process("drive")
-                .spawn(async move {
-                    let _output = output;
-                    Err(Error::other("no encoder"))
-                })
-                .unwrap();
+            main.process("drive").spawn_ok(async move {
+                let _output = output;
+                Err(Error::other("no encoder"))
+            });
             main.process("brake")
-                .spawn(async move { Ok(input.recv().await?) })
-                .unwrap();
+                .spawn_ok(async move { Ok(input.recv().await?) });
             report(system.run());
         }
         "one goes on" => {
             let main = system.executor("main").build().unwrap();
             main.process("drive")
-                .spawn(async { Err(Error::other("no encoder")) })
-                .unwrap();
-            main.process("other")
-                .spawn(async {
-                    let mut line = String::new();
-                    let read = luna::blocking(move || std::io::stdin().read_line(&mut line));
-                    read.await.map_err(Error::other)?;
-                    Ok(())
-                })
-                .unwrap();
+                .spawn_ok(async { Err(Error::other("no encoder")) });
+            main.process("other").spawn_ok(async {
+                let mut line = String::new();
+                let read = luna::blocking(move || std::io::stdin().read_line(&mut line));
+                read.await.map_err(Error::other)?;
+                Ok(())
+            });
             let _ = system.run();
         }
         "strict deadlock" => {
             let main = system.strict().executor("main").build().unwrap();
             let (own, from_own) = luna::channel::<()>();
-            main.process("drive")
-                .spawn(async move {
-                    from_own.recv().await?;
-                    drop(own);
-                    Ok(())
-                })
-                .unwrap();
+            main.process("drive").spawn_ok(async move {
+                from_own.recv().await?;
+                drop(own);
+                Ok(())
+            });
             report(system.run());
         }
         "overrun" => {
@@ -72,13 +64,11 @@ fn play(part: &str) {
                 .process("drive")
                 .poll_budget(Duration::from_nanos(1))
                 .on_overrun(OnOverrun::Emergency);
-            drive
-                .spawn(async {
-                    loop {
-                        luna::yield_now().await;
-                    }
-                })
-                .unwrap();
+            drive.spawn_ok(async {
+                loop {
+                    luna::yield_now().await;
+                }
+            });
             report(system.run());
         }
         "never run" => drop(described("servo")),

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, Ended, as_plain_user, has_real_time, skip, watchdog};
+use common::{COMPLETE, Ended, SpawnOk, as_plain_user, has_real_time, skip, watchdog};
 use luna::prelude::*;
 use luna::{Error, SetupError, Shortfall};
 
@@ -73,21 +73,20 @@ fn part() {
                 .policy(Policy::fifo(80))
                 .build()
                 .unwrap();
-            control.process("one").spawn(Narrator("one")).unwrap();
+            control.process("one").spawn_ok(Narrator("one"));
             assert_refused(system.run(), "control", Policy::fifo(80));
         }
         "strict thread" => {
             system.strict();
             let main = system.executor("main").build().unwrap();
-            main.process("first").spawn(Narrator("first")).unwrap();
+            main.process("first").spawn_ok(Narrator("first"));
             system
                 .thread("calm")
                 .process("second")
-                .spawn(Narrator("second"))
-                .unwrap();
+                .spawn_ok(Narrator("second"));
             let urgent = system.thread("urgent").policy(Policy::round_robin(7));
-            urgent.process("third").spawn(Narrator("third")).unwrap();
-            main.process("fourth").spawn(Narrator("fourth")).unwrap();
+            urgent.process("third").spawn_ok(Narrator("third"));
+            main.process("fourth").spawn_ok(Narrator("fourth"));
             assert_refused(system.run(), "third", Policy::round_robin(7));
         }
         "strict while running" => {
@@ -106,13 +105,13 @@ fn part() {
                 assert_eq!(of, "late");
                 Ok(())
             };
-            main.process("spawning").spawn(spawning).unwrap();
+            main.process("spawning").spawn_ok(spawning);
             system.run().unwrap();
         }
         "strict memory" => {
             system.strict().lock_memory();
             let main = system.executor("main").build().unwrap();
-            main.process("one").spawn(Narrator("one")).unwrap();
+            main.process("one").spawn_ok(Narrator("one"));
             match system.run() {
                 Err(Error::Setup(SetupError::Refused {
                     of,
@@ -133,9 +132,9 @@ fn part() {
                 .policy(Policy::fifo(80))
                 .build()
                 .unwrap();
-            control.process("one").spawn(Narrator("one")).unwrap();
+            control.process("one").spawn_ok(Narrator("one"));
             let console = system.thread("console").policy(Policy::fifo(10));
-            console.process("two").spawn(Narrator("two")).unwrap();
+            console.process("two").spawn_ok(Narrator("two"));
             let report = system.run().unwrap();
             assert!(
                 report
@@ -279,7 +278,7 @@ fn a_strict_system_that_gets_everything_runs() {
     let mut system = System::new("strict");
     system.strict();
     let executor = system.executor("main").build().unwrap();
-    executor.process("one").spawn(async { Ok(()) }).unwrap();
+    executor.process("one").spawn_ok(async { Ok(()) });
     assert_eq!(
         system.run().unwrap().all_shortfalls().count(),
         0,
@@ -297,9 +296,9 @@ fn a_strict_system_that_gets_everything_runs() {
         .policy(Policy::fifo(50))
         .build()
         .unwrap();
-    executor.process("one").spawn(async { Ok(()) }).unwrap();
+    executor.process("one").spawn_ok(async { Ok(()) });
     let urgent = system.thread("urgent").policy(Policy::round_robin(49));
-    urgent.process("two").spawn(async { Ok(()) }).unwrap();
+    urgent.process("two").spawn_ok(async { Ok(()) });
     let report = system.run().unwrap();
     let policies: Vec<_> = report.threads.iter().map(|thread| thread.policy).collect();
     assert_eq!(policies, [Policy::fifo(50), Policy::round_robin(49)]);

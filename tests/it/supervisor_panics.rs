@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Degree, Error, Guardian};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -43,17 +43,14 @@ where
     E: std::error::Error + Send + Sync + 'static,
 {
     let main = system.executor("main").build().unwrap();
-    main.process("fails")
-        .spawn(async move {
-            while !may.load(Ordering::SeqCst) {
-                luna::after(Duration::from_millis(1)).await;
-            }
-            Err(Error::other(error))
-        })
-        .unwrap();
+    main.process("fails").spawn_ok(async move {
+        while !may.load(Ordering::SeqCst) {
+            luna::after(Duration::from_millis(1)).await;
+        }
+        Err(Error::other(error))
+    });
     main.process("goes on")
-        .spawn(std::future::pending::<luna::Result<()>>())
-        .unwrap();
+        .spawn_ok(std::future::pending::<luna::Result<()>>());
 }
 
 #[test]
@@ -115,15 +112,11 @@ fn a_process_outlives_the_thread_that_runs_it() {
     let [is_gone, was_used, runs] = std::array::from_fn(|_| Arc::new(AtomicBool::new(false)));
     let mut system = System::new("owner");
     add_failing(&mut system, runs.clone());
-    system
-        .thread("own")
-        .process("owner")
-        .spawn(Owner {
-            is_gone: is_gone.clone(),
-            was_used: was_used.clone(),
-            runs,
-        })
-        .unwrap();
+    system.thread("own").process("owner").spawn_ok(Owner {
+        is_gone: is_gone.clone(),
+        was_used: was_used.clone(),
+        runs,
+    });
     run_panics(&mut system);
     drop(system);
     assert!(is_gone.load(Ordering::SeqCst));
@@ -177,7 +170,7 @@ fn panics_beside_one_that_computes(is_virtual: bool) {
     add_failing_with(&mut system, Arc::new(AtomicBool::new(true)), Later);
     let other = system.executor("other").build().unwrap();
     let computes = Computes(ended);
-    other.process("computes").spawn(computes).unwrap();
+    other.process("computes").spawn_ok(computes);
     assert_eq!(run_panics(&mut system), Degree::Emergency);
     println!("returned");
     drop(system);
@@ -227,23 +220,20 @@ fn part() {
     system
         .thread("own")
         .process("fails")
-        .spawn(Fails(Some(reaped)))
-        .unwrap();
+        .spawn_ok(Fails(Some(reaped)));
     system
         .thread("other")
         .process("goes on")
-        .spawn(async move {
+        .spawn_ok(async move {
             let _ = is_buried.recv();
             println!("went on");
             Ok(())
-        })
-        .unwrap();
+        });
     // This error is not returned, so it is reported.
     system
         .thread("third")
         .process("fails too")
-        .spawn(async { Err(Error::other("another failure")) })
-        .unwrap();
+        .spawn_ok(async { Err(Error::other("another failure")) });
     let error = system.run().unwrap_err();
     println!("{error}");
 }

@@ -2,7 +2,7 @@
 //! `AssertUnwindSafe`.
 
 use crate::common;
-use common::watchdog;
+use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use std::panic::{RefUnwindSafe, UnwindSafe, catch_unwind};
 use std::time::Duration;
@@ -79,21 +79,18 @@ fn a_system_is_run_and_used_behind_a_panic() {
     });
     assert!(refused.is_err());
     main.process("bad")
-        .spawn(async { panic!("on purpose, too") })
-        .unwrap();
-    main.process("looping")
-        .spawn(async {
-            let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
-            let before = tick.next().await.number;
-            let caught = catch_unwind(|| {
-                let _tick = &tick;
-                panic!("in a cycle")
-            });
-            assert!(caught.is_err());
-            assert!(tick.next().await.number > before);
-            Ok(())
-        })
-        .unwrap();
+        .spawn_ok(async { panic!("on purpose, too") });
+    main.process("looping").spawn_ok(async {
+        let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+        let before = tick.next().await.number;
+        let caught = catch_unwind(|| {
+            let _tick = &tick;
+            panic!("in a cycle")
+        });
+        assert!(caught.is_err());
+        assert!(tick.next().await.number > before);
+        Ok(())
+    });
     let error = catch_unwind(move || system.run()).unwrap().unwrap_err();
     assert_eq!(
         error.to_string(),

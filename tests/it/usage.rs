@@ -1,7 +1,7 @@
 //! Programs as users write them: the examples, and what the guide promises of a system as a whole.
 
 use crate::common;
-use common::{skip, watchdog};
+use common::{SpawnOk, skip, watchdog};
 use luna::prelude::*;
 use std::process::Command;
 use std::time::Duration;
@@ -54,34 +54,27 @@ fn a_control_loop_with_an_operator() {
     let console = system.thread("console").policy(Policy::Other);
     let (setpoint, setpoints) = luna::buffered::<f64>(Buffer::overwrite_oldest(1));
     let (reached, answer) = luna::channel();
-    control
-        .process("loop")
-        .priority(20)
-        .spawn(async move {
-            let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
-            let mut target = 0.0;
-            for _ in 0..200 {
-                tick.next().await;
-                if let Ok(new) = setpoints.try_recv() {
-                    target = new;
-                }
+    control.process("loop").priority(20).spawn_ok(async move {
+        let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+        let mut target = 0.0;
+        for _ in 0..200 {
+            tick.next().await;
+            if let Ok(new) = setpoints.try_recv() {
+                target = new;
             }
-            // The operator may be kept from its core for longer than all this takes.
-            while target != 1.0 {
-                target = setpoints.recv().await?;
-            }
-            Ok(reached.send(target).await?)
-        })
-        .unwrap();
-    console
-        .process("operator")
-        .spawn(async move {
-            setpoint.send(0.5).await?;
-            setpoint.send(1.0).await?;
-            assert_eq!(answer.recv().await?, 1.0, "the newest");
-            Ok(())
-        })
-        .unwrap();
+        }
+        // The operator may be kept from its core for longer than all this takes.
+        while target != 1.0 {
+            target = setpoints.recv().await?;
+        }
+        Ok(reached.send(target).await?)
+    });
+    console.process("operator").spawn_ok(async move {
+        setpoint.send(0.5).await?;
+        setpoint.send(1.0).await?;
+        assert_eq!(answer.recv().await?, 1.0, "the newest");
+        Ok(())
+    });
     let report = system.run().unwrap();
     assert_eq!(report.loops["loop"].cycles, 200);
     assert!(
@@ -131,14 +124,10 @@ fn a_drive_and_its_motor() {
         .build()
         .unwrap();
     system.on_emergency("motor to neutral", || panic!("there is no emergency"));
-    control
-        .process("drive")
-        .priority(20)
-        .spawn(Drive {
-            output,
-            history: Vec::new(),
-        })
-        .unwrap();
+    control.process("drive").priority(20).spawn_ok(Drive {
+        output,
+        history: Vec::new(),
+    });
     let turns = async move {
         let mut values = Vec::new();
         while let Ok(value) = motor.recv().await {
@@ -147,7 +136,7 @@ fn a_drive_and_its_motor() {
         assert_eq!((values.len(), values[0], values[99]), (100, 0, 98));
         Ok(())
     };
-    control.process("motor").priority(19).spawn(turns).unwrap();
+    control.process("motor").priority(19).spawn_ok(turns);
     assert_eq!(system.run().unwrap().end, luna::End::Completed);
 }
 
@@ -167,7 +156,7 @@ fn poison_ends_a_network() {
         out.poison(); // each process that waits on it, or comes to it later, ends
         Ok(())
     };
-    left.process("producer").spawn(produce).unwrap();
+    left.process("producer").spawn_ok(produce);
     let failover = async move {
         loop {
             match input.recv().await {
@@ -180,18 +169,14 @@ fn poison_ends_a_network() {
             }
         }
     };
-    right.process("failover").spawn(failover).unwrap();
+    right.process("failover").spawn_ok(failover);
     let consume = async move {
         for n in 0..1000 {
             assert_eq!(passed.recv().await?, n);
         }
         Ok(passed.recv().await.map(drop)?)
     };
-    system
-        .thread("own")
-        .process("consumer")
-        .spawn(consume)
-        .unwrap();
+    system.thread("own").process("consumer").spawn_ok(consume);
     let error = system.run().unwrap_err();
     assert!(error.is_poisoned(), "{error:?}");
     assert!(

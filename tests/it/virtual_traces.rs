@@ -2,7 +2,7 @@
 //! meanwhile.
 
 use crate::common;
-use common::watchdog;
+use common::{Random, SpawnOk, watchdog};
 use luna::{Buffer, Policy, System};
 use std::fmt::Write;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -19,18 +19,6 @@ impl Trace {
     fn note(&self, who: &str, what: u64) {
         let now = luna::now().as_nanos();
         writeln!(self.0.lock().unwrap(), "{now} {who} {what}").unwrap();
-    }
-}
-
-/// Numbers that look random, the same in each run.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, limit: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 % limit
     }
 }
 
@@ -59,7 +47,7 @@ fn run(seed: u64) -> String {
         let (own, of, trace) = (name.clone(), requests.clone(), trace.clone());
         let urgent = urgent.clone();
         let body = async move {
-            let mut random = Random(seed + number + 1);
+            let mut random = Random::new(seed + number + 1);
             let mut tick = luna::periodic(&own, US * (50 + 7 * (number as u32 % 4)))?;
             for turn in 0..60 {
                 let cycle = tick.next().await;
@@ -86,13 +74,12 @@ fn run(seed: u64) -> String {
         let place = number as usize % 5;
         let level = (number * 7 % 32) as u8;
         if let Some(executor) = executors.get(place) {
-            executor.process(&name).priority(level).spawn(body).unwrap();
+            executor.process(&name).priority(level).spawn_ok(body);
         } else {
             system
                 .thread(&format!("thread {number}"))
                 .process(&name)
-                .spawn(body)
-                .unwrap();
+                .spawn_ok(body);
         }
     }
     drop((requests, urgent));
@@ -132,7 +119,7 @@ fn run(seed: u64) -> String {
         }
         Ok(())
     };
-    executors[0].process("server").spawn(server).unwrap();
+    executors[0].process("server").spawn_ok(server);
     let noted = trace.clone();
     let log = async move {
         while let Ok(answer) = answered.recv().await {
@@ -141,7 +128,7 @@ fn run(seed: u64) -> String {
         }
         Ok(())
     };
-    executors[2].process("log").spawn(log).unwrap();
+    executors[2].process("log").spawn_ok(log);
     system.run().unwrap();
     std::mem::take(&mut trace.0.lock().unwrap())
 }

@@ -2,7 +2,7 @@
 //! code test their exact limits, with instants passed in.
 
 use crate::common;
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Timer, Watchdog};
 use std::sync::Arc;
@@ -19,26 +19,24 @@ fn it_expires_when_nobody_feeds_it_and_stays_so() {
     for place in PLACES {
         let mut system = System::new("hungry");
         let process = place.process(&mut system, "place", "guard");
-        process
-            .spawn(async {
-                let dog = Watchdog::new(2 * MS);
-                let start = luna::now();
+        process.spawn_ok(async {
+            let dog = Watchdog::new(2 * MS);
+            let start = luna::now();
+            dog.expired().await;
+            assert!(luna::now() - start > 2 * MS);
+            for _ in 0..3 {
+                dog.feed();
+                assert!(dog.has_expired());
                 dog.expired().await;
-                assert!(luna::now() - start > 2 * MS);
-                for _ in 0..3 {
-                    dog.feed();
-                    assert!(dog.has_expired());
-                    dog.expired().await;
-                    let expired = luna::pri_alt! { _ = dog.expired() => true, skip => false };
-                    assert!(expired);
-                }
-                let start = luna::now();
-                dog.reset();
-                dog.expired().await;
-                assert!(luna::now() - start > 2 * MS);
-                Ok(())
-            })
-            .unwrap();
+                let expired = luna::pri_alt! { _ = dog.expired() => true, skip => false };
+                assert!(expired);
+            }
+            let start = luna::now();
+            dog.reset();
+            dog.expired().await;
+            assert!(luna::now() - start > 2 * MS);
+            Ok(())
+        });
         system.run().unwrap();
     }
 }
@@ -55,27 +53,23 @@ fn fed_in_time_it_does_not_expire() {
     system
         .thread("source")
         .process("source")
-        .spawn(async move {
+        .spawn_ok(async move {
             for n in 0..200 {
                 fed.feed();
                 sender.send(n).await?;
             }
             Ok(())
-        })
-        .unwrap();
+        });
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("guard")
-        .spawn(async move {
-            for expected in 0..200 {
-                luna::alt! {
-                    n = receiver.recv() => assert_eq!(n?, expected),
-                    _ = dog.expired() => panic!("it was fed"),
-                }
+    executor.process("guard").spawn_ok(async move {
+        for expected in 0..200 {
+            luna::alt! {
+                n = receiver.recv() => assert_eq!(n?, expected),
+                _ = dog.expired() => panic!("it was fed"),
             }
-            Ok(())
-        })
-        .unwrap();
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -90,38 +84,32 @@ fn a_wait_is_counted_from_the_last_feed() {
     let mut system = System::new("counted");
     let executor = system.executor("main").build().unwrap();
     let (last, fed_last) = luna::channel();
-    executor
-        .process("feeder")
-        .spawn(async move {
-            let mut ticks = luna::ticks(MS)?;
-            for _ in 0..50 {
-                fed.feed();
-                ticks.tick().await;
-            }
-            // Either this heartbeat is in time, and counts; or it came too late on a busy machine,
-            // and the watchdog has expired before.
-            let now = luna::now();
+    executor.process("feeder").spawn_ok(async move {
+        let mut ticks = luna::ticks(MS)?;
+        for _ in 0..50 {
             fed.feed();
-            let was_in_time = !fed.has_expired();
-            last.send((now, was_in_time)).await?;
-            Ok(())
-        })
-        .unwrap();
-    executor
-        .process("guard")
-        .spawn(async move {
-            let expired = async {
-                dog.expired().await;
-                Ok(luna::now())
-            };
-            let (expired, (fed, was_in_time)) =
-                par!(expired, async { Ok(fed_last.recv().await?) }).await?;
-            if was_in_time {
-                assert!(expired - fed > timeout);
-            }
-            Ok(())
-        })
-        .unwrap();
+            ticks.tick().await;
+        }
+        // Either this heartbeat is in time, and counts; or it came too late on a busy machine,
+        // and the watchdog has expired before.
+        let now = luna::now();
+        fed.feed();
+        let was_in_time = !fed.has_expired();
+        last.send((now, was_in_time)).await?;
+        Ok(())
+    });
+    executor.process("guard").spawn_ok(async move {
+        let expired = async {
+            dog.expired().await;
+            Ok(luna::now())
+        };
+        let (expired, (fed, was_in_time)) =
+            par!(expired, async { Ok(fed_last.recv().await?) }).await?;
+        if was_in_time {
+            assert!(expired - fed > timeout);
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -137,17 +125,16 @@ fn a_process_that_calls_a_function() {
         let mut system = System::new("called");
         place
             .process(&mut system, "dog", "dog")
-            .spawn(dog.process(move || {
+            .spawn_ok(dog.process(move || {
                 own_calls.fetch_add(1, Ordering::SeqCst);
                 signal.try_send(()).unwrap();
-            }))
-            .unwrap();
+            }));
         system
             .executor("main")
             .build()
             .unwrap()
             .process("feeder")
-            .spawn(async move {
+            .spawn_ok(async move {
                 for round in 1..=3 {
                     own.feed();
                     signals.recv().await?;
@@ -163,8 +150,7 @@ fn a_process_that_calls_a_function() {
                     own.reset();
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
         drop(dog);
         system.run().unwrap();
     }
@@ -178,17 +164,14 @@ fn the_process_ends_with_those_who_feed() {
     let own = dog.clone();
     let mut system = System::new("ends");
     let executor = system.executor("main").build().unwrap();
-    executor.process("dog").spawn(dog.process(|| ())).unwrap();
+    executor.process("dog").spawn_ok(dog.process(|| ()));
     drop(dog);
-    executor
-        .process("feeder")
-        .spawn(async move {
-            own.feed();
-            luna::yield_now().await;
-            own.feed();
-            Ok(())
-        })
-        .unwrap();
+    executor.process("feeder").spawn_ok(async move {
+        own.feed();
+        luna::yield_now().await;
+        own.feed();
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -205,22 +188,17 @@ fn a_late_feed_hides_nothing() {
     executor
         .process("dog")
         .priority(1)
-        .spawn(dog.process(move || bitten.try_send(()).unwrap()))
-        .unwrap();
+        .spawn_ok(dog.process(move || bitten.try_send(()).unwrap()));
     drop(dog);
-    executor
-        .process("hog")
-        .priority(31)
-        .spawn(async move {
-            own.feed();
-            common::burn_until(luna::now() + 3 * MS);
-            own.feed();
-            // On the same executor, at a higher priority: no process has looked.
-            assert!(bites.try_recv().is_err());
-            assert!(own.has_expired());
-            bites.recv().await.map_err(Error::from)
-        })
-        .unwrap();
+    executor.process("hog").priority(31).spawn_ok(async move {
+        own.feed();
+        common::burn_until(luna::now() + 3 * MS);
+        own.feed();
+        // On the same executor, at a higher priority: no process has looked.
+        assert!(bites.try_recv().is_err());
+        assert!(own.has_expired());
+        bites.recv().await.map_err(Error::from)
+    });
     system.run().unwrap();
 }
 

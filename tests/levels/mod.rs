@@ -1,6 +1,7 @@
 //! One executor with processes of several levels, and the order of what happens there: for tests of
 //! priority inheritance.
 
+use crate::common::SpawnOk;
 use luna::prelude::*;
 use luna::{ProcessBuilder, yield_now};
 use luna_core::current;
@@ -40,15 +41,13 @@ pub(crate) fn on_one_executor(build: impl FnOnce(&dyn Fn(&str, u8) -> ProcessBui
 pub(crate) fn burner(process: ProcessBuilder, log: &Log) -> luna::Sender<()> {
     let (start, started) = luna::channel::<()>();
     let log = log.clone();
-    process
-        .spawn(async move {
-            started.recv().await?;
-            for _ in 0..50 {
-                log.add("burn");
-                yield_now().await;
-            }
-            Ok(())
-        })
-        .unwrap();
+    process.spawn_ok(async move {
+        started.recv().await?;
+        for _ in 0..50 {
+            log.add("burn");
+            yield_now().await;
+        }
+        Ok(())
+    });
     start
 }

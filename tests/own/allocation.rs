@@ -5,7 +5,7 @@ use crate::ALLOCATOR;
 use crate::common;
 
 use crate::counting::Counted;
-use common::watchdog;
+use common::SpawnOk;
 use luna::prelude::*;
 use luna::{Error, Overrun, ProcessBuilder};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -59,7 +59,7 @@ impl Network {
             own.finish.pass(&own.processes).await;
             outcome
         };
-        process.spawn(between).unwrap();
+        process.spawn_ok(between);
     }
 
     /// Numbers to and fro over two rendezvous channels.
@@ -180,14 +180,11 @@ fn run_network(with_threads: bool) -> (Counted, Counted) {
     };
     network.spawn(left.process("source"), send_all);
     network.processes.fetch_add(1, Ordering::SeqCst);
-    right
-        .process("keeper")
-        .spawn(Keeper {
-            kept: Vec::new(),
-            input,
-            network: network.clone(),
-        })
-        .unwrap();
+    right.process("keeper").spawn_ok(Keeper {
+        kept: Vec::new(),
+        input,
+        network: network.clone(),
+    });
     let (newest, latest) = luna::buffered(Buffer::overwrite_oldest(1));
     let overwrite = async move {
         for n in 0..ROUNDS {
@@ -248,7 +245,6 @@ fn run_network(with_threads: bool) -> (Counted, Counted) {
 #[test]
 fn nothing_is_allocated_or_freed_while_the_bodies_run() {
     own_process!();
-    let _watch = watchdog();
     for with_threads in [false, true] {
         // The framework's own threads, which are not real-time, may still free memory of their
         // start when the bodies already run, and may allocate for a deadlock check: a few times.

@@ -7,7 +7,7 @@
 
 use crate::common;
 use crate::kernel;
-use common::{COMPLETE, has_real_time, skip, watchdog};
+use common::{COMPLETE, SpawnOk, has_real_time, skip, watchdog};
 use kernel::{own_processor_time, spoilt};
 use luna::prelude::*;
 use luna::{Executor, after, channel};
@@ -103,30 +103,24 @@ fn long_polls(
     let (tell, told) = channel::<Found>();
     let all = Arc::new(Mutex::new(Vec::new()));
     let found = all.clone();
-    low.process("low")
-        .priority(0)
-        .spawn(async move {
-            for _ in 0..rounds {
-                let poll = Arc::new(LongPoll::default());
-                begin.send(poll.clone()).await?;
-                poll.run(most);
-                let round = told.recv().await?;
-                found.lock().unwrap().push(round);
-            }
-            Ok(())
-        })
-        .unwrap();
-    high.process("high")
-        .priority(31)
-        .spawn(async move {
-            while let Ok(poll) = begun.recv().await {
-                let found = poll.look().await;
-                poll.see();
-                tell.send(found).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    low.process("low").priority(0).spawn_ok(async move {
+        for _ in 0..rounds {
+            let poll = Arc::new(LongPoll::default());
+            begin.send(poll.clone()).await?;
+            poll.run(most);
+            let round = told.recv().await?;
+            found.lock().unwrap().push(round);
+        }
+        Ok(())
+    });
+    high.process("high").priority(31).spawn_ok(async move {
+        while let Ok(poll) = begun.recv().await {
+            let found = poll.look().await;
+            poll.see();
+            tell.send(found).await?;
+        }
+        Ok(())
+    });
     system.run().unwrap();
     let all = all.lock().unwrap();
     all.clone()
@@ -135,7 +129,6 @@ fn long_polls(
 #[test]
 fn a_higher_band_runs_within_a_long_poll_of_a_lower_one() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -149,7 +142,6 @@ fn a_higher_band_runs_within_a_long_poll_of_a_lower_one() {
 #[test]
 fn on_one_executor_it_runs_after() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -162,7 +154,6 @@ fn on_one_executor_it_runs_after() {
 #[test]
 fn on_executors_of_one_priority_it_runs_after() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -197,34 +188,28 @@ fn a_receiver_of_a_higher_band_runs_before_the_senders_next_step() {
         let (of_high, received) = (steps.clone(), Arc::new(AtomicU64::new(0)));
         let (count, lates) = (received.clone(), Arc::new(AtomicU64::new(0)));
         let late = lates.clone();
-        high.process("high")
-            .priority(31)
-            .spawn(async move {
-                receiver.recv().await?;
-                while let Ok(step) = receiver.recv().await {
-                    let now = of_high.load(Ordering::SeqCst);
-                    if now == if in_bands { step } else { STEPS } {
-                        count.fetch_add(1, Ordering::SeqCst);
-                    } else {
-                        late.fetch_add(1, Ordering::SeqCst);
-                    }
+        high.process("high").priority(31).spawn_ok(async move {
+            receiver.recv().await?;
+            while let Ok(step) = receiver.recv().await {
+                let now = of_high.load(Ordering::SeqCst);
+                if now == if in_bands { step } else { STEPS } {
+                    count.fetch_add(1, Ordering::SeqCst);
+                } else {
+                    late.fetch_add(1, Ordering::SeqCst);
                 }
-                Ok(())
-            })
-            .unwrap();
-        low.process("low")
-            .priority(0)
-            .spawn(async move {
-                // From then on the receiver waits.
-                sender.send(0).await?;
-                for step in 1..=STEPS {
-                    steps.store(step, Ordering::SeqCst);
-                    // Full when the receiver has not run since the one before.
-                    let _ = sender.try_send(step);
-                }
-                Ok(())
-            })
-            .unwrap();
+            }
+            Ok(())
+        });
+        low.process("low").priority(0).spawn_ok(async move {
+            // From then on the receiver waits.
+            sender.send(0).await?;
+            for step in 1..=STEPS {
+                steps.store(step, Ordering::SeqCst);
+                // Full when the receiver has not run since the one before.
+                let _ = sender.try_send(step);
+            }
+            Ok(())
+        });
         system.run().unwrap();
         let received = received.load(Ordering::SeqCst);
         if in_bands {
@@ -242,7 +227,6 @@ fn a_receiver_of_a_higher_band_runs_before_the_senders_next_step() {
 #[test]
 fn three_bands_nest() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -250,32 +234,25 @@ fn three_bands_nest() {
     let [of_low, of_middle] = [(); 2].map(|()| Arc::new(LongPoll::default()));
     let (below, above) = (of_low.clone(), of_middle.clone());
     let low = band(&mut system, core, "low", 20);
-    low.process("low")
-        .spawn(async move {
-            of_low.run(SEEN);
-            Ok(())
-        })
-        .unwrap();
+    low.process("low").spawn_ok(async move {
+        of_low.run(SEEN);
+        Ok(())
+    });
     let middle = band(&mut system, core, "middle", 50);
-    middle
-        .process("middle")
-        .spawn(async move {
-            assert_eq!(below.look().await, Found::Within);
-            of_middle.run(SEEN);
-            // The higher band has come and gone, and the lower one still not gone on.
-            assert_eq!(below.found(), Found::Within);
-            below.see();
-            Ok(())
-        })
-        .unwrap();
+    middle.process("middle").spawn_ok(async move {
+        assert_eq!(below.look().await, Found::Within);
+        of_middle.run(SEEN);
+        // The higher band has come and gone, and the lower one still not gone on.
+        assert_eq!(below.found(), Found::Within);
+        below.see();
+        Ok(())
+    });
     let high = band(&mut system, core, "high", 80);
-    high.process("high")
-        .spawn(async move {
-            assert_eq!(above.look().await, Found::Within);
-            above.see();
-            Ok(())
-        })
-        .unwrap();
+    high.process("high").spawn_ok(async move {
+        assert_eq!(above.look().await, Found::Within);
+        above.see();
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -298,7 +275,6 @@ enum Mapping {
 #[test]
 fn the_problem_of_figure_5_20() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -330,37 +306,27 @@ fn the_problem_of_figure_5_20() {
         let found = Arc::new(Mutex::new([None; 2]));
         let [by_middle, by_high] = [(); 2].map(|()| found.clone());
         let (go, gone) = channel::<()>();
-        high.process("80")
-            .priority(31)
-            .spawn(async move {
-                by_high.lock().unwrap()[0] = Some(of_high.look().await);
-                // Both are to find the same poll.
-                go.send(()).await?;
-                Ok(())
-            })
-            .unwrap();
-        middle
-            .process("50")
-            .priority(16)
-            .spawn(async move {
-                let found = of_middle.look().await;
-                by_middle.lock().unwrap()[1] = Some(found);
-                gone.recv().await?;
-                of_middle.see();
-                Ok(())
-            })
-            .unwrap();
+        high.process("80").priority(31).spawn_ok(async move {
+            by_high.lock().unwrap()[0] = Some(of_high.look().await);
+            // Both are to find the same poll.
+            go.send(()).await?;
+            Ok(())
+        });
+        middle.process("50").priority(16).spawn_ok(async move {
+            let found = of_middle.look().await;
+            by_middle.lock().unwrap()[1] = Some(found);
+            gone.recv().await?;
+            of_middle.see();
+            Ok(())
+        });
         let most = match mapping {
             Mapping::Bands => SEEN,
             _ => UNSEEN,
         };
-        low.process("20")
-            .priority(0)
-            .spawn(async move {
-                poll.run(most);
-                Ok(())
-            })
-            .unwrap();
+        low.process("20").priority(0).spawn_ok(async move {
+            poll.run(most);
+            Ok(())
+        });
         system.run().unwrap();
         let found = *found.lock().unwrap();
         assert_eq!(found, [Some(expected); 2], "{mapping:?}");

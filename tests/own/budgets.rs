@@ -1,7 +1,7 @@
 //! Budgets: a process that takes too long is counted and named, and the requested reaction follows.
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, Program, burn_until, setup_error, skip, watchdog};
+use common::{COMPLETE, PLACES, Place, Program, SpawnOk, burn_until, setup_error, skip};
 use luna::prelude::*;
 use luna::{
     BudgetKind, BudgetReport, End, Error, Exit, OnOverrun, ProcessReport, Report, SetupError,
@@ -46,20 +46,15 @@ async fn hog() -> luna::Result<()> {
 #[test]
 fn a_hog_is_counted_and_nobody_else_is() {
     own_process!();
-    let _watch = watchdog();
     for place in PLACES {
         let mut system = System::new("counted");
         let at = |system: &mut System, name: &str| place.process(system, name, name);
         at(&mut system, "hog")
             .poll_budget(BUDGET)
             .cycle_budget(AGES)
-            .spawn(hog())
-            .unwrap();
-        at(&mut system, "patient")
-            .poll_budget(AGES)
-            .spawn(hog())
-            .unwrap();
-        at(&mut system, "free").spawn(hog()).unwrap();
+            .spawn_ok(hog());
+        at(&mut system, "patient").poll_budget(AGES).spawn_ok(hog());
+        at(&mut system, "free").spawn_ok(hog());
         let report = system.run().unwrap();
 
         let hog = budget(&report, "hog", BudgetKind::Poll);
@@ -89,13 +84,12 @@ fn a_hog_is_counted_and_nobody_else_is() {
 #[test]
 fn a_cycle_is_measured_from_its_begin_and_lateness_is_not_the_loops_fault() {
     own_process!();
-    let _watch = watchdog();
     for place in PLACES {
         let mut system = System::new("cycles");
         place
             .process(&mut system, "control", "loop")
             .cycle_budget(Duration::from_millis(500))
-            .spawn(async {
+            .spawn_ok(async {
                 let mut late = luna::periodic("late", Duration::from_millis(5))?;
                 burn(Duration::from_millis(700));
                 assert!(late.next().await.missed > 0);
@@ -107,8 +101,7 @@ fn a_cycle_is_measured_from_its_begin_and_lateness_is_not_the_loops_fault() {
                 // A cycle without a `next` after it has no end.
                 burn(Duration::from_millis(510));
                 Ok(())
-            })
-            .unwrap();
+            });
         let report = system.run().unwrap();
         let cycles = budget(&report, "loop", BudgetKind::Cycle);
         assert_eq!(cycles.overruns, 1, "{place:?}: {cycles:?}");
@@ -157,7 +150,6 @@ impl Process for Hog {
 #[test]
 fn the_culprit_is_poisoned_with_its_channels() {
     own_process!();
-    let _watch = watchdog();
     for place in PLACES {
         for by_cycle in [false, true] {
             let (output, input) = luna::channel();
@@ -169,24 +161,20 @@ fn the_culprit_is_poisoned_with_its_channels() {
                 true => hog.cycle_budget(BUDGET),
                 false => hog.poll_budget(BUDGET),
             };
-            hog.on_overrun(OnOverrun::Poison)
-                .spawn(Hog {
-                    output,
-                    by_cycle,
-                    held: Some(held),
-                    dropped: dropped.clone(),
-                })
-                .unwrap();
+            hog.on_overrun(OnOverrun::Poison).spawn_ok(Hog {
+                output,
+                by_cycle,
+                held: Some(held),
+                dropped: dropped.clone(),
+            });
             let partner = place.process(&mut system, "partner", "partner");
-            partner
-                .spawn(async move {
-                    assert_eq!(input.recv().await?, 1);
-                    assert_eq!(input.recv().await, Err(luna::RecvError::Poisoned));
-                    let refused = feed.send(2).await.unwrap_err();
-                    assert!(Error::from(refused).is_poisoned());
-                    Ok(())
-                })
-                .unwrap();
+            partner.spawn_ok(async move {
+                assert_eq!(input.recv().await?, 1);
+                assert_eq!(input.recv().await, Err(luna::RecvError::Poisoned));
+                let refused = feed.send(2).await.unwrap_err();
+                assert!(Error::from(refused).is_poisoned());
+                Ok(())
+            });
             let error = system.run().unwrap_err();
             let Error::Process { name, source } = &error else {
                 panic!("{error}");
@@ -220,7 +208,6 @@ fn the_culprit_is_poisoned_with_its_channels() {
 #[test]
 fn who_ends_by_itself_in_that_poll_has_ended() {
     own_process!();
-    let _watch = watchdog();
     for place in PLACES {
         let (output, input) = luna::channel::<u32>();
         let mut system = System::new("ended");
@@ -228,12 +215,11 @@ fn who_ends_by_itself_in_that_poll_has_ended() {
             .process(&mut system, "main", "hog")
             .poll_budget(BUDGET)
             .on_overrun(OnOverrun::Poison)
-            .spawn(async move {
+            .spawn_ok(async move {
                 burn(TOO_LONG);
                 drop(output);
                 Ok(())
-            })
-            .unwrap();
+            });
         let report = system.run().unwrap();
         assert_eq!(process(&report, "hog").exit, Some(Exit::Completed));
         assert_eq!(budget(&report, "hog", BudgetKind::Poll).overruns, 1);
@@ -244,7 +230,6 @@ fn who_ends_by_itself_in_that_poll_has_ended() {
 #[test]
 fn the_emergency_runs_and_names_the_culprit() {
     own_process!();
-    let _watch = watchdog();
     for place in PLACES {
         let safe = Arc::new(AtomicBool::new(false));
         let done = safe.clone();
@@ -254,13 +239,12 @@ fn the_emergency_runs_and_names_the_culprit() {
             .process(&mut system, "drive", "drive")
             .poll_budget(BUDGET)
             .on_overrun(OnOverrun::Emergency)
-            .spawn(async {
+            .spawn_ok(async {
                 burn(TOO_LONG);
                 std::future::pending().await
-            })
-            .unwrap();
+            });
         let other = place.process(&mut system, "other", "other");
-        other.spawn(std::future::pending()).unwrap();
+        other.spawn_ok(std::future::pending());
         let error = system.run().unwrap_err();
         let Error::Process { name, source } = error else {
             panic!("{error}");
@@ -281,18 +265,16 @@ fn the_emergency_runs_and_names_the_culprit() {
 #[test]
 fn an_emergency_of_one_who_ends_in_that_poll_is_one_too() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("emergency");
     let main = system.executor("main").build().unwrap();
     main.process("drive")
         .poll_budget(BUDGET)
         .on_overrun(OnOverrun::Emergency)
-        .spawn(async {
+        .spawn_ok(async {
             burn(TOO_LONG);
             Ok(())
-        })
-        .unwrap();
-    main.process("other").spawn(std::future::pending()).unwrap();
+        });
+    main.process("other").spawn_ok(std::future::pending());
     let error = system.run().unwrap_err().to_string();
     assert!(error.starts_with("process `drive`: took "), "{error}");
     assert_eq!(system.report().unwrap().end, End::Overrun);
@@ -301,7 +283,6 @@ fn an_emergency_of_one_who_ends_in_that_poll_is_one_too() {
 #[test]
 fn an_overrun_is_told_while_the_system_runs() {
     own_process!();
-    let _watch = watchdog();
     let mut program = Program::start("warns");
     let line = program.error_line();
     assert!(
@@ -316,7 +297,6 @@ fn an_overrun_is_told_while_the_system_runs() {
 #[test]
 fn many_overruns_are_told_in_few_lines_and_none_is_left_out() {
     own_process!();
-    let _watch = watchdog();
     let ended = Program::start("floods").end();
     let said: Vec<&str> = ended.errors.lines().collect();
     let lines = said.iter().filter(|line| line.contains("process `hog`"));
@@ -347,7 +327,7 @@ fn part() {
         Some("warns") => {
             let mut system = System::new("warns");
             let hog = warning(&mut system).poll_budget(BUDGET);
-            hog.spawn(async {
+            hog.spawn_ok(async {
                 burn(TOO_LONG);
                 // Until the parent that started this program has read the line, and closes the
                 // program's input.
@@ -355,22 +335,20 @@ fn part() {
                     .await
                     .map_err(Error::other)?;
                 Ok(())
-            })
-            .unwrap();
+            });
             system.run().unwrap();
         }
         Some("floods") => {
             let begun = luna::now();
             let mut system = System::new("floods");
             let hog = warning(&mut system).poll_budget(Duration::from_nanos(1));
-            hog.spawn(async {
+            hog.spawn_ok(async {
                 for _ in 1..300 {
                     burn(Duration::from_millis(1));
                     luna::yield_now().await;
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
             system.run().unwrap();
             println!("\nseconds: {}", (luna::now() - begun).as_secs());
         }
@@ -381,7 +359,6 @@ fn part() {
 #[test]
 fn a_long_poll_is_told_from_one_that_was_off_the_processor() {
     own_process!();
-    let _watch = watchdog();
     if !COMPLETE {
         skip("the portable layer does not know what a thread used");
         return;
@@ -392,28 +369,24 @@ fn a_long_poll_is_told_from_one_that_was_off_the_processor() {
         let process = Place::Thread.process(&mut system, name, name);
         process.poll_budget(BUDGET).accounted()
     };
-    at("computes")
-        .spawn(async move {
-            // Something that the overrun must not be charged with.
-            let before = of_thread();
-            while of_thread() - before < TOO_LONG {
-                luna::yield_now().await;
-            }
-            let before = of_thread();
-            while of_thread() - before < 3 * TOO_LONG {}
+    at("computes").spawn_ok(async move {
+        // Something that the overrun must not be charged with.
+        let before = of_thread();
+        while of_thread() - before < TOO_LONG {
             luna::yield_now().await;
-            Ok(())
-        })
-        .unwrap();
-    at("sleeps")
-        .spawn(async {
-            burn(TOO_LONG);
-            luna::yield_now().await;
-            std::thread::sleep(3 * TOO_LONG);
-            luna::yield_now().await;
-            Ok(())
-        })
-        .unwrap();
+        }
+        let before = of_thread();
+        while of_thread() - before < 3 * TOO_LONG {}
+        luna::yield_now().await;
+        Ok(())
+    });
+    at("sleeps").spawn_ok(async {
+        burn(TOO_LONG);
+        luna::yield_now().await;
+        std::thread::sleep(3 * TOO_LONG);
+        luna::yield_now().await;
+        Ok(())
+    });
     let report = system.run().unwrap();
     let usage = |name| {
         let worst = budget(&report, name, BudgetKind::Poll).worst.unwrap();
@@ -470,31 +443,27 @@ fn bad_budgets_are_refused_with_a_typed_error() {
         .poll_budget(Duration::MAX)
         .cycle_budget(Duration::MAX)
         .on_overrun(OnOverrun::Emergency)
-        .spawn(nothing())
-        .unwrap();
+        .spawn_ok(nothing());
     assert_eq!(system.run().unwrap().end, End::Completed);
 }
 
 #[test]
 fn a_process_that_is_spawned_while_the_system_runs_has_budgets_too() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("late comers");
     let main = system.executor("main").build().unwrap();
     let spawner = main.clone();
-    main.process("spawner")
-        .spawn(async move {
-            let spawned = luna::blocking(move || {
-                spawner
-                    .process("hog")
-                    .poll_budget(BUDGET)
-                    .on_overrun(OnOverrun::Poison)
-                    .spawn(hog())
-            });
-            spawned.await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("spawner").spawn_ok(async move {
+        let spawned = luna::blocking(move || {
+            spawner
+                .process("hog")
+                .poll_budget(BUDGET)
+                .on_overrun(OnOverrun::Poison)
+                .spawn(hog())
+        });
+        spawned.await?;
+        Ok(())
+    });
     let error = system.run().unwrap_err();
     assert!(
         error.to_string().starts_with("process `hog`: took"),

@@ -3,7 +3,7 @@
 
 use crate::common;
 use crate::levels;
-use common::{COMPLETE, has_real_time, skip, watchdog};
+use common::{COMPLETE, SpawnOk, has_real_time, skip, watchdog};
 use levels::{Log, burner, level, on_one_executor};
 use luna::prelude::*;
 use luna::{Call, ProcessBuilder, Server, call_channel, yield_now};
@@ -16,12 +16,10 @@ use std::time::Duration;
 /// A process of the lowest level, which runs when all others wait: it lets one of them go on.
 fn starter(process: ProcessBuilder) -> luna::Receiver<()> {
     let (go, gone) = luna::channel::<()>();
-    process
-        .spawn(async move {
-            go.send(()).await?;
-            Ok(())
-        })
-        .unwrap();
+    process.spawn_ok(async move {
+        go.send(()).await?;
+        Ok(())
+    });
     gone
 }
 
@@ -39,35 +37,30 @@ async fn serve_slowly(server: &Server<(), u8>, log: &Log) -> luna::Result<()> {
 #[test]
 fn nobody_between_client_and_server_runs_before_the_reply() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     on_one_executor(|process| {
         let (client, server) = call_channel::<(), u8>();
         let start = burner(process("burner", 10), &log);
         let gone = starter(process("starter", 0));
         let own = log.clone();
-        process("client", 20)
-            .spawn(async move {
-                gone.recv().await?;
-                start.try_send(())?;
-                own.add("call");
-                assert_eq!(client.call(()).await?, 20);
-                own.add("answer");
-                Ok(())
-            })
-            .unwrap();
+        process("client", 20).spawn_ok(async move {
+            gone.recv().await?;
+            start.try_send(())?;
+            own.add("call");
+            assert_eq!(client.call(()).await?, 20);
+            own.add("answer");
+            Ok(())
+        });
         let own = log.clone();
-        process("server", 1)
-            .spawn(async move {
-                assert_eq!(level(), 1);
-                serve_slowly(&server, &own).await?;
-                assert_eq!(level(), 1, "given back with the reply");
-                own.add("replied");
-                yield_now().await;
-                own.add("server");
-                Ok(())
-            })
-            .unwrap();
+        process("server", 1).spawn_ok(async move {
+            assert_eq!(level(), 1);
+            serve_slowly(&server, &own).await?;
+            assert_eq!(level(), 1, "given back with the reply");
+            own.add("replied");
+            yield_now().await;
+            own.add("server");
+            Ok(())
+        });
     });
     assert_eq!(log.between("call", "answer"), ["accepted", "replied"]);
     assert_eq!(
@@ -88,24 +81,20 @@ fn two_plain_channels_let_those_between_run() {
         let start = burner(process("burner", 10), &log);
         let gone = starter(process("starter", 0));
         let own = log.clone();
-        process("client", 20)
-            .spawn(async move {
-                gone.recv().await?;
-                start.try_send(())?;
-                own.add("call");
-                request.send(()).await?;
-                replies.recv().await?;
-                own.add("answer");
-                Ok(())
-            })
-            .unwrap();
-        process("server", 1)
-            .spawn(async move {
-                requests.recv().await?;
-                reply.send(()).await?;
-                Ok(())
-            })
-            .unwrap();
+        process("client", 20).spawn_ok(async move {
+            gone.recv().await?;
+            start.try_send(())?;
+            own.add("call");
+            request.send(()).await?;
+            replies.recv().await?;
+            own.add("answer");
+            Ok(())
+        });
+        process("server", 1).spawn_ok(async move {
+            requests.recv().await?;
+            reply.send(()).await?;
+            Ok(())
+        });
     });
     assert_eq!(log.between("call", "answer"), ["burn"; 50]);
 }
@@ -113,38 +102,33 @@ fn two_plain_channels_let_those_between_run() {
 #[test]
 fn a_server_that_comes_second_inherits_before_others_run() {
     own_process!();
-    let _watch = watchdog();
     for in_alternative in [false, true] {
         let log = Log::default();
         on_one_executor(|process| {
             let (client, server) = call_channel::<(), u8>();
             let start = burner(process("burner", 10), &log);
             let own = log.clone();
-            process("client", 20)
-                .spawn(async move {
-                    assert_eq!(client.call(()).await?, 20);
-                    own.add("answer");
-                    Ok(())
-                })
-                .unwrap();
+            process("client", 20).spawn_ok(async move {
+                assert_eq!(client.call(()).await?, 20);
+                own.add("answer");
+                Ok(())
+            });
             let own = log.clone();
-            process("server", 1)
-                .spawn(async move {
-                    start.try_send(())?;
-                    own.add("accept");
-                    if in_alternative {
-                        alt! {
-                            call = server.accept() => {
-                                yield_now().await;
-                                let _ = call?.reply(level());
-                            }
+            process("server", 1).spawn_ok(async move {
+                start.try_send(())?;
+                own.add("accept");
+                if in_alternative {
+                    alt! {
+                        call = server.accept() => {
+                            yield_now().await;
+                            let _ = call?.reply(level());
                         }
-                    } else {
-                        serve_slowly(&server, &own).await?;
                     }
-                    Ok(())
-                })
-                .unwrap();
+                } else {
+                    serve_slowly(&server, &own).await?;
+                }
+                Ok(())
+            });
         });
         assert!(!log.between("accept", "answer").contains(&"burn"));
     }
@@ -153,7 +137,6 @@ fn a_server_that_comes_second_inherits_before_others_run() {
 #[test]
 fn a_priority_is_passed_on_by_a_server_that_calls() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     on_one_executor(|process| {
         let (client, server) = call_channel::<(), u8>();
@@ -161,29 +144,23 @@ fn a_priority_is_passed_on_by_a_server_that_calls() {
         let start = burner(process("burner", 10), &log);
         let gone = starter(process("starter", 0));
         let own = log.clone();
-        process("client", 20)
-            .spawn(async move {
-                gone.recv().await?;
-                start.try_send(())?;
-                own.add("call");
-                assert_eq!(client.call(()).await?, 20);
-                own.add("answer");
-                Ok(())
-            })
-            .unwrap();
-        process("server", 2)
-            .spawn(async move {
-                let call = server.accept().await?;
-                let answer = inner.call(()).await?;
-                let _ = call.reply(answer);
-                assert_eq!(level(), 2);
-                Ok(())
-            })
-            .unwrap();
+        process("client", 20).spawn_ok(async move {
+            gone.recv().await?;
+            start.try_send(())?;
+            own.add("call");
+            assert_eq!(client.call(()).await?, 20);
+            own.add("answer");
+            Ok(())
+        });
+        process("server", 2).spawn_ok(async move {
+            let call = server.accept().await?;
+            let answer = inner.call(()).await?;
+            let _ = call.reply(answer);
+            assert_eq!(level(), 2);
+            Ok(())
+        });
         let own = log.clone();
-        process("inner server", 1)
-            .spawn(async move { serve_slowly(&inner_server, &own).await })
-            .unwrap();
+        process("inner server", 1).spawn_ok(async move { serve_slowly(&inner_server, &own).await });
     });
     assert_eq!(log.between("call", "answer"), ["accepted"]);
 }
@@ -191,7 +168,6 @@ fn a_priority_is_passed_on_by_a_server_that_calls() {
 #[test]
 fn with_several_calls_the_highest_counts_until_it_is_answered() {
     own_process!();
-    let _watch = watchdog();
     on_one_executor(|process| {
         let (client, server) = call_channel::<u8, ()>();
         for of_client in [5, 9, 20, 9] {
@@ -200,29 +176,26 @@ fn with_several_calls_the_highest_counts_until_it_is_answered() {
                 &format!("client {of_client} {}", client_number()),
                 of_client,
             )
-            .spawn(async move { Ok(client.call(of_client).await?) })
-            .unwrap();
+            .spawn_ok(async move { Ok(client.call(of_client).await?) });
         }
         drop(client);
         let gone = starter(process("starter", 0));
-        process("server", 7)
-            .spawn(async move {
-                // All wait by then.
-                gone.recv().await?;
-                // Most urgent first: 20, 9, 9, 5.
-                let mut calls: Vec<Option<Call<'_, u8, ()>>> = Vec::new();
-                while let Ok(call) = server.try_accept() {
-                    calls.push(Some(call));
-                }
-                let served: Vec<u8> = calls.iter().flatten().map(|call| **call).collect();
-                assert_eq!((served, level()), (vec![20, 9, 9, 5], 20));
-                for (answered, now) in [(1, 20), (0, 9), (3, 9), (2, 7)] {
-                    calls[answered].take().unwrap().reply(()).unwrap();
-                    assert_eq!(level(), now, "after the reply to {answered}");
-                }
-                Ok(())
-            })
-            .unwrap();
+        process("server", 7).spawn_ok(async move {
+            // All wait by then.
+            gone.recv().await?;
+            // Most urgent first: 20, 9, 9, 5.
+            let mut calls: Vec<Option<Call<'_, u8, ()>>> = Vec::new();
+            while let Ok(call) = server.try_accept() {
+                calls.push(Some(call));
+            }
+            let served: Vec<u8> = calls.iter().flatten().map(|call| **call).collect();
+            assert_eq!((served, level()), (vec![20, 9, 9, 5], 20));
+            for (answered, now) in [(1, 20), (0, 9), (3, 9), (2, 7)] {
+                calls[answered].take().unwrap().reply(()).unwrap();
+                assert_eq!(level(), now, "after the reply to {answered}");
+            }
+            Ok(())
+        });
     });
 }
 
@@ -235,100 +208,87 @@ fn client_number() -> u64 {
 #[test]
 fn what_was_lent_is_given_back_however_the_call_ends() {
     own_process!();
-    let _watch = watchdog();
     on_one_executor(|process| {
         let (client, server) = call_channel::<u8, ()>();
-        process("client", 20)
-            .spawn(async move {
-                assert!(client.call(0).await.unwrap_err().is_unanswered());
-                assert!(client.call(1).await.is_ok());
-                assert!(client.call(2).await.unwrap_err().is_poisoned());
-                Ok(())
-            })
-            .unwrap();
-        process("server", 7)
-            .spawn(async move {
-                let call = server.accept().await?;
-                assert_eq!((*call, level()), (0, 20));
-                drop(call);
-                assert_eq!(level(), 7);
-                let call = server.accept().await?;
-                assert_eq!((*call, level()), (1, 20));
-                assert!(call.reply(()).is_ok());
-                assert_eq!(level(), 7);
-                let call = server.accept().await?;
-                server.poison();
-                assert_eq!((*call, level()), (2, 20), "until the call is dropped");
-                assert!(call.reply(()).is_err());
-                assert_eq!(level(), 7);
-                Ok(())
-            })
-            .unwrap();
+        process("client", 20).spawn_ok(async move {
+            assert!(client.call(0).await.unwrap_err().is_unanswered());
+            assert!(client.call(1).await.is_ok());
+            assert!(client.call(2).await.unwrap_err().is_poisoned());
+            Ok(())
+        });
+        process("server", 7).spawn_ok(async move {
+            let call = server.accept().await?;
+            assert_eq!((*call, level()), (0, 20));
+            drop(call);
+            assert_eq!(level(), 7);
+            let call = server.accept().await?;
+            assert_eq!((*call, level()), (1, 20));
+            assert!(call.reply(()).is_ok());
+            assert_eq!(level(), 7);
+            let call = server.accept().await?;
+            server.poison();
+            assert_eq!((*call, level()), (2, 20), "until the call is dropped");
+            assert!(call.reply(()).is_err());
+            assert_eq!(level(), 7);
+            Ok(())
+        });
     });
 }
 
 #[test]
 fn a_client_that_waits_lends_to_the_server_that_is_busy() {
     own_process!();
-    let _watch = watchdog();
     on_one_executor(|process| {
         let (client, server) = call_channel::<u8, ()>();
         let other = client.clone();
         let (go, gone) = luna::channel::<()>();
-        process("client", 20)
-            .spawn(async move {
-                gone.recv().await?;
-                client.call(20).await?;
-                gone.recv().await?;
-                // It gives up while the server is busy.
-                let give_up = async {
-                    gone.recv().await.unwrap();
-                    Err(())
-                };
-                let called = futures_lite::future::or(async { Ok(client.call(21).await) }, give_up);
-                assert!(called.await.is_err());
-                Ok(())
-            })
-            .unwrap();
-        process("other", 5)
-            .spawn(async move {
-                other.call(5).await?;
-                Ok(other.call(6).await?)
-            })
-            .unwrap();
-        process("server", 7)
-            .spawn(async move {
-                for round in 0..2 {
+        process("client", 20).spawn_ok(async move {
+            gone.recv().await?;
+            client.call(20).await?;
+            gone.recv().await?;
+            // It gives up while the server is busy.
+            let give_up = async {
+                gone.recv().await.unwrap();
+                Err(())
+            };
+            let called = futures_lite::future::or(async { Ok(client.call(21).await) }, give_up);
+            assert!(called.await.is_err());
+            Ok(())
+        });
+        process("other", 5).spawn_ok(async move {
+            other.call(5).await?;
+            Ok(other.call(6).await?)
+        });
+        process("server", 7).spawn_ok(async move {
+            for round in 0..2 {
+                let call = server.accept().await?;
+                assert_eq!((*call, level()), (5 + round, 7));
+                // The client runs before this goes on, and waits then.
+                go.send(()).await?;
+                assert_eq!(level(), 20, "a client waits");
+                if round == 0 {
+                    call.reply(()).unwrap();
+                    assert_eq!(level(), 20, "it still does");
                     let call = server.accept().await?;
-                    assert_eq!((*call, level()), (5 + round, 7));
-                    // The client runs before this goes on, and waits then.
+                    assert_eq!((*call, level()), (20, 20));
+                    call.reply(()).unwrap();
+                } else {
                     go.send(()).await?;
-                    assert_eq!(level(), 20, "a client waits");
-                    if round == 0 {
-                        call.reply(()).unwrap();
-                        assert_eq!(level(), 20, "it still does");
-                        let call = server.accept().await?;
-                        assert_eq!((*call, level()), (20, 20));
-                        call.reply(()).unwrap();
-                    } else {
-                        go.send(()).await?;
-                        // They are of one level now.
-                        yield_now().await;
-                        assert_eq!(level(), 7, "the client waits no longer");
-                        call.reply(()).unwrap();
-                    }
-                    assert_eq!(level(), 7);
+                    // They are of one level now.
+                    yield_now().await;
+                    assert_eq!(level(), 7, "the client waits no longer");
+                    call.reply(()).unwrap();
                 }
-                Ok(())
-            })
-            .unwrap();
+                assert_eq!(level(), 7);
+            }
+            Ok(())
+        });
     });
 }
 
 #[test]
 fn of_several_servers_the_last_that_came_is_who_clients_wait_for() {
     own_process!();
-    let _watch = watchdog();
     on_one_executor(|process| {
         let (client, server) = call_channel::<u8, ()>();
         let second = server.clone();
@@ -336,39 +296,31 @@ fn of_several_servers_the_last_that_came_is_who_clients_wait_for() {
         let (next, comes) = luna::channel::<()>();
         for (name, of_client) in [("one", 5), ("two", 4)] {
             let client = client.clone();
-            process(name, of_client)
-                .spawn(async move { Ok(client.call(of_client).await?) })
-                .unwrap();
+            process(name, of_client).spawn_ok(async move { Ok(client.call(of_client).await?) });
         }
-        process("client", 20)
-            .spawn(async move {
-                gone.recv().await?;
-                Ok(client.call(20).await?)
-            })
-            .unwrap();
-        process("first", 7)
-            .spawn(async move {
-                let call = server.accept().await?;
-                comes.recv().await?;
-                assert_eq!(level(), 7, "the other one has come since");
-                call.reply(()).unwrap();
-                Ok(())
-            })
-            .unwrap();
-        process("second", 6)
-            .spawn(async move {
-                let call = second.accept().await?;
-                go.send(()).await?;
-                assert_eq!(level(), 20);
-                next.send(()).await?;
-                call.reply(()).unwrap();
-                let call = second.accept().await?;
-                assert_eq!((*call, level()), (20, 20));
-                call.reply(()).unwrap();
-                assert_eq!(level(), 6);
-                Ok(())
-            })
-            .unwrap();
+        process("client", 20).spawn_ok(async move {
+            gone.recv().await?;
+            Ok(client.call(20).await?)
+        });
+        process("first", 7).spawn_ok(async move {
+            let call = server.accept().await?;
+            comes.recv().await?;
+            assert_eq!(level(), 7, "the other one has come since");
+            call.reply(()).unwrap();
+            Ok(())
+        });
+        process("second", 6).spawn_ok(async move {
+            let call = second.accept().await?;
+            go.send(()).await?;
+            assert_eq!(level(), 20);
+            next.send(()).await?;
+            call.reply(()).unwrap();
+            let call = second.accept().await?;
+            assert_eq!((*call, level()), (20, 20));
+            call.reply(()).unwrap();
+            assert_eq!(level(), 6);
+            Ok(())
+        });
     });
 }
 
@@ -384,7 +336,6 @@ fn has_threads_of_priority() -> bool {
 #[test]
 fn the_servers_thread_is_boosted_and_set_back() {
     own_process!();
-    let _watch = watchdog();
     if !has_threads_of_priority() {
         return;
     }
@@ -409,15 +360,14 @@ fn the_servers_thread_is_boosted_and_set_back() {
             .build()
             .unwrap()
             .process("burner")
-            .spawn(async move {
+            .spawn_ok(async move {
                 burns.recv().await?;
                 let end = luna::now() + Duration::from_millis(200);
                 while !is_over.load(Ordering::Relaxed) && luna::now() < end {
                     of_burner.fetch_add(1, Ordering::Relaxed);
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
         let (ready, readied) = luna::channel::<()>();
         system
             .executor("client")
@@ -426,7 +376,7 @@ fn the_servers_thread_is_boosted_and_set_back() {
             .build()
             .unwrap()
             .process("client")
-            .spawn(async move {
+            .spawn_ok(async move {
                 readied.recv().await?;
                 // On this core nothing of a lower priority runs until this process waits.
                 burn.try_send(())?;
@@ -437,8 +387,7 @@ fn the_servers_thread_is_boosted_and_set_back() {
                 assert_eq!(during, Policy::fifo(60), "during the call");
                 assert_eq!(before, after, "the burner ran before the reply");
                 Ok(())
-            })
-            .unwrap();
+            });
         let of_server = at_end.clone();
         let serve = async move {
             assert_eq!(current_policy(), own);
@@ -462,7 +411,7 @@ fn the_servers_thread_is_boosted_and_set_back() {
             let executor = system.executor("server").core(0).policy(own);
             executor.build().unwrap().process("server")
         };
-        process.spawn(serve).unwrap();
+        process.spawn_ok(serve);
         system.run().unwrap();
         assert_eq!(*at_end.lock().unwrap(), Some(own), "after the reply");
         assert_eq!(current::refused_boosts(), None);
@@ -472,7 +421,6 @@ fn the_servers_thread_is_boosted_and_set_back() {
 #[test]
 fn a_call_that_is_answered_elsewhere_sets_its_servers_thread_back() {
     own_process!();
-    let _watch = watchdog();
     if !has_threads_of_priority() {
         return;
     }
@@ -488,34 +436,31 @@ fn a_call_that_is_answered_elsewhere_sets_its_servers_thread_back() {
         .build()
         .unwrap()
         .process("client")
-        .spawn(async move {
+        .spawn_ok(async move {
             assert_eq!(client.call(()).await?, 5);
             Ok(())
-        })
-        .unwrap();
+        });
     system
         .executor("server")
         .policy(Policy::fifo(20))
         .build()
         .unwrap()
         .process("server")
-        .spawn(async move {
+        .spawn_ok(async move {
             let call = server.accept().await?;
             assert_eq!(current_policy(), Policy::fifo(60));
             pass.send(call).await?;
             is_done.recv().await?;
             assert_eq!(current_policy(), Policy::fifo(20));
             Ok(())
-        })
-        .unwrap();
+        });
     system
         .thread("other")
         .process("other")
-        .spawn(async move {
+        .spawn_ok(async move {
             passed.recv().await?.reply(5).unwrap();
             done.send(()).await?;
             Ok(())
-        })
-        .unwrap();
+        });
     system.run().unwrap();
 }

@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, has_no_signals, watchdog};
+use common::{Program, SpawnOk, has_no_signals};
 use luna::Error;
 use luna::prelude::*;
 use nix::sys::signal::Signal;
@@ -39,28 +39,23 @@ fn part() {
         safety.warn(Error::Timeout);
         println!("function, {}", safety.degree());
     });
-    system
-        .thread("own")
-        .process("culprit")
-        .spawn(async {
-            let safety = luna::safety().unwrap();
-            let cause = Error::Panicked("x".repeat(TELLING));
-            IS_ARMED.store(true, Ordering::SeqCst);
-            // Moved, and not copied, on the path.
-            safety.warn(cause);
-            println!("warned");
-            drop(safety.state());
-            println!("not reached");
-            Ok(())
-        })
-        .unwrap();
+    system.thread("own").process("culprit").spawn_ok(async {
+        let safety = luna::safety().unwrap();
+        let cause = Error::Panicked("x".repeat(TELLING));
+        IS_ARMED.store(true, Ordering::SeqCst);
+        // Moved, and not copied, on the path.
+        safety.warn(cause);
+        println!("warned");
+        drop(safety.state());
+        println!("not reached");
+        Ok(())
+    });
     system.run().unwrap();
 }
 
 #[test]
 fn who_looks_holds_no_lock_meanwhile() {
     own_process!();
-    let _watch = watchdog();
     if has_no_signals() {
         return;
     }

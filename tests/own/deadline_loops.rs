@@ -1,7 +1,7 @@
 //! Loops under SCHED_DEADLINE: on OS threads alone, on any core, with a report of what they got.
 
 use crate::common;
-use common::{COMPLETE, setup_error, skip, watchdog};
+use common::{COMPLETE, SpawnOk, setup_error, skip};
 use luna::prelude::*;
 use luna::{End, SetupError};
 use luna_platform::thread::{AttributeError, current_policy};
@@ -16,20 +16,18 @@ fn policy() -> Policy {
 #[test]
 fn a_loop_on_a_thread_of_its_own_keeps_its_slots() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("deadline");
     system
         .thread("servo")
         .policy(policy())
         .process("servo")
-        .spawn(async {
+        .spawn_ok(async {
             let mut tick = luna::periodic("servo", PERIOD)?.guard_spin(PERIOD / 50)?;
             for _ in 0..20 {
                 tick.next().await;
             }
             Ok(())
-        })
-        .unwrap();
+        });
     let report = system.run().unwrap();
     assert_eq!(report.end, End::Completed);
     let servo = &report.loops["servo"];
@@ -48,7 +46,6 @@ fn a_loop_on_a_thread_of_its_own_keeps_its_slots() {
 #[test]
 fn a_call_from_a_fifo_server_to_a_deadline_client_changes_neither_policy_for_good() {
     own_process!();
-    let _watch = watchdog();
     let (client, server) = luna::call_channel::<(), Policy>();
     let (tell, told) = luna::buffered(Buffer::fifo(2));
     let mut system = System::new("inherits");
@@ -56,7 +53,7 @@ fn a_call_from_a_fifo_server_to_a_deadline_client_changes_neither_policy_for_goo
         .thread("client")
         .policy(policy())
         .process("client")
-        .spawn({
+        .spawn_ok({
             let tell = tell.clone();
             async move {
                 let mine = current_policy();
@@ -64,20 +61,16 @@ fn a_call_from_a_fifo_server_to_a_deadline_client_changes_neither_policy_for_goo
                 tell.try_send(("client", mine, current_policy(), while_served))?;
                 Ok(())
             }
-        })
-        .unwrap();
+        });
     let place = system.thread("server").policy(Policy::fifo(10));
-    place
-        .process("server")
-        .spawn(async move {
-            let mine = current_policy();
-            let call = server.accept().await?;
-            let now = current_policy();
-            let _ = call.reply(now);
-            tell.try_send(("server", mine, current_policy(), now))?;
-            Ok(())
-        })
-        .unwrap();
+    place.process("server").spawn_ok(async move {
+        let mine = current_policy();
+        let call = server.accept().await?;
+        let now = current_policy();
+        let _ = call.reply(now);
+        tell.try_send(("server", mine, current_policy(), now))?;
+        Ok(())
+    });
     let report = system.run().unwrap();
     let mut raised = None;
     for _ in 0..2 {
@@ -137,8 +130,7 @@ fn a_strict_system_says_what_was_refused() {
         .thread("slow")
         .policy(Policy::deadline(PERIOD, impossible, impossible))
         .process("slow")
-        .spawn(async { Ok(()) })
-        .unwrap();
+        .spawn_ok(async { Ok(()) });
     let error = setup_error(system.run(), &["deadline:10000000/"]);
     assert!(matches!(error, SetupError::Refused { .. }), "{error:?}");
     if !COMPLETE {

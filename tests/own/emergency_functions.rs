@@ -2,7 +2,7 @@
 //! set-up, by drivers, and late.
 
 use crate::common;
-use common::{burn_until, has_real_time, skip, watchdog};
+use common::{SpawnOk, burn_until, has_real_time, skip, watchdog};
 use luna::prelude::*;
 use luna::{Cause, Degree, End, Error, FunctionOutcome, Instant, SafetyReport};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -56,14 +56,12 @@ fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
         main = main.core(core).policy(Policy::fifo(50));
     }
     let main = main.build().unwrap();
-    main.process("raiser")
-        .spawn(async {
-            let _raised = luna::emergency(Error::other("now"));
-            // The functions alone end the run. Otherwise the end of the run might find the thread
-            // that hangs.
-            std::future::pending().await
-        })
-        .unwrap();
+    main.process("raiser").spawn_ok(async {
+        let _raised = luna::emergency(Error::other("now"));
+        // The functions alone end the run. Otherwise the end of the run might find the thread
+        // that hangs.
+        std::future::pending().await
+    });
     assert_eq!(
         system.run().unwrap_err().to_string(),
         "process `raiser`: now"
@@ -77,12 +75,10 @@ fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
 fn wait_in(system: &mut System) -> mpsc::Receiver<()> {
     let main = system.executor("main").build().unwrap();
     let (begun, has_begun) = mpsc::channel();
-    main.process("body")
-        .spawn(async move {
-            begun.send(()).unwrap();
-            std::future::pending().await
-        })
-        .unwrap();
+    main.process("body").spawn_ok(async move {
+        begun.send(()).unwrap();
+        std::future::pending().await
+    });
     has_begun
 }
 
@@ -100,7 +96,6 @@ fn hang() -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
 #[test]
 fn one_that_hangs_is_left_behind_and_the_others_run() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let (hangs, let_go) = hang();
     let mut system = System::new("hanging");
@@ -128,7 +123,6 @@ fn one_that_hangs_is_left_behind_and_the_others_run() {
 #[test]
 fn all_but_one_thread_may_hang() {
     own_process!();
-    let _watch = watchdog();
     for core in places() {
         let log = Log::default();
         let mut system = System::new("all hang");
@@ -180,7 +174,6 @@ fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
 #[test]
 fn one_of_each_kind_may_hang() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let (hangs_before, let_go) = hang();
     let (hangs, let_other_go) = hang();
@@ -193,17 +186,13 @@ fn one_of_each_kind_may_hang() {
     });
     system.on_emergency_within("hangs", SHORT, hangs);
     system.on_emergency_within("last", LONG, log.noter("last"));
-    system
-        .thread("own")
-        .process("raiser")
-        .spawn(async move {
-            luna::safety()
-                .unwrap()
-                .enter_safe_state(Error::other("before"));
-            has_begun.recv().unwrap();
-            Err(luna::emergency(Error::other("now")))
-        })
-        .unwrap();
+    system.thread("own").process("raiser").spawn_ok(async move {
+        luna::safety()
+            .unwrap()
+            .enter_safe_state(Error::other("before"));
+        has_begun.recv().unwrap();
+        Err(luna::emergency(Error::other("now")))
+    });
     system.run().unwrap_err();
     let safety = system.report().unwrap().safety;
     use FunctionOutcome::{LeftBehind, Ran};
@@ -216,7 +205,6 @@ fn one_of_each_kind_may_hang() {
 #[test]
 fn all_but_one_thread_may_hang_whatever_they_run() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let mut system = System::new("all hang");
     let mut kept = Vec::new();
@@ -233,14 +221,12 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
     system.on_safe_state("last 1", log.noter("last 1"));
     system.on_emergency_within("last 2", LONG, log.noter("last 2"));
     let main = system.executor("main").build().unwrap();
-    main.process("raiser")
-        .spawn(async {
-            luna::safety()
-                .unwrap()
-                .enter_safe_state(Error::other("before"));
-            Err(luna::emergency(Error::other("now")))
-        })
-        .unwrap();
+    main.process("raiser").spawn_ok(async {
+        luna::safety()
+            .unwrap()
+            .enter_safe_state(Error::other("before"));
+        Err(luna::emergency(Error::other("now")))
+    });
     system.run().unwrap_err();
     let safety = system.report().unwrap().safety;
     use FunctionOutcome::{LeftBehind, Ran};
@@ -260,19 +246,16 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
 #[test]
 fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     own_process!();
-    let _watch = watchdog();
     let (hangs, let_go) = hang();
     let mut system = System::new("hangs at the end");
     system.on_safe_state("hangs", hangs);
     let main = system.executor("main").build().unwrap();
-    main.process("last")
-        .spawn(async {
-            luna::safety()
-                .unwrap()
-                .enter_safe_state(Error::other("at the end"));
-            Ok(())
-        })
-        .unwrap();
+    main.process("last").spawn_ok(async {
+        luna::safety()
+            .unwrap()
+            .enter_safe_state(Error::other("at the end"));
+        Ok(())
+    });
     let report = system.run().unwrap();
     let outcome = report.safety.safe_state_functions[0].outcome;
     assert_eq!(outcome, FunctionOutcome::LeftBehind);
@@ -283,22 +266,19 @@ fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
 #[test]
 fn functions_that_come_late_have_somebody_who_goes_on() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let (first, let_first_go) = hang();
     let (second, let_second_go) = hang();
     let last = log.noter("last");
     let mut system = System::new("late");
     let main = system.executor("main").build().unwrap();
-    main.process("raiser")
-        .spawn(async move {
-            let safety = luna::safety().unwrap();
-            safety.on_emergency("first", SHORT, first)?;
-            safety.on_emergency("second", SHORT, second)?;
-            safety.on_emergency("last", LONG, last)?;
-            Err(luna::emergency(Error::other("now")))
-        })
-        .unwrap();
+    main.process("raiser").spawn_ok(async move {
+        let safety = luna::safety().unwrap();
+        safety.on_emergency("first", SHORT, first)?;
+        safety.on_emergency("second", SHORT, second)?;
+        safety.on_emergency("last", LONG, last)?;
+        Err(luna::emergency(Error::other("now")))
+    });
     system.run().unwrap_err();
     assert_eq!(log.all(), ["last"]);
     use FunctionOutcome::{LeftBehind, Ran};
@@ -312,7 +292,6 @@ fn functions_that_come_late_have_somebody_who_goes_on() {
 #[test]
 fn one_that_computes_for_ever_loses_its_priority() {
     own_process!();
-    let _watch = watchdog();
     for core in places() {
         let log = Log::default();
         let is_over = Arc::new(AtomicBool::new(false));
@@ -356,7 +335,6 @@ fn one_that_computes_for_ever_loses_its_priority() {
 #[test]
 fn drivers_functions_run_in_the_order_of_registration() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let mut system = System::new("drivers");
     let safety = system.safety();
@@ -386,7 +364,7 @@ fn drivers_functions_run_in_the_order_of_registration() {
         }
     }
     let main = system.executor("main").build().unwrap();
-    main.process("driver").spawn(Driver(log.clone())).unwrap();
+    main.process("driver").spawn_ok(Driver(log.clone()));
     assert!(gone.withdraw());
     system.run().unwrap_err();
     assert_eq!(log.all(), ["opened", "card", "user", "late"]);
@@ -402,7 +380,6 @@ fn drivers_functions_run_in_the_order_of_registration() {
 #[test]
 fn one_that_is_registered_while_others_run_runs_behind_them() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let mut system = System::new("late");
     let safety = system.safety();
@@ -421,19 +398,16 @@ fn one_that_is_registered_while_others_run_runs_behind_them() {
 #[test]
 fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     own_process!();
-    let _watch = watchdog();
     // Before: no body runs.
     let log = Log::default();
     let mut system = System::new("before");
     system.on_emergency("neutral", log.noter("neutral"));
     let main = system.executor("main").build().unwrap();
     let own = log.clone();
-    main.process("body")
-        .spawn(async move {
-            own.note("body");
-            Ok(())
-        })
-        .unwrap();
+    main.process("body").spawn_ok(async move {
+        own.note("body");
+        Ok(())
+    });
     let trigger = system.emergency_trigger();
     trigger.raise(Error::other("lost before"));
     assert_eq!(trigger.safety().degree(), Degree::Emergency);
@@ -474,7 +448,6 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
 #[test]
 fn a_second_run_takes_nothing_from_the_first() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let mut system = System::new("twice");
     system.on_emergency("neutral", log.noter("neutral"));
@@ -492,7 +465,6 @@ fn a_second_run_takes_nothing_from_the_first() {
 #[test]
 fn on_every_clock() {
     own_process!();
-    let _watch = watchdog();
     for clock in ["real", "virtual", "driven"] {
         let log = Log::default();
         let (hangs, let_go) = hang();
@@ -527,7 +499,6 @@ fn on_every_clock() {
 #[test]
 fn the_report_says_how_it_went() {
     own_process!();
-    let _watch = watchdog();
     let (hangs, _let_go) = hang();
     let mut system = System::new("told");
     system.on_emergency_within("brakes", SHORT, hangs);
@@ -552,7 +523,6 @@ fn the_report_says_how_it_went() {
 #[test]
 fn no_other_process_of_the_core_runs_before_the_first_function() {
     own_process!();
-    let _watch = watchdog();
     if !has_real_time() {
         return skip("priorities: no privilege");
     }
@@ -580,18 +550,15 @@ fn no_other_process_of_the_core_runs_before_the_first_function() {
                 }
             }
         };
-        control.process("beside").spawn(intruder()).unwrap();
-        below.process("below").spawn(intruder()).unwrap();
+        control.process("beside").spawn_ok(intruder());
+        below.process("below").spawn_ok(intruder());
         let triggered = triggered_at.clone();
-        control
-            .process("culprit")
-            .spawn(async move {
-                luna::after(Duration::from_millis(1)).await;
-                burn_until(luna::now() + Duration::from_micros(200));
-                triggered.store(luna::now().as_nanos(), Ordering::SeqCst);
-                Err(luna::emergency(Error::other("now")))
-            })
-            .unwrap();
+        control.process("culprit").spawn_ok(async move {
+            luna::after(Duration::from_millis(1)).await;
+            burn_until(luna::now() + Duration::from_micros(200));
+            triggered.store(luna::now().as_nanos(), Ordering::SeqCst);
+            Err(luna::emergency(Error::other("now")))
+        });
         system.run().unwrap_err();
         let safety = system.report().unwrap().safety;
         let after = safety.functions[0].began_after.unwrap();
@@ -616,7 +583,6 @@ fn no_other_process_of_the_core_runs_before_the_first_function() {
 #[test]
 fn what_was_withdrawn_takes_no_room() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     let mut system = System::new("comes and goes");
     let safety = system.safety();
@@ -639,7 +605,6 @@ fn what_was_withdrawn_takes_no_room() {
 #[test]
 fn functions_whose_drop_panics_are_dropped_and_the_run_ends_as_it_does() {
     own_process!();
-    let _watch = watchdog();
     struct Held(Log, bool);
     impl Drop for Held {
         fn drop(&mut self) {

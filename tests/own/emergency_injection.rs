@@ -6,7 +6,7 @@
 //! others.
 
 use crate::common;
-use common::{Program, Random, has_no_signals, say, seed, watchdog};
+use common::{Program, Random, SpawnOk, has_no_signals, say, seed, watchdog};
 use luna::prelude::*;
 use luna::{Degree, End, Error, FunctionOutcome, OnOverrun, Watchdog};
 use luna_platform::clock::Instant;
@@ -122,7 +122,7 @@ fn add(
                 reach(true);
                 panic!("injected");
             };
-            process(system).spawn(body).unwrap();
+            process(system).spawn_ok(body);
         }
         Kind::Raised => {
             let body = async move {
@@ -130,7 +130,7 @@ fn add(
                 reach(true);
                 Err(luna::emergency(Error::other("injected")))
             };
-            process(system).spawn(body).unwrap();
+            process(system).spawn_ok(body);
         }
         Kind::Overrun => {
             let body = async move {
@@ -143,10 +143,7 @@ fn add(
                 Ok(())
             };
             let process = process(system).poll_budget(Duration::from_nanos(1));
-            process
-                .on_overrun(OnOverrun::Emergency)
-                .spawn(body)
-                .unwrap();
+            process.on_overrun(OnOverrun::Emergency).spawn_ok(body);
         }
         Kind::Watchdog => {
             let trigger = system.emergency_trigger();
@@ -156,7 +153,7 @@ fn add(
                 reach(true);
                 trigger.raise(Error::other("not fed"));
             });
-            process(system).spawn(bites).unwrap();
+            process(system).spawn_ok(bites);
         }
         Kind::Device => {
             let trigger = system.emergency_trigger();
@@ -208,10 +205,7 @@ fn round(number: u64, seed: u64, has_signals: bool) -> (usize, bool) {
         };
         let name = format!("phased {number}");
         let place = common::PLACES[random.below(2) as usize];
-        place
-            .process(&mut system, &name, &name)
-            .spawn(process)
-            .unwrap();
+        place.process(&mut system, &name, &name).spawn_ok(process);
     }
     let mut kinds = vec![KINDS[random.below(KINDS.len() as u64) as usize]];
     while random.below(3) == 0 {
@@ -325,7 +319,7 @@ fn part() {
 
 #[test]
 fn none_is_lost_and_none_runs_twice() {
-    own_process!();
+    own_process!(long);
     // The long form takes longer than a watchdog.
     let _watch = (emergencies() <= 1000).then(watchdog);
     // In a program of its own, with signals of its own.
@@ -372,7 +366,7 @@ fn crash(number: u64) {
         within: micros(random, 2000),
         after: micros(random, 2000),
     });
-    system.thread("own").process("life").spawn(process).unwrap();
+    system.thread("own").process("life").spawn_ok(process);
     let delay = micros(random, 6000);
     let how = random.below(4);
     std::thread::spawn(move || {
@@ -407,7 +401,7 @@ fn crash(number: u64) {
 #[cfg(unix)]
 #[test]
 fn in_crashes_neither() {
-    own_process!();
+    own_process!(long);
     use std::os::unix::process::ExitStatusExt;
     if has_no_signals() {
         return;

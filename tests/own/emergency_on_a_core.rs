@@ -2,7 +2,7 @@
 //! that core over.
 
 use crate::common;
-use common::{skip, watchdog};
+use common::{SpawnOk, skip};
 use luna::prelude::*;
 use luna::{Error, FunctionOutcome};
 use luna_platform::thread::available_cores;
@@ -25,7 +25,6 @@ fn on(core: usize, system: &mut System, name: &str) -> luna::Executor {
 #[test]
 fn a_function_of_another_system_on_the_same_core_does_not_keep_the_functions_waiting() {
     own_process!();
-    let _watch = watchdog();
     let cores = available_cores();
     if cores.len() < 2 {
         skip("there is one core");
@@ -46,15 +45,13 @@ fn a_function_of_another_system_on_the_same_core_does_not_keep_the_functions_wai
     let (running, is_running) = mpsc::channel();
     on(cores[0], &mut other, "other")
         .process("idle")
-        .spawn(async move {
+        .spawn_ok(async move {
             running.send(()).unwrap();
             std::future::pending::<luna::Result<()>>().await
-        })
-        .unwrap();
+        });
     on(cores[0], &mut coupled, "coupled")
         .process("raiser")
-        .spawn(async { Err(luna::emergency(Error::other("now"))) })
-        .unwrap();
+        .spawn_ok(async { Err(luna::emergency(Error::other("now"))) });
     let other = std::thread::spawn(move || {
         other.run().unwrap_err();
         other.report().unwrap().safety
@@ -92,8 +89,7 @@ fn part() {
     });
     on(available_cores()[0], &mut system, "control")
         .process("raiser")
-        .spawn(async { Err(luna::emergency(Error::other("now"))) })
-        .unwrap();
+        .spawn_ok(async { Err(luna::emergency(Error::other("now"))) });
     system.run().unwrap_err();
     let (policy, cores) = seen.recv().unwrap();
     match (policy, cores == available_cores()) {
@@ -108,7 +104,6 @@ fn part() {
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 fn one_that_was_refused_its_priority_is_not_called() {
     own_process!();
-    let _watch = watchdog();
     if available_cores().len() < 2 {
         skip("there is one core");
         return;

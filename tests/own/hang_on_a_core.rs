@@ -3,7 +3,7 @@
 //! system would wake the watching thread.
 
 use crate::common;
-use common::watchdog;
+use common::SpawnOk;
 use luna::prelude::*;
 use luna::{Error, FunctionOutcome};
 use std::sync::mpsc;
@@ -36,14 +36,11 @@ fn raise(system: &mut System) -> Vec<FunctionOutcome> {
     let core = luna_platform::thread::available_cores()[0];
     let executor = system.executor("control").core(core);
     let executor = executor.policy(Policy::fifo(50)).build().unwrap();
-    executor
-        .process("raiser")
-        .spawn(async {
-            let _raised = luna::emergency(Error::other("now"));
-            // The functions alone end the run.
-            std::future::pending().await
-        })
-        .unwrap();
+    executor.process("raiser").spawn_ok(async {
+        let _raised = luna::emergency(Error::other("now"));
+        // The functions alone end the run.
+        std::future::pending().await
+    });
     system.run().unwrap_err();
     let safety = system.report().unwrap().safety;
     safety.functions.iter().map(|one| one.outcome).collect()
@@ -53,7 +50,6 @@ fn raise(system: &mut System) -> Vec<FunctionOutcome> {
 fn it_is_left_behind_though_nothing_else_happens() {
     own_process!();
     let _alone = alone();
-    let _watch = watchdog();
     let mut system = System::new("hanging");
     let (hangs, let_go) = hang();
     system.on_emergency_within("hangs", SHORT, hangs);
@@ -68,7 +64,6 @@ fn it_is_left_behind_though_nothing_else_happens() {
 fn one_that_is_registered_while_others_run_is_watched_by_its_own_limit() {
     own_process!();
     let _alone = alone();
-    let _watch = watchdog();
     let mut system = System::new("late and short");
     let (hangs, let_go) = hang();
     let safety = system.safety();

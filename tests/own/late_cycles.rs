@@ -2,7 +2,7 @@
 //! the loop itself.
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, burn_until, has_real_time, skip, watchdog};
+use common::{COMPLETE, PLACES, Place, SpawnOk, burn_until, has_real_time, skip};
 use luna::prelude::*;
 use luna::{Instant, LateCauseKind, LateCycle, LoopReport, ThreadUsage};
 use std::time::Duration;
@@ -26,7 +26,6 @@ fn at(report: &LoopReport, slot: Instant) -> &LateCycle {
 #[test]
 fn who_ran_instead_is_named() {
     own_process!();
-    let _watch = watchdog();
     // Again if a busy machine gave the hog its turn too late.
     assert!((0..50).any(|_| a_hog_is_named()));
 }
@@ -38,37 +37,28 @@ fn a_hog_is_named() -> bool {
     let (busy, free) = luna::channel::<Instant>();
     let mut system = System::new("named");
     let main = system.executor("main").build().unwrap();
-    main.process("servo")
-        .priority(30)
-        .spawn(async move {
-            let mut tick = luna::periodic("servo", PERIOD)?;
-            let first = tick.next().await;
-            // The hog gets its message within a cycle, and runs past the end of the next slot.
-            busy.send(first.deadline + PERIOD + HOG).await?;
-            told.try_send(first.deadline + PERIOD)?;
-            tick.next().await;
-            Ok(())
-        })
-        .unwrap();
-    main.process("hog")
-        .priority(10)
-        .spawn(async move {
-            let until = free.recv().await?;
-            begins.try_send(luna::now())?;
-            burn_until(until);
-            Ok(())
-        })
-        .unwrap();
+    main.process("servo").priority(30).spawn_ok(async move {
+        let mut tick = luna::periodic("servo", PERIOD)?;
+        let first = tick.next().await;
+        // The hog gets its message within a cycle, and runs past the end of the next slot.
+        busy.send(first.deadline + PERIOD + HOG).await?;
+        told.try_send(first.deadline + PERIOD)?;
+        tick.next().await;
+        Ok(())
+    });
+    main.process("hog").priority(10).spawn_ok(async move {
+        let until = free.recv().await?;
+        begins.try_send(luna::now())?;
+        burn_until(until);
+        Ok(())
+    });
     // It has its turns too, but short ones.
-    main.process("other")
-        .priority(20)
-        .spawn(async {
-            for _ in 0..10 {
-                luna::after(Duration::from_millis(1)).await;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("other").priority(20).spawn_ok(async {
+        for _ in 0..10 {
+            luna::after(Duration::from_millis(1)).await;
+        }
+        Ok(())
+    });
     let report = system.run().unwrap();
     let servo = &report.loops["servo"];
     let slot = slot.try_recv().unwrap();
@@ -89,7 +79,6 @@ fn a_hog_is_named() -> bool {
 #[test]
 fn loops_that_wake_together_name_the_one_before() {
     own_process!();
-    let _watch = watchdog();
     // Again if a busy machine gave the previous process its turn too late, or held the second up
     // for longer than the first.
     assert!((0..50).any(|_| the_one_before_is_named()));
@@ -103,46 +92,34 @@ fn the_one_before_is_named() -> bool {
     let (begins, began) = luna::buffered(Buffer::fifo(1));
     let (told, took) = luna::buffered::<Duration>(Buffer::fifo(2));
     let tell = told.clone();
-    main.process("first")
-        .priority(30)
-        .spawn(async move {
-            let mut tick = luna::periodic("first", PERIOD)?;
-            let begun = luna::now();
-            ready.send(begun).await?;
-            tick.next().await;
-            // Longer than the one before, also where a busy machine held that one up.
-            let turn = luna::now();
-            burn_until(turn + 2 * (HOG + (turn - begun)));
-            Ok(tell.try_send(luna::now() - turn)?)
-        })
-        .unwrap();
-    main.process("second")
-        .priority(20)
-        .spawn(async move {
-            luna::periodic("second", PERIOD)?.next().await;
-            let turn = luna::now();
-            burn_until(turn + HOG);
-            Ok(told.try_send(luna::now() - turn)?)
-        })
-        .unwrap();
-    main.process("third")
-        .priority(15)
-        .spawn(async {
-            luna::periodic("third", PERIOD)?.next().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("first").priority(30).spawn_ok(async move {
+        let mut tick = luna::periodic("first", PERIOD)?;
+        let begun = luna::now();
+        ready.send(begun).await?;
+        tick.next().await;
+        // Longer than the one before, also where a busy machine held that one up.
+        let turn = luna::now();
+        burn_until(turn + 2 * (HOG + (turn - begun)));
+        Ok(tell.try_send(luna::now() - turn)?)
+    });
+    main.process("second").priority(20).spawn_ok(async move {
+        luna::periodic("second", PERIOD)?.next().await;
+        let turn = luna::now();
+        burn_until(turn + HOG);
+        Ok(told.try_send(luna::now() - turn)?)
+    });
+    main.process("third").priority(15).spawn_ok(async {
+        luna::periodic("third", PERIOD)?.next().await;
+        Ok(())
+    });
     // Until all slots have passed. One read of the clock then wakes all, and with no deadline left
     // there is no other read.
-    main.process("before")
-        .priority(10)
-        .spawn(async move {
-            let until = go.recv().await? + HOG;
-            begins.try_send(luna::now())?;
-            burn_until(until);
-            Ok(())
-        })
-        .unwrap();
+    main.process("before").priority(10).spawn_ok(async move {
+        let until = go.recv().await? + HOG;
+        begins.try_send(luna::now())?;
+        burn_until(until);
+        Ok(())
+    });
     let report = system.run().unwrap();
     let began = began.try_recv().unwrap();
     let first = report.loops["first"].late_cycles.first();
@@ -164,21 +141,19 @@ fn the_one_before_is_named() -> bool {
 #[test]
 fn a_loop_that_overran_itself_blames_nobody() {
     own_process!();
-    let _watch = watchdog();
     for place in PLACES {
         let (told, slot) = luna::buffered(Buffer::fifo(1));
         let mut system = System::new("itself");
         place
             .process(&mut system, "main", "loop")
-            .spawn(async move {
+            .spawn_ok(async move {
                 let mut tick = luna::periodic("loop", PERIOD)?;
                 let cycle = tick.next().await;
                 told.try_send(cycle.deadline + PERIOD)?;
                 burn_until(cycle.deadline + PERIOD + HOG);
                 tick.next().await;
                 Ok(())
-            })
-            .unwrap();
+            });
         let report = system.run().unwrap();
         let worst = at(&report.loops["loop"], slot.try_recv().unwrap());
         assert!(worst.own_overrun >= HOG, "{worst:?}");
@@ -196,7 +171,6 @@ fn a_loop_that_overran_itself_blames_nobody() {
 #[test]
 fn page_faults_of_the_cycle_before_are_counted() {
     own_process!();
-    let _watch = watchdog();
     if !COMPLETE {
         skip("the portable layer does not know of page faults");
         return;
@@ -206,7 +180,7 @@ fn page_faults_of_the_cycle_before_are_counted() {
         let mut system = System::new("faults");
         place
             .process(&mut system, "main", "loop")
-            .spawn(async move {
+            .spawn_ok(async move {
                 let count = || ThreadUsage::of_current_thread().unwrap().minor_faults;
                 let mut tick = luna::periodic("loop", PERIOD)?.accounted();
                 let fresh = || vec![0_u8; 8 << 20];
@@ -228,8 +202,7 @@ fn page_faults_of_the_cycle_before_are_counted() {
                 burn_until(cycle.deadline + PERIOD + HOG);
                 tick.next().await;
                 Ok(())
-            })
-            .unwrap();
+            });
         let report = system.run().unwrap();
         let (touched, slot) = faults.try_recv().unwrap();
         assert!(touched > 0);
@@ -251,7 +224,6 @@ fn page_faults_of_the_cycle_before_are_counted() {
 #[test]
 fn a_thread_that_was_preempted_has_waited_in_the_queue() {
     own_process!();
-    let _watch = watchdog();
     if !has_real_time() {
         skip("needs SCHED_FIFO");
         return;
@@ -263,25 +235,23 @@ fn a_thread_that_was_preempted_has_waited_in_the_queue() {
         .core(0)
         .policy(Policy::fifo(10))
         .process("loop")
-        .spawn(async move {
+        .spawn_ok(async move {
             let mut tick = luna::periodic("loop", PERIOD)?.accounted();
             let cycle = tick.next().await;
             // Wakes a thread that takes the core here, and gives it back after the slot.
             busy.try_send(cycle.deadline + PERIOD + HOG)?;
             tick.next().await;
             Ok(())
-        })
-        .unwrap();
+        });
     system
         .thread("high")
         .core(0)
         .policy(Policy::fifo(20))
         .process("hog")
-        .spawn(async move {
+        .spawn_ok(async move {
             burn_until(free.recv().await?);
             Ok(())
-        })
-        .unwrap();
+        });
     let report = system.run().unwrap();
     let worst = &report.loops["loop"].late_cycles[0];
     assert_eq!((worst.core, culprit(worst)), (Some(0), None));
@@ -303,11 +273,10 @@ fn a_thread_that_was_preempted_has_waited_in_the_queue() {
 #[test]
 fn only_the_worst_are_kept_and_all_are_counted() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("many");
     Place::Executor
         .process(&mut system, "main", "loop")
-        .spawn(async {
+        .spawn_ok(async {
             let mut tick = luna::periodic("loop", Duration::from_millis(1))?
                 .late_after(Duration::from_micros(100));
             for _ in 0..20 {
@@ -316,8 +285,7 @@ fn only_the_worst_are_kept_and_all_are_counted() {
                 burn_until(cycle.deadline + Duration::from_micros(2500));
             }
             Ok(())
-        })
-        .unwrap();
+        });
     let report = system.run().unwrap();
     let report = &report.loops["loop"];
     assert_eq!(report.late_after, Duration::from_micros(100));
@@ -334,18 +302,15 @@ fn only_the_worst_are_kept_and_all_are_counted() {
 #[test]
 fn what_is_never_late_is_asked_nothing() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("patient");
     let main = system.executor("main").build().unwrap();
-    main.process("loop")
-        .spawn(async {
-            let mut tick = luna::periodic("loop", PERIOD)?.late_after(Duration::MAX);
-            let cycle = tick.next().await;
-            burn_until(cycle.deadline + PERIOD + HOG);
-            tick.next().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("loop").spawn_ok(async {
+        let mut tick = luna::periodic("loop", PERIOD)?.late_after(Duration::MAX);
+        let cycle = tick.next().await;
+        burn_until(cycle.deadline + PERIOD + HOG);
+        tick.next().await;
+        Ok(())
+    });
     let report = system.run().unwrap();
     let report = &report.loops["loop"];
     assert_eq!((report.late, report.late_cycles.len()), (0, 0));

@@ -3,7 +3,7 @@
 
 use crate::common;
 use crate::levels;
-use common::{COMPLETE, has_real_time, skip, watchdog};
+use common::{COMPLETE, SpawnOk, has_real_time, skip};
 use levels::{Log, burner, level, on_one_executor};
 use luna::prelude::*;
 use luna::sync::Mutex;
@@ -19,57 +19,50 @@ use std::time::Duration;
 fn locker(process: ProcessBuilder, mutex: &Mutex<()>) -> luna::Sender<()> {
     let (go, gone) = luna::channel::<()>();
     let mutex = mutex.clone();
-    process
-        .spawn(async move {
-            gone.recv().await?;
-            let guard = mutex.lock().await?;
-            yield_now().await;
-            drop(guard);
-            Ok(())
-        })
-        .unwrap();
+    process.spawn_ok(async move {
+        gone.recv().await?;
+        let guard = mutex.lock().await?;
+        yield_now().await;
+        drop(guard);
+        Ok(())
+    });
     go
 }
 
 #[test]
 fn nobody_between_the_holder_and_who_waits_runs_before_it_unlocks() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     on_one_executor(|process| {
         let mutex = Mutex::new(());
         let start = burner(process("burner", 10), &log);
         let (go, gone) = luna::channel::<()>();
         let (own, theirs) = (log.clone(), mutex.clone());
-        process("high", 20)
-            .spawn(async move {
-                gone.recv().await?;
-                start.try_send(())?;
-                own.add("waits");
-                let _guard = theirs.lock().await?;
-                own.add("holds");
-                Ok(())
-            })
-            .unwrap();
+        process("high", 20).spawn_ok(async move {
+            gone.recv().await?;
+            start.try_send(())?;
+            own.add("waits");
+            let _guard = theirs.lock().await?;
+            own.add("holds");
+            Ok(())
+        });
         let own = log.clone();
-        process("low", 1)
-            .spawn(async move {
-                let guard = mutex.lock().await?;
-                // The other process runs at once. So this one is ready at level 1 when it is
-                // boosted further, and the burner is ready above it.
-                go.send(()).await?;
-                assert_eq!(level(), 20);
-                for _ in 0..5 {
-                    yield_now().await;
-                }
-                own.add("unlocks");
-                drop(guard);
-                assert_eq!(level(), 1);
+        process("low", 1).spawn_ok(async move {
+            let guard = mutex.lock().await?;
+            // The other process runs at once. So this one is ready at level 1 when it is
+            // boosted further, and the burner is ready above it.
+            go.send(()).await?;
+            assert_eq!(level(), 20);
+            for _ in 0..5 {
                 yield_now().await;
-                own.add("low");
-                Ok(())
-            })
-            .unwrap();
+            }
+            own.add("unlocks");
+            drop(guard);
+            assert_eq!(level(), 1);
+            yield_now().await;
+            own.add("low");
+            Ok(())
+        });
     });
     assert_eq!(log.between("waits", "holds"), ["unlocks"]);
     assert_eq!(log.between("holds", "low"), ["burn"; 50]);
@@ -78,7 +71,6 @@ fn nobody_between_the_holder_and_who_waits_runs_before_it_unlocks() {
 #[test]
 fn a_chain_of_holders_passes_it_on() {
     own_process!();
-    let _watch = watchdog();
     let log = Log::default();
     on_one_executor(|process| {
         let (first, second) = (Mutex::new(()), Mutex::new(()));
@@ -86,50 +78,44 @@ fn a_chain_of_holders_passes_it_on() {
         let (go_high, gone_high) = luna::channel::<()>();
         let (go_middle, gone_middle) = luna::channel::<()>();
         let (own, wanted) = (log.clone(), first.clone());
-        process("high", 20)
-            .spawn(async move {
-                gone_high.recv().await?;
-                start.try_send(())?;
-                own.add("waits");
-                let _guard = wanted.lock().await?;
-                own.add("holds");
-                Ok(())
-            })
-            .unwrap();
+        process("high", 20).spawn_ok(async move {
+            gone_high.recv().await?;
+            start.try_send(())?;
+            own.add("waits");
+            let _guard = wanted.lock().await?;
+            own.add("holds");
+            Ok(())
+        });
         let (holds, wanted) = (first.clone(), second.clone());
-        process("middle", 2)
-            .spawn(async move {
-                gone_middle.recv().await?;
-                let guard = holds.lock().await?;
-                let wanted = wanted.lock().await?;
-                assert_eq!(level(), 20);
-                drop(wanted);
-                yield_now().await;
-                assert_eq!(level(), 20);
-                drop(guard);
-                assert_eq!(level(), 2);
-                Ok(())
-            })
-            .unwrap();
-        process("low", 1)
-            .spawn(async move {
-                let guard = second.lock().await?;
-                go_middle.send(()).await?;
-                yield_now().await;
-                assert_eq!(level(), 2, "lent by the one in the middle");
-                go_high.send(()).await?;
-                yield_now().await;
-                assert_eq!(
-                    level(),
-                    20,
-                    "lent by the high one through the one in the middle"
-                );
-                yield_now().await;
-                drop(guard);
-                assert_eq!(level(), 1);
-                Ok(())
-            })
-            .unwrap();
+        process("middle", 2).spawn_ok(async move {
+            gone_middle.recv().await?;
+            let guard = holds.lock().await?;
+            let wanted = wanted.lock().await?;
+            assert_eq!(level(), 20);
+            drop(wanted);
+            yield_now().await;
+            assert_eq!(level(), 20);
+            drop(guard);
+            assert_eq!(level(), 2);
+            Ok(())
+        });
+        process("low", 1).spawn_ok(async move {
+            let guard = second.lock().await?;
+            go_middle.send(()).await?;
+            yield_now().await;
+            assert_eq!(level(), 2, "lent by the one in the middle");
+            go_high.send(()).await?;
+            yield_now().await;
+            assert_eq!(
+                level(),
+                20,
+                "lent by the high one through the one in the middle"
+            );
+            yield_now().await;
+            drop(guard);
+            assert_eq!(level(), 1);
+            Ok(())
+        });
     });
     assert_eq!(log.between("waits", "holds"), [""; 0]);
 }
@@ -137,34 +123,31 @@ fn a_chain_of_holders_passes_it_on() {
 #[test]
 fn who_holds_several_falls_to_the_highest_of_what_remains() {
     own_process!();
-    let _watch = watchdog();
     for high_first in [false, true] {
         on_one_executor(|process| {
             let (one, other) = (Mutex::new(()), Mutex::new(()));
             let go_nine = locker(process("nine", 9), &one);
             let go_twenty = locker(process("twenty", 20), &other);
-            process("holder", 1)
-                .spawn(async move {
-                    let (nine, twenty) = (one.lock().await?, other.lock().await?);
-                    go_nine.send(()).await?;
-                    yield_now().await;
+            process("holder", 1).spawn_ok(async move {
+                let (nine, twenty) = (one.lock().await?, other.lock().await?);
+                go_nine.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 9);
+                go_twenty.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 20);
+                if high_first {
+                    drop(twenty);
                     assert_eq!(level(), 9);
-                    go_twenty.send(()).await?;
-                    yield_now().await;
+                    drop(nine);
+                } else {
+                    drop(nine);
                     assert_eq!(level(), 20);
-                    if high_first {
-                        drop(twenty);
-                        assert_eq!(level(), 9);
-                        drop(nine);
-                    } else {
-                        drop(nine);
-                        assert_eq!(level(), 20);
-                        drop(twenty);
-                    }
-                    assert_eq!(level(), 1);
-                    Ok(())
-                })
-                .unwrap();
+                    drop(twenty);
+                }
+                assert_eq!(level(), 1);
+                Ok(())
+            });
         });
     }
 }
@@ -172,82 +155,70 @@ fn who_holds_several_falls_to_the_highest_of_what_remains() {
 #[test]
 fn who_gives_up_takes_back_what_it_lent_along_the_chain() {
     own_process!();
-    let _watch = watchdog();
     on_one_executor(|process| {
         let (first, second) = (Mutex::new(()), Mutex::new(()));
         let (go, gone) = luna::channel::<()>();
         let (gave_up, given_up) = luna::channel::<()>();
         let wanted = first.clone();
-        process("high", 20)
-            .spawn(async move {
-                gone.recv().await?;
-                let late = wanted.lock_timeout(Duration::from_millis(300)).await;
-                assert!(late.is_err_and(|error| error.is_timeout()));
-                gave_up.send(()).await?;
-                Ok(())
-            })
-            .unwrap();
+        process("high", 20).spawn_ok(async move {
+            gone.recv().await?;
+            let late = wanted.lock_timeout(Duration::from_millis(300)).await;
+            assert!(late.is_err_and(|error| error.is_timeout()));
+            gave_up.send(()).await?;
+            Ok(())
+        });
         let (go_middle, gone_middle) = luna::channel::<()>();
         let (holds, wanted) = (first.clone(), second.clone());
-        process("middle", 2)
-            .spawn(async move {
-                gone_middle.recv().await?;
-                let _guard = holds.lock().await?;
-                let _wanted = wanted.lock().await?;
-                assert_eq!(level(), 2);
-                Ok(())
-            })
-            .unwrap();
-        process("low", 1)
-            .spawn(async move {
-                let guard = second.lock().await?;
-                go_middle.send(()).await?;
-                yield_now().await;
-                go.send(()).await?;
-                yield_now().await;
-                assert_eq!(level(), 20);
-                given_up.recv().await?;
-                assert_eq!(level(), 2, "the one in the middle waits on");
-                drop(guard);
-                assert_eq!(level(), 1);
-                Ok(())
-            })
-            .unwrap();
+        process("middle", 2).spawn_ok(async move {
+            gone_middle.recv().await?;
+            let _guard = holds.lock().await?;
+            let _wanted = wanted.lock().await?;
+            assert_eq!(level(), 2);
+            Ok(())
+        });
+        process("low", 1).spawn_ok(async move {
+            let guard = second.lock().await?;
+            go_middle.send(()).await?;
+            yield_now().await;
+            go.send(()).await?;
+            yield_now().await;
+            assert_eq!(level(), 20);
+            given_up.recv().await?;
+            assert_eq!(level(), 2, "the one in the middle waits on");
+            drop(guard);
+            assert_eq!(level(), 1);
+            Ok(())
+        });
     });
 }
 
 #[test]
 fn the_next_holder_inherits_from_those_behind_it() {
     own_process!();
-    let _watch = watchdog();
     on_one_executor(|process| {
         let mutex = Mutex::new(());
         let go = locker(process("behind", 20), &mutex);
         let wanted = mutex.clone();
         let (tell, told) = luna::channel::<()>();
-        process("next", 5)
-            .spawn(async move {
-                told.recv().await?;
-                let guard = wanted.lock().await?;
-                assert_eq!(level(), 5, "nobody else waits");
-                go.send(()).await?;
-                yield_now().await;
-                assert_eq!(level(), 20);
-                drop(guard);
-                assert_eq!(level(), 5);
-                Ok(())
-            })
-            .unwrap();
-        process("holder", 1)
-            .spawn(async move {
-                let guard = mutex.lock().await?;
-                tell.send(()).await?;
-                yield_now().await;
-                assert_eq!(level(), 5);
-                drop(guard);
-                Ok(())
-            })
-            .unwrap();
+        process("next", 5).spawn_ok(async move {
+            told.recv().await?;
+            let guard = wanted.lock().await?;
+            assert_eq!(level(), 5, "nobody else waits");
+            go.send(()).await?;
+            yield_now().await;
+            assert_eq!(level(), 20);
+            drop(guard);
+            assert_eq!(level(), 5);
+            Ok(())
+        });
+        process("holder", 1).spawn_ok(async move {
+            let guard = mutex.lock().await?;
+            tell.send(()).await?;
+            yield_now().await;
+            assert_eq!(level(), 5);
+            drop(guard);
+            Ok(())
+        });
     });
 }
 
@@ -256,60 +227,51 @@ fn the_next_holder_inherits_from_those_behind_it() {
 #[test]
 fn who_was_handed_the_mutex_and_is_queued_moves_up() {
     own_process!();
-    let _watch = watchdog();
     let (log, mutex) = (Log::default(), Mutex::new(()));
     on_one_executor(|process| {
         let (release, released) = luna::buffered::<()>(Buffer::fifo(1));
         let (start_between, between) = luna::buffered::<()>(Buffer::fifo(1));
         let (start_urgent, urgent) = luna::buffered::<()>(Buffer::fifo(1));
         let (own, first) = (mutex.clone(), log.clone());
-        process("first", 25)
-            .spawn(async move {
-                let guard = own.lock().await?;
-                released.recv().await?;
-                drop(guard);
-                start_between.try_send(()).unwrap();
-                start_urgent.try_send(()).unwrap();
-                first.add("handed over");
-                Ok(())
-            })
-            .unwrap();
+        process("first", 25).spawn_ok(async move {
+            let guard = own.lock().await?;
+            released.recv().await?;
+            drop(guard);
+            start_between.try_send(()).unwrap();
+            start_urgent.try_send(()).unwrap();
+            first.add("handed over");
+            Ok(())
+        });
         let (own, next) = (mutex.clone(), log.clone());
-        process("next", 10)
-            .spawn(async move {
-                // It waits in the mutex when it lets the first go on.
-                par!(
-                    async {
-                        drop(own.lock().await?);
-                        next.add("next unlocks");
-                        Ok(())
-                    },
-                    async {
-                        release.send(()).await?;
-                        Ok(())
-                    }
-                )
-                .await?;
-                Ok(())
-            })
-            .unwrap();
+        process("next", 10).spawn_ok(async move {
+            // It waits in the mutex when it lets the first go on.
+            par!(
+                async {
+                    drop(own.lock().await?);
+                    next.add("next unlocks");
+                    Ok(())
+                },
+                async {
+                    release.send(()).await?;
+                    Ok(())
+                }
+            )
+            .await?;
+            Ok(())
+        });
         let between_log = log.clone();
-        process("between", 20)
-            .spawn(async move {
-                between.recv().await?;
-                between_log.add("between");
-                Ok(())
-            })
-            .unwrap();
+        process("between", 20).spawn_ok(async move {
+            between.recv().await?;
+            between_log.add("between");
+            Ok(())
+        });
         let (own, last) = (mutex.clone(), log.clone());
-        process("urgent", 30)
-            .spawn(async move {
-                urgent.recv().await?;
-                drop(own.lock().await?);
-                last.add("urgent");
-                Ok(())
-            })
-            .unwrap();
+        process("urgent", 30).spawn_ok(async move {
+            urgent.recv().await?;
+            drop(own.lock().await?);
+            last.add("urgent");
+            Ok(())
+        });
     });
     let order = log.between("handed over", "urgent");
     assert_eq!(order, Vec::from(["next unlocks"]));
@@ -320,46 +282,41 @@ fn who_was_handed_the_mutex_and_is_queued_moves_up() {
 #[test]
 fn who_inherits_does_not_lend_it_to_itself() {
     own_process!();
-    let _watch = watchdog();
     let (mutex, log) = (Mutex::new(()), Log::default());
     on_one_executor(|process| {
         let (own, seen) = (mutex.clone(), log.clone());
         let (wait, waits) = luna::buffered::<()>(Buffer::fifo(1));
         let (end, ended) = luna::buffered::<()>(Buffer::fifo(1));
-        process("both", 10)
-            .spawn(async move {
-                par!(
-                    async {
-                        let guard = own.lock().await?;
-                        yield_now().await; // the other branch waits for it now
-                        wait.send(()).await?;
-                        ended.recv().await?;
-                        if level() == 10 {
-                            seen.add("its own level again");
-                        }
-                        drop(guard);
-                        Ok(())
-                    },
-                    async {
-                        drop(own.lock().await?);
-                        Ok(())
+        process("both", 10).spawn_ok(async move {
+            par!(
+                async {
+                    let guard = own.lock().await?;
+                    yield_now().await; // the other branch waits for it now
+                    wait.send(()).await?;
+                    ended.recv().await?;
+                    if level() == 10 {
+                        seen.add("its own level again");
                     }
-                )
-                .await?;
-                Ok(())
-            })
-            .unwrap();
+                    drop(guard);
+                    Ok(())
+                },
+                async {
+                    drop(own.lock().await?);
+                    Ok(())
+                }
+            )
+            .await?;
+            Ok(())
+        });
         let (own, seen) = (mutex.clone(), log.clone());
-        process("gives up", 30)
-            .spawn(async move {
-                waits.recv().await?;
-                let given_up = own.lock_timeout(Duration::from_millis(1)).await;
-                assert!(given_up.is_err());
-                seen.add("given up");
-                end.send(()).await?;
-                Ok(())
-            })
-            .unwrap();
+        process("gives up", 30).spawn_ok(async move {
+            waits.recv().await?;
+            let given_up = own.lock_timeout(Duration::from_millis(1)).await;
+            assert!(given_up.is_err());
+            seen.add("given up");
+            end.send(()).await?;
+            Ok(())
+        });
     });
     let log = log.0.lock().unwrap();
     assert_eq!(*log, ["given up", "its own level again"]);
@@ -368,35 +325,32 @@ fn who_inherits_does_not_lend_it_to_itself() {
 #[test]
 fn branches_of_one_process_do_not_lift_each_other() {
     own_process!();
-    let _watch = watchdog();
     on_one_executor(|process| {
-        process("both", 10)
-            .spawn(async move {
-                let mutex = Mutex::new(());
-                let (go, gone) = luna::channel::<()>();
-                pri_par!(
-                    async {
-                        gone.recv().await?;
-                        drop(mutex.lock().await?);
-                        assert_eq!(level(), 10);
-                        Ok(())
-                    },
-                    async {
-                        let guard = mutex.lock().await?;
-                        go.send(()).await?;
-                        for _ in 0..5 {
-                            yield_now().await;
-                            assert_eq!(level(), 9, "it would climb by one each time");
-                        }
-                        drop(guard);
-                        Ok(())
-                    },
-                )
-                .await?;
-                assert_eq!(level(), 10);
-                Ok(())
-            })
-            .unwrap();
+        process("both", 10).spawn_ok(async move {
+            let mutex = Mutex::new(());
+            let (go, gone) = luna::channel::<()>();
+            pri_par!(
+                async {
+                    gone.recv().await?;
+                    drop(mutex.lock().await?);
+                    assert_eq!(level(), 10);
+                    Ok(())
+                },
+                async {
+                    let guard = mutex.lock().await?;
+                    go.send(()).await?;
+                    for _ in 0..5 {
+                        yield_now().await;
+                        assert_eq!(level(), 9, "it would climb by one each time");
+                    }
+                    drop(guard);
+                    Ok(())
+                },
+            )
+            .await?;
+            assert_eq!(level(), 10);
+            Ok(())
+        });
     });
 }
 
@@ -421,7 +375,6 @@ enum Low {
 #[test]
 fn no_inversion_between_three_threads_of_one_core() {
     own_process!();
-    let _watch = watchdog();
     if !has_threads_of_priority() {
         return;
     }
@@ -447,19 +400,18 @@ fn no_inversion_between_three_threads_of_one_core() {
         };
         fifo(&mut system, "middle", 40)
             .process("burner")
-            .spawn(async move {
+            .spawn_ok(async move {
                 burns.recv().await?;
                 let end = luna::now() + Duration::from_millis(200);
                 while !is_over.load(Ordering::Relaxed) && luna::now() < end {
                     of_burner.fetch_add(1, Ordering::Relaxed);
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
         let (wanted, of_high) = (mutex.clone(), steps.clone());
         fifo(&mut system, "high", 60)
             .process("high")
-            .spawn(async move {
+            .spawn_ok(async move {
                 readied.recv().await?;
                 // On this core nothing of a lower priority runs until this process waits.
                 burn.try_send(())?;
@@ -470,8 +422,7 @@ fn no_inversion_between_three_threads_of_one_core() {
                 drop(guard);
                 assert_eq!(before, after, "the burner ran while the mutex was held");
                 Ok(())
-            })
-            .unwrap();
+            });
         // What all three kinds of holders do, in steps without an await while they hold the lock.
         let hold = move || {
             assert_eq!(current_policy(), own);
@@ -504,24 +455,18 @@ fn no_inversion_between_three_threads_of_one_core() {
             }
             Low::OsThread => {
                 let thread = system.thread("low").core(0).policy(own);
-                thread
-                    .process("low")
-                    .spawn(async move {
-                        hold();
-                        Ok(())
-                    })
-                    .unwrap();
+                thread.process("low").spawn_ok(async move {
+                    hold();
+                    Ok(())
+                });
                 system.run().unwrap();
             }
             Low::Executor => {
                 let executor = system.executor("low").core(0).policy(own).build().unwrap();
-                executor
-                    .process("low")
-                    .spawn(async move {
-                        hold();
-                        Ok(())
-                    })
-                    .unwrap();
+                executor.process("low").spawn_ok(async move {
+                    hold();
+                    Ok(())
+                });
                 system.run().unwrap();
             }
         }
@@ -532,7 +477,6 @@ fn no_inversion_between_three_threads_of_one_core() {
 #[test]
 fn a_chain_reaches_across_three_threads() {
     own_process!();
-    let _watch = watchdog();
     if !has_threads_of_priority() {
         return;
     }
@@ -545,12 +489,11 @@ fn a_chain_reaches_across_three_threads() {
         .thread("high")
         .policy(Policy::fifo(60))
         .process("high")
-        .spawn(async move {
+        .spawn_ok(async move {
             gone_high.recv().await?;
             drop(wanted.blocking_lock()?);
             Ok(())
-        })
-        .unwrap();
+        });
     let (holds, wanted) = (first.clone(), second.clone());
     system
         .executor("middle")
@@ -558,7 +501,7 @@ fn a_chain_reaches_across_three_threads() {
         .build()
         .unwrap()
         .process("middle")
-        .spawn(async move {
+        .spawn_ok(async move {
             gone_middle.recv().await?;
             let guard = holds.lock().await?;
             go_high.send(()).await?;
@@ -567,8 +510,7 @@ fn a_chain_reaches_across_three_threads() {
             drop((wanted, guard));
             assert_eq!(current_policy(), Policy::fifo(30));
             Ok(())
-        })
-        .unwrap();
+        });
     let own = Policy::fifo(20);
     let plain = luna_platform::thread::spawn(
         Attributes::new("low").policy(own),
@@ -592,7 +534,6 @@ fn a_chain_reaches_across_three_threads() {
 #[test]
 fn plain_threads_wait_at_their_own_priority() {
     own_process!();
-    let _watch = watchdog();
     if !has_threads_of_priority() {
         return;
     }

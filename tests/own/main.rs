@@ -1,10 +1,10 @@
 //! Tests that need a process of their own, or the machine to themselves: counted allocations,
 //! real-time priorities on one core, crashes. Each test runs in a child process, one after another
-//! ([`own_process`]).
+//! ([`shared::own_process`]).
 
-#[path = "../common/own_process.rs"]
+#[path = "../shared/mod.rs"]
 #[macro_use]
-mod own_process;
+mod shared;
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -3,7 +3,7 @@
 use crate::ALLOCATOR;
 use crate::common;
 
-use common::{PLACES, watchdog};
+use common::{PLACES, SpawnOk};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Error, Result, par_all, par_for};
@@ -19,7 +19,6 @@ type Boxed<'a, T> = Pin<Box<dyn Future<Output = Result<T>> + 'a>>;
 #[test]
 fn values_come_in_order_whoever_ends_first() {
     own_process!();
-    let _watch = watchdog();
     for count in [0, 1, 2, 63, 64, 65, 128, 200, 4096, 4097, 9000] {
         let ended = Cell::new(0);
         let values = luna::run(async {
@@ -40,7 +39,6 @@ fn values_come_in_order_whoever_ends_first() {
 #[test]
 fn branches_begin_in_order_and_may_borrow() {
     own_process!();
-    let _watch = watchdog();
     let names: Vec<String> = (0..300).map(|n| n.to_string()).collect();
     let begun = RefCell::new(Vec::new());
     luna::run(async {
@@ -69,7 +67,6 @@ impl<F: Future + Unpin> Future for Counted<'_, F> {
 #[test]
 fn ten_thousand_pass_a_token_and_only_the_woken_are_polled() {
     own_process!();
-    let _watch = watchdog();
     const STAGES: usize = 10_000;
     const ROUNDS: usize = 3;
     for place in PLACES {
@@ -115,7 +112,7 @@ fn ten_thousand_pass_a_token_and_only_the_woken_are_polled() {
         };
         let mut system = System::new("ring");
         let ring = place.process(&mut system, "place", "ring");
-        ring.spawn(body).unwrap();
+        ring.spawn_ok(body);
         system.run().unwrap();
     }
 }
@@ -123,7 +120,6 @@ fn ten_thousand_pass_a_token_and_only_the_woken_are_polled() {
 #[test]
 fn one_failure_ends_all_and_is_the_error_and_several_are_told_in_order() {
     own_process!();
-    let _watch = watchdog();
     let (_open, never) = luna::channel::<()>();
     let fails_at = [3, 70, 199];
     let branch = async |n: usize| {
@@ -170,7 +166,6 @@ fn one_failure_ends_all_and_is_the_error_and_several_are_told_in_order() {
 #[test]
 fn a_failure_outside_reaches_all_within_and_none_the_other_way() {
     own_process!();
-    let _watch = watchdog();
     let (_open, never) = luna::channel::<()>();
     let error = luna::run(async {
         let within = par_for(0..100, async |_| {
@@ -211,7 +206,6 @@ fn a_failure_outside_reaches_all_within_and_none_the_other_way() {
 #[test]
 fn wakes_from_other_threads_are_not_lost() {
     own_process!();
-    let _watch = watchdog();
     const STAGES: usize = 150;
     const MESSAGES: usize = 100;
     for place in PLACES {
@@ -223,34 +217,28 @@ fn wakes_from_other_threads_are_not_lost() {
             outputs.push(receiver);
         }
         let receiving = place.process(&mut system, "receiving", "receiving");
-        receiving
-            .spawn(async move {
-                let sums = par_for(&outputs, async |receiver| {
-                    let mut sum = 0;
-                    for _ in 0..MESSAGES {
-                        sum += receiver.recv().await?;
-                    }
-                    Ok(sum)
-                });
-                assert_eq!(sums.await?, [MESSAGES * (MESSAGES - 1) / 2; STAGES]);
-                Ok(())
-            })
-            .unwrap();
+        receiving.spawn_ok(async move {
+            let sums = par_for(&outputs, async |receiver| {
+                let mut sum = 0;
+                for _ in 0..MESSAGES {
+                    sum += receiver.recv().await?;
+                }
+                Ok(sum)
+            });
+            assert_eq!(sums.await?, [MESSAGES * (MESSAGES - 1) / 2; STAGES]);
+            Ok(())
+        });
         // From two threads at once.
         let odd = inputs.split_off(STAGES / 2);
         for (name, inputs) in [("one", inputs), ("two", odd)] {
-            system
-                .thread(name)
-                .process(name)
-                .spawn(async move {
-                    for message in 0..MESSAGES {
-                        for sender in &inputs {
-                            sender.send(message).await?;
-                        }
+            system.thread(name).process(name).spawn_ok(async move {
+                for message in 0..MESSAGES {
+                    for sender in &inputs {
+                        sender.send(message).await?;
                     }
-                    Ok(())
-                })
-                .unwrap();
+                }
+                Ok(())
+            });
         }
         system.run().unwrap();
     }
@@ -259,7 +247,6 @@ fn wakes_from_other_threads_are_not_lost() {
 #[test]
 fn it_lets_others_run() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("fair");
     let executor = system.executor("one").build().unwrap();
     let stop = Arc::new(std::sync::atomic::AtomicBool::new(false));
@@ -274,21 +261,20 @@ fn it_lets_others_run() {
         .await?;
         Ok(())
     };
-    executor.process("busy").spawn(busy).unwrap();
+    executor.process("busy").spawn_ok(busy);
     // Of the same level: its turn comes only if the other one gives way.
     let stops = async move {
         luna::yield_now().await;
         stop.store(true, std::sync::atomic::Ordering::SeqCst);
         Ok(())
     };
-    executor.process("stops").spawn(stops).unwrap();
+    executor.process("stops").spawn_ok(stops);
     system.run().unwrap();
 }
 
 #[test]
 fn a_busy_branch_does_not_starve_those_behind_it() {
     own_process!();
-    let _watch = watchdog();
     let turns = Cell::new(0usize);
     let values = luna::run(async {
         let last_is_done = Cell::new(false);
@@ -316,7 +302,6 @@ fn a_busy_branch_does_not_starve_those_behind_it() {
 #[test]
 fn dropping_it_drops_all_branches_and_late_wakes_find_nobody() {
     own_process!();
-    let _watch = watchdog();
     let alive = Arc::new(());
     let wakers = RefCell::new(Vec::new());
     let wait = async |n: usize| {
@@ -356,7 +341,6 @@ fn dropping_it_drops_all_branches_and_late_wakes_find_nobody() {
 #[test]
 fn any_executor_and_its_waker_changes() {
     own_process!();
-    let _watch = watchdog();
     struct Counts(std::sync::atomic::AtomicUsize);
     impl Wake for Counts {
         fn wake(self: Arc<Self>) {
@@ -399,7 +383,6 @@ fn it_can_be_sent_if_its_branches_can() {
 #[test]
 fn timers_wake_their_branch() {
     own_process!();
-    let _watch = watchdog();
     let order = RefCell::new(Vec::new());
     luna::run(async {
         let start = luna::now();
@@ -419,7 +402,6 @@ fn timers_wake_their_branch() {
 #[test]
 fn an_ordinary_end_of_thousands_allocates_nothing() {
     own_process!();
-    let _watch = watchdog();
     luna::run(async {
         let (sender, receiver) = luna::channel::<u8>();
         // Neighbours differ, so the error is as long as it can be.

@@ -4,7 +4,7 @@
 use crate::ALLOCATOR;
 use crate::common;
 
-use common::watchdog;
+use common::SpawnOk;
 use luna::prelude::*;
 use luna::record;
 use luna::sync::Mutex;
@@ -15,7 +15,6 @@ const ROUNDS: u64 = 1000;
 #[test]
 fn nothing_is_allocated_or_freed_by_recording_on_the_path() {
     own_process!();
-    let _watch = watchdog();
     let path = std::env::temp_dir().join(format!("luna-record-allocation-{}", std::process::id()));
     let mut system = System::new("recorded");
     system.record_room(&path, 1 << 20);
@@ -31,42 +30,36 @@ fn nothing_is_allocated_or_freed_by_recording_on_the_path() {
         } else {
             "second"
         };
-        executor
-            .process(name)
-            .spawn(async move {
-                let counted = ALLOCATOR.here();
-                for n in 0..ROUNDS {
-                    pri_alt! {
-                        sent = one.send(record::input("number", || n)) => sent?,
-                        _ = luna::after(Duration::from_secs(1000)) => unreachable!(),
-                    }
-                    polled.send(n).await?;
-                    *shared.lock().await? += 1;
-                }
-                assert_eq!(ALLOCATOR.here(), counted);
-                Ok(())
-            })
-            .unwrap();
-    }
-    drop((one, polled));
-    right
-        .process("takes")
-        .spawn(async move {
+        executor.process(name).spawn_ok(async move {
             let counted = ALLOCATOR.here();
-            for _ in 0..2 * ROUNDS {
-                let value = alt! { value = from_one.recv() => value? };
-                record::output("value", &value);
-                if let Ok(value) = from_polled.try_recv() {
-                    record::output("polled", &value);
+            for n in 0..ROUNDS {
+                pri_alt! {
+                    sent = one.send(record::input("number", || n)) => sent?,
+                    _ = luna::after(Duration::from_secs(1000)) => unreachable!(),
                 }
-                record::output("time", &luna::now().as_nanos());
+                polled.send(n).await?;
+                *shared.lock().await? += 1;
             }
             assert_eq!(ALLOCATOR.here(), counted);
-            // The others are not done with the buffer before they end.
-            while from_one.recv().await.is_ok() {}
             Ok(())
-        })
-        .unwrap();
+        });
+    }
+    drop((one, polled));
+    right.process("takes").spawn_ok(async move {
+        let counted = ALLOCATOR.here();
+        for _ in 0..2 * ROUNDS {
+            let value = alt! { value = from_one.recv() => value? };
+            record::output("value", &value);
+            if let Ok(value) = from_polled.try_recv() {
+                record::output("polled", &value);
+            }
+            record::output("time", &luna::now().as_nanos());
+        }
+        assert_eq!(ALLOCATOR.here(), counted);
+        // The others are not done with the buffer before they end.
+        while from_one.recv().await.is_ok() {}
+        Ok(())
+    });
     let report = system.run().unwrap();
     let recorded = report.record.unwrap();
     assert_eq!(recorded.lost, 0);

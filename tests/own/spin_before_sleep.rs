@@ -2,7 +2,7 @@
 //! it is done.
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, setup_error, skip, watchdog};
+use common::{COMPLETE, PLACES, Place, SpawnOk, setup_error, skip, watchdog};
 use luna::prelude::*;
 use luna::{AttributeError, Error, Report, SetupError, Shortfall};
 use luna_platform::shortfall::SpinRefusal;
@@ -210,7 +210,7 @@ fn sleeps_in(place: Place, waits: u32, spin: Duration) -> i64 {
             thread.process("waiter")
         }
     };
-    process.spawn(body).unwrap();
+    process.spawn_ok(body);
     system.run().unwrap();
     *slept.lock().unwrap()
 }
@@ -238,7 +238,6 @@ fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
 #[test]
 fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
     own_process!();
-    let _watch = watchdog();
     let core = COMPLETE.then(|| available_cores()[0]);
     for place in PLACES {
         let (reader, mut writer) = std::io::pipe().unwrap();
@@ -276,7 +275,7 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
                 .process("server"),
             Place::Thread => described!(system.thread("io")).process("server"),
         };
-        process.spawn(body).unwrap();
+        process.spawn_ok(body);
         let client = std::thread::spawn(move || {
             for number in 0..200 {
                 sender.blocking_send(number).unwrap();
@@ -353,13 +352,10 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
             of_neighbour.fetch_sub(1, order);
             Ok(())
         };
-        server.spawn(serve).unwrap();
-        main.process("client").priority(20).spawn(client).unwrap();
-        main.process("ticker").priority(10).spawn(ticker).unwrap();
-        main.process("neighbour")
-            .priority(10)
-            .spawn(neighbour)
-            .unwrap();
+        server.spawn_ok(serve);
+        main.process("client").priority(20).spawn_ok(client);
+        main.process("ticker").priority(10).spawn_ok(ticker);
+        main.process("neighbour").priority(10).spawn_ok(neighbour);
         let plain = std::thread::spawn(move || {
             (0..50).for_each(|number| outside.blocking_send(number).unwrap());
         });
@@ -404,37 +400,28 @@ fn a_stream_through_a_buffer_keeps_nobody_from_running() {
             executor.build().unwrap()
         });
         let over = is_over.clone();
-        executors[0]
-            .process("sender")
-            .spawn(async move {
-                for number in 0..MESSAGES {
-                    sender.send(number).await?;
-                }
-                Ok(())
-            })
-            .unwrap();
-        executors[1]
-            .process("receiver")
-            .spawn(async move {
-                for expected in 0..MESSAGES {
-                    assert_eq!(receiver.recv().await?, expected);
-                }
-                over.store(true, Relaxed);
-                Ok(())
-            })
-            .unwrap();
+        executors[0].process("sender").spawn_ok(async move {
+            for number in 0..MESSAGES {
+                sender.send(number).await?;
+            }
+            Ok(())
+        });
+        executors[1].process("receiver").spawn_ok(async move {
+            for expected in 0..MESSAGES {
+                assert_eq!(receiver.recv().await?, expected);
+            }
+            over.store(true, Relaxed);
+            Ok(())
+        });
         for ((executor, turns), name) in executors.iter().zip(&turns).zip(["first", "second"]) {
             let (over, turns) = (is_over.clone(), turns.clone());
-            executor
-                .process(name)
-                .spawn(async move {
-                    while !over.load(Relaxed) {
-                        turns.fetch_add(1, Relaxed);
-                        luna::yield_now().await;
-                    }
-                    Ok(())
-                })
-                .unwrap();
+            executor.process(name).spawn_ok(async move {
+                while !over.load(Relaxed) {
+                    turns.fetch_add(1, Relaxed);
+                    luna::yield_now().await;
+                }
+                Ok(())
+            });
         }
         let report = system.run().unwrap();
         assert_eq!(

@@ -3,7 +3,7 @@
 use crate::ALLOCATOR;
 use crate::common;
 
-use common::{PLACES, burn_until, watchdog};
+use common::{PLACES, SpawnOk, burn_until};
 use luna::prelude::*;
 use luna::{Error, Instant, Timer};
 use std::time::Duration;
@@ -15,35 +15,32 @@ const MS: Duration = Duration::from_millis(1);
 #[test]
 fn ticks_lie_on_their_grid() {
     own_process!();
-    let _watch = watchdog();
     for place in PLACES {
         let mut system = System::new("grid");
         let process = place.process(&mut system, "place", "ticking");
-        process
-            .spawn(async {
-                let first = luna::now() + 2 * MS;
-                let mut ticks = luna::ticks(MS)?.starting_at(first);
-                let mut last = 0;
-                for round in 0..20 {
-                    let tick = ticks.tick().await;
-                    assert_eq!(tick.slot, first + MS * (tick.number as u32 - 1));
-                    assert!(tick.lateness < MS);
-                    assert_eq!(tick.number, last + tick.missed + 1);
-                    last = tick.number;
-                    assert!(luna::now() >= tick.slot);
-                    assert!(ticks.next_slot() > tick.slot);
-                    if round == 10 {
-                        // Three slots pass whole.
-                        burn_until(tick.slot + 4 * MS);
-                        let late = ticks.tick().await;
-                        assert!(late.missed >= 3);
-                        assert_eq!(late.number, last + late.missed + 1);
-                        last = late.number;
-                    }
+        process.spawn_ok(async {
+            let first = luna::now() + 2 * MS;
+            let mut ticks = luna::ticks(MS)?.starting_at(first);
+            let mut last = 0;
+            for round in 0..20 {
+                let tick = ticks.tick().await;
+                assert_eq!(tick.slot, first + MS * (tick.number as u32 - 1));
+                assert!(tick.lateness < MS);
+                assert_eq!(tick.number, last + tick.missed + 1);
+                last = tick.number;
+                assert!(luna::now() >= tick.slot);
+                assert!(ticks.next_slot() > tick.slot);
+                if round == 10 {
+                    // Three slots pass whole.
+                    burn_until(tick.slot + 4 * MS);
+                    let late = ticks.tick().await;
+                    assert!(late.missed >= 3);
+                    assert_eq!(late.number, last + late.missed + 1);
+                    last = late.number;
                 }
-                Ok(())
-            })
-            .unwrap();
+            }
+            Ok(())
+        });
         system.run().unwrap();
     }
 }
@@ -52,40 +49,33 @@ fn ticks_lie_on_their_grid() {
 #[test]
 fn ticks_among_other_guards() {
     own_process!();
-    let _watch = watchdog();
     let (sender, receiver) = luna::channel::<u32>();
     let mut system = System::new("guards");
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("source")
-        .spawn(async move {
-            for n in 0..500 {
-                sender.send(n).await?;
-                luna::yield_now().await;
-            }
-            Ok(())
-        })
-        .unwrap();
-    executor
-        .process("both")
-        .spawn(async move {
-            let mut ticks = luna::ticks(MS)?;
-            let (mut received, mut slots) = (0, 0);
-            while slots < 10 || received < 500 {
-                luna::alt! {
-                    n = receiver.recv(), if received < 500 => {
-                        assert_eq!(n?, received);
-                        received += 1;
-                    }
-                    tick = ticks.tick() => {
-                        slots += tick.missed + 1;
-                        assert_eq!(tick.number, slots);
-                    }
+    executor.process("source").spawn_ok(async move {
+        for n in 0..500 {
+            sender.send(n).await?;
+            luna::yield_now().await;
+        }
+        Ok(())
+    });
+    executor.process("both").spawn_ok(async move {
+        let mut ticks = luna::ticks(MS)?;
+        let (mut received, mut slots) = (0, 0);
+        while slots < 10 || received < 500 {
+            luna::alt! {
+                n = receiver.recv(), if received < 500 => {
+                    assert_eq!(n?, received);
+                    received += 1;
+                }
+                tick = ticks.tick() => {
+                    slots += tick.missed + 1;
+                    assert_eq!(tick.number, slots);
                 }
             }
-            Ok(())
-        })
-        .unwrap();
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -93,7 +83,6 @@ fn ticks_among_other_guards() {
 #[test]
 fn priority_between_a_tick_and_a_channel() {
     own_process!();
-    let _watch = watchdog();
     let (sender, receiver) = luna::buffered(Buffer::fifo(4));
     luna::run(async {
         let mut ticks = luna::ticks(Duration::from_secs(1000))?.starting_at(luna::now());
@@ -127,7 +116,6 @@ fn priority_between_a_tick_and_a_channel() {
 #[test]
 fn a_timer_that_is_set_fires_once() {
     own_process!();
-    let _watch = watchdog();
     luna::run(async {
         let mut timer = Timer::new();
         for _ in 0..5 {
@@ -151,7 +139,6 @@ fn a_timer_that_is_set_fires_once() {
 #[test]
 fn a_timer_that_is_not_set_never_fires() {
     own_process!();
-    let _watch = watchdog();
     luna::run(async {
         let mut timer = Timer::default();
         let fires = luna::alt! { _ = timer.expired() => true, _ = luna::after(2 * MS) => false };
@@ -170,7 +157,6 @@ fn a_timer_that_is_not_set_never_fires() {
 #[test]
 fn a_timer_outlives_the_waits_for_it() {
     own_process!();
-    let _watch = watchdog();
     luna::run(async {
         let mut timer = Timer::new();
         timer.set(5 * MS);
@@ -203,26 +189,23 @@ fn a_timer_outlives_the_waits_for_it() {
 #[test]
 fn overdue_ticks_let_others_run() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("overdue");
     let executor = system.executor("main").build().unwrap();
     let (done, is_done) = luna::channel::<()>();
     executor
         .process("overdue")
         .priority(31)
-        .spawn(async move {
+        .spawn_ok(async move {
             let mut ticks = luna::ticks(Duration::from_nanos(1))?;
             while is_done.try_recv().is_err_and(|error| error.is_empty()) {
                 ticks.tick().await;
             }
             Ok(())
-        })
-        .unwrap();
+        });
     executor
         .process("other")
         .priority(31)
-        .spawn(async move { done.send(()).await.map_err(Error::from) })
-        .unwrap();
+        .spawn_ok(async move { done.send(()).await.map_err(Error::from) });
     system.run().unwrap();
 }
 
@@ -231,7 +214,6 @@ fn overdue_ticks_let_others_run() {
 #[test]
 fn nothing_is_allocated() {
     own_process!();
-    let _watch = watchdog();
     luna::run(async {
         let mut ticks = luna::ticks(MS / 10)?;
         let mut timer = Timer::new();

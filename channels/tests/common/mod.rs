@@ -1,14 +1,18 @@
 //! What the tests share: counted drops, counted wakes, polls by hand, random numbers with a seed,
 //! and a watchdog.
-#![allow(dead_code, reason = "each test file uses a part of it")]
 
+#![allow(dead_code, unused_imports, reason = "each test file uses a part of it")]
+
+#[path = "../../../tests/shared/mod.rs"]
+mod shared;
+
+pub(crate) use shared::{Random, Watchdog};
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, mpsc};
 use std::task::{Context, Poll, Wake, Waker};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Counts the drops of numbered tokens.
 #[derive(Clone)]
@@ -121,67 +125,6 @@ pub(crate) fn ready<F: Future + ?Sized>(future: &mut Pin<Box<F>>) -> F::Output {
     match poll(future) {
         Poll::Ready(output) => output,
         Poll::Pending => panic!("was expected to be done"),
-    }
-}
-
-/// A small random number generator (xorshift64*, G. Marsaglia and S. Vigna).
-pub(crate) struct Random(u64);
-
-impl Random {
-    /// From `LUNA_SEED`, else from the clock; prints which, so that a failure can be repeated.
-    pub(crate) fn from_environment() -> Random {
-        let seed = match std::env::var("LUNA_SEED") {
-            Ok(text) => text.parse().expect("LUNA_SEED is to be a whole number"),
-            Err(_) => SystemTime::now()
-                .duration_since(UNIX_EPOCH)
-                .map_or(1, |age| age.as_nanos() as u64),
-        };
-        println!("LUNA_SEED={seed}");
-        Random::new(seed)
-    }
-
-    pub(crate) fn new(seed: u64) -> Random {
-        // Neighbouring seeds are spread; zero would stay zero.
-        Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
-    }
-
-    /// 0 to `end - 1`.
-    pub(crate) fn below(&mut self, end: usize) -> usize {
-        ((self.next() >> 32) % end as u64) as usize
-    }
-
-    /// Another generator, for another thread.
-    pub(crate) fn fork(&mut self) -> Random {
-        Random::new(self.next())
-    }
-}
-
-/// Ends the test program with a message if the test has not ended after two minutes: a hang is a
-/// failure, not a wait.
-pub(crate) struct Watchdog {
-    _ended: mpsc::Sender<()>,
-}
-
-impl Watchdog {
-    pub(crate) fn new() -> Watchdog {
-        let (ended, watched) = mpsc::channel::<()>();
-        let test = std::thread::current().name().unwrap_or("a test").to_owned();
-        std::thread::spawn(move || {
-            if watched.recv_timeout(Duration::from_secs(120))
-                == Err(mpsc::RecvTimeoutError::Timeout)
-            {
-                eprintln!("{test} hangs");
-                std::process::abort();
-            }
-        });
-        Watchdog { _ended: ended }
     }
 }
 

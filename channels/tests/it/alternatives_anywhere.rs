@@ -251,7 +251,7 @@ fn alternatives_with_wakers_of_their_own_within_one_process() {
 #[test]
 fn random_drops_under_load_lose_and_double_nothing() {
     let _watchdog = Watchdog::new();
-    let mut random = Random::from_environment();
+    let mut random = Random::seeded();
     // A process that receives from two channels, and drops each alternative after some polls; two
     // that send to them from threads.
     let ((to_one, one), (to_two, two)) = (channel::<u64>(), channel::<u64>());

@@ -523,14 +523,14 @@ fn each_reply_reaches_its_client_wherever_all_run() {
 #[test]
 fn under_random_drops_every_request_and_answer_ends_once() {
     let _watch = Watchdog::new();
-    let mut random = Random::from_environment();
+    let mut random = Random::seeded();
     const CALLS: usize = 400;
     // Even tokens are requests, the next one is its answer.
     let ledger = Ledger::new(CALLS * 4);
     let (client, server) = call_channel::<Token, Token>();
     thread::scope(|scope| {
         for at in 0..2 {
-            let (client, ledger, mut random) = (client.clone(), ledger.clone(), random.fork());
+            let (client, ledger, mut random) = (client.clone(), ledger.clone(), random.split());
             scope.spawn(move || {
                 for n in 0..CALLS {
                     let id = (at * CALLS + n) * 2;
@@ -553,7 +553,7 @@ fn under_random_drops_every_request_and_answer_ends_once() {
         }
         drop(client);
         for _ in 0..2 {
-            let (server, ledger, mut random) = (server.clone(), ledger.clone(), random.fork());
+            let (server, ledger, mut random) = (server.clone(), ledger.clone(), random.split());
             scope.spawn(move || {
                 block_on(async {
                     loop {

@@ -189,7 +189,7 @@ fn receive_somehow(receiver: &Receiver<Token>, random: &mut Random, known: &mut 
 fn all_forms_at_once_and_futures_given_up_half_way() {
     const VALUES: usize = 700;
     let _watchdog = Watchdog::new();
-    let mut random = Random::from_environment();
+    let mut random = Random::seeded();
     for buffer in buffers() {
         let ledger = Ledger::new(3 * VALUES);
         let (sender, receiver) = make(buffer);
@@ -202,7 +202,7 @@ fn all_forms_at_once_and_futures_given_up_half_way() {
         };
         thread::scope(|scope| {
             for part in 0..3 {
-                let (sender, ledger, mut own) = (sender.clone(), ledger.clone(), random.fork());
+                let (sender, ledger, mut own) = (sender.clone(), ledger.clone(), random.split());
                 scope.spawn(move || {
                     let mut known = Known::default();
                     for n in 0..VALUES {
@@ -215,7 +215,7 @@ fn all_forms_at_once_and_futures_given_up_half_way() {
                     }
                     add(known);
                 });
-                let (receiver, mut own) = (receiver.clone(), random.fork());
+                let (receiver, mut own) = (receiver.clone(), random.split());
                 scope.spawn(move || {
                     let mut known = Known::default();
                     while receive_somehow(&receiver, &mut own, &mut known) {}

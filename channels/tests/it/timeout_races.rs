@@ -154,11 +154,11 @@ fn some_time(random: &mut Random) -> Duration {
 fn the_race_of_timeout_and_partner_between_threads() {
     const VALUES: usize = 3000;
     let _watchdog = Watchdog::new();
-    let mut random = Random::from_environment();
+    let mut random = Random::seeded();
     for (sender, receiver) in [channel(), buffered(Buffer::fifo(1))] {
         let ledger = Ledger::new(VALUES);
         let tally = Tally::default();
-        let mut own = random.fork();
+        let mut own = random.split();
         thread::scope(|scope| {
             scope.spawn(|| {
                 let sender = sender;
@@ -179,7 +179,7 @@ fn the_race_of_timeout_and_partner_between_threads() {
 fn the_race_of_timeout_and_partner_between_executors_and_on_one() {
     const VALUES: usize = 1500;
     let _watchdog = Watchdog::new();
-    let mut random = Random::from_environment();
+    let mut random = Random::seeded();
     for executors in [1, 2] {
         let executors: Vec<_> = (0..executors)
             .map(|n| Executor::start(Attributes::new(format!("race {n}"))).unwrap())
@@ -188,7 +188,7 @@ fn the_race_of_timeout_and_partner_between_executors_and_on_one() {
         let tally = Arc::new(Tally::default());
         let (sender, receiver) = channel();
         let send = {
-            let (tally, ledger, mut random) = (tally.clone(), ledger.clone(), random.fork());
+            let (tally, ledger, mut random) = (tally.clone(), ledger.clone(), random.split());
             executors[0].spawn(ProcessSpec::new("sender").level(10), move || async move {
                 for id in 0..VALUES {
                     tally.sent(
@@ -201,7 +201,7 @@ fn the_race_of_timeout_and_partner_between_executors_and_on_one() {
             })
         };
         let recv = {
-            let (tally, mut random) = (tally.clone(), random.fork());
+            let (tally, mut random) = (tally.clone(), random.split());
             executors.last().unwrap().spawn(
                 ProcessSpec::new("receiver").level(11),
                 move || async move {

@@ -10,7 +10,7 @@ use support::{Drops, Gate, Log, executor, poll_once, quiet_panics, until, watchd
 
 #[test]
 fn calls_run_at_the_same_time_and_the_executor_goes_on() {
-    let _watchdog = watchdog("calls_run_at_the_same_time_and_the_executor_goes_on");
+    let _watchdog = watchdog();
     prepare_blocking().unwrap();
     let executor = executor();
     // Each call waits for the others: one after the other they would never end.
@@ -46,7 +46,7 @@ fn calls_run_at_the_same_time_and_the_executor_goes_on() {
 
 #[test]
 fn a_call_that_waits_for_later_calls() {
-    let _watchdog = watchdog("a_call_that_waits_for_later_calls");
+    let _watchdog = watchdog();
     fn nested(depth: u32) -> u32 {
         if depth == 0 {
             return 0;
@@ -59,7 +59,7 @@ fn a_call_that_waits_for_later_calls() {
 
 #[test]
 fn a_panic_passes_to_who_awaits_and_the_buddies_go_on() {
-    let _watchdog = watchdog("a_panic_passes_to_who_awaits_and_the_buddies_go_on");
+    let _watchdog = watchdog();
     quiet_panics();
     let executor = executor();
     executor.release();
@@ -77,7 +77,7 @@ fn a_panic_passes_to_who_awaits_and_the_buddies_go_on() {
 
 #[test]
 fn dropped_before_the_end_the_result_is_forgotten() {
-    let _watchdog = watchdog("dropped_before_the_end_the_result_is_forgotten");
+    let _watchdog = watchdog();
     let drops = Drops::default();
     let (token, result) = (drops.token(), drops.token());
     let (go_on, wait) = mpsc::channel::<()>();
@@ -109,7 +109,7 @@ fn one_that_is_never_polled_is_never_made() {
 
 #[test]
 fn a_forgotten_result_whose_drop_panics_costs_no_buddy() {
-    let _watchdog = watchdog("a_forgotten_result_whose_drop_panics_costs_no_buddy");
+    let _watchdog = watchdog();
     quiet_panics();
     struct Bad(Log<()>);
     impl Drop for Bad {
@@ -138,7 +138,7 @@ fn a_forgotten_result_whose_drop_panics_costs_no_buddy() {
 
 #[test]
 fn cancelled_while_it_waits_for_a_call() {
-    let _watchdog = watchdog("cancelled_while_it_waits_for_a_call");
+    let _watchdog = watchdog();
     let executor = executor();
     executor.release();
     let (go_on, wait) = mpsc::channel::<()>();

@@ -43,7 +43,7 @@ impl Drop for PanicsWhenDropped {
 
 #[test]
 fn a_future_that_is_not_send_is_dropped_on_its_thread_however_it_ends() {
-    let _watchdog = watchdog("a_future_that_is_not_send_is_dropped_on_its_thread_however_it_ends");
+    let _watchdog = watchdog();
     quiet_panics();
     let executor = executor();
     let (threads, drops) = (Log::new(), Log::new());
@@ -77,7 +77,7 @@ fn a_future_that_is_not_send_is_dropped_on_its_thread_however_it_ends() {
 
 #[test]
 fn panics_in_the_poll_the_drop_and_the_builder_end_the_process_alone() {
-    let _watchdog = watchdog("panics_in_the_poll_the_drop_and_the_builder_end_the_process_alone");
+    let _watchdog = watchdog();
     quiet_panics();
     let executor = executor();
     let drops = Drops::default();
@@ -141,7 +141,7 @@ fn token_is_alive() -> bool {
 
 #[test]
 fn a_refused_builder_may_panic_when_it_is_dropped() {
-    let _watchdog = watchdog("a_refused_builder_may_panic_when_it_is_dropped");
+    let _watchdog = watchdog();
     quiet_panics();
     let living = Arc::new(ProcessRegistry::new());
     let executor = luna_executors::Executor::start_counted(
@@ -174,7 +174,7 @@ fn check_cancelled(process: &ProcessHandle, drops: &Drops, before: usize) {
 
 #[test]
 fn cancelled_while_created_ready_and_waiting() {
-    let _watchdog = watchdog("cancelled_while_created_ready_and_waiting");
+    let _watchdog = watchdog();
     let (executor, drops) = (executor(), Drops::default());
     let spawn = |name| {
         let token = drops.token();
@@ -221,7 +221,7 @@ fn cancelled_while_created_ready_and_waiting() {
 
 #[test]
 fn cancelled_while_running_it_ends_at_its_next_await() {
-    let _watchdog = watchdog("cancelled_while_running_it_ends_at_its_next_await");
+    let _watchdog = watchdog();
     let (executor, drops, log) = (executor(), Drops::default(), Log::new());
     let (inside, go_on) = (
         Arc::new(AtomicBool::new(false)),
@@ -249,7 +249,7 @@ fn cancelled_while_running_it_ends_at_its_next_await() {
 
 #[test]
 fn a_process_that_cancels_itself() {
-    let _watchdog = watchdog("a_process_that_cancels_itself");
+    let _watchdog = watchdog();
     let executor = executor();
     for completes in [true, false] {
         let itself = Arc::new(std::sync::Mutex::new(None::<ProcessHandle>));
@@ -280,7 +280,7 @@ fn a_process_that_cancels_itself() {
 
 #[test]
 fn cancelled_by_a_process_of_its_own_executor_and_of_another() {
-    let _watchdog = watchdog("cancelled_by_a_process_of_its_own_executor_and_of_another");
+    let _watchdog = watchdog();
     let (own, other) = (executor(), executor());
     own.release();
     other.release();
@@ -308,7 +308,7 @@ fn cancelled_by_a_process_of_its_own_executor_and_of_another() {
 
 #[test]
 fn announced_and_dropped_or_built_in_the_turn_of_another() {
-    let _watchdog = watchdog("announced_and_dropped_or_built_in_the_turn_of_another");
+    let _watchdog = watchdog();
     quiet_panics();
     let living = Arc::new(ProcessRegistry::new());
     let executor = Executor::start_counted(Attributes::new("announced"), living.clone()).unwrap();
@@ -375,7 +375,7 @@ impl Drop for Last {
 
 #[test]
 fn a_panic_around_the_bodies_ends_them_all_on_their_thread() {
-    let _watchdog = watchdog("a_panic_around_the_bodies_ends_them_all_on_their_thread");
+    let _watchdog = watchdog();
     quiet_panics();
     let executor = executor();
     let (threads, drops, late) = (Log::new(), Log::new(), Log::new());

@@ -5,7 +5,7 @@
 
 use crate::file_support;
 use crate::support;
-use file_support::{can_wait, fill, pair, read_byte, write_byte};
+use file_support::{fill, pair, read_byte, with_files, write_byte};
 use luna_core::timer_queue::Sleep;
 use luna_executors::{
     Exit, FileError, OsThread, ProcessSpec, ProcessState, block_on, prepare_files, readable,
@@ -18,21 +18,11 @@ use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
-use support::{Gate, Log, executor, rounds, until, watchdog};
-
-/// To standard error itself, since the harness keeps what `println!` writes.
-macro_rules! tell {
-    ($($text:tt)*) => {{
-        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
-    }};
-}
+use support::{Gate, Log, executor, rounds, until};
 
 #[test]
 fn smoke() {
-    let _watchdog = watchdog("smoke");
-    if !can_wait("smoke") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (mut near, far) = pair();
     let executor = executor();
     let process = executor.spawn(ProcessSpec::new("reads"), move || async move {
@@ -80,10 +70,7 @@ fn a_thread_that_runs_no_process_says_so() {
 
 #[test]
 fn a_file_on_a_disk_is_refused() {
-    let _watchdog = watchdog("a_file_on_a_disk_is_refused");
-    if !can_wait("a_file_on_a_disk_is_refused") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let file = File::open(std::env::current_exe().unwrap()).unwrap();
     for wait in [readable(&file), writable(&file)] {
         let error = block_on(wait).unwrap().unwrap_err();
@@ -98,10 +85,7 @@ fn a_file_on_a_disk_is_refused() {
 
 #[test]
 fn written_when_there_is_room() {
-    let _watchdog = watchdog("written_when_there_is_room");
-    if !can_wait("written_when_there_is_room") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (mut near, far) = pair();
     let executor = executor();
     let process = executor.spawn(ProcessSpec::new("writes"), move || async move {
@@ -119,10 +103,7 @@ fn written_when_there_is_room() {
 
 #[test]
 fn a_thread_of_its_own_and_the_calling_thread_wait_too() {
-    let _watchdog = watchdog("a_thread_of_its_own_and_the_calling_thread_wait_too");
-    if !can_wait("a_thread_of_its_own_and_the_calling_thread_wait_too") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, far) = pair();
     let thread = OsThread::start(
         Attributes::new("echo"),
@@ -149,10 +130,7 @@ fn a_thread_of_its_own_and_the_calling_thread_wait_too() {
 
 #[test]
 fn cancelled_while_it_waits_for_a_file() {
-    let _watchdog = watchdog("cancelled_while_it_waits_for_a_file");
-    if !can_wait("cancelled_while_it_waits_for_a_file") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let body = || async {
         let (near, _far) = pair();
         readable(&near).await.unwrap();
@@ -171,10 +149,7 @@ fn cancelled_while_it_waits_for_a_file() {
 
 #[test]
 fn wakes_from_elsewhere_and_files_lose_nothing_of_each_other() {
-    let _watchdog = watchdog("wakes_from_elsewhere_and_files_lose_nothing_of_each_other");
-    if !can_wait("wakes_from_elsewhere_and_files_lose_nothing_of_each_other") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let count = rounds(3_000);
     let (here, there) = (executor(), executor());
     let (near, far) = pair();
@@ -208,10 +183,7 @@ fn wakes_from_elsewhere_and_files_lose_nothing_of_each_other() {
 
 #[test]
 fn a_thread_in_its_epoll_is_unparked() {
-    let _watchdog = watchdog("a_thread_in_its_epoll_is_unparked");
-    if !can_wait("a_thread_in_its_epoll_is_unparked") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (gates, passed) = (Log::<Gate>::new(), Arc::new(AtomicUsize::new(0)));
     let count = rounds(5_000);
     let (own, done) = (gates.clone(), passed.clone());
@@ -238,10 +210,7 @@ fn a_thread_in_its_epoll_is_unparked() {
 
 #[test]
 fn deadlines_beside_files() {
-    let _watchdog = watchdog("deadlines_beside_files");
-    if !can_wait("deadlines_beside_files") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let executor = executor();
     let (near, mut far) = pair();
     let waits = executor.spawn(ProcessSpec::new("waits"), move || async move {

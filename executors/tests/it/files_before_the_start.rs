@@ -4,18 +4,15 @@
 
 use crate::file_support;
 use crate::support;
-use file_support::{can_wait, pair, read_byte, write_byte};
+use file_support::{pair, read_byte, with_files, write_byte};
 use luna_core::current;
 use luna_executors::{Exit, OsThread, ProcessSpec, prepare_files};
 use luna_platform::thread::Attributes;
-use support::{executor, watchdog};
+use support::executor;
 
 #[test]
 fn at_both_kinds_of_places() {
-    let _watchdog = watchdog("at_both_kinds_of_places");
-    if !can_wait("at_both_kinds_of_places") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, far) = pair();
     let executor = executor();
     let asks = executor.spawn(ProcessSpec::new("asks"), move || {

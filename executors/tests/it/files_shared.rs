@@ -5,7 +5,7 @@
 
 use crate::file_support;
 use crate::support;
-use file_support::{can_wait, fill, pair, read_byte};
+use file_support::{fill, pair, read_byte, with_files};
 use futures_lite::future::or;
 use luna_executors::{Exit, ProcessSpec, ProcessState, block_on, readable, writable, yield_now};
 use std::io::{Read, Write};
@@ -13,7 +13,7 @@ use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::net::UnixStream;
 use std::pin::pin;
 use std::sync::Arc;
-use support::{Gate, Log, executor, poll_once, until, watchdog};
+use support::{Gate, Log, executor, poll_once, until};
 
 /// A file as the kernel identifies it: the number of its descriptor may have been another's before.
 #[derive(Clone, Copy)]
@@ -66,10 +66,7 @@ fn known(file: Identity) -> (usize, bool) {
 
 #[test]
 fn all_who_wait_for_one_file_are_readied_most_urgent_first() {
-    let _watchdog = watchdog("all_who_wait_for_one_file_are_readied_most_urgent_first");
-    if !can_wait("all_who_wait_for_one_file_are_readied_most_urgent_first") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (executor, log) = (executor(), Log::new());
     let (near, mut far) = pair();
     let near = Arc::new(near);
@@ -97,10 +94,7 @@ fn all_who_wait_for_one_file_are_readied_most_urgent_first() {
 
 #[test]
 fn a_reader_and_a_writer_of_one_file() {
-    let _watchdog = watchdog("a_reader_and_a_writer_of_one_file");
-    if !can_wait("a_reader_and_a_writer_of_one_file") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (executor, log) = (executor(), Log::new());
     let (near, mut far) = pair();
     fill(&near);
@@ -135,10 +129,7 @@ fn a_reader_and_a_writer_of_one_file() {
 
 #[test]
 fn a_dropped_wait_is_withdrawn_and_leaves_the_others() {
-    let _watchdog = watchdog("a_dropped_wait_is_withdrawn_and_leaves_the_others");
-    if !can_wait("a_dropped_wait_is_withdrawn_and_leaves_the_others") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, mut far) = pair();
     fill(&near);
     let file = identity(&near);
@@ -176,10 +167,7 @@ fn a_dropped_wait_is_withdrawn_and_leaves_the_others() {
 
 #[test]
 fn a_number_that_is_used_again_for_another_file() {
-    let _watchdog = watchdog("a_number_that_is_used_again_for_another_file");
-    if !can_wait("a_number_that_is_used_again_for_another_file") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     block_on(async {
         let mut kept = Vec::new();
         for byte in 0..50 {
@@ -213,10 +201,7 @@ fn a_number_that_is_used_again_for_another_file() {
 
 #[test]
 fn hundreds_of_files_at_once() {
-    let _watchdog = watchdog("hundreds_of_files_at_once");
-    if !can_wait("hundreds_of_files_at_once") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (executor, log) = (executor(), Log::new());
     // More than one look reports, and more than there are lists.
     let (near, mut far): (Vec<_>, Vec<_>) = (0..300).map(|_| pair()).unzip();
@@ -250,10 +235,7 @@ fn hundreds_of_files_at_once() {
 
 #[test]
 fn a_busy_low_process_does_not_keep_a_high_one_from_its_file() {
-    let _watchdog = watchdog("a_busy_low_process_does_not_keep_a_high_one_from_its_file");
-    if !can_wait("a_busy_low_process_does_not_keep_a_high_one_from_its_file") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (executor, log) = (executor(), Log::new());
     let (near, mut far) = pair();
     let own = log.clone();
@@ -284,10 +266,7 @@ fn a_busy_low_process_does_not_keep_a_high_one_from_its_file() {
 
 #[test]
 fn a_process_that_always_readies_itself_again_sees_its_files() {
-    let _watchdog = watchdog("a_process_that_always_readies_itself_again_sees_its_files");
-    if !can_wait("a_process_that_always_readies_itself_again_sees_its_files") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, mut far) = pair();
     let never = async {
         far.write_all(b"x").unwrap();
@@ -300,10 +279,7 @@ fn a_process_that_always_readies_itself_again_sees_its_files() {
 
 #[test]
 fn a_wait_moves_to_the_thread_that_polls_it() {
-    let _watchdog = watchdog("a_wait_moves_to_the_thread_that_polls_it");
-    if !can_wait("a_wait_moves_to_the_thread_that_polls_it") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, mut far) = pair();
     let file = identity(&near);
     std::thread::scope(|scope| {

@@ -18,7 +18,7 @@ use support::{Gate, Log, executor, rounds, until, watchdog};
 
 #[test]
 fn or_zip_and_race_inside_a_process() {
-    let _watchdog = watchdog("or_zip_and_race_inside_a_process");
+    let _watchdog = watchdog();
     let executor = executor();
     let process = executor.spawn(ProcessSpec::new("combines"), || async {
         let both = zip(
@@ -108,7 +108,7 @@ impl Unordered {
 
 #[test]
 fn futures_with_wakers_of_their_own() {
-    let _watchdog = watchdog("futures_with_wakers_of_their_own");
+    let _watchdog = watchdog();
     for round in 0..rounds(50) {
         let executor = executor();
         let (gates, log) = (Log::new(), Log::new());

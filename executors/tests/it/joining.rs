@@ -11,7 +11,7 @@ use support::{Gate, Log, executor, poll_once, until, watchdog};
 
 #[test]
 fn a_process_joins_one_of_its_own_and_of_another_executor() {
-    let _watchdog = watchdog("a_process_joins_one_of_its_own_and_of_another_executor");
+    let _watchdog = watchdog();
     let (one, two) = (executor(), executor());
     for home in [&one, &two] {
         let gate = Gate::default();
@@ -35,7 +35,7 @@ fn a_process_joins_one_of_its_own_and_of_another_executor() {
 
 #[test]
 fn joiners_are_readied_most_urgent_first() {
-    let _watchdog = watchdog("joiners_are_readied_most_urgent_first");
+    let _watchdog = watchdog();
     let executor = executor();
     let (gate, log) = (Gate::default(), Log::new());
     let own = gate.clone();
@@ -70,7 +70,7 @@ fn joiners_are_readied_most_urgent_first() {
 
 #[test]
 fn threads_and_processes_join_one_process_in_numbers() {
-    let _watchdog = watchdog("threads_and_processes_join_one_process_in_numbers");
+    let _watchdog = watchdog();
     let executor = executor();
     let gate = Gate::default();
     let own = gate.clone();
@@ -115,7 +115,7 @@ fn threads_and_processes_join_one_process_in_numbers() {
 
 #[test]
 fn a_join_that_is_dropped_is_withdrawn() {
-    let _watchdog = watchdog("a_join_that_is_dropped_is_withdrawn");
+    let _watchdog = watchdog();
     let executor = executor();
     let gate = Gate::default();
     let own = gate.clone();
@@ -146,7 +146,7 @@ fn a_join_that_is_dropped_is_withdrawn() {
 
 #[test]
 fn a_join_that_moved_to_another_thread_wakes_that_one() {
-    let _watchdog = watchdog("a_join_that_moved_to_another_thread_wakes_that_one");
+    let _watchdog = watchdog();
     let executor = executor();
     let gate = Gate::default();
     let own = gate.clone();
@@ -167,7 +167,7 @@ fn a_join_that_moved_to_another_thread_wakes_that_one() {
 
 #[test]
 fn every_end_is_told_to_joiners() {
-    let _watchdog = watchdog("every_end_is_told_to_joiners");
+    let _watchdog = watchdog();
     support::quiet_panics();
     let (executor, other) = (executor(), executor());
     let panics = executor.spawn(ProcessSpec::new("panics"), || async {

@@ -10,7 +10,7 @@ use support::{Gate, Log, executor, watchdog};
 
 #[test]
 fn smoke() {
-    let _watchdog = watchdog("smoke");
+    let _watchdog = watchdog();
     let executor = executor();
     let log = Log::new();
     let own = log.clone();
@@ -22,7 +22,7 @@ fn smoke() {
 
 #[test]
 fn all_levels_run_highest_first() {
-    let _watchdog = watchdog("all_levels_run_highest_first");
+    let _watchdog = watchdog();
     let executor = executor();
     let log = Log::new();
     // Each level twice, in an order that is neither up nor down.
@@ -58,7 +58,7 @@ fn a_level_above_the_last_counts_as_the_last() {
 
 #[test]
 fn yielding_takes_turns_within_a_level_only() {
-    let _watchdog = watchdog("yielding_takes_turns_within_a_level_only");
+    let _watchdog = watchdog();
     let executor = executor();
     let log = Log::new();
     let processes: Vec<_> = [("low", 1), ("a", 5), ("b", 5), ("c", 5), ("high", 9)]
@@ -84,7 +84,7 @@ fn yielding_takes_turns_within_a_level_only() {
 
 #[test]
 fn who_gives_way_to_higher_ones_keeps_its_place() {
-    let _watchdog = watchdog("who_gives_way_to_higher_ones_keeps_its_place");
+    let _watchdog = watchdog();
     let executor = executor();
     let log = Log::new();
     let gate = Gate::default();
@@ -140,7 +140,7 @@ fn who_gives_way_to_higher_ones_keeps_its_place() {
 
 #[test]
 fn a_process_woken_by_its_equal_comes_behind_those_that_are_ready() {
-    let _watchdog = watchdog("a_process_woken_by_its_equal_comes_behind_those_that_are_ready");
+    let _watchdog = watchdog();
     let executor = executor();
     let log = Log::new();
     let gate = Gate::default();

@@ -1,9 +1,11 @@
 //! Tests of executors, tasks and threads. One program; a module a subject.
 
+#[path = "../support/mod.rs"]
+#[macro_use]
+mod support;
+
 #[path = "../support/files.rs"]
 mod file_support;
-#[path = "../support/mod.rs"]
-mod support;
 
 mod blocking_calls;
 mod endings;

@@ -15,7 +15,7 @@ use support::{Gate, executor, until, watchdog};
 
 #[test]
 fn the_states_of_a_life() {
-    let _watchdog = watchdog("the_states_of_a_life");
+    let _watchdog = watchdog();
     let executor = executor();
     let (gate, build) = (Gate::default(), Gate::default());
     let (own, wait) = (gate.clone(), build.clone());
@@ -45,7 +45,7 @@ fn the_states_of_a_life() {
 
 #[test]
 fn polls_are_counted_exactly() {
-    let _watchdog = watchdog("polls_are_counted_exactly");
+    let _watchdog = watchdog();
     let executor = executor();
     let process = executor.spawn(ProcessSpec::new("counts"), || async {
         for _ in 0..1000 {
@@ -59,7 +59,7 @@ fn polls_are_counted_exactly() {
 
 #[test]
 fn the_longest_poll_is_measured_where_asked_for() {
-    let _watchdog = watchdog("the_longest_poll_is_measured_where_asked_for");
+    let _watchdog = watchdog();
     let executor = executor();
     let body = |spec: ProcessSpec| {
         executor.spawn(spec, || async {
@@ -83,7 +83,7 @@ fn the_longest_poll_is_measured_where_asked_for() {
 
 #[test]
 fn the_living_are_counted_over_executors_and_threads() {
-    let _watchdog = watchdog("the_living_are_counted_over_executors_and_threads");
+    let _watchdog = watchdog();
     let living = Arc::new(ProcessRegistry::new());
     let executor = Executor::start_counted(Attributes::new("one"), living.clone()).unwrap();
     let gate = Gate::default();

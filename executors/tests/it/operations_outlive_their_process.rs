@@ -29,7 +29,7 @@ fn joined(executor: &Executor, gate: &Gate) -> ProcessHandle {
 
 #[test]
 fn left_behind_by_block_on() {
-    let _watchdog = watchdog("left_behind_by_block_on");
+    let _watchdog = watchdog();
     let (executor, gate) = (executor(), Gate::default());
     let joined = joined(&executor, &gate);
     executor.release();
@@ -51,7 +51,7 @@ fn left_behind_by_block_on() {
 
 #[test]
 fn left_behind_by_processes_of_executors_that_end_and_are_freed() {
-    let _watchdog = watchdog("left_behind_by_processes_of_executors_that_end_and_are_freed");
+    let _watchdog = watchdog();
     for round in 0..rounds(100) {
         let (home, gate, moved) = (executor(), Gate::default(), Log::<Moved>::new());
         let joined = joined(&home, &gate);

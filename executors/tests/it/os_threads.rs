@@ -18,7 +18,7 @@ fn start<F: Future<Output = ()> + 'static>(build: impl FnOnce() -> F + Send + 's
 
 #[test]
 fn held_until_released() {
-    let _watchdog = watchdog("held_until_released");
+    let _watchdog = watchdog();
     let log = Log::new();
     let own = log.clone();
     let thread = start(move || {
@@ -41,7 +41,7 @@ fn held_until_released() {
 
 #[test]
 fn dropped_while_held_parked_and_ended() {
-    let _watchdog = watchdog("dropped_while_held_parked_and_ended");
+    let _watchdog = watchdog();
     let drops = Drops::default();
     for released in [false, true] {
         let token = drops.token();
@@ -65,7 +65,7 @@ fn dropped_while_held_parked_and_ended() {
 
 #[test]
 fn cancelled_while_parked_by_a_thread_and_by_a_process() {
-    let _watchdog = watchdog("cancelled_while_parked_by_a_thread_and_by_a_process");
+    let _watchdog = watchdog();
     for from_process in [false, true] {
         let gate = Gate::default();
         let wait = gate.clone();
@@ -86,7 +86,7 @@ fn cancelled_while_parked_by_a_thread_and_by_a_process() {
 
 #[test]
 fn a_blocking_call_is_allowed_where_nobody_else_runs() {
-    let _watchdog = watchdog("a_blocking_call_is_allowed_where_nobody_else_runs");
+    let _watchdog = watchdog();
     let other = start(|| async { yield_now().await });
     other.release();
     let process = other.process().clone();
@@ -97,7 +97,7 @@ fn a_blocking_call_is_allowed_where_nobody_else_runs() {
 
 #[test]
 fn a_blocking_call_on_an_executor_is_a_panic_that_says_so() {
-    let _watchdog = watchdog("a_blocking_call_on_an_executor_is_a_panic_that_says_so");
+    let _watchdog = watchdog();
     let executor = support::executor();
     let other = executor.spawn(ProcessSpec::new("other"), || async { pending().await });
     let process = executor.spawn(ProcessSpec::new("blocks"), move || async move {
@@ -113,7 +113,7 @@ fn a_blocking_call_on_an_executor_is_a_panic_that_says_so() {
 
 #[test]
 fn panics_and_builders_that_panic() {
-    let _watchdog = watchdog("panics_and_builders_that_panic");
+    let _watchdog = watchdog();
     quiet_panics();
     let thread = start(|| async { panic!("on purpose") });
     thread.release();
@@ -132,7 +132,7 @@ fn panics_and_builders_that_panic() {
 
 #[test]
 fn block_on_borrows_and_refuses_to_nest() {
-    let _watchdog = watchdog("block_on_borrows_and_refuses_to_nest");
+    let _watchdog = watchdog();
     let mut text = String::from("a");
     let not_send = Rc::new(1);
     let length = block_on(async {
@@ -156,7 +156,7 @@ fn block_on_borrows_and_refuses_to_nest() {
 
 #[test]
 fn block_on_again_after_a_panic() {
-    let _watchdog = watchdog("block_on_again_after_a_panic");
+    let _watchdog = watchdog();
     quiet_panics();
     assert!(std::panic::catch_unwind(|| block_on(async { panic!("on purpose") })).is_err());
     assert_eq!(block_on(async { 1 }), Ok(1));
@@ -164,8 +164,7 @@ fn block_on_again_after_a_panic() {
 
 #[test]
 fn a_process_that_always_readies_itself_again_has_deadlines_all_the_same() {
-    let _watchdog =
-        watchdog("a_process_that_always_readies_itself_again_has_deadlines_all_the_same");
+    let _watchdog = watchdog();
     let until = Instant::now() + Duration::from_millis(3);
     block_on(futures_lite::future::or(Sleep::until(until), async {
         loop {
@@ -178,7 +177,7 @@ fn a_process_that_always_readies_itself_again_has_deadlines_all_the_same() {
 
 #[test]
 fn a_deadline_is_one_poll() {
-    let _watchdog = watchdog("a_deadline_is_one_poll");
+    let _watchdog = watchdog();
     let thread = start(|| async {
         for _ in 0..5 {
             Sleep::until(Instant::now() + Duration::from_millis(1)).await;

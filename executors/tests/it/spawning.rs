@@ -15,7 +15,7 @@ use support::{Drops, Log, executor, rounds, watchdog};
 
 #[test]
 fn processes_spawn_processes_on_their_own_executor() {
-    let _watchdog = watchdog("processes_spawn_processes_on_their_own_executor");
+    let _watchdog = watchdog();
     let executor = executor();
     let (handle, log) = (executor.handle().clone(), Log::new());
     let own = log.clone();
@@ -43,7 +43,7 @@ fn processes_spawn_processes_on_their_own_executor() {
 
 #[test]
 fn generations_from_elsewhere_and_from_inside() {
-    let _watchdog = watchdog("generations_from_elsewhere_and_from_inside");
+    let _watchdog = watchdog();
     let (one, two) = (executor(), executor());
     one.release();
     two.release();
@@ -77,7 +77,7 @@ fn generations_from_elsewhere_and_from_inside() {
 
 #[test]
 fn a_stopped_executor_takes_nobody_in() {
-    let _watchdog = watchdog("a_stopped_executor_takes_nobody_in");
+    let _watchdog = watchdog();
     let (executor, drops) = (executor(), Drops::default());
     let handle = executor.handle().clone();
     executor.stop();
@@ -95,7 +95,7 @@ fn a_stopped_executor_takes_nobody_in() {
 
 #[test]
 fn spawning_races_with_the_stop() {
-    let _watchdog = watchdog("spawning_races_with_the_stop");
+    let _watchdog = watchdog();
     for _ in 0..rounds(200) {
         let (executor, drops) = (executor(), Drops::default());
         executor.release();
@@ -125,7 +125,7 @@ fn spawning_races_with_the_stop() {
 
 #[test]
 fn a_body_that_spawns_as_it_is_dropped() {
-    let _watchdog = watchdog("a_body_that_spawns_as_it_is_dropped");
+    let _watchdog = watchdog();
     struct SpawnsWhenDropped(luna_executors::ExecutorHandle, Log<Exit>);
     impl Drop for SpawnsWhenDropped {
         fn drop(&mut self) {
@@ -147,7 +147,7 @@ fn a_body_that_spawns_as_it_is_dropped() {
 
 #[test]
 fn what_is_refused_is_dropped_where_its_spawner_likes() {
-    let _watchdog = watchdog("what_is_refused_is_dropped_where_its_spawner_likes");
+    let _watchdog = watchdog();
     let (executor, drops) = (executor(), Drops::default());
     let announced = executor.handle().announce(ProcessSpec::new("late"));
     let (process, token) = (announced.handle(), drops.token());
@@ -173,7 +173,7 @@ fn a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own() {
             Verdict::GoOn
         }
     }
-    let _watchdog = watchdog("a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own");
+    let _watchdog = watchdog();
     let (executor, log) = (executor(), Log::new());
     let (handle, own) = (executor.handle().clone(), log.clone());
     let spec = ProcessSpec::new("overseen").overseen(Arc::new(LooksOn));
@@ -192,7 +192,7 @@ fn a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own() {
 
 #[test]
 fn a_child_of_an_abandoned_body_is_built_in_a_turn_of_its_own() {
-    let _watchdog = watchdog("a_child_of_an_abandoned_body_is_built_in_a_turn_of_its_own");
+    let _watchdog = watchdog();
     struct SpawnsWhenDropped(luna_executors::ExecutorHandle, Log<bool>);
     impl Drop for SpawnsWhenDropped {
         fn drop(&mut self) {
@@ -219,7 +219,7 @@ fn a_child_of_an_abandoned_body_is_built_in_a_turn_of_its_own() {
 
 #[test]
 fn settle_waits_for_all_builders_so_far() {
-    let _watchdog = watchdog("settle_waits_for_all_builders_so_far");
+    let _watchdog = watchdog();
     let (executor, built) = (executor(), Arc::new(AtomicUsize::new(0)));
     for round in 1..=20 {
         for _ in 0..10 {

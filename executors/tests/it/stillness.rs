@@ -31,7 +31,7 @@ fn until_still(living: &ProcessRegistry) -> Stillness {
 
 #[test]
 fn executors_without_work_are_still_and_those_that_are_held_are_not() {
-    let _watchdog = watchdog("executors_without_work_are_still_and_those_that_are_held_are_not");
+    let _watchdog = watchdog();
     let living = Arc::new(ProcessRegistry::new());
     let (one, two) = (executor("1", &living), executor("2", &living));
     assert!(living.still().is_none());
@@ -48,7 +48,7 @@ fn executors_without_work_are_still_and_those_that_are_held_are_not() {
 
 #[test]
 fn a_wake_ends_the_stillness_and_another_follows() {
-    let _watchdog = watchdog("a_wake_ends_the_stillness_and_another_follows");
+    let _watchdog = watchdog();
     let living = Arc::new(ProcessRegistry::new());
     let gate = Gate::default();
     let executor = executor("waits", &living);
@@ -82,7 +82,7 @@ fn a_wake_ends_the_stillness_and_another_follows() {
 
 #[test]
 fn a_deadline_or_a_call_keeps_it_from_being_still() {
-    let _watchdog = watchdog("a_deadline_or_a_call_keeps_it_from_being_still");
+    let _watchdog = watchdog();
     let living = Arc::new(ProcessRegistry::new());
     let executor = executor("busy", &living);
     let gate = Gate::default();
@@ -112,7 +112,7 @@ fn a_deadline_or_a_call_keeps_it_from_being_still() {
 fn a_file_keeps_it_from_being_still_until_the_wait_is_dropped_wherever_that_is() {
     use std::future::{Future, poll_fn};
     use std::task::Poll;
-    let _watchdog = watchdog("a_file_keeps_it_from_being_still");
+    let _watchdog = watchdog();
     let living = Arc::new(ProcessRegistry::new());
     let (near, _far) = std::os::unix::net::UnixStream::pair().unwrap();
     let near: &'static _ = Box::leak(Box::new(near));
@@ -140,7 +140,7 @@ fn a_file_keeps_it_from_being_still_until_the_wait_is_dropped_wherever_that_is()
 
 #[test]
 fn who_joins_a_process_is_known() {
-    let _watchdog = watchdog("who_joins_a_process_is_known");
+    let _watchdog = watchdog();
     let executor = support::executor();
     let gate = Gate::default();
     let own = gate.clone();
@@ -171,7 +171,7 @@ fn who_joins_a_process_is_known() {
 
 #[test]
 fn patience_ends_only_where_nothing_can_wake() {
-    let _watchdog = watchdog("patience_ends_only_where_nothing_can_wake");
+    let _watchdog = watchdog();
     let short = Duration::from_millis(1);
     let mut told = 0;
     let outcome = block_on_patiently(

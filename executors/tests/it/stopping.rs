@@ -9,7 +9,7 @@ use support::{Drops, Gate, executor, until, watchdog};
 
 #[test]
 fn dropped_while_held_nothing_ever_ran() {
-    let _watchdog = watchdog("dropped_while_held_nothing_ever_ran");
+    let _watchdog = watchdog();
     let (executor, drops) = (executor(), Drops::default());
     let token = drops.token();
     let process = executor.spawn(ProcessSpec::new("held"), move || async move { drop(token) });
@@ -22,7 +22,7 @@ fn dropped_while_held_nothing_ever_ran() {
 
 #[test]
 fn stopped_while_busy() {
-    let _watchdog = watchdog("stopped_while_busy");
+    let _watchdog = watchdog();
     let (executor, drops) = (executor(), Drops::default());
     let processes: Vec<_> = (0..10)
         .map(|level| {
@@ -53,7 +53,7 @@ fn stopped_while_busy() {
 
 #[test]
 fn asked_to_stop_it_ends_by_itself() {
-    let _watchdog = watchdog("asked_to_stop_it_ends_by_itself");
+    let _watchdog = watchdog();
     let executor = executor();
     let process = executor.spawn(ProcessSpec::new("waits"), || async { pending().await });
     executor.release();
@@ -70,7 +70,7 @@ fn asked_to_stop_it_ends_by_itself() {
 
 #[test]
 fn an_abandoned_executor_goes_on() {
-    let _watchdog = watchdog("an_abandoned_executor_goes_on");
+    let _watchdog = watchdog();
     let executor = executor();
     let (gate, handle) = (Gate::default(), executor.handle().clone());
     let own = gate.clone();
@@ -89,7 +89,7 @@ fn an_abandoned_executor_goes_on() {
 
 #[test]
 fn bodies_that_wait_for_each_other_end_together() {
-    let _watchdog = watchdog("bodies_that_wait_for_each_other_end_together");
+    let _watchdog = watchdog();
     let executor = executor();
     let first = executor.spawn(ProcessSpec::new("first"), || async { pending().await });
     let mut last = first.clone();
@@ -111,7 +111,7 @@ fn bodies_that_wait_for_each_other_end_together() {
 
 #[test]
 fn started_and_stopped_many_times() {
-    let _watchdog = watchdog("started_and_stopped_many_times");
+    let _watchdog = watchdog();
     for n in 0..support::rounds(200) {
         let executor = executor();
         let process = executor.spawn(ProcessSpec::new("p"), || async { yield_now().await });

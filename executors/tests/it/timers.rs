@@ -56,7 +56,7 @@ fn order_of(sleepers: &[(u8, u64)]) -> Vec<usize> {
 
 #[test]
 fn never_early_and_in_the_order_of_the_deadlines() {
-    let _watchdog = watchdog("never_early_and_in_the_order_of_the_deadlines");
+    let _watchdog = watchdog();
     assert_eq!(
         order_of(&[(5, 700), (5, 300), (5, 900), (5, 100), (5, 500)]),
         [3, 1, 4, 0, 2]
@@ -65,16 +65,16 @@ fn never_early_and_in_the_order_of_the_deadlines() {
 
 #[test]
 fn deadlines_that_come_together_run_by_level() {
-    let _watchdog = watchdog("deadlines_that_come_together_run_by_level");
+    let _watchdog = watchdog();
     // The lower the level the earlier the deadline.
     assert_eq!(order_of(&[(2, 1), (30, 500), (11, 100)]), [1, 2, 0]);
 }
 
 #[test]
 fn thousands_of_sleeps() {
-    let _watchdog = watchdog("thousands_of_sleeps");
+    let _watchdog = watchdog();
     let (executor, log) = (executor(), Log::new());
-    let mut random = Random::new("thousands_of_sleeps");
+    let mut random = Random::seeded();
     let (base, count) = (in_micros(1_000), rounds(5_000));
     let processes: Vec<_> = (0..count)
         .map(|_| {
@@ -107,7 +107,7 @@ fn thousands_of_sleeps() {
 
 #[test]
 fn a_deadline_in_the_past_does_not_wait() {
-    let _watchdog = watchdog("a_deadline_in_the_past_does_not_wait");
+    let _watchdog = watchdog();
     let executor = executor();
     let process = executor.spawn(ProcessSpec::new("late"), || async {
         Sleep::until(Instant::from_nanos(0)).await;
@@ -119,7 +119,7 @@ fn a_deadline_in_the_past_does_not_wait() {
 
 #[test]
 fn a_deadline_comes_to_a_busy_executor() {
-    let _watchdog = watchdog("a_deadline_comes_to_a_busy_executor");
+    let _watchdog = watchdog();
     let executor = executor();
     let sleeper = executor.spawn(ProcessSpec::new("sleeps").level(2), || {
         Sleep::until(in_micros(2_000))
@@ -136,7 +136,7 @@ fn a_deadline_comes_to_a_busy_executor() {
 
 #[test]
 fn an_earlier_deadline_and_a_wake_shorten_a_sleep() {
-    let _watchdog = watchdog("an_earlier_deadline_and_a_wake_shorten_a_sleep");
+    let _watchdog = watchdog();
     let (executor, gate, log) = (executor(), Gate::default(), Log::new());
     let far = Instant::now() + Duration::from_secs(10_000);
     let long = executor.spawn(ProcessSpec::new("long"), move || Sleep::until(far));

@@ -12,7 +12,7 @@ use support::{Drops, Gate, Log, Random, executor, rounds, until, watchdog};
 
 #[test]
 fn clones_are_used_and_dropped_on_other_threads_after_the_executor() {
-    let _watchdog = watchdog("clones_are_used_and_dropped_on_other_threads_after_the_executor");
+    let _watchdog = watchdog();
     for _ in 0..rounds(50) {
         let (gate, drops, kept) = (Gate::default(), Drops::default(), Arc::new(()));
         let executor = executor();
@@ -66,8 +66,8 @@ fn clones_are_used_and_dropped_on_other_threads_after_the_executor() {
 
 #[test]
 fn wakes_and_drops_race_with_the_stop() {
-    let _watchdog = watchdog("wakes_and_drops_race_with_the_stop");
-    let mut random = Random::new("wakes_and_drops_race_with_the_stop");
+    let _watchdog = watchdog();
+    let mut random = Random::seeded();
     for _ in 0..rounds(200) {
         let (wakers, drops) = (Log::<Waker>::new(), Drops::default());
         let executor = executor();
@@ -108,7 +108,7 @@ fn wakes_and_drops_race_with_the_stop() {
 
 #[test]
 fn a_process_that_keeps_its_own_waker_is_freed() {
-    let _watchdog = watchdog("a_process_that_keeps_its_own_waker_is_freed");
+    let _watchdog = watchdog();
     let drops = Drops::default();
     let executor = executor();
     for ends in [true, false] {

@@ -41,11 +41,11 @@ impl Mailbox {
 
 #[test]
 fn many_threads_wake_many_processes_and_nothing_is_lost() {
-    let _watchdog = watchdog("many_threads_wake_many_processes_and_nothing_is_lost");
+    let _watchdog = watchdog();
     const PROCESSES: usize = 48;
     const THREADS: usize = 4;
     let each = rounds(20_000);
-    let mut random = Random::new("many_threads_wake_many_processes_and_nothing_is_lost");
+    let mut random = Random::seeded();
     let executor = executor();
     let boxes: Arc<Vec<Mailbox>> = Arc::new((0..PROCESSES).map(|_| Mailbox::default()).collect());
     let taken: Arc<Vec<AtomicU64>> = Arc::new((0..PROCESSES).map(|_| AtomicU64::new(0)).collect());
@@ -98,7 +98,7 @@ fn many_threads_wake_many_processes_and_nothing_is_lost() {
 
 #[test]
 fn one_wake_at_a_time_of_a_sleeping_executor() {
-    let _watchdog = watchdog("one_wake_at_a_time_of_a_sleeping_executor");
+    let _watchdog = watchdog();
     let executor = executor();
     let mailbox = Arc::new(Mailbox::default());
     let answers = Arc::new(AtomicU64::new(0));
@@ -119,7 +119,7 @@ fn one_wake_at_a_time_of_a_sleeping_executor() {
 
 #[test]
 fn a_high_wake_does_not_wait_behind_low_ones() {
-    let _watchdog = watchdog("a_high_wake_does_not_wait_behind_low_ones");
+    let _watchdog = watchdog();
     let executor = executor();
     let (gate, log) = (Gate::default(), Log::new());
     let mut waiting: Vec<_> = (0..500)
@@ -166,7 +166,7 @@ fn a_high_wake_does_not_wait_behind_low_ones() {
 /// before all that are woken later.
 #[test]
 fn nobody_of_a_level_is_overtaken_by_one_who_is_woken_later() {
-    let _watchdog = watchdog("nobody_of_a_level_is_overtaken_by_one_who_is_woken_later");
+    let _watchdog = watchdog();
     let executor = executor();
     let (gates, log): (Vec<Gate>, _) = ((0..100).map(|_| Gate::default()).collect(), Log::new());
     let wake = |gates: Vec<Gate>| {
@@ -204,7 +204,7 @@ fn nobody_of_a_level_is_overtaken_by_one_who_is_woken_later() {
 
 #[test]
 fn a_wake_before_the_release_is_kept_and_runs_nothing() {
-    let _watchdog = watchdog("a_wake_before_the_release_is_kept_and_runs_nothing");
+    let _watchdog = watchdog();
     let (first, second) = (executor(), executor());
     let gate = Gate::default();
     let own = gate.clone();
@@ -232,7 +232,7 @@ fn a_wake_before_the_release_is_kept_and_runs_nothing() {
 
 #[test]
 fn a_wake_after_the_end_does_nothing() {
-    let _watchdog = watchdog("a_wake_after_the_end_does_nothing");
+    let _watchdog = watchdog();
     let executor = executor();
     let wakers = Log::new();
     let own = wakers.clone();

@@ -60,7 +60,7 @@ async fn pulled(polls: usize, pulls: Vec<Pull>) {
 
 #[test]
 fn every_pair_of_pulls_in_the_first_a_later_and_the_last_poll() {
-    let _watchdog = watchdog("every_pair_of_pulls_in_the_first_a_later_and_the_last_poll");
+    let _watchdog = watchdog();
     for polls in 1..=3 {
         for first in PULLS {
             for second in PULLS {
@@ -86,7 +86,7 @@ fn every_pair_of_pulls_in_the_first_a_later_and_the_last_poll() {
 
 #[test]
 fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
-    let _watchdog = watchdog("however_often_it_is_woken_on_its_thread_it_runs_once_more");
+    let _watchdog = watchdog();
     let executor = executor();
     let spec = || ProcessSpec::new("woken").level(20);
     let process = executor.spawn(spec(), || async {
@@ -195,9 +195,9 @@ fn attack(
 
 #[test]
 fn stress() {
-    let _watchdog = watchdog("stress");
+    let _watchdog = watchdog();
     quiet_panics();
-    let mut random = Random::new("stress");
+    let mut random = Random::seeded();
     for round in 0..rounds(60) {
         let (drops, wakers) = (Drops::default(), Arc::new(Mutex::new(Vec::new())));
         let executors: Vec<Executor> = (0..1 + round % 2).map(|_| executor()).collect();

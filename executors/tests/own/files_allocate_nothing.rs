@@ -4,11 +4,11 @@
 
 use crate::file_support;
 use crate::support;
-use file_support::{can_wait, pair, read_byte, write_byte};
+use file_support::{pair, read_byte, with_files, write_byte};
 use luna_executors::{Exit, ProcessSpec, prepare_files, yield_now};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use support::{Log, executor, watchdog};
+use support::{Log, executor};
 
 struct Counting;
 
@@ -36,10 +36,7 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn waits_of_prepared_threads() {
-    let _watchdog = watchdog("waits_of_prepared_threads");
-    if !can_wait("waits_of_prepared_threads") {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (one, two) = (executor(), executor());
     let (near, far) = pair();
     two.spawn(ProcessSpec::new("echo"), move || async move {

@@ -1,8 +1,10 @@
 //! What needs a process of its own: counted allocations.
 
+#[path = "../support/mod.rs"]
+#[macro_use]
+mod support;
+
 #[path = "../support/files.rs"]
 mod file_support;
-#[path = "../support/mod.rs"]
-mod support;
 
 mod files_allocate_nothing;

@@ -6,25 +6,19 @@
     reason = "each test is a program that uses a part"
 )]
 
+use crate::support::{Watchdog, skip, watchdog};
 use luna_executors::{FileError, block_on, prepare_files, readable, writable};
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 
-/// To standard error itself, since the harness keeps what `println!` writes.
-macro_rules! tell {
-    ($($text:tt)*) => {{
-        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
-    }};
-}
-
-/// Whether files can be waited for; if not, prints which test is left out and why.
-pub fn can_wait(test: &str) -> bool {
+/// A watchdog; none where files cannot be waited for, which is reported.
+pub(crate) fn with_files() -> Option<Watchdog> {
     match block_on(async { prepare_files() }).unwrap() {
-        Ok(()) => true,
+        Ok(()) => Some(watchdog()),
         Err(error) => {
             assert!(error.is_unsupported(), "{error}");
-            tell!("skipped: {test}: {error}");
-            false
+            skip(&error.to_string());
+            None
         }
     }
 }

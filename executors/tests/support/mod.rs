@@ -3,38 +3,27 @@
 #![allow(
     dead_code,
     unreachable_pub,
+    unused_imports,
     missing_debug_implementations,
     reason = "each test is a program that uses a part"
 )]
 
+#[path = "../../../tests/shared/mod.rs"]
+#[macro_use]
+mod shared;
+
 use luna_executors::Executor;
 use luna_platform::thread::Attributes;
+pub(crate) use shared::{Random, Watchdog, skip, watchdog};
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Waker};
-use std::time::Duration;
 
 /// An executor, held, without a real-time policy.
 pub fn executor() -> Executor {
     Executor::start(Attributes::new("test")).unwrap()
-}
-
-/// Ends the program if a test hangs. A limit no machine comes near to, however busy it is.
-pub struct Watchdog {
-    _alive: mpsc::Sender<()>,
-}
-
-pub fn watchdog(test: &'static str) -> Watchdog {
-    let (alive, dead) = mpsc::channel();
-    std::thread::spawn(move || {
-        if dead.recv_timeout(Duration::from_secs(300)) == Err(mpsc::RecvTimeoutError::Timeout) {
-            eprintln!("{test} hangs");
-            std::process::abort();
-        }
-    });
-    Watchdog { _alive: alive }
 }
 
 /// Gives way to other threads until `condition` holds.
@@ -156,44 +145,6 @@ pub async fn poll_once<F: Future + Unpin>(future: &mut F) -> Option<F::Output> {
         })
     })
     .await
-}
-
-/// Numbers that look random and can be had again: the seed is printed, and taken from `LUNA_SEED`
-/// if it is set.
-#[derive(Clone)]
-pub struct Random(u64);
-
-impl Random {
-    pub fn new(test: &str) -> Self {
-        let seed = std::env::var("LUNA_SEED")
-            .ok()
-            .and_then(|seed| seed.parse().ok())
-            .unwrap_or_else(|| {
-                std::time::SystemTime::now()
-                    .duration_since(std::time::UNIX_EPOCH)
-                    .map_or(1, |time| time.as_nanos() as u64)
-            });
-        println!("{test}: LUNA_SEED={seed}");
-        Random(seed)
-    }
-
-    /// A sequence of its own, for a thread or a process.
-    pub fn split(&mut self) -> Self {
-        Random(self.next())
-    }
-
-    /// splitmix64.
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    pub fn below(&mut self, limit: u64) -> u64 {
-        self.next() % limit
-    }
 }
 
 /// How often the stress tests go round: fewer times under an instrument that slows them down.

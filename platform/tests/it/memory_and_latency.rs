@@ -7,13 +7,6 @@ use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{lock_memory, prefault_heap};
 use luna_platform::shortfall::Shortfall;
 
-/// To standard error itself, since the harness keeps what `println!` writes.
-macro_rules! tell {
-    ($($text:tt)*) => {{
-        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
-    }};
-}
-
 #[test]
 fn a_latency_is_held_or_a_shortfall() {
     match DmaLatency::hold() {

@@ -2,28 +2,9 @@
 
 #![cfg(not(loom))]
 
+use crate::shared::Random;
 use luna_platform::lock::PiLock;
 use std::sync::Arc;
-
-/// To standard error itself, since the harness keeps what `println!` writes.
-macro_rules! tell {
-    ($($text:tt)*) => {{
-        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
-    }};
-}
-
-/// Numbers that look random; the same in each run.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: u64) -> u64 {
-        // xorshift64, https://www.jstatsoft.org/article/view/v008i14
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 % bound
-    }
-}
 
 #[test]
 fn smoke() {
@@ -48,7 +29,7 @@ fn excludes_many_threads() {
         .map(|seed| {
             let lock = lock.clone();
             std::thread::spawn(move || {
-                let mut random = Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+                let mut random = Random::new(seed);
                 for _ in 0..ROUNDS {
                     let mut pair = lock.lock();
                     assert_eq!(pair.0, pair.1);
@@ -197,7 +178,7 @@ mod linux {
         let ended = Arc::new(AtomicBool::new(false));
         let (low_lock, low_ended) = (lock.clone(), ended.clone());
         let low = on_one_core(Policy::Other, move || {
-            let mut random = Random(1);
+            let mut random = Random::new(1);
             let mut rounds = 0_u64;
             while !low_ended.load(Ordering::Relaxed) {
                 let mut pair = low_lock.lock();
@@ -213,7 +194,7 @@ mod linux {
         });
         let high_lock = lock.clone();
         let high = on_one_core(Policy::fifo(80), move || {
-            let mut random = Random(2);
+            let mut random = Random::new(2);
             let nobody_wakes = Futex::new(0);
             for _ in 0..ROUNDS {
                 // Leaves the core to the other, and takes it back at some point or other of its

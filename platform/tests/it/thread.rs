@@ -10,13 +10,6 @@ use std::convert::Infallible;
 use std::rc::Rc;
 use std::sync::mpsc;
 
-/// To standard error itself, since the harness keeps what `println!` writes.
-macro_rules! tell {
-    ($($text:tt)*) => {{
-        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
-    }};
-}
-
 /// Runs `look` as the body of a thread with `attributes`.
 fn on<T: Send + 'static>(attributes: Attributes, look: impl FnOnce() -> T + Send + 'static) -> T {
     let thread = spawn(attributes, |_| Ok::<_, Infallible>(()), |()| look())

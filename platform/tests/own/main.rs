@@ -1,9 +1,9 @@
 //! Tests that change their whole process: signal handlers, the cores that it may use.
 
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
-#[path = "../../../tests/common/own_process.rs"]
+#[path = "../../../tests/shared/mod.rs"]
 #[macro_use]
-mod own_process;
+mod shared;
 
 mod deadline_on_few_cores;
 mod signals;

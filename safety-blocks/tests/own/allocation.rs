@@ -1,44 +1,18 @@
 //! From their first value on the blocks' processes neither allocate nor free, also while faults
 //! begin and end.
 
+use crate::counting::Counting;
+use crate::spawn::SpawnOk;
 use luna::prelude::*;
 use luna_safety_blocks::{
     Agreement, AgreementProcess, Blocked, Chain, DeadMan, DeadManProcess, Disagreement, EndStop,
     Finding, Frozen, Limit, MaxRate, Noise, Range, RateLimit, Reaction, Recovery, Response,
     Timeout, Vote,
 };
-use std::alloc::{GlobalAlloc, Layout, System as Heap};
-use std::cell::Cell;
 use std::time::Duration;
 
-struct Counting;
-
-thread_local! {
-    /// Of this thread alone: the thread that runs the system frees the start's memory at any time.
-    static CALLS: Cell<u64> = const { Cell::new(0) };
-}
-
-fn count() {
-    CALLS.set(CALLS.get() + 1);
-}
-
-// SAFETY: it passes everything on.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promises.
-        unsafe { Heap.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        count();
-        // SAFETY: as the caller promises.
-        unsafe { Heap.dealloc(at, layout) }
-    }
-}
-
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: Counting = Counting::new();
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -89,11 +63,11 @@ fn all() -> Chain {
         .unwrap()
 }
 
-/// The calls of the executor's thread while `values` come at the end of a network made by `build`,
-/// and the number of reported causes.
-fn calls(
+/// Runs a network made by `build` whose executor must not allocate or free while values come at
+/// its end. Returns the number of reported causes.
+fn run(
     build: impl FnOnce(&luna::Executor, [Receiver<f64>; 2], Receiver<u32>, Sender<f64>, Sender<Finding>),
-) -> (u64, u32) {
+) -> u32 {
     let mut system = System::new("allocation");
     system.virtual_clock();
     let main = system.executor("main").build().unwrap();
@@ -103,50 +77,45 @@ fn calls(
     let (reports, causes) = luna::buffered(Buffer::overwrite_oldest(4));
     build(&main, [from_a, from_b], keys, output, reports);
     let (counted, count) = std::sync::mpsc::channel();
-    main.process("control")
-        .spawn(async move {
-            let (mut before, mut alarms) = (0, 0);
-            for n in 0..2000 {
-                if n == 100 {
-                    (before, alarms) = (CALLS.get(), 0);
-                }
-                luna::after(MS).await;
-                let _ = key.send_timeout(u32::from(n % 50 != 1), MS / 4).await;
-                let _ = a.send_timeout(wrong(n), MS / 4).await;
-                if n % 9 != 0 {
-                    let _ = b.send_timeout(wrong(n / 2), MS / 4).await;
-                }
-                if n % 100 == 0 {
-                    luna::after(20 * MS).await;
-                }
-                let _ = values.try_recv();
-                while causes.try_recv().is_ok() {
-                    alarms += 1;
-                }
+    main.process("control").spawn_ok(async move {
+        let (mut before, mut alarms) = ((0, 0), 0);
+        for n in 0..2000 {
+            if n == 100 {
+                (before, alarms) = (ALLOCATOR.here(), 0);
             }
-            let calls = CALLS.get() - before;
-            luna::off_path(|| counted.send((calls, alarms)).unwrap());
-            Ok(())
-        })
-        .unwrap();
+            luna::after(MS).await;
+            let _ = key.send_timeout(u32::from(n % 50 != 1), MS / 4).await;
+            let _ = a.send_timeout(wrong(n), MS / 4).await;
+            if n % 9 != 0 {
+                let _ = b.send_timeout(wrong(n / 2), MS / 4).await;
+            }
+            if n % 100 == 0 {
+                luna::after(20 * MS).await;
+            }
+            let _ = values.try_recv();
+            while causes.try_recv().is_ok() {
+                alarms += 1;
+            }
+        }
+        assert_eq!(ALLOCATOR.here(), before);
+        luna::off_path(|| counted.send(alarms).unwrap());
+        Ok(())
+    });
     system.run().unwrap();
     count.recv().unwrap()
 }
 
 #[test]
 fn blocks_allocate_nothing() {
-    let (none, alarms) = calls(|main, [a, b], _, output, reports| {
+    let alarms = run(|main, [a, b], _, output, reports| {
         let process = all().process(a, output).feedback(b, 3 * MS).unwrap();
         let timeout = Timeout::new(5 * MS, 0.0).unwrap().repeat(MS).unwrap();
         let (process, _) = process.timeout("silence", timeout, recovering()).unwrap();
-        main.process("chain")
-            .spawn(process.report_to(reports))
-            .unwrap();
+        main.process("chain").spawn_ok(process.report_to(reports));
     });
-    assert_eq!(none, 0);
     assert!(alarms > 300, "{alarms}");
 
-    let (none, alarms) = calls(|main, channels, _, output, reports| {
+    let alarms = run(|main, channels, _, output, reports| {
         let agreement = Agreement::new(Vote::OneOutOfTwo, 0.0, 0.05, MS).unwrap();
         let process = AgreementProcess::new(
             "vote",
@@ -158,24 +127,20 @@ fn blocks_allocate_nothing() {
             10 * MS,
         );
         main.process("vote")
-            .spawn(process.unwrap().report_to(reports))
-            .unwrap();
+            .spawn_ok(process.unwrap().report_to(reports));
     });
-    assert_eq!(none, 0);
     assert!(alarms > 100, "{alarms}");
 
-    let (none, alarms) = calls(|main, [a, _b], keys, output, reports| {
+    let alarms = run(|main, [a, _b], keys, output, reports| {
         let grip = DeadMan::new(10 * MS).unwrap();
         let process = DeadManProcess::new("grip", grip, 0.0, recovering(), a, keys, output);
         main.process("grip")
-            .spawn(process.unwrap().report_to(reports))
-            .unwrap();
+            .spawn_ok(process.unwrap().report_to(reports));
     });
-    assert_eq!(none, 0);
     assert!(alarms > 10, "{alarms}");
 
     // The counter counts.
-    let before = CALLS.get();
+    let before = ALLOCATOR.here();
     drop(std::hint::black_box(Box::new(1)));
-    assert_eq!(CALLS.get() - before, 2);
+    assert_eq!(ALLOCATOR.here(), (before.0 + 1, before.1 + 1));
 }

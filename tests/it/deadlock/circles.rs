@@ -1,6 +1,7 @@
 //! A circle of waiting processes is found, and each process in it is named.
 
 use super::*;
+use crate::common::SpawnOk;
 
 #[test]
 fn two_that_receive_from_each_other_first() {
@@ -105,19 +106,15 @@ fn of_an_end_that_is_not_seen_nothing_is_claimed() {
     let (send, receive) = luna::channel::<u32>();
     let (_keep, never) = luna::channel::<()>();
     let boxed = vec![receive];
-    main.process("sender")
-        .spawn(async move {
-            send.send(1).await?;
-            Ok(())
-        })
-        .unwrap();
-    main.process("holder")
-        .spawn(async move {
-            never.recv().await?;
-            drop(boxed);
-            Ok(())
-        })
-        .unwrap();
+    main.process("sender").spawn_ok(async move {
+        send.send(1).await?;
+        Ok(())
+    });
+    main.process("holder").spawn_ok(async move {
+        never.recv().await?;
+        drop(boxed);
+        Ok(())
+    });
     let found = deadlock_of(&system);
     assert_eq!(found.waits[0].partner, Partner::Nobody, "{found}");
     assert!(found.to_string().contains("external()"), "{found}");
@@ -144,22 +141,20 @@ fn philosophers(
         let (left, right) = (forks[seat].clone(), forks[(seat + 1) % SEATS].clone());
         let tell: Vec<_> = seated.iter().map(|(tell, _)| tell.clone()).collect();
         let told = seated[seat].1.clone();
-        process(system, seat)
-            .spawn(async move {
-                left.0.send(()).await?;
-                left.1.recv().await?;
-                for tell in &tell {
-                    tell.send(()).await?;
-                }
-                for _ in 0..SEATS {
-                    told.recv().await?;
-                }
-                right.1.recv().await?;
-                right.0.send(()).await?;
-                left.0.send(()).await?;
-                Ok(())
-            })
-            .unwrap();
+        process(system, seat).spawn_ok(async move {
+            left.0.send(()).await?;
+            left.1.recv().await?;
+            for tell in &tell {
+                tell.send(()).await?;
+            }
+            for _ in 0..SEATS {
+                told.recv().await?;
+            }
+            right.1.recv().await?;
+            right.0.send(()).await?;
+            left.0.send(()).await?;
+            Ok(())
+        });
     }
 }
 
@@ -202,25 +197,19 @@ fn the_circle_is_named_when_the_ends_were_used_before() {
         let mut system = strict("used");
         let (ping, pinged) = luna::channel::<u32>();
         let (pong, ponged) = luna::channel::<u32>();
-        place
-            .process(&mut system, "1", "one")
-            .spawn(async move {
-                ping.send(1).await?;
-                ponged.recv().await?;
-                ponged.recv().await?; // one too many
-                ping.send(2).await?;
-                Ok(())
-            })
-            .unwrap();
-        place
-            .process(&mut system, "2", "two")
-            .spawn(async move {
-                pinged.recv().await?;
-                pong.send(1).await?;
-                pinged.recv().await?;
-                Ok(())
-            })
-            .unwrap();
+        place.process(&mut system, "1", "one").spawn_ok(async move {
+            ping.send(1).await?;
+            ponged.recv().await?;
+            ponged.recv().await?; // one too many
+            ping.send(2).await?;
+            Ok(())
+        });
+        place.process(&mut system, "2", "two").spawn_ok(async move {
+            pinged.recv().await?;
+            pong.send(1).await?;
+            pinged.recv().await?;
+            Ok(())
+        });
         let found = deadlock_of(&system);
         assert_eq!(found.cycle, ["one", "two"], "{found}");
         assert_eq!(found.waits[0].partner, Partner::Process("two".to_owned()));
@@ -237,37 +226,31 @@ fn senders_and_alternatives_and_branches_are_named_too() {
     let (_keep, b) = luna::channel::<u32>();
     let (_have, c) = luna::channel::<u32>();
     let send = send.named("out");
-    main.process("sender")
-        .spawn(async move {
-            send.send(1).await?;
-            Ok(())
-        })
-        .unwrap();
-    main.process("chooser")
-        .spawn(async move {
-            luna::alt! {
-                n = a.recv() => { n?; }
-                n = b.recv() => { n?; }
-            }
-            Ok(())
-        })
-        .unwrap();
-    main.process("parallel")
-        .spawn(async move {
-            par!(
-                async {
-                    c.recv().await?;
-                    Ok(())
-                },
-                async {
-                    c.recv().await?;
-                    Ok::<_, Error>(())
-                },
-            )
-            .await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("sender").spawn_ok(async move {
+        send.send(1).await?;
+        Ok(())
+    });
+    main.process("chooser").spawn_ok(async move {
+        luna::alt! {
+            n = a.recv() => { n?; }
+            n = b.recv() => { n?; }
+        }
+        Ok(())
+    });
+    main.process("parallel").spawn_ok(async move {
+        par!(
+            async {
+                c.recv().await?;
+                Ok(())
+            },
+            async {
+                c.recv().await?;
+                Ok::<_, Error>(())
+            },
+        )
+        .await?;
+        Ok(())
+    });
     let found = deadlock_of(&system);
     let of = |name| found.waits.iter().filter(move |wait| wait.process == name);
     assert_eq!(of("sender").next().unwrap().operation, Operation::Send);
@@ -282,21 +265,16 @@ fn who_joins_one_that_waits_waits_too() {
     let mut system = strict("joined");
     let main = system.executor("main").build().unwrap();
     let (_keep, never) = luna::channel::<()>();
-    let stuck = main
-        .process("stuck")
-        .spawn(async move {
-            never.recv().await?;
-            Ok(())
-        })
-        .unwrap();
+    let stuck = main.process("stuck").spawn_ok(async move {
+        never.recv().await?;
+        Ok(())
+    });
     let on = main.clone();
-    main.process("joiner")
-        .spawn(async move {
-            let handle = on.process_handle(stuck).unwrap();
-            handle.join().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("joiner").spawn_ok(async move {
+        let handle = on.process_handle(stuck).unwrap();
+        handle.join().await;
+        Ok(())
+    });
     let found = deadlock_of(&system);
     assert_eq!(found.waits[1].operation, Operation::Join);
     assert_eq!(found.waits[1].partner, Partner::Process("stuck".to_owned()));
@@ -325,8 +303,7 @@ fn a_deadlock_brings_the_machine_to_safety_and_runs_post_run() {
     system.on_emergency("brake", move || seen.store(true, Ordering::Release));
     let main = system.executor("main").build().unwrap();
     main.process("stuck")
-        .spawn(Stuck(never, cleaned.clone()))
-        .unwrap();
+        .spawn_ok(Stuck(never, cleaned.clone()));
     deadlock_of(&system);
     assert!(cleaned.load(Ordering::Acquire) && safe.load(Ordering::Acquire));
 }
@@ -341,12 +318,10 @@ fn at_a_barrier_of_too_many_parties_they_wait_for_those_who_never_come() {
         for name in ["left", "right"] {
             let party = barrier.clone();
             let spawner = place.process(&mut system, name, name);
-            spawner
-                .spawn(async move {
-                    party.sync().await;
-                    Ok(())
-                })
-                .unwrap();
+            spawner.spawn_ok(async move {
+                party.sync().await;
+                Ok(())
+            });
         }
         let found = deadlock_of(&system);
         assert_eq!(found.waits.len(), 2);
@@ -368,23 +343,19 @@ fn at_a_barrier_whose_parties_have_met_they_wait_for_each_other() {
         let (sender, receiver) = luna::channel::<()>();
         let (left, right) = (barrier.clone(), barrier);
         let spawner = place.process(&mut system, "l", "left");
-        spawner
-            .spawn(async move {
-                left.sync().await;
-                left.sync().await;
-                sender.send(()).await?;
-                Ok(())
-            })
-            .unwrap();
+        spawner.spawn_ok(async move {
+            left.sync().await;
+            left.sync().await;
+            sender.send(()).await?;
+            Ok(())
+        });
         let spawner = place.process(&mut system, "r", "right");
-        spawner
-            .spawn(async move {
-                right.sync().await;
-                receiver.recv().await?;
-                right.sync().await;
-                Ok(())
-            })
-            .unwrap();
+        spawner.spawn_ok(async move {
+            right.sync().await;
+            receiver.recv().await?;
+            right.sync().await;
+            Ok(())
+        });
         let found = deadlock_of(&system);
         let wait = &found.waits[0];
         assert_eq!(

@@ -1,6 +1,7 @@
 //! A deadlock that comes later: after others have come and gone.
 
 use super::*;
+use crate::common::SpawnOk;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -16,23 +17,21 @@ fn processes_that_come_while_it_runs_are_no_deadlock_and_can_come_to_one() {
                 Place::Thread => system.thread("other").process("late 1"),
             });
             let (sender, receiver) = luna::channel();
-            main.process("first")
-                .spawn(async move {
-                    let late = other.take().unwrap();
-                    late.spawn(async move {
-                        if is_good {
-                            sender.send(7).await?;
-                        } else {
-                            let (_keep, never) = luna::channel::<()>();
-                            never.recv().await?;
-                            drop(sender);
-                        }
-                        Ok(())
-                    })?;
-                    receiver.recv().await?;
+            main.process("first").spawn_ok(async move {
+                let late = other.take().unwrap();
+                late.spawn(async move {
+                    if is_good {
+                        sender.send(7).await?;
+                    } else {
+                        let (_keep, never) = luna::channel::<()>();
+                        never.recv().await?;
+                        drop(sender);
+                    }
                     Ok(())
-                })
-                .unwrap();
+                })?;
+                receiver.recv().await?;
+                Ok(())
+            });
             if is_good {
                 assert_eq!(system.run().unwrap().deadlock, None);
             } else {
@@ -59,7 +58,7 @@ fn many_that_wake_each_other_across_threads_are_no_deadlock_until_they_are() {
             let (to, from) = (channels[n].0.clone(), channels[(n + 1) % count].1.clone());
             place
                 .process(&mut system, &format!("t{n}"), &format!("p{n}"))
-                .spawn(async move {
+                .spawn_ok(async move {
                     if n == 0 {
                         to.send(0).await?;
                     }
@@ -71,8 +70,7 @@ fn many_that_wake_each_other_across_threads_are_no_deadlock_until_they_are() {
                         }
                         // Else the token is lost, and all wait for ever.
                     }
-                })
-                .unwrap();
+                });
         }
         drop(channels);
         let found = deadlock_of(&system);
@@ -92,13 +90,11 @@ fn it_is_found_also_after_the_outside_has_come_and_gone() {
     let sender = sender.external();
     let (_keep, never) = luna::channel::<()>();
     let main = system.executor("main").build().unwrap();
-    main.process("process")
-        .spawn(async move {
-            receiver.recv().await?;
-            never.recv().await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("process").spawn_ok(async move {
+        receiver.recv().await?;
+        never.recv().await?;
+        Ok(())
+    });
     std::thread::spawn(move || {
         std::thread::sleep(LONG);
         sender.blocking_send(()).unwrap();
@@ -112,19 +108,17 @@ fn it_is_found_also_when_the_last_call_is_forgotten() {
     let mut system = strict("call");
     let (_keep, never) = luna::channel::<()>();
     let main = system.executor("main").build().unwrap();
-    main.process("process")
-        .spawn(async move {
-            {
-                let mut call = std::pin::pin!(luna::blocking(|| std::thread::sleep(LONG)));
-                std::future::poll_fn(|cx| {
-                    assert!(call.as_mut().poll(cx).is_pending());
-                    std::task::Poll::Ready(())
-                })
-                .await;
-            }
-            never.recv().await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("process").spawn_ok(async move {
+        {
+            let mut call = std::pin::pin!(luna::blocking(|| std::thread::sleep(LONG)));
+            std::future::poll_fn(|cx| {
+                assert!(call.as_mut().poll(cx).is_pending());
+                std::task::Poll::Ready(())
+            })
+            .await;
+        }
+        never.recv().await?;
+        Ok(())
+    });
     assert_eq!(deadlock_of(&system).waits.len(), 1);
 }

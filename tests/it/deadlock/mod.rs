@@ -7,7 +7,7 @@ mod later;
 mod none;
 mod told;
 
-use common::{COMPLETE, PLACES, Place, Program, watchdog};
+use common::{COMPLETE, PLACES, Place, Program, SpawnOk, watchdog};
 use luna::deadlock::{Operation, Partner};
 use luna::prelude::*;
 use luna::{Deadlock, End, Error, ProcessBuilder};
@@ -35,19 +35,16 @@ fn spawn_two_that_receive_first(left: ProcessBuilder, right: ProcessBuilder) {
     let (to_left, from_right) = luna::channel::<u32>();
     let (to_right, from_left) = luna::channel::<u32>();
     let from_right = from_right.named("to left");
-    left.spawn(async move {
+    left.spawn_ok(async move {
         let n = from_right.recv().await?;
         to_right.send(n).await?;
         Ok(())
-    })
-    .unwrap();
-    right
-        .spawn(async move {
-            let n = from_left.recv().await?;
-            to_left.send(n).await?;
-            Ok(())
-        })
-        .unwrap();
+    });
+    right.spawn_ok(async move {
+        let n = from_left.recv().await?;
+        to_left.send(n).await?;
+        Ok(())
+    });
 }
 
 /// Long enough for many looks.

@@ -1,6 +1,7 @@
 //! What can still be woken is no deadlock.
 
 use super::*;
+use crate::common::SpawnOk;
 
 /// Runs a strict system with a process that waits for a value that another sends late. The run must
 /// end well.
@@ -8,13 +9,10 @@ fn must_end_well(name: &str, describe: impl FnOnce(&mut System, Sender<u32>)) {
     let mut system = strict(name);
     let (sender, receiver) = luna::channel();
     let waiter = system.executor("waiter").build().unwrap();
-    waiter
-        .process("waiter")
-        .spawn(async move {
-            assert_eq!(receiver.recv().await?, 7);
-            Ok(())
-        })
-        .unwrap();
+    waiter.process("waiter").spawn_ok(async move {
+        assert_eq!(receiver.recv().await?, 7);
+        Ok(())
+    });
     describe(&mut system, sender);
     let report = system
         .run()
@@ -28,65 +26,55 @@ fn a_deadline_a_blocking_call_and_a_computation_are_no_deadlock() {
     for place in PLACES {
         must_end_well("deadline", |system, sender| {
             let process = place.process(system, "other", "other");
-            process
-                .spawn(async move {
-                    luna::after(LONG).await;
-                    sender.send(7).await?;
-                    Ok(())
-                })
-                .unwrap();
+            process.spawn_ok(async move {
+                luna::after(LONG).await;
+                sender.send(7).await?;
+                Ok(())
+            });
         });
         must_end_well("blocking", |system, sender| {
             let process = place.process(system, "other", "other");
-            process
-                .spawn(async move {
-                    luna::blocking(|| std::thread::sleep(LONG)).await;
-                    sender.send(7).await?;
-                    Ok(())
-                })
-                .unwrap();
+            process.spawn_ok(async move {
+                luna::blocking(|| std::thread::sleep(LONG)).await;
+                sender.send(7).await?;
+                Ok(())
+            });
         });
     }
     must_end_well("forgotten call", |system, sender| {
         let process = Place::Executor.process(system, "other", "other");
-        process
-            .spawn(async move {
-                let call = luna::blocking(move || {
-                    std::thread::sleep(LONG);
-                    sender.blocking_send(7).unwrap();
-                });
-                // The call is started, and then no process waits for it.
-                let mut call = std::pin::pin!(call);
-                std::future::poll_fn(|cx| {
-                    assert!(call.as_mut().poll(cx).is_pending());
-                    std::task::Poll::Ready(())
-                })
-                .await;
-                Ok(())
+        process.spawn_ok(async move {
+            let call = luna::blocking(move || {
+                std::thread::sleep(LONG);
+                sender.blocking_send(7).unwrap();
+            });
+            // The call is started, and then no process waits for it.
+            let mut call = std::pin::pin!(call);
+            std::future::poll_fn(|cx| {
+                assert!(call.as_mut().poll(cx).is_pending());
+                std::task::Poll::Ready(())
             })
-            .unwrap();
+            .await;
+            Ok(())
+        });
     });
     must_end_well("blocked", |system, sender| {
         let process = Place::Thread.process(system, "other", "other");
-        process
-            .spawn(async move {
-                std::thread::sleep(LONG);
-                sender.send(7).await?;
-                Ok(())
-            })
-            .unwrap();
+        process.spawn_ok(async move {
+            std::thread::sleep(LONG);
+            sender.send(7).await?;
+            Ok(())
+        });
     });
     must_end_well("blocking receive", |system, sender| {
         let (early, late) = luna::channel::<()>();
         let early = early.external();
         let process = Place::Thread.process(system, "other", "other");
-        process
-            .spawn(async move {
-                late.blocking_recv()?;
-                sender.send(7).await?;
-                Ok(())
-            })
-            .unwrap();
+        process.spawn_ok(async move {
+            late.blocking_recv()?;
+            sender.send(7).await?;
+            Ok(())
+        });
         std::thread::spawn(move || {
             std::thread::sleep(LONG);
             early.blocking_send(()).unwrap();
@@ -106,15 +94,13 @@ fn a_file_is_no_deadlock() {
         let (mut near, mut far) = std::os::unix::net::UnixStream::pair().unwrap();
         must_end_well("file", move |system, sender| {
             let process = place.process(system, "other", "other");
-            process
-                .spawn(async move {
-                    luna::readable(&near).await?;
-                    let mut byte = [0];
-                    near.read_exact(&mut byte)?;
-                    sender.send(u32::from(byte[0])).await?;
-                    Ok(())
-                })
-                .unwrap();
+            process.spawn_ok(async move {
+                luna::readable(&near).await?;
+                let mut byte = [0];
+                near.read_exact(&mut byte)?;
+                sender.send(u32::from(byte[0])).await?;
+                Ok(())
+            });
             std::thread::spawn(move || {
                 std::thread::sleep(LONG);
                 far.write_all(&[7]).unwrap();
@@ -139,16 +125,14 @@ fn a_plain_thread_is_no_deadlock_where_it_is_known() {
     let (sender, receiver) = luna::buffered::<u32>(Buffer::fifo(1));
     let main = system.executor("main").build().unwrap();
     let process = main.process("sum");
-    process
-        .spawn(async move {
-            let mut sum = 0;
-            for _ in 0..4 {
-                sum += receiver.recv().await?;
-            }
-            assert_eq!(sum, 4);
-            Ok(())
-        })
-        .unwrap();
+    process.spawn_ok(async move {
+        let mut sum = 0;
+        for _ in 0..4 {
+            sum += receiver.recv().await?;
+        }
+        assert_eq!(sum, 4);
+        Ok(())
+    });
     // Once before the start; then it is known.
     sender.try_send(1).unwrap();
     std::thread::spawn(move || {
@@ -170,13 +154,12 @@ fn at_a_barrier_a_thread_that_has_come_before_is_no_deadlock() {
         let (come, has_come) = std::sync::mpsc::channel();
         place
             .process(&mut system, "e", "party")
-            .spawn(async move {
+            .spawn_ok(async move {
                 for _ in 0..3 {
                     party.sync().await;
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
         let thread = std::thread::spawn(move || {
             for round in 0..3 {
                 if round > 0 {
@@ -208,20 +191,18 @@ fn what_is_none_of_lunas_may_wake_somebody() {
     let mut system = strict("foreign");
     let main = system.executor("main").build().unwrap();
     let (wake, woken) = mpsc::channel::<std::task::Waker>();
-    main.process("foreign")
-        .spawn(async move {
-            let mut is_first = true;
-            std::future::poll_fn(|cx| {
-                if std::mem::take(&mut is_first) {
-                    wake.send(cx.waker().clone()).unwrap();
-                    return std::task::Poll::Pending;
-                }
-                std::task::Poll::Ready(())
-            })
-            .await;
-            Ok(())
+    main.process("foreign").spawn_ok(async move {
+        let mut is_first = true;
+        std::future::poll_fn(|cx| {
+            if std::mem::take(&mut is_first) {
+                wake.send(cx.waker().clone()).unwrap();
+                return std::task::Poll::Pending;
+            }
+            std::task::Poll::Ready(())
         })
-        .unwrap();
+        .await;
+        Ok(())
+    });
     std::thread::spawn(move || {
         let waker = woken.recv().unwrap();
         std::thread::sleep(LONG);
@@ -258,17 +239,13 @@ fn what_those_hold_who_are_not_buried_yet_is_no_deadlock() {
             };
             executors[number % 2]
                 .process(&format!("link {number}"))
-                .spawn(link)
-                .unwrap();
+                .spawn_ok(link);
         }
-        executors[0]
-            .process("first")
-            .spawn(async move {
-                luna::after(Duration::from_millis(1)).await;
-                drop(first);
-                Ok(())
-            })
-            .unwrap();
+        executors[0].process("first").spawn_ok(async move {
+            luna::after(Duration::from_millis(1)).await;
+            drop(first);
+            Ok(())
+        });
         system.run().unwrap();
     }
 }

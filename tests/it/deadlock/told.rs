@@ -1,6 +1,7 @@
 //! What a deadlock prints on standard error.
 
 use super::*;
+use crate::common::SpawnOk;
 
 pub(super) fn run_stuck(is_alone: bool) {
     if is_alone {
@@ -109,23 +110,21 @@ pub(super) fn run_revived(then: Then) {
     });
     let mut system = System::new("revived");
     let main = system.executor("main").build().unwrap();
-    main.process("process")
-        .spawn(async move {
-            revived.recv().await?;
-            println!("goes on");
-            match then {
-                Then::Ends => {}
-                Then::GoesOn => {
-                    let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
-                    loop {
-                        tick.next().await;
-                    }
+    main.process("process").spawn_ok(async move {
+        revived.recv().await?;
+        println!("goes on");
+        match then {
+            Then::Ends => {}
+            Then::GoesOn => {
+                let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+                loop {
+                    tick.next().await;
                 }
-                Then::IsStuckAgain => never.recv().await?,
             }
-            Ok(())
-        })
-        .unwrap();
+            Then::IsStuckAgain => never.recv().await?,
+        }
+        Ok(())
+    });
     println!("ready");
     let report = system.run().unwrap();
     println!("found: {}", report.deadlock.is_some());

@@ -1,6 +1,6 @@
 //! Loops that cannot be: a typed error each, and nothing taken by what was refused.
 
-use crate::common::{setup_error, watchdog};
+use crate::common::{SpawnOk, setup_error, watchdog};
 use luna::prelude::*;
 use luna::{Error, SetupError};
 use std::time::Duration;
@@ -10,14 +10,11 @@ fn in_a_process<T: Send + 'static>(body: impl AsyncFnOnce() -> T + Send + 'stati
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
     let mut system = super::system("around one");
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("one")
-        .spawn(move || async move {
-            let value = body().await;
-            sender.try_send(value)?;
-            Ok(())
-        })
-        .unwrap();
+    executor.process("one").spawn_ok(move || async move {
+        let value = body().await;
+        sender.try_send(value)?;
+        Ok(())
+    });
     system.run().unwrap();
     receiver.try_recv().unwrap()
 }
@@ -31,43 +28,38 @@ fn two_loops_of_one_name() {
     let mut system = super::system("twins");
     let left = system.executor("left").build().unwrap();
     let right = system.executor("right").build().unwrap();
-    left.process("first")
-        .spawn(async move {
-            let _tick = luna::periodic("loop", period)?;
-            let of_same_process =
-                setup_error(luna::periodic("loop", period), &["loop `loop`", "already"]);
-            assert_eq!(
-                of_same_process,
-                SetupError::DuplicateName {
-                    kind: "loop",
-                    name: "loop".to_owned()
-                }
-            );
-            first_is_there.send(()).await?;
-            end.recv().await?;
-            Ok(())
-        })
-        .unwrap();
-    right
-        .process("second")
-        .spawn(async move {
-            second_may.recv().await?;
-            let of_other = setup_error(luna::periodic("loop", period), &["loop `loop`"]);
-            assert_eq!(
-                of_other,
-                SetupError::DuplicateName {
-                    kind: "loop",
-                    name: "loop".to_owned()
-                }
-            );
-            ended.send(()).await?;
-            // Its statistics are in the report under this name, so the name stays taken when the
-            // loop has ended.
-            luna::periodic("other", period).map(drop)?;
-            assert!(luna::periodic("other", period).is_err());
-            Ok(())
-        })
-        .unwrap();
+    left.process("first").spawn_ok(async move {
+        let _tick = luna::periodic("loop", period)?;
+        let of_same_process =
+            setup_error(luna::periodic("loop", period), &["loop `loop`", "already"]);
+        assert_eq!(
+            of_same_process,
+            SetupError::DuplicateName {
+                kind: "loop",
+                name: "loop".to_owned()
+            }
+        );
+        first_is_there.send(()).await?;
+        end.recv().await?;
+        Ok(())
+    });
+    right.process("second").spawn_ok(async move {
+        second_may.recv().await?;
+        let of_other = setup_error(luna::periodic("loop", period), &["loop `loop`"]);
+        assert_eq!(
+            of_other,
+            SetupError::DuplicateName {
+                kind: "loop",
+                name: "loop".to_owned()
+            }
+        );
+        ended.send(()).await?;
+        // Its statistics are in the report under this name, so the name stays taken when the
+        // loop has ended.
+        luna::periodic("other", period).map(drop)?;
+        assert!(luna::periodic("other", period).is_err());
+        Ok(())
+    });
     let report = system.run().unwrap();
     assert_eq!(report.loops.keys().collect::<Vec<_>>(), ["loop", "other"]);
 }
@@ -128,14 +120,11 @@ fn more_loops_than_room_was_set_aside_for() {
     let mut system = super::system("many");
     system.max_loops(2);
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("one")
-        .spawn(async {
-            let _first = luna::periodic("first", Duration::from_millis(1))?;
-            drop(luna::periodic("second", Duration::from_millis(1))?);
-            luna::periodic("third", Duration::from_millis(1)).map(drop)
-        })
-        .unwrap();
+    executor.process("one").spawn_ok(async {
+        let _first = luna::periodic("first", Duration::from_millis(1))?;
+        drop(luna::periodic("second", Duration::from_millis(1))?);
+        luna::periodic("third", Duration::from_millis(1)).map(drop)
+    });
     let error = setup_error(system.run(), &["`third`", "the 2 ", "System::max_loops"]);
     assert_eq!(
         error,
@@ -155,29 +144,24 @@ fn room_for_loops_is_one_reserve_of_the_system() {
         for number in 1..processes {
             executor
                 .process(&number.to_string())
-                .spawn(async { Ok(()) })
-                .unwrap();
+                .spawn_ok(async { Ok(()) });
         }
-        executor
-            .process("loops")
-            .spawn(async {
-                let make = |number: usize| {
-                    luna::periodic(&format!("loop {number}"), Duration::from_millis(1))
-                };
-                let mut first = make(0)?;
-                let _others: Vec<_> = (1..10).map(|number| make(number).unwrap()).collect();
-                // Those that have ended count.
-                (10..16).for_each(|number| drop(make(number).unwrap()));
-                let name = "loop 16".to_owned();
-                assert_eq!(
-                    make(16).err(),
-                    Some(Error::Setup(SetupError::TooManyLoops { name, most: 16 }))
-                );
-                // The loops that there are go on.
-                first.next().await;
-                Ok(())
-            })
-            .unwrap();
+        executor.process("loops").spawn_ok(async {
+            let make =
+                |number: usize| luna::periodic(&format!("loop {number}"), Duration::from_millis(1));
+            let mut first = make(0)?;
+            let _others: Vec<_> = (1..10).map(|number| make(number).unwrap()).collect();
+            // Those that have ended count.
+            (10..16).for_each(|number| drop(make(number).unwrap()));
+            let name = "loop 16".to_owned();
+            assert_eq!(
+                make(16).err(),
+                Some(Error::Setup(SetupError::TooManyLoops { name, most: 16 }))
+            );
+            // The loops that there are go on.
+            first.next().await;
+            Ok(())
+        });
         let loops = system.run().unwrap().loops;
         assert_eq!((loops.len(), loops["loop 0"].cycles), (16, 1));
     }

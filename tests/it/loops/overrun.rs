@@ -1,6 +1,6 @@
 //! Loops that are late: no policy ever loses or doubles a slot without counting it.
 
-use crate::common::{Random, burn_until, watchdog};
+use crate::common::{Random, SpawnOk, burn_until, watchdog};
 use luna::prelude::*;
 use luna::{Cycle, Error, Instant, LoopReport, Overrun};
 use std::time::Duration;
@@ -28,23 +28,20 @@ fn burn_at_random(policy: Overrun, cycles: usize) -> (Vec<Cycle>, LoopReport) {
     let mut random = Random::seeded();
     let mut system = super::system("late");
     let executor = system.executor("control").build().unwrap();
-    executor
-        .process("loop")
-        .spawn(async move {
-            let mut tick = luna::periodic("loop", PERIOD)?.overrun(policy);
-            let mut seen = Vec::with_capacity(cycles);
-            for _ in 0..cycles {
-                seen.push(tick.next().await);
-                // One in three keeps its time, so that the loop can catch up.
-                if random.below(3) > 0 {
-                    burn_until(luna::now() + PERIOD * random.below(280) as u32 / 100);
-                }
+    executor.process("loop").spawn_ok(async move {
+        let mut tick = luna::periodic("loop", PERIOD)?.overrun(policy);
+        let mut seen = Vec::with_capacity(cycles);
+        for _ in 0..cycles {
+            seen.push(tick.next().await);
+            // One in three keeps its time, so that the loop can catch up.
+            if random.below(3) > 0 {
+                burn_until(luna::now() + PERIOD * random.below(280) as u32 / 100);
             }
-            drop(tick);
-            sender.try_send(seen)?;
-            Ok(())
-        })
-        .unwrap();
+        }
+        drop(tick);
+        sender.try_send(seen)?;
+        Ok(())
+    });
     let report = system.run().unwrap().loops.remove("loop").unwrap();
     (receiver.try_recv().unwrap(), report)
 }
@@ -222,7 +219,7 @@ fn the_limit_ends_its_own_process_and_no_other() {
         tick.next().await;
         panic!("the body goes on")
     };
-    executor.process("hog").priority(20).spawn(limited).unwrap();
+    executor.process("hog").priority(20).spawn_ok(limited);
     let modest = async {
         let mut tick = luna::periodic("modest", PERIOD)?;
         for _ in 0..10 {
@@ -230,7 +227,7 @@ fn the_limit_ends_its_own_process_and_no_other() {
         }
         Ok(())
     };
-    let modest = executor.process("modest").spawn(modest).unwrap();
+    let modest = executor.process("modest").spawn_ok(modest);
     let overrun = Error::Overrun {
         name: "limited".to_owned(),
         consecutive: 1,
@@ -262,13 +259,13 @@ fn the_limit_ends_a_process_that_would_end_at_the_same_poll() {
         futures_lite::future::or(async { while tick.next().await.number > 0 {} }, async {}).await;
         Ok(())
     };
-    executor.process("hog").priority(20).spawn(hog).unwrap();
+    executor.process("hog").priority(20).spawn_ok(hog);
     let next = async {
         luna::yield_now().await;
         luna::after(PERIOD).await;
         Ok(())
     };
-    executor.process("next").spawn(next).unwrap();
+    executor.process("next").spawn_ok(next);
     let overrun = Error::Overrun {
         name: "limited".to_owned(),
         consecutive: 1,

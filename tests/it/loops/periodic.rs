@@ -1,6 +1,6 @@
 //! Periodic loops: absolute slots, their numbers, and what is counted of them.
 
-use crate::common::{Random, burn_until, watchdog};
+use crate::common::{Random, SpawnOk, burn_until, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Cycle, LoopReport, Overrun};
@@ -15,14 +15,11 @@ fn run_loops<T: Send + 'static>(
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
     let mut system = super::system("loops");
     let executor = system.executor("control").build().unwrap();
-    executor
-        .process("looping")
-        .spawn(move || async move {
-            let value = body().await?;
-            sender.try_send(value)?;
-            Ok(())
-        })
-        .unwrap();
+    executor.process("looping").spawn_ok(move || async move {
+        let value = body().await?;
+        sender.try_send(value)?;
+        Ok(())
+    });
     let loops = system.run().unwrap().loops;
     (receiver.try_recv().unwrap(), loops)
 }

@@ -1,6 +1,6 @@
 //! Phases on a common grid, guards, and trims: which slot is where, exactly; and what is refused.
 
-use crate::common::{PLACES, Random, burn_until, setup_error, watchdog};
+use crate::common::{PLACES, Random, SpawnOk, burn_until, setup_error, watchdog};
 use luna::prelude::*;
 use luna::{Cycle, Overrun, SetupError};
 use std::sync::{Arc, Mutex};
@@ -28,20 +28,18 @@ fn loops_of_one_period_share_a_grid_wherever_they_run() {
             let name = format!("{place:?} {phase:?}");
             let cycles = cycles.clone();
             let process = place.process(&mut system, &name.clone(), &name.clone());
-            process
-                .spawn(async move {
-                    let mut random = Random::seeded();
-                    // Each begins some time after the others, and is late now and then.
-                    burn_until(luna::now() + PERIOD * random.below(20) as u32 / 10);
-                    let mut tick = luna::periodic(&name, PERIOD)?.phase(phase)?;
-                    for _ in 0..10 {
-                        let cycle = tick.next().await;
-                        cycles.lock().unwrap().push((phase, cycle));
-                        burn_until(luna::now() + PERIOD * random.below(12) as u32 / 10);
-                    }
-                    Ok(())
-                })
-                .unwrap();
+            process.spawn_ok(async move {
+                let mut random = Random::seeded();
+                // Each begins some time after the others, and is late now and then.
+                burn_until(luna::now() + PERIOD * random.below(20) as u32 / 10);
+                let mut tick = luna::periodic(&name, PERIOD)?.phase(phase)?;
+                for _ in 0..10 {
+                    let cycle = tick.next().await;
+                    cycles.lock().unwrap().push((phase, cycle));
+                    burn_until(luna::now() + PERIOD * random.below(12) as u32 / 10);
+                }
+                Ok(())
+            });
         }
     }
     let report = system.run().unwrap();
@@ -73,24 +71,21 @@ fn who_joins_late_misses_nothing_and_counts_as_the_others() {
     let mut system = super::system("late");
     let executor = system.executor("one").build().unwrap();
     let on = executor.clone();
-    executor
-        .process("early")
-        .spawn(async move {
-            let mut tick = luna::periodic("early", PERIOD)?.phase(PERIOD / 4)?;
-            let mut cycle = tick.next().await;
-            while cycle.number < 10 {
-                cycle = tick.next().await;
-            }
-            let late = send.clone();
-            on.process("late").spawn(async move {
-                let mut tick = luna::periodic("late", PERIOD)?.phase(PERIOD / 4)?;
-                late.send(tick.next().await).await?;
-                Ok(())
-            })?;
-            send.send(cycle).await?;
+    executor.process("early").spawn_ok(async move {
+        let mut tick = luna::periodic("early", PERIOD)?.phase(PERIOD / 4)?;
+        let mut cycle = tick.next().await;
+        while cycle.number < 10 {
+            cycle = tick.next().await;
+        }
+        let late = send.clone();
+        on.process("late").spawn(async move {
+            let mut tick = luna::periodic("late", PERIOD)?.phase(PERIOD / 4)?;
+            late.send(tick.next().await).await?;
             Ok(())
-        })
-        .unwrap();
+        })?;
+        send.send(cycle).await?;
+        Ok(())
+    });
     let report = system.run().unwrap();
     let mut cycles = [receive.try_recv().unwrap(), receive.try_recv().unwrap()];
     cycles.sort_by_key(|cycle| cycle.number);
@@ -151,7 +146,7 @@ fn a_guarded_loop_has_the_slots_that_it_would_have_without() {
             let mut system = super::system("guard");
             place
                 .process(&mut system, "one", "one")
-                .spawn(async move {
+                .spawn_ok(async move {
                     let mut random = Random::seeded();
                     let mut tick = luna::periodic("one", PERIOD)?
                         .overrun(overrun)
@@ -171,8 +166,7 @@ fn a_guarded_loop_has_the_slots_that_it_would_have_without() {
                         burn_until(luna::now() + PERIOD * random.below(15) as u32 / 10);
                     }
                     Ok(())
-                })
-                .unwrap();
+                });
             let report = system.run().unwrap();
             let one = &report.loops["one"];
             assert_eq!(one.cycles, 30);
@@ -187,45 +181,42 @@ fn a_trim_moves_the_following_slots_by_what_it_says_and_loses_none() {
     for overrun in [Overrun::SkipToGrid, Overrun::CatchUp] {
         let mut system = super::system("trim");
         let executor = system.executor("one").build().unwrap();
-        executor
-            .process("one")
-            .spawn(async move {
-                let mut random = Random::seeded();
-                let most = PERIOD.as_nanos() as i128 / 100;
-                let mut tick = luna::periodic("one", PERIOD)?
-                    .overrun(overrun)
-                    .phase(PERIOD / 2)?;
-                // Before the first slot, too.
-                let mut moved = i128::from(tick.correct(777));
-                assert_eq!(moved, 777);
-                let first = tick.next().await;
-                let mut before = first;
-                let mut phase = moved;
-                for _ in 0..60 {
-                    moved = 0;
-                    for _ in 0..random.below(3) {
-                        let asked = random.below(60_000) as i64 - 30_000;
-                        moved += i128::from(tick.correct(asked));
-                        assert!(moved.abs() <= most);
-                    }
-                    phase += moved;
-                    burn_until(luna::now() + PERIOD * random.below(25) as u32 / 10);
-                    let cycle = tick.next().await;
-                    let periods = i128::from(cycle.number - before.number);
-                    assert_eq!(
-                        nanos(before.deadline, cycle.deadline),
-                        periods * PERIOD.as_nanos() as i128 + moved
-                    );
-                    assert_eq!(cycle.number, before.number + cycle.missed + 1);
-                    before = cycle;
+        executor.process("one").spawn_ok(async move {
+            let mut random = Random::seeded();
+            let most = PERIOD.as_nanos() as i128 / 100;
+            let mut tick = luna::periodic("one", PERIOD)?
+                .overrun(overrun)
+                .phase(PERIOD / 2)?;
+            // Before the first slot, too.
+            let mut moved = i128::from(tick.correct(777));
+            assert_eq!(moved, 777);
+            let first = tick.next().await;
+            let mut before = first;
+            let mut phase = moved;
+            for _ in 0..60 {
+                moved = 0;
+                for _ in 0..random.below(3) {
+                    let asked = random.below(60_000) as i64 - 30_000;
+                    moved += i128::from(tick.correct(asked));
+                    assert!(moved.abs() <= most);
                 }
-                // One that was moved after the last cycle changes nothing of what has been.
-                tick.correct(i64::MIN);
-                let all = i128::from(before.number - first.number) * PERIOD.as_nanos() as i128;
-                assert_eq!(nanos(first.deadline, before.deadline), all + phase - 777);
-                Ok(())
-            })
-            .unwrap();
+                phase += moved;
+                burn_until(luna::now() + PERIOD * random.below(25) as u32 / 10);
+                let cycle = tick.next().await;
+                let periods = i128::from(cycle.number - before.number);
+                assert_eq!(
+                    nanos(before.deadline, cycle.deadline),
+                    periods * PERIOD.as_nanos() as i128 + moved
+                );
+                assert_eq!(cycle.number, before.number + cycle.missed + 1);
+                before = cycle;
+            }
+            // One that was moved after the last cycle changes nothing of what has been.
+            tick.correct(i64::MIN);
+            let all = i128::from(before.number - first.number) * PERIOD.as_nanos() as i128;
+            assert_eq!(nanos(first.deadline, before.deadline), all + phase - 777);
+            Ok(())
+        });
         let report = system.run().unwrap();
         let one = &report.loops["one"];
         assert_eq!(one.cycles, 61);
@@ -238,27 +229,24 @@ fn a_phase_given_in_mid_run_begins_with_the_next_wait() {
     let _watch = watchdog();
     let mut system = super::system("changes");
     let executor = system.executor("one").build().unwrap();
-    executor
-        .process("one")
-        .spawn(async {
-            let mut tick = luna::periodic("one", PERIOD)?;
-            for _ in 0..3 {
-                tick.next().await;
-            }
-            let mut other = luna::periodic("other", PERIOD)?.phase(Duration::ZERO)?;
-            let other = other.next().await;
-            let mut tick = tick.phase(PERIOD / 2)?;
-            for _ in 0..3 {
-                let cycle = tick.next().await;
-                let apart = i128::from(cycle.number) - i128::from(other.number);
-                assert_eq!(
-                    2 * nanos(other.deadline, cycle.deadline),
-                    (2 * apart + 1) * PERIOD.as_nanos() as i128
-                );
-            }
-            Ok(())
-        })
-        .unwrap();
+    executor.process("one").spawn_ok(async {
+        let mut tick = luna::periodic("one", PERIOD)?;
+        for _ in 0..3 {
+            tick.next().await;
+        }
+        let mut other = luna::periodic("other", PERIOD)?.phase(Duration::ZERO)?;
+        let other = other.next().await;
+        let mut tick = tick.phase(PERIOD / 2)?;
+        for _ in 0..3 {
+            let cycle = tick.next().await;
+            let apart = i128::from(cycle.number) - i128::from(other.number);
+            assert_eq!(
+                2 * nanos(other.deadline, cycle.deadline),
+                (2 * apart + 1) * PERIOD.as_nanos() as i128
+            );
+        }
+        Ok(())
+    });
     let report = system.run().unwrap();
     let one = &report.loops["one"];
     assert_eq!(one.cycles, 6);

@@ -1,6 +1,6 @@
 //! Loops that are made in `pre_run`: they begin with the bodies, not when they are made.
 
-use crate::common::{PLACES, burn_until, watchdog};
+use crate::common::{PLACES, SpawnOk, burn_until, watchdog};
 use luna::prelude::*;
 use luna::{Cycle, Instant, Parameter, Periodic};
 use std::sync::{Arc, Mutex};
@@ -90,14 +90,12 @@ fn loops_made_in_pre_run_begin_together_when_the_bodies_do() {
             let seen = Arc::<Mutex<Seen>>::default();
             all.push((behind, seen.clone(), name.clone()));
             let process = place.process(&mut system, &name, &name);
-            process
-                .spawn(Prepared {
-                    name: name.clone(),
-                    make,
-                    tick: None,
-                    seen,
-                })
-                .unwrap();
+            process.spawn_ok(Prepared {
+                name: name.clone(),
+                make,
+                tick: None,
+                seen,
+            });
         }
     }
     let report = system.run().unwrap();
@@ -141,18 +139,16 @@ fn a_loop_of_a_process_that_comes_later_begins_with_its_body() {
             tick: None,
             seen: seen.clone(),
         };
-        main.process("parent")
-            .spawn(async move {
-                later.spawn(process)?;
-                // A loop that is made on this thread after a `pre_run` belongs to the process that
-                // makes it.
-                let made = luna::now();
-                let mut own = luna::periodic("own", PERIOD)?;
-                burn_until(made + PERIOD * 4);
-                assert!(own.next().await.number >= 3);
-                Ok(())
-            })
-            .unwrap();
+        main.process("parent").spawn_ok(async move {
+            later.spawn(process)?;
+            // A loop that is made on this thread after a `pre_run` belongs to the process that
+            // makes it.
+            let made = luna::now();
+            let mut own = luna::periodic("own", PERIOD)?;
+            burn_until(made + PERIOD * 4);
+            assert!(own.next().await.number >= 3);
+            Ok(())
+        });
         system.run().unwrap();
         let seen = seen.lock().unwrap();
         let begun = seen.body.unwrap().as_nanos();
@@ -173,14 +169,12 @@ fn names_and_room_are_those_of_the_system() {
     let mut system = super::system("twice");
     let main = system.executor("main").build().unwrap();
     for name in ["one", "two"] {
-        main.process(name)
-            .spawn(Prepared {
-                name: "the same".to_owned(),
-                make: plain,
-                tick: None,
-                seen: Arc::default(),
-            })
-            .unwrap();
+        main.process(name).spawn_ok(Prepared {
+            name: "the same".to_owned(),
+            make: plain,
+            tick: None,
+            seen: Arc::default(),
+        });
     }
     let error = system.run().unwrap_err().to_string();
     assert!(
@@ -227,19 +221,15 @@ fn a_loop_made_in_pre_run_takes_the_parameters_of_its_process() {
     let mut system = super::system("tuned");
     let main = system.executor("main").build().unwrap();
     let parameters = system.parameters();
-    main.process("tuned")
-        .spawn(Tuned {
-            gain: None,
-            tick: None,
-            last: 7,
-        })
-        .unwrap();
-    main.process("operator")
-        .spawn(async move {
-            parameters.set([("gain", 7)])?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("tuned").spawn_ok(Tuned {
+        gain: None,
+        tick: None,
+        last: 7,
+    });
+    main.process("operator").spawn_ok(async move {
+        parameters.set([("gain", 7)])?;
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -268,9 +258,7 @@ fn on_a_virtual_clock_the_first_slot_is_a_period_behind_the_start() {
     let mut system = super::system("exact");
     system.virtual_clock();
     let main = system.executor("main").build().unwrap();
-    main.process("exact")
-        .spawn(Exact(None, seen.clone()))
-        .unwrap();
+    main.process("exact").spawn_ok(Exact(None, seen.clone()));
     system.run().unwrap();
     assert_eq!(*seen.lock().unwrap(), [(1, PERIOD), (2, PERIOD * 2)]);
 }

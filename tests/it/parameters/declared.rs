@@ -1,6 +1,7 @@
 //! What is declared, and what the start makes of it.
 
 use super::*;
+use crate::common::SpawnOk;
 
 #[test]
 fn defaults_then_file_then_program() {
@@ -211,8 +212,7 @@ fn what_cannot_be_declared_says_why() {
     let mut system = System::new("bad");
     let main = system.executor("main").build().unwrap();
     main.process("bad")
-        .spawn(made(declare, async |_: &_| Ok(())))
-        .unwrap();
+        .spawn_ok(made(declare, async |_: &_| Ok(())));
     system.run().unwrap();
     let told: Vec<&str> = told
         .lock()
@@ -269,7 +269,7 @@ fn a_process_that_comes_again_goes_on_with_its_parameters_and_one_that_is_gone_l
     let main = system.executor("main").build().unwrap();
     let parameters = system.parameters();
     let spawner = main.clone();
-    main.process("spawner").spawn(async move {
+    main.process("spawner").spawn_ok(async move {
         for round in 0..20 {
             let declare = || Ok(Parameter::with_default("again/x", 0).range(0..=100).register()?);
             let body = async move |x: &Parameter<i32>| {
@@ -293,7 +293,7 @@ fn a_process_that_comes_again_goes_on_with_its_parameters_and_one_that_is_gone_l
                 if matches!(&*source, Error::Setup(SetupError::Parameter(DeclareError::Differs { .. })))
         ));
         Ok(())
-    }).unwrap();
+    });
     drop(main);
     system.run().unwrap();
 }
@@ -356,7 +356,7 @@ fn a_name_that_is_free_again_is_shared_if_the_next_say_so() {
         }
         Ok(())
     };
-    main.process("operator").spawn(operator).unwrap();
+    main.process("operator").spawn_ok(operator);
     drop(main);
     system.run().unwrap();
 }

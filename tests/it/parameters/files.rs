@@ -1,6 +1,7 @@
 //! A file that is read again.
 
 use super::*;
+use crate::common::SpawnOk;
 
 #[test]
 fn the_file_again_makes_what_a_start_would() {
@@ -36,7 +37,7 @@ fn the_file_again_makes_what_a_start_would() {
         assert_eq!(all.get(), (kp, limit, 5, offset + 12, is_on, mode, gains));
         Ok(())
     };
-    main.process("all").spawn(made(All::declare, body)).unwrap();
+    main.process("all").spawn_ok(made(All::declare, body));
     system.run().unwrap();
     assert!(matches!(
         system.parameters().reload(),
@@ -68,7 +69,7 @@ fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
         assert_eq!(all.count.get(), 77);
         Ok(())
     };
-    main.process("all").spawn(made(All::declare, body)).unwrap();
+    main.process("all").spawn_ok(made(All::declare, body));
     system.run().unwrap();
 }
 
@@ -96,6 +97,6 @@ fn a_file_that_changes_during_the_start_is_read_again() {
         assert_eq!(all.count.get(), 77);
         Ok(())
     };
-    main.process("all").spawn(made(declare, body)).unwrap();
+    main.process("all").spawn_ok(made(declare, body));
     system.run().unwrap();
 }

@@ -1,6 +1,7 @@
 //! Sets while the system runs: when each process takes them.
 
 use super::*;
+use crate::common::SpawnOk;
 
 /// Loops of 1 ms and of 10 ms, and sets between their slots: each loop takes, at the begin of its
 /// cycle, all sets that came before.
@@ -38,29 +39,27 @@ fn each_process_takes_a_set_at_its_own_boundary() {
                 }
                 Ok(())
             };
-            executor.process(name).spawn(made(declare, body)).unwrap();
+            executor.process(name).spawn_ok(made(declare, body));
         }
         let parameters = system.parameters();
-        left.process("operator")
-            .spawn(async move {
-                let begin = luna::now();
-                luna::at(begin + 4 * MS + MS / 2).await;
-                assert_eq!(
-                    parameters.set([("fast/own", 1), ("slow/own", 1), ("common", 1)])?,
-                    1
-                );
-                luna::at(begin + 6 * MS + MS / 2).await;
-                assert_eq!(parameters.set([("common", 2)])?, 2);
-                // No process sees the third.
-                luna::at(begin + 12 * MS + MS / 4).await;
-                parameters.set([("fast/own", 3)])?;
-                assert!(!parameters.is_taken(3));
-                parameters.set([("fast/own", 4)])?;
-                luna::at(begin + 13 * MS + MS / 2).await;
-                assert!(parameters.is_taken(4) && !parameters.is_taken(5));
-                Ok(())
-            })
-            .unwrap();
+        left.process("operator").spawn_ok(async move {
+            let begin = luna::now();
+            luna::at(begin + 4 * MS + MS / 2).await;
+            assert_eq!(
+                parameters.set([("fast/own", 1), ("slow/own", 1), ("common", 1)])?,
+                1
+            );
+            luna::at(begin + 6 * MS + MS / 2).await;
+            assert_eq!(parameters.set([("common", 2)])?, 2);
+            // No process sees the third.
+            luna::at(begin + 12 * MS + MS / 4).await;
+            parameters.set([("fast/own", 3)])?;
+            assert!(!parameters.is_taken(3));
+            parameters.set([("fast/own", 4)])?;
+            luna::at(begin + 13 * MS + MS / 2).await;
+            assert!(parameters.is_taken(4) && !parameters.is_taken(5));
+            Ok(())
+        });
         drop((left, right));
         system.run().unwrap();
         assert_eq!(
@@ -130,7 +129,7 @@ fn a_storm_of_sets_is_never_seen_by_halves() {
                 last.lock().unwrap().push(before);
                 Ok(())
             };
-        executor.process(name).spawn(made(declare, body)).unwrap();
+        executor.process(name).spawn_ok(made(declare, body));
     }
     let setters: Vec<_> = (0..2)
         .map(|who| {
@@ -191,42 +190,40 @@ fn a_set_that_is_taken_stays_so_and_nobody_waits_for_who_has_ended() {
             }
             Ok(())
         };
-        main.process(name).spawn(made(declare, body)).unwrap();
+        main.process(name).spawn_ok(made(declare, body));
     }
-    main.process("operator")
-        .spawn(async move {
-            // Which have taken the sets 1, 2, ..., so far.
-            let taken = || -> Vec<bool> { (1..=4).map(|set| parameters.is_taken(set)).collect() };
-            parameters.set([("a", 1)])?;
-            assert_eq!(taken(), [false; 4]);
-            turns[0].send(true).await?;
-            luna::after(MS).await; // it has done so before time goes on
-            assert_eq!(taken(), [true, false, false, false]);
-            // `b` was not concerned by 1, and is offered 2: that does not undo 1.
-            parameters.set([("b", 1)])?;
-            assert_eq!(taken(), [true, false, false, false]);
-            parameters.set([("a", 2)])?;
-            turns[0].send(true).await?;
-            luna::after(MS).await; // it has done so before time goes on
-            assert_eq!(taken(), [true, false, false, false]);
-            let has_taken: Vec<bool> = parameters.list().iter().map(|one| one.taken).collect();
-            assert_eq!(has_taken, [true, false]);
-            turns[1].send(true).await?;
-            luna::after(MS).await; // it has done so before time goes on
-            assert_eq!(taken(), [true, true, true, false]);
-            // `b` ends without the fourth, on a thread that reaps it.
-            parameters.set([("b", 2)])?;
-            turns[1].send(false).await?;
-            while !parameters.list()[1].processes.is_empty() {
-                luna::after(MS).await;
-            }
-            assert_eq!(taken(), [true; 4]);
-            assert_eq!(parameters.set([("b", 3)])?, 5);
-            assert!(parameters.is_taken(5));
-            turns[0].send(false).await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("operator").spawn_ok(async move {
+        // Which have taken the sets 1, 2, ..., so far.
+        let taken = || -> Vec<bool> { (1..=4).map(|set| parameters.is_taken(set)).collect() };
+        parameters.set([("a", 1)])?;
+        assert_eq!(taken(), [false; 4]);
+        turns[0].send(true).await?;
+        luna::after(MS).await; // it has done so before time goes on
+        assert_eq!(taken(), [true, false, false, false]);
+        // `b` was not concerned by 1, and is offered 2: that does not undo 1.
+        parameters.set([("b", 1)])?;
+        assert_eq!(taken(), [true, false, false, false]);
+        parameters.set([("a", 2)])?;
+        turns[0].send(true).await?;
+        luna::after(MS).await; // it has done so before time goes on
+        assert_eq!(taken(), [true, false, false, false]);
+        let has_taken: Vec<bool> = parameters.list().iter().map(|one| one.taken).collect();
+        assert_eq!(has_taken, [true, false]);
+        turns[1].send(true).await?;
+        luna::after(MS).await; // it has done so before time goes on
+        assert_eq!(taken(), [true, true, true, false]);
+        // `b` ends without the fourth, on a thread that reaps it.
+        parameters.set([("b", 2)])?;
+        turns[1].send(false).await?;
+        while !parameters.list()[1].processes.is_empty() {
+            luna::after(MS).await;
+        }
+        assert_eq!(taken(), [true; 4]);
+        assert_eq!(parameters.set([("b", 3)])?, 5);
+        assert!(parameters.is_taken(5));
+        turns[0].send(false).await?;
+        Ok(())
+    });
     drop(main);
     system.run().unwrap();
 }
@@ -288,7 +285,7 @@ fn only_its_own_process_takes_a_set() {
     let parameters = system.parameters();
     let declare = || Ok(Parameter::with_default("x", 0.0).register()?);
     main.process("owner")
-        .spawn(made(declare, async move |x: &Parameter<f64>| {
+        .spawn_ok(made(declare, async move |x: &Parameter<f64>| {
             let tick = luna::periodic("handed on", MS)?;
             parameters.set([("x", 1.0)])?;
             handle.send((x.clone(), tick)).await?;
@@ -297,21 +294,18 @@ fn only_its_own_process_takes_a_set() {
             x.latch();
             assert_eq!(x.get(), 1.0);
             Ok(())
-        }))
-        .unwrap();
-    main.process("other")
-        .spawn(async move {
-            let (x, mut tick) = handles.recv().await?;
-            for _ in 0..3 {
-                tick.next().await;
-                x.latch();
-                assert_eq!(x.get(), 0.0);
-            }
-            luna::after(MS * 40).await;
-            assert_eq!(x.get(), 1.0);
-            Ok(())
-        })
-        .unwrap();
+        }));
+    main.process("other").spawn_ok(async move {
+        let (x, mut tick) = handles.recv().await?;
+        for _ in 0..3 {
+            tick.next().await;
+            x.latch();
+            assert_eq!(x.get(), 0.0);
+        }
+        luna::after(MS * 40).await;
+        assert_eq!(x.get(), 1.0);
+        Ok(())
+    });
     drop(main);
     system.run().unwrap();
 }

@@ -1,6 +1,7 @@
 //! How processes and systems end: each at its instant, and before time goes on.
 
 use super::{HOUR, MS, Notes, simulated, sleep_for, watchdog};
+use crate::common::SpawnOk;
 use luna::prelude::*;
 use luna::{End, Error};
 use std::sync::Arc;
@@ -21,12 +22,12 @@ fn a_deadlock_is_found_when_nothing_can_run() {
         of_two.recv().await?;
         Ok(one.send(()).await?)
     };
-    main.process("first").spawn(first).unwrap();
+    main.process("first").spawn_ok(first);
     let second = async move {
         of_one.recv().await?;
         Ok(two.send(()).await?)
     };
-    other.process("second").spawn(second).unwrap();
+    other.process("second").spawn_ok(second);
     assert!(matches!(system.run(), Err(Error::Deadlock(_))));
     assert_eq!(system.report().unwrap().elapsed, HOUR);
 }
@@ -42,7 +43,7 @@ fn a_panic_is_an_emergency_and_time_stands_for_its_functions() {
         luna::after(MS).await;
         panic!("on purpose");
     };
-    main.process("panics").spawn(panics).unwrap();
+    main.process("panics").spawn_ok(panics);
     let cycles = Arc::new(AtomicU64::new(0));
     let counted = cycles.clone();
     let goes_on = async move {
@@ -52,7 +53,7 @@ fn a_panic_is_an_emergency_and_time_stands_for_its_functions() {
             counted.fetch_add(1, Relaxed);
         }
     };
-    main.process("goes on").spawn(goes_on).unwrap();
+    main.process("goes on").spawn_ok(goes_on);
     let error = system.run().unwrap_err();
     assert!(error.to_string().contains("on purpose"), "{error}");
     let report = system.report().unwrap();
@@ -76,19 +77,15 @@ fn poison_and_cancel_end_processes_at_their_instants() {
         own.note("poisoned");
         Ok(())
     };
-    let reads = system
-        .thread("reads")
-        .process("reads")
-        .spawn(reads)
-        .unwrap();
+    let reads = system.thread("reads").process("reads").spawn_ok(reads);
     let poisons = async move {
         luna::after(MS).await;
         sender.send(1).await?;
         sender.poison();
         Ok(())
     };
-    main.process("poisons").spawn(poisons).unwrap();
-    let sleeps = main.process("sleeps").spawn(sleep_for(HOUR)).unwrap();
+    main.process("poisons").spawn_ok(poisons);
+    let sleeps = main.process("sleeps").spawn_ok(sleep_for(HOUR));
     let (own, handles) = (notes.clone(), main.clone());
     let cancels = async move {
         let sleeper = handles.process_handle(sleeps).unwrap();
@@ -100,7 +97,7 @@ fn poison_and_cancel_end_processes_at_their_instants() {
         own.note("cancelled");
         Ok(())
     };
-    main.process("cancels").spawn(cancels).unwrap();
+    main.process("cancels").spawn_ok(cancels);
     // A process that another one cancels has not done its work.
     let error = system.run().unwrap_err().to_string();
     assert_eq!(
@@ -145,9 +142,7 @@ fn phases_see_its_time_and_a_burial_comes_before_time_goes_on() {
         let (system, main) = simulated();
         let notes = Notes::default();
         let (end, ended) = luna::channel::<()>();
-        main.process("phases")
-            .spawn(Phases(notes.clone(), end))
-            .unwrap();
+        main.process("phases").spawn_ok(Phases(notes.clone(), end));
         let own = notes.clone();
         let other = async move {
             // The channel's end goes with the process, which is dropped after its post_run.
@@ -155,8 +150,8 @@ fn phases_see_its_time_and_a_burial_comes_before_time_goes_on() {
             own.note("closed");
             Ok(())
         };
-        main.process("other").spawn(other).unwrap();
-        main.process("time").spawn(sleep_for(HOUR)).unwrap();
+        main.process("other").spawn_ok(other);
+        main.process("time").spawn_ok(sleep_for(HOUR));
         system.run().unwrap();
         let expected = [(0, "pre"), (3000, "run"), (3000, "post"), (3000, "closed")];
         assert_eq!(
@@ -185,8 +180,8 @@ fn a_start_that_fails_leaves_nothing() {
         let _held = held;
         sleep_for(HOUR).await
     };
-    system.thread("thread").process("held").spawn(body).unwrap();
-    main.process("fails").spawn(Fails).unwrap();
+    system.thread("thread").process("held").spawn_ok(body);
+    main.process("fails").spawn_ok(Fails);
     assert_eq!(system.run().unwrap_err().to_string(), "process `fails`: no");
     assert_eq!(Arc::strong_count(&kept), 1);
     let empty = simulated().0;
@@ -213,24 +208,20 @@ fn what_an_ended_process_held_goes_before_anybody_else_runs() {
         let turns = Arc::new(AtomicU64::new(0));
         let (counted, seen) = (turns.clone(), Arc::new(AtomicU64::new(u64::MAX)));
         let (own, at_close) = (turns, seen.clone());
-        main.process("holder").spawn(Holder(held)).unwrap();
-        main.process("reader")
-            .spawn(async move {
-                assert!(end.recv().await.is_err());
-                at_close.store(own.load(Relaxed), Relaxed);
-                Ok(())
-            })
-            .unwrap();
-        main.process("counter")
-            .spawn(async move {
-                luna::after(MS).await;
-                for _ in 0..20_000 {
-                    counted.fetch_add(1, Relaxed);
-                    luna::yield_now().await;
-                }
-                Ok(())
-            })
-            .unwrap();
+        main.process("holder").spawn_ok(Holder(held));
+        main.process("reader").spawn_ok(async move {
+            assert!(end.recv().await.is_err());
+            at_close.store(own.load(Relaxed), Relaxed);
+            Ok(())
+        });
+        main.process("counter").spawn_ok(async move {
+            luna::after(MS).await;
+            for _ in 0..20_000 {
+                counted.fetch_add(1, Relaxed);
+                luna::yield_now().await;
+            }
+            Ok(())
+        });
         system.run().unwrap();
         seen.load(Relaxed)
     };
@@ -259,13 +250,11 @@ fn a_post_run_that_waits_for_time_does_not_keep_time_from_going_on() {
     let _alive = watchdog();
     let (system, main) = simulated();
     let (sender, receiver) = luna::channel();
-    main.process("tells").spawn(TellsItsEnd(sender)).unwrap();
-    main.process("logger")
-        .spawn(async move {
-            luna::after(MS).await;
-            assert_eq!(receiver.recv().await, Ok(1));
-            Ok(())
-        })
-        .unwrap();
+    main.process("tells").spawn_ok(TellsItsEnd(sender));
+    main.process("logger").spawn_ok(async move {
+        luna::after(MS).await;
+        assert_eq!(receiver.recv().await, Ok(1));
+        Ok(())
+    });
     assert_eq!(system.run().unwrap().end, End::Completed);
 }

@@ -1,6 +1,7 @@
 //! What comes from elsewhere: blocking calls, spawns, real systems and threads outside.
 
 use super::{HOUR, MS, Notes, simulated, sleep_for, watchdog};
+use crate::common::SpawnOk;
 use luna::prelude::*;
 use luna::{ClockKind, Error, SetupError};
 use std::time::Duration;
@@ -34,9 +35,7 @@ fn results_of_blocking_calls_come_in_the_order_of_the_calls_and_time_waits() {
             notes.note(format!("call {number}"));
             Ok(())
         };
-        main.process(&format!("caller {number}"))
-            .spawn(body)
-            .unwrap();
+        main.process(&format!("caller {number}")).spawn_ok(body);
     }
     let own = notes.clone();
     let waits = async move {
@@ -46,7 +45,7 @@ fn results_of_blocking_calls_come_in_the_order_of_the_calls_and_time_waits() {
         own.note("waiter again");
         Ok(())
     };
-    main.process("waiter").spawn(waits).unwrap();
+    main.process("waiter").spawn_ok(waits);
     system.run().unwrap();
     let names = ["waiter", "call 0", "call 1", "waiter again"];
     assert_eq!(notes.names(), names);
@@ -84,7 +83,7 @@ fn processes_are_spawned_while_it_runs_on_every_kind_of_place() {
         own.note("spawned");
         Ok(())
     };
-    main.process("spawns").spawn(spawns).unwrap();
+    main.process("spawns").spawn_ok(spawns);
     system.run().unwrap();
     let expected = [
         (1000, "here"),
@@ -107,7 +106,7 @@ fn a_real_system_and_virtual_ones_run_at_once() {
     let _alive = watchdog();
     let run_virtual = || {
         let (system, main) = simulated();
-        main.process("patient").spawn(sleep_for(HOUR)).unwrap();
+        main.process("patient").spawn_ok(sleep_for(HOUR));
         system.run().unwrap()
     };
     let threads = [(); 3].map(|()| std::thread::spawn(run_virtual));
@@ -122,7 +121,7 @@ fn a_real_system_and_virtual_ones_run_at_once() {
         assert!(luna::now() >= before + MS && luna::now() < before + HOUR);
         Ok(())
     };
-    main.process("nested").spawn(nested).unwrap();
+    main.process("nested").spawn_ok(nested);
     let report = real.run().unwrap();
     assert_eq!(report.clock, ClockKind::Real);
     assert!(report.elapsed < HOUR);
@@ -140,7 +139,7 @@ fn a_real_system_within_a_blocking_call_of_a_virtual_one_has_its_own_time() {
         let elapsed = luna::blocking(|| {
             let mut real = System::new("real");
             let main = real.executor("main").build().unwrap();
-            main.process("sleeps").spawn(sleep_for(MS * 2)).unwrap();
+            main.process("sleeps").spawn_ok(sleep_for(MS * 2));
             luna::run(sleep_for(MS)).unwrap();
             real.run().unwrap().elapsed
         })
@@ -149,7 +148,7 @@ fn a_real_system_within_a_blocking_call_of_a_virtual_one_has_its_own_time() {
         assert_eq!(luna::now(), before);
         Ok(())
     };
-    main.process("outer").spawn(body).unwrap();
+    main.process("outer").spawn_ok(body);
     system.run().unwrap();
 }
 
@@ -183,7 +182,7 @@ fn a_thread_outside_sends_when_it_will_and_a_delay_above_does_not_shut_it_out() 
         assert_eq!((sent.is_ok(), received), (true, 7));
         Ok(())
     };
-    main.process("inside").spawn(body).unwrap();
+    main.process("inside").spawn_ok(body);
     system.run().unwrap();
 }
 
@@ -194,19 +193,17 @@ fn callbacks_of_the_timer_manager_are_refused_where_nobody_could_call_them() {
     system.timers(luna::Timers::Manager);
     let timers = system.timer_manager().unwrap();
     let own = timers.clone();
-    main.process("late")
-        .spawn(async move {
-            let late = own.callback("late", |_| ());
-            assert!(matches!(
-                late,
-                Err(Error::Setup(SetupError::CallbackOnVirtualClock { name })) if name == "late"
-            ));
-            // Loops are as ever.
-            let mut tick = luna::periodic("loop", MS)?;
-            assert_eq!(tick.next().await.number, 1);
-            Ok(())
-        })
-        .unwrap();
+    main.process("late").spawn_ok(async move {
+        let late = own.callback("late", |_| ());
+        assert!(matches!(
+            late,
+            Err(Error::Setup(SetupError::CallbackOnVirtualClock { name })) if name == "late"
+        ));
+        // Loops are as ever.
+        let mut tick = luna::periodic("loop", MS)?;
+        assert_eq!(tick.next().await.number, 1);
+        Ok(())
+    });
     system.run().unwrap();
 
     let (mut system, _main) = simulated();

@@ -1,6 +1,7 @@
 //! Which process runs next, and that it is the same as on the real clock.
 
 use super::{HOUR, MS, Notes, simulated, watchdog};
+use crate::common::SpawnOk;
 use luna::prelude::*;
 use luna::{ClockKind, End, Error, Instant};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -25,7 +26,7 @@ fn an_hour_takes_moments_and_is_exact() {
         assert_eq!(luna::now() - start, HOUR);
         Ok(())
     };
-    main.process("loop").spawn(body).unwrap();
+    main.process("loop").spawn_ok(body);
     let report = system.run().unwrap();
     assert_eq!(
         (report.end, report.clock),
@@ -62,14 +63,14 @@ fn network(is_virtual: bool) -> Vec<u64> {
         }
         Ok(())
     };
-    one.process("sample").spawn(sample).unwrap();
+    one.process("sample").spawn_ok(sample);
     let square = async move {
         while let Ok(value) = sampled.recv().await {
             squares.send(value * value).await?;
         }
         Ok(())
     };
-    two.process("square").spawn(square).unwrap();
+    two.process("square").spawn_ok(square);
     let kept = results.clone();
     let collect = async move {
         let mut timeouts = 0;
@@ -85,11 +86,7 @@ fn network(is_virtual: bool) -> Vec<u64> {
         assert_eq!(timeouts, 0);
         Ok(())
     };
-    system
-        .thread("three")
-        .process("collect")
-        .spawn(collect)
-        .unwrap();
+    system.thread("three").process("collect").spawn_ok(collect);
     system.run().unwrap();
     std::mem::take(&mut results.lock().unwrap())
 }
@@ -124,7 +121,7 @@ fn loops_of_one_instant_run_by_priority_then_as_they_came() {
             }
             Ok(())
         };
-        main.process(name).priority(priority).spawn(body).unwrap();
+        main.process(name).priority(priority).spawn_ok(body);
     }
     system.run().unwrap();
     let at_6 = ["high", "first", "second", "low"];
@@ -161,7 +158,7 @@ fn executors_take_their_turns_by_policy_then_as_described() {
             }
             Ok(())
         };
-        executor.process(name).spawn(body).unwrap();
+        executor.process(name).spawn_ok(body);
     }
     let own = notes.clone();
     let on_thread = async move {
@@ -170,7 +167,7 @@ fn executors_take_their_turns_by_policy_then_as_described() {
         Ok(())
     };
     let thread = system.thread("thread").policy(Policy::fifo(20));
-    thread.process("thread").spawn(on_thread).unwrap();
+    thread.process("thread").spawn_ok(on_thread);
     let report = system.run().unwrap();
     let later = ["a", "low", "b", "c"];
     let expected = [&["a", "thread", "low", "b", "c"][..], &later, &later].concat();
@@ -201,7 +198,7 @@ fn a_higher_executor_runs_as_soon_as_it_is_woken() {
         }
         Ok(())
     };
-    low.process("low").spawn(wakes).unwrap();
+    low.process("low").spawn_ok(wakes);
     let own = notes.clone();
     let woken = async move {
         while let Ok(value) = receiver.recv().await {
@@ -209,7 +206,7 @@ fn a_higher_executor_runs_as_soon_as_it_is_woken() {
         }
         Ok(())
     };
-    high.process("high").spawn(woken).unwrap();
+    high.process("high").spawn_ok(woken);
     system.run().unwrap();
     let order = [
         "sent 0",
@@ -241,7 +238,7 @@ fn one_that_yields_for_ever_keeps_no_other_executor_from_running() {
         }
         Ok(())
     };
-    high.process("restless").spawn(restless).unwrap();
+    high.process("restless").spawn_ok(restless);
     let patient = async move {
         for _ in 0..1000 {
             luna::yield_now().await;
@@ -249,7 +246,7 @@ fn one_that_yields_for_ever_keeps_no_other_executor_from_running() {
         done.store(true, Relaxed);
         Ok(())
     };
-    low.process("patient").spawn(patient).unwrap();
+    low.process("patient").spawn_ok(patient);
     assert_eq!(system.run().unwrap().elapsed, Duration::ZERO);
 }
 
@@ -265,14 +262,14 @@ fn a_livelock_ends_with_an_error_and_all_are_dropped() {
         luna::after(HOUR).await;
         Ok(())
     };
-    main.process("waits").spawn(waits).unwrap();
+    main.process("waits").spawn_ok(waits);
     let spins = async {
         luna::after(MS).await;
         loop {
             luna::yield_now().await;
         }
     };
-    main.process("spins").spawn(spins).unwrap();
+    main.process("spins").spawn_ok(spins);
     let error = system.run().unwrap_err();
     let at = Instant::from_nanos(1_001_000_000);
     assert_eq!(

@@ -1,6 +1,7 @@
 //! Loops, timers and timeouts, and what is asked of a machine that is not there.
 
 use super::{HOUR, MS, Notes, simulated, watchdog};
+use crate::common::SpawnOk;
 use luna::prelude::*;
 use luna::{Error, Instant, OnOverrun, SetupError, Watchdog};
 use std::time::Duration;
@@ -37,7 +38,7 @@ fn periods_that_do_not_divide_and_periods_out_of_range() {
         }
         Ok(())
     };
-    main.process("periods").spawn(body).unwrap();
+    main.process("periods").spawn_ok(body);
     system.run().unwrap();
 }
 
@@ -53,7 +54,7 @@ fn a_cycle_that_waits_too_long_is_overrun_as_ever() {
         assert_eq!((cycle.number, cycle.missed, cycle.lateness), (3, 1, MS * 5));
         Ok(())
     };
-    main.process("slow").spawn(body).unwrap();
+    main.process("slow").spawn_ok(body);
     let report = system.run().unwrap();
     assert_eq!(
         (report.loops["slow"].missed, report.loops["slow"].overruns),
@@ -76,7 +77,7 @@ fn a_timer_that_goes_while_another_of_its_instant_fires() {
         stop.send(()).await?;
         Ok(())
     };
-    main.process("firing").priority(20).spawn(firing).unwrap();
+    main.process("firing").priority(20).spawn_ok(firing);
     let own = notes.clone();
     let dropped = async move {
         luna::pri_alt! {
@@ -92,7 +93,7 @@ fn a_timer_that_goes_while_another_of_its_instant_fires() {
         }
         Ok(())
     };
-    main.process("dropped").priority(10).spawn(dropped).unwrap();
+    main.process("dropped").priority(10).spawn_ok(dropped);
     let report = system.run();
     let seen = notes.take();
     // The delay has expired before the sender could send. The alternative takes the delay only if
@@ -117,7 +118,7 @@ fn timeouts_and_watchdogs_and_ticks_go_by_it() {
         }
         Ok(())
     };
-    main.process("feeds").spawn(feeds).unwrap();
+    main.process("feeds").spawn_ok(feeds);
     let guards = async move {
         let start = luna::now();
         dog.expired().await;
@@ -129,7 +130,7 @@ fn timeouts_and_watchdogs_and_ticks_go_by_it() {
         assert_eq!(luna::now() - start, hungry + HOUR);
         Ok(())
     };
-    main.process("guards").spawn(guards).unwrap();
+    main.process("guards").spawn_ok(guards);
     system.run().unwrap();
 }
 
@@ -150,7 +151,7 @@ fn ticks_that_are_made_outside_begin_when_they_are_waited_for() {
         assert_eq!(given.tick().await.slot, start);
         Ok(())
     };
-    main.process("ticks").spawn(body).unwrap();
+    main.process("ticks").spawn_ok(body);
     system.run().unwrap();
 }
 
@@ -174,7 +175,7 @@ fn a_guard_spin_and_other_wishes_of_real_time_ask_for_nothing() {
         }
         Ok(())
     };
-    main.process("servo").spawn(body).unwrap();
+    main.process("servo").spawn_ok(body);
     let report = system.run().unwrap();
     assert_eq!(report.all_shortfalls().count(), 0);
     assert_eq!(report.processes[0].polls, 1001, "no turn was spun away");
@@ -191,10 +192,7 @@ fn computing_takes_no_time_so_a_budget_holds() {
         Ok(())
     };
     let process = main.process("busy").poll_budget(Duration::from_nanos(1));
-    process
-        .on_overrun(OnOverrun::Emergency)
-        .spawn(body)
-        .unwrap();
+    process.on_overrun(OnOverrun::Emergency).spawn_ok(body);
     let report = system.run().unwrap();
     assert_eq!(report.processes[0].budgets[0].overruns, 0);
     let (system, main) = simulated();
@@ -205,7 +203,7 @@ fn computing_takes_no_time_so_a_budget_holds() {
         tick.next().await;
         Ok(())
     };
-    main.process("waits").cycle_budget(MS).spawn(waits).unwrap();
+    main.process("waits").cycle_budget(MS).spawn_ok(waits);
     let report = system.run().unwrap();
     assert_eq!(report.processes[0].budgets[0].overruns, 1, "waiting does");
 }

@@ -1,6 +1,6 @@
 //! Call channels: a server works at its client's priority, from when the client waits for it.
 
-use crate::common::watchdog;
+use crate::common::SpawnOk;
 use crate::inversion::between::{BURST, Burner, Control, Waits};
 use crate::inversion::{HIGH, LOW, ROUNDS, one_core};
 use crate::kernel::{as_scheduled, burn, scheduled_priority, thread_id};
@@ -62,7 +62,7 @@ impl Stage {
     ) {
         let (control, waits) = (self.burner.control(), self.waits.clone());
         self.process(Place::Executor, "high", HIGH)
-            .spawn(async move || {
+            .spawn_ok(async move || {
                 for _ in 0..ROUNDS {
                     match &gone {
                         Some(gone) => gone.recv().await?,
@@ -76,8 +76,7 @@ impl Stage {
                     settle(&control, before).await;
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
     }
 
     fn run(self) -> Waits {
@@ -98,7 +97,6 @@ async fn settle(control: &Control, before: Duration) {
 #[test]
 fn a_server_that_waits() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -112,26 +110,23 @@ fn a_server_that_waits() {
             assert_eq!(client.call(()).await?, as_scheduled(HIGH));
             Ok(())
         });
-        stage
-            .process(place, "server", LOW)
-            .spawn(async move {
-                let (mut accepted, mut back) = (0, 0);
-                while let Ok(call) = server.accept().await {
-                    accepted += 1;
-                    burn(WORK);
-                    let _ = call.reply(scheduled_priority(thread_id()));
-                    let level = scheduled_priority(thread_id());
-                    // On a busy machine the next call may have come by now, and boost the server
-                    // again.
-                    if calls.load(Ordering::SeqCst) == accepted {
-                        assert_eq!(level, as_scheduled(LOW));
-                        back += 1;
-                    }
+        stage.process(place, "server", LOW).spawn_ok(async move {
+            let (mut accepted, mut back) = (0, 0);
+            while let Ok(call) = server.accept().await {
+                accepted += 1;
+                burn(WORK);
+                let _ = call.reply(scheduled_priority(thread_id()));
+                let level = scheduled_priority(thread_id());
+                // On a busy machine the next call may have come by now, and boost the server
+                // again.
+                if calls.load(Ordering::SeqCst) == accepted {
+                    assert_eq!(level, as_scheduled(LOW));
+                    back += 1;
                 }
-                assert!(back > 0, "the next call always came before");
-                Ok(())
-            })
-            .unwrap();
+            }
+            assert!(back > 0, "the next call always came before");
+            Ok(())
+        });
         stage
             .run()
             .expect_inherited(&format!("call, server waits ({place:?})"));
@@ -141,7 +136,6 @@ fn a_server_that_waits() {
 #[test]
 fn two_plain_channels_do_not_inherit() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -155,14 +149,13 @@ fn two_plain_channels_do_not_inherit() {
     });
     stage
         .process(Place::Executor, "server", LOW)
-        .spawn(async move {
+        .spawn_ok(async move {
             while requests.recv().await.is_ok() {
                 burn(WORK);
                 reply.send(()).await?;
             }
             Ok(())
-        })
-        .unwrap();
+        });
     stage.run().expect_inverted("two plain channels");
 }
 
@@ -170,13 +163,12 @@ fn two_plain_channels_do_not_inherit() {
 fn other_client(stage: &mut Stage, client: Client<bool, ()>) {
     stage
         .process(Place::Executor, "other", LOW - 10)
-        .spawn(async move {
+        .spawn_ok(async move {
             for _ in 0..ROUNDS {
                 client.call(false).await?;
             }
             Ok(())
-        })
-        .unwrap();
+        });
 }
 
 /// Releases the high process, which then runs at once; on a machine that was held up, when it is
@@ -191,7 +183,6 @@ async fn let_go(go: &Sender<()>) {
 #[test]
 fn a_server_that_is_busy_with_anothers_call() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -201,28 +192,25 @@ fn a_server_that_is_busy_with_anothers_call() {
         other_client(&mut stage, client.clone());
         let (go, gone) = channel();
         stage.high(Some(gone), async move || Ok(client.call(true).await?));
-        stage
-            .process(place, "server", LOW)
-            .spawn(async move {
-                // The high one waits by then.
-                after(BURST * 2).await;
-                while let Ok(call) = server.accept().await {
-                    if !*call {
-                        let_go(&go).await;
-                        assert_eq!(scheduled_priority(thread_id()), as_scheduled(HIGH));
-                        burn(WORK);
-                    }
-                    let is_high = *call;
-                    let _ = call.reply(());
-                    if is_high {
-                        assert_eq!(scheduled_priority(thread_id()), as_scheduled(LOW));
-                        // Until the high one is ready for the next round.
-                        after(BURST * 3).await;
-                    }
+        stage.process(place, "server", LOW).spawn_ok(async move {
+            // The high one waits by then.
+            after(BURST * 2).await;
+            while let Ok(call) = server.accept().await {
+                if !*call {
+                    let_go(&go).await;
+                    assert_eq!(scheduled_priority(thread_id()), as_scheduled(HIGH));
+                    burn(WORK);
                 }
-                Ok(())
-            })
-            .unwrap();
+                let is_high = *call;
+                let _ = call.reply(());
+                if is_high {
+                    assert_eq!(scheduled_priority(thread_id()), as_scheduled(LOW));
+                    // Until the high one is ready for the next round.
+                    after(BURST * 3).await;
+                }
+            }
+            Ok(())
+        });
         stage
             .run()
             .expect_inherited(&format!("call, server is busy ({place:?})"));
@@ -232,7 +220,6 @@ fn a_server_that_is_busy_with_anothers_call() {
 #[test]
 fn a_server_that_is_between_two_calls() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -244,24 +231,20 @@ fn a_server_that_is_between_two_calls() {
         stage.high(Some(gone), async move || Ok(client.call(true).await?));
         stage
             .process(Place::Executor, "other", LOW - 10)
-            .spawn(async move { Ok(first.call(false).await?) })
-            .unwrap();
-        stage
-            .process(place, "server", LOW)
-            .spawn(async move {
-                // It is known as the channel's server from then on.
+            .spawn_ok(async move { Ok(first.call(false).await?) });
+        stage.process(place, "server", LOW).spawn_ok(async move {
+            // It is known as the channel's server from then on.
+            server.accept().await?.reply(()).unwrap();
+            for _ in 0..ROUNDS {
+                after(BURST * 3).await;
+                let_go(&go).await;
+                assert_eq!(scheduled_priority(thread_id()), as_scheduled(HIGH));
+                burn(WORK);
                 server.accept().await?.reply(()).unwrap();
-                for _ in 0..ROUNDS {
-                    after(BURST * 3).await;
-                    let_go(&go).await;
-                    assert_eq!(scheduled_priority(thread_id()), as_scheduled(HIGH));
-                    burn(WORK);
-                    server.accept().await?.reply(()).unwrap();
-                    assert_eq!(scheduled_priority(thread_id()), as_scheduled(LOW));
-                }
-                Ok(())
-            })
-            .unwrap();
+                assert_eq!(scheduled_priority(thread_id()), as_scheduled(LOW));
+            }
+            Ok(())
+        });
         stage
             .run()
             .expect_inherited(&format!("call, server is between two ({place:?})"));

@@ -1,7 +1,6 @@
 //! The lock: held below, held by a thread that waits for another, and the kernel's data on its
 //! owner.
 
-use crate::common::watchdog;
 use crate::inversion::between::{BURST, Burner, Waits};
 use crate::inversion::{HIGH, LOW, ROUNDS, one_core, thread};
 use crate::kernel::{as_scheduled, burn, scheduled_priority, thread_id};
@@ -94,7 +93,6 @@ fn waits(core: usize, lock: Arc<Within>, wanted: Arc<Within>, chained: bool) -> 
 #[test]
 fn a_lock_that_is_held_below() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -107,7 +105,6 @@ fn a_lock_that_is_held_below() {
 #[test]
 fn a_lock_whose_owner_waits_for_another() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };
@@ -121,7 +118,6 @@ fn a_lock_whose_owner_waits_for_another() {
 #[test]
 fn the_kernel_says_that_the_owner_is_boosted() {
     own_process!();
-    let _watch = watchdog();
     let Some((core, _alone)) = one_core() else {
         return;
     };

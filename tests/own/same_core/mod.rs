@@ -122,19 +122,19 @@ fn beside(low: Policy, burns: bool) {
 
 #[test]
 fn fifo_80_beside_fifo_20() {
-    own_process!();
+    own_process!(long);
     beside(Policy::fifo(20), false);
 }
 
 #[test]
 fn fifo_80_beside_other() {
-    own_process!();
+    own_process!(long);
     beside(Policy::Other, false);
 }
 
 #[test]
 fn fifo_80_beside_fifo_20_with_fifo_50_in_between() {
-    own_process!();
+    own_process!(long);
     beside(Policy::fifo(20), true);
 }
 
@@ -182,13 +182,13 @@ fn hangs(control: &str, verdict: &str) {
 
 #[test]
 fn a_lock_that_spins_hangs() {
-    own_process!();
+    own_process!(long);
     hangs("spin lock", "stalled in `spin lock`, Try: Spins");
 }
 
 #[test]
 fn the_rendezvous_of_std_hangs() {
-    own_process!();
+    own_process!(long);
     hangs(
         "std rendezvous",
         "stalled in `std::sync::mpsc::sync_channel(0)`, Block: Spins",

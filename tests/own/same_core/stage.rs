@@ -1,7 +1,7 @@
 //! Where the sides run: each as a process of an executor, as a process with an OS thread of its
 //! own, or as a plain thread.
 
-use crate::common::Random;
+use crate::common::{Random, SpawnOk};
 use crate::kernel::{burn, own_processor_time};
 use crate::same_core::high::High;
 use crate::same_core::low::Low;
@@ -132,12 +132,10 @@ fn run(sides: [Side; 2], core: usize) {
             Place::Thread => system.thread(name).core(core).policy(policy).process(name),
         };
         has_processes = true;
-        process
-            .spawn(move || async move {
-                body().await;
-                Ok(())
-            })
-            .unwrap();
+        process.spawn_ok(move || async move {
+            body().await;
+            Ok(())
+        });
     }
     if has_processes {
         system.run().unwrap();

@@ -2,7 +2,7 @@
 //! higher one must not need it to finish. The process is above both on the same core, so it has run
 //! by the time the higher one's wake returns.
 
-use crate::common::{Random, say, seed, watchdog};
+use crate::common::{Random, SpawnOk, say, seed};
 use crate::kernel::spoilt;
 use crate::same_core::stage::Place;
 use crate::same_core::{alone, cannot_run, core, rounds};
@@ -65,7 +65,6 @@ fn a_wake_relies_on_no_other() {
         return;
     }
     let _alone = alone();
-    let _watch = watchdog();
     for place in [Place::Executor, Place::Thread] {
         let shared = Arc::new(Shared::default());
         let (of_process, of_low, of_high) = (shared.clone(), shared.clone(), shared.clone());
@@ -82,25 +81,23 @@ fn a_wake_relies_on_no_other() {
                 .policy(policy)
                 .process("woken")
         };
-        process
-            .spawn(async move {
-                // With a pending deadline, so that no thread checks whether the system is stuck.
-                let mut far = pin!(after(Duration::from_secs(1_000)));
-                poll_fn(|cx| {
-                    let _ = of_process.waker.set(cx.waker().clone());
-                    let _ = far.as_mut().poll(cx);
-                    let asked = of_process.asked.load(Ordering::SeqCst);
-                    of_process.seen.store(asked, Ordering::SeqCst);
-                    if of_process.over.load(Ordering::SeqCst) {
-                        Poll::Ready(())
-                    } else {
-                        Poll::Pending
-                    }
-                })
-                .await;
-                Ok(())
+        process.spawn_ok(async move {
+            // With a pending deadline, so that no thread checks whether the system is stuck.
+            let mut far = pin!(after(Duration::from_secs(1_000)));
+            poll_fn(|cx| {
+                let _ = of_process.waker.set(cx.waker().clone());
+                let _ = far.as_mut().poll(cx);
+                let asked = of_process.asked.load(Ordering::SeqCst);
+                of_process.seen.store(asked, Ordering::SeqCst);
+                if of_process.over.load(Ordering::SeqCst) {
+                    Poll::Ready(())
+                } else {
+                    Poll::Pending
+                }
             })
-            .unwrap();
+            .await;
+            Ok(())
+        });
         let low = thread("low", 20, move || {
             let waker = of_low.waker();
             let mut wakes = 0_u64;

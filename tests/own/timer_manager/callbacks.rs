@@ -1,11 +1,11 @@
 //! Callbacks: when they are called, how they end, and what they cost others.
 
 use super::*;
+use crate::common::SpawnOk;
 
 #[test]
 fn a_callback_is_called_once_a_slot_and_never_before() {
     own_process!();
-    let _watch = watchdog();
     let mut system = managed("callback");
     let seen = Arc::new(Mutex::new(Vec::with_capacity(1_000)));
     let (calls, noted) = (Arc::new(AtomicU64::new(0)), seen.clone());
@@ -47,7 +47,6 @@ fn a_callback_is_called_once_a_slot_and_never_before() {
 #[test]
 fn one_shots_fire_once_each_and_one_can_set_itself_anew() {
     own_process!();
-    let _watch = watchdog();
     let mut system = managed("once");
     let manager = system.timer_manager().unwrap();
     let order = Arc::new(Mutex::new(Vec::with_capacity(16)));
@@ -87,7 +86,6 @@ fn one_shots_fire_once_each_and_one_can_set_itself_anew() {
 #[test]
 fn who_is_always_late_starves_nobody() {
     own_process!();
-    let _watch = watchdog();
     const PAST: Instant = Instant::from_nanos(1);
     // For each: the callbacks that it sets.
     for partners in [&[0][..], &[1, 0]] {
@@ -136,7 +134,6 @@ fn who_is_always_late_starves_nobody() {
 #[test]
 fn removal_while_it_is_called() {
     own_process!();
-    let _watch = watchdog();
     for drops in [false, true] {
         let mut system = managed("removal");
         let manager = system.timer_manager().unwrap();
@@ -158,30 +155,28 @@ fn removal_while_it_is_called() {
             })
             .unwrap();
         let process = system.thread("remover").process("remover");
-        process
-            .spawn(async move {
-                one.every(PERIOD, Duration::ZERO)?;
-                while !called.load(Ordering::Acquire) {
-                    luna::after(Duration::from_micros(100)).await;
-                }
-                let kept = if drops {
-                    luna::off_path(|| drop(one));
-                    None
-                } else {
-                    assert!(one.cancel());
-                    assert!(!one.cancel());
-                    Some(one)
-                };
-                removed.store(true, Ordering::Release);
-                // Other ticks come, and are none of its own.
-                let mut tick = luna::periodic("beside", PERIOD)?;
-                for _ in 0..5 {
-                    tick.next().await;
-                }
-                assert!(kept.is_none_or(|one| !one.is_set()));
-                Ok(())
-            })
-            .unwrap();
+        process.spawn_ok(async move {
+            one.every(PERIOD, Duration::ZERO)?;
+            while !called.load(Ordering::Acquire) {
+                luna::after(Duration::from_micros(100)).await;
+            }
+            let kept = if drops {
+                luna::off_path(|| drop(one));
+                None
+            } else {
+                assert!(one.cancel());
+                assert!(!one.cancel());
+                Some(one)
+            };
+            removed.store(true, Ordering::Release);
+            // Other ticks come, and are none of its own.
+            let mut tick = luna::periodic("beside", PERIOD)?;
+            for _ in 0..5 {
+                tick.next().await;
+            }
+            assert!(kept.is_none_or(|one| !one.is_set()));
+            Ok(())
+        });
         let report = system.run().unwrap();
         assert_eq!(callback(&report, "one").calls, 1);
         assert_eq!(Arc::strong_count(&gone), 1, "its function is dropped");
@@ -191,7 +186,6 @@ fn removal_while_it_is_called() {
 #[test]
 fn a_panic_in_a_callback_is_an_emergency() {
     own_process!();
-    let _watch = watchdog();
     let mut system = managed("panics");
     let (brought, safe) = (
         Arc::new(AtomicBool::new(false)),
@@ -211,8 +205,7 @@ fn a_panic_in_a_callback_is_an_emergency() {
     other.every(PERIOD, Duration::ZERO).unwrap();
     let main = system.executor("main").build().unwrap();
     main.process("patient")
-        .spawn(async { std::future::pending().await })
-        .unwrap();
+        .spawn_ok(async { std::future::pending().await });
     let error = system.run().unwrap_err();
     let expected = Error::Callback {
         name: "bad".to_owned(),
@@ -237,7 +230,6 @@ fn a_panic_in_a_callback_is_an_emergency() {
 #[test]
 fn a_callback_that_takes_too_long_is_counted() {
     own_process!();
-    let _watch = watchdog();
     let mut system = managed("long");
     let manager = system.timer_manager().unwrap();
     let slow = manager

@@ -1,13 +1,13 @@
 //! What the machine does to the timers: programs that are suspended, clocks that jump, priorities.
 
 use super::*;
+use crate::common::SpawnOk;
 
 #[test]
 #[cfg(unix)]
 fn a_suspended_program_misses_slots_counts_them_and_goes_on() {
     own_process!();
     use nix::sys::signal::Signal;
-    let _watch = watchdog();
     if common::has_no_signals() {
         return;
     }
@@ -29,44 +29,40 @@ fn a_suspended_program_misses_slots_counts_them_and_goes_on() {
 #[cfg(target_os = "linux")]
 fn the_timers_are_on_the_monotonic_clock() {
     own_process!();
-    let _watch = watchdog();
     if !COMPLETE {
         skip("the portable layer has no timers that are files");
         return;
     }
     let mut system = managed("clocks");
     let main = system.executor("main").build().unwrap();
-    main.process("one")
-        .spawn(async {
-            let mut tick = luna::periodic("one", PERIOD)?;
-            tick.next().await;
-            let timers = luna::off_path(|| {
-                let mut clocks = Vec::new();
-                for file in std::fs::read_dir("/proc/self/fdinfo").unwrap().flatten() {
-                    let text = std::fs::read_to_string(file.path()).unwrap_or_default();
-                    clocks.extend(
-                        text.lines()
-                            .filter(|line| line.starts_with("clockid:"))
-                            .map(str::to_owned),
-                    );
-                }
-                clocks
-            });
-            assert!(timers.len() >= 17, "{timers:?}");
-            assert!(
-                timers.iter().all(|clock| clock.trim_end().ends_with('1')),
-                "{timers:?}"
-            );
-            Ok(())
-        })
-        .unwrap();
+    main.process("one").spawn_ok(async {
+        let mut tick = luna::periodic("one", PERIOD)?;
+        tick.next().await;
+        let timers = luna::off_path(|| {
+            let mut clocks = Vec::new();
+            for file in std::fs::read_dir("/proc/self/fdinfo").unwrap().flatten() {
+                let text = std::fs::read_to_string(file.path()).unwrap_or_default();
+                clocks.extend(
+                    text.lines()
+                        .filter(|line| line.starts_with("clockid:"))
+                        .map(str::to_owned),
+                );
+            }
+            clocks
+        });
+        assert!(timers.len() >= 17, "{timers:?}");
+        assert!(
+            timers.iter().all(|clock| clock.trim_end().ends_with('1')),
+            "{timers:?}"
+        );
+        Ok(())
+    });
     system.run().unwrap();
 }
 
 #[test]
 fn its_thread_has_a_priority_of_its_own_where_the_system_has_any() {
     own_process!();
-    let _watch = watchdog();
     let has_real_time = common::has_real_time();
     for asks in [false, true] {
         let mut system = managed("ranks");
@@ -75,15 +71,13 @@ fn its_thread_has_a_priority_of_its_own_where_the_system_has_any() {
             main = main.policy(Policy::fifo(10));
         }
         let main = main.build().unwrap();
-        main.process("one")
-            .spawn(async {
-                let mut tick = luna::periodic("one", PERIOD)?;
-                for _ in 0..3 {
-                    tick.next().await;
-                }
-                Ok(())
-            })
-            .unwrap();
+        main.process("one").spawn_ok(async {
+            let mut tick = luna::periodic("one", PERIOD)?;
+            for _ in 0..3 {
+                tick.next().await;
+            }
+            Ok(())
+        });
         let report = system.run().unwrap();
         let expected = match asks && has_real_time {
             true => Policy::fifo(98),
@@ -102,7 +96,6 @@ fn its_thread_has_a_priority_of_its_own_where_the_system_has_any() {
 #[test]
 fn the_loops_of_a_tick_are_woken_in_order_of_priority() {
     own_process!();
-    let _watch = watchdog();
     if !COMPLETE || !common::has_real_time() {
         skip("no real-time policies here");
         return;
@@ -116,18 +109,14 @@ fn the_loops_of_a_tick_are_woken_in_order_of_priority() {
         let begun = begun.clone();
         let name: &'static str = format!("level {level}").leak();
         let thread = system.thread(name).core(0).policy(Policy::fifo(10));
-        thread
-            .process(name)
-            .priority(level)
-            .spawn(async move {
-                let mut tick = luna::periodic(name, PERIOD)?.phase(Duration::ZERO)?;
-                for _ in 0..CYCLES {
-                    let number = tick.next().await.number;
-                    begun.lock().unwrap().entry(number).or_default().push(level);
-                }
-                Ok(())
-            })
-            .unwrap();
+        thread.process(name).priority(level).spawn_ok(async move {
+            let mut tick = luna::periodic(name, PERIOD)?.phase(Duration::ZERO)?;
+            for _ in 0..CYCLES {
+                let number = tick.next().await.number;
+                begun.lock().unwrap().entry(number).or_default().push(level);
+            }
+            Ok(())
+        });
     }
     system.run().unwrap();
     let begun = begun.lock().unwrap();

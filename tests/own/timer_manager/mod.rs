@@ -4,7 +4,7 @@ mod callbacks;
 use crate::common;
 mod machine;
 
-use common::{COMPLETE, PLACES, Program, burn_until, setup_error, skip, watchdog};
+use common::{COMPLETE, PLACES, Program, SpawnOk, burn_until, setup_error, skip};
 use luna::prelude::*;
 use luna::{CallbackReport, End, Error, Instant, Report, SetupError, Timers, TimersReport};
 use std::collections::BTreeMap;
@@ -32,33 +32,29 @@ fn callback<'a>(report: &'a Report, name: &str) -> &'a CallbackReport {
 /// Keeps the system running until `done`.
 fn runs_until(system: &mut System, done: impl Fn() -> bool + Send + 'static) {
     let main = system.executor("until").build().unwrap();
-    main.process("until")
-        .spawn(async move {
-            while !done() {
-                luna::after(Duration::from_micros(500)).await;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("until").spawn_ok(async move {
+        while !done() {
+            luna::after(Duration::from_micros(500)).await;
+        }
+        Ok(())
+    });
 }
 
 #[test]
 fn a_system_without_a_manager_says_so() {
     own_process!();
-    let _watch = watchdog();
     let mut system = System::new("plain");
     setup_error(system.timer_manager(), &["`plain`", "Timers::Manager"]);
     system.timers(Timers::Manager).timers(Timers::Executor);
     assert!(system.timer_manager().is_err());
     let main = system.executor("main").build().unwrap();
-    main.process("one").spawn(async { Ok(()) }).unwrap();
+    main.process("one").spawn_ok(async { Ok(()) });
     assert!(system.run().unwrap().timers.is_none());
 }
 
 #[test]
 fn periods_that_divide_are_in_phase_on_one_timer_wherever_they_run() {
     own_process!();
-    let _watch = watchdog();
     let slots: Arc<Mutex<BTreeMap<String, Vec<Instant>>>> = Arc::default();
     let mut system = managed("in phase");
     for place in PLACES {
@@ -66,21 +62,19 @@ fn periods_that_divide_are_in_phase_on_one_timer_wherever_they_run() {
             let name = format!("{place:?} {millis}");
             let slots = slots.clone();
             let process = place.process(&mut system, &name.clone(), &name.clone());
-            process
-                .spawn(async move {
-                    let mut tick = luna::periodic(&name, PERIOD * millis)?;
-                    for _ in 0..60 / millis {
-                        let slot = tick.next().await.deadline;
-                        slots
-                            .lock()
-                            .unwrap()
-                            .entry(name.clone())
-                            .or_default()
-                            .push(slot);
-                    }
-                    Ok(())
-                })
-                .unwrap();
+            process.spawn_ok(async move {
+                let mut tick = luna::periodic(&name, PERIOD * millis)?;
+                for _ in 0..60 / millis {
+                    let slot = tick.next().await.deadline;
+                    slots
+                        .lock()
+                        .unwrap()
+                        .entry(name.clone())
+                        .or_default()
+                        .push(slot);
+                }
+                Ok(())
+            });
         }
     }
     let report = system.run().unwrap();
@@ -113,7 +107,6 @@ fn periods_that_divide_are_in_phase_on_one_timer_wherever_they_run() {
 #[test]
 fn loops_that_find_no_timer_run_all_the_same() {
     own_process!();
-    let _watch = watchdog();
     let mut system = managed("many periods");
     let main = system.executor("main").build().unwrap();
     const LOOPS: u64 = 20;
@@ -123,24 +116,22 @@ fn loops_that_find_no_timer_run_all_the_same() {
     for number in 0..LOOPS {
         let everybody = everybody.clone();
         let name = format!("{number}");
-        main.process(&name.clone())
-            .spawn(async move {
-                // None is a multiple of another.
-                let period = Duration::from_nanos(2_000_003 + number);
-                let mut tick = luna::periodic(&name, period)?;
-                let mut before = tick.next().await;
-                for round in 0..5 {
-                    if round == 2 {
-                        everybody.sync().await;
-                    }
-                    let cycle = tick.next().await;
-                    assert!(luna::now() >= cycle.deadline);
-                    assert_eq!(cycle.number, before.number + cycle.missed + 1);
-                    before = cycle;
+        main.process(&name.clone()).spawn_ok(async move {
+            // None is a multiple of another.
+            let period = Duration::from_nanos(2_000_003 + number);
+            let mut tick = luna::periodic(&name, period)?;
+            let mut before = tick.next().await;
+            for round in 0..5 {
+                if round == 2 {
+                    everybody.sync().await;
                 }
-                Ok(())
-            })
-            .unwrap();
+                let cycle = tick.next().await;
+                assert!(luna::now() >= cycle.deadline);
+                assert_eq!(cycle.number, before.number + cycle.missed + 1);
+                before = cycle;
+            }
+            Ok(())
+        });
     }
     let report = system.run().unwrap();
     let timers = timers(&report);
@@ -151,7 +142,6 @@ fn loops_that_find_no_timer_run_all_the_same() {
 #[test]
 fn periods_that_are_none_and_room_that_is_full() {
     own_process!();
-    let _watch = watchdog();
     let mut system = managed("refused");
     system.max_timers(2);
     let manager = system.timer_manager().unwrap();
@@ -165,23 +155,21 @@ fn periods_that_are_none_and_room_that_is_full() {
         .unwrap();
     one.at(Instant::NEVER);
     let main = system.executor("main").build().unwrap();
-    main.process("adds")
-        .spawn(async move {
-            let _one = one;
-            luna::off_path(|| {
-                let second = manager.callback("second", |_| ())?;
-                let third = setup_error(
-                    manager.callback("third", |_| ()),
-                    &["`third`", "max_timers"],
-                );
-                assert!(matches!(third, SetupError::TooManyTimers { most: 2, .. }));
-                drop(second);
-                let third = manager.callback("third", |_| ())?;
-                third.after(Duration::ZERO);
-                Ok(())
-            })
+    main.process("adds").spawn_ok(async move {
+        let _one = one;
+        luna::off_path(|| {
+            let second = manager.callback("second", |_| ())?;
+            let third = setup_error(
+                manager.callback("third", |_| ()),
+                &["`third`", "max_timers"],
+            );
+            assert!(matches!(third, SetupError::TooManyTimers { most: 2, .. }));
+            drop(second);
+            let third = manager.callback("third", |_| ())?;
+            third.after(Duration::ZERO);
+            Ok(())
         })
-        .unwrap();
+    });
     let report = system.run().unwrap();
     let names: Vec<&str> = timers(&report)
         .callbacks
@@ -195,7 +183,6 @@ fn periods_that_are_none_and_room_that_is_full() {
 #[test]
 fn who_waits_for_a_tick_or_for_another_is_not_deadlocked() {
     own_process!();
-    let _watch = watchdog();
     let (_kept, input) = luna::channel::<()>();
     let mut system = managed("races");
     system.strict();
@@ -204,7 +191,7 @@ fn who_waits_for_a_tick_or_for_another_is_not_deadlocked() {
         let name = format!("{place:?}");
         place
             .process(&mut system, &name.clone(), &name.clone())
-            .spawn(async move {
+            .spawn_ok(async move {
                 // Long enough for a check that finds all loops asleep.
                 let mut tick = luna::periodic(&name, PERIOD * 50)?;
                 for _ in 0..5 {
@@ -217,8 +204,7 @@ fn who_waits_for_a_tick_or_for_another_is_not_deadlocked() {
                     .await;
                 }
                 Ok(())
-            })
-            .unwrap();
+            });
     }
     let report = system.run().unwrap();
     assert!(report.deadlock.is_none());
@@ -227,19 +213,16 @@ fn who_waits_for_a_tick_or_for_another_is_not_deadlocked() {
 #[test]
 fn a_deadlock_beside_the_manager_is_found() {
     own_process!();
-    let _watch = watchdog();
     let (_kept, input) = luna::channel::<()>();
     let mut system = managed("stuck");
     system.strict();
     let main = system.executor("main").build().unwrap();
-    main.process("one")
-        .spawn(async move {
-            let mut tick = luna::periodic("one", PERIOD)?;
-            tick.next().await;
-            let _kept = _kept;
-            Ok(input.recv().await?)
-        })
-        .unwrap();
+    main.process("one").spawn_ok(async move {
+        let mut tick = luna::periodic("one", PERIOD)?;
+        tick.next().await;
+        let _kept = _kept;
+        Ok(input.recv().await?)
+    });
     let outcome = system.run();
     assert!(matches!(outcome, Err(Error::Deadlock(_))), "{outcome:?}");
 }
@@ -261,22 +244,20 @@ fn part() {
         std::mem::forget(callback);
     }
     let main = system.executor("main").build().unwrap();
-    main.process("one")
-        .spawn(async {
-            let mut tick = luna::periodic("one", PERIOD)?;
-            let mut before = tick.next().await;
-            luna::off_path(|| println!("ready"));
-            let mut after = 0;
-            while after < 20 {
-                let cycle = tick.next().await;
-                let slots = (cycle.deadline - before.deadline).as_nanos() / PERIOD.as_nanos();
-                assert_eq!(u128::from(cycle.missed) + 1, slots);
-                after += u32::from(after > 0 || cycle.missed > 500);
-                before = cycle;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("one").spawn_ok(async {
+        let mut tick = luna::periodic("one", PERIOD)?;
+        let mut before = tick.next().await;
+        luna::off_path(|| println!("ready"));
+        let mut after = 0;
+        while after < 20 {
+            let cycle = tick.next().await;
+            let slots = (cycle.deadline - before.deadline).as_nanos() / PERIOD.as_nanos();
+            assert_eq!(u128::from(cycle.missed) + 1, slots);
+            after += u32::from(after > 0 || cycle.missed > 500);
+            before = cycle;
+        }
+        Ok(())
+    });
     let report = system.run().unwrap();
     let one = &report.loops["one"];
     assert_eq!(one.cycles + one.missed, one.slots_elapsed);

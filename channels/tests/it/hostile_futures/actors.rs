@@ -1,5 +1,6 @@
 //! Wakers, values and closures with code that panics, and calls operations.
 
+use crate::common::Random;
 use crate::hostile_futures::world::World;
 use luna_core::current;
 use std::any::Any;
@@ -59,31 +60,6 @@ pub(crate) fn silence_expected_panics() {
             report(info);
         }
     }));
-}
-
-/// Numbers by xorshift.
-pub(crate) struct Random(u64);
-
-impl Random {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1)
-    }
-
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 >> 11
-    }
-
-    pub(crate) fn below(&mut self, limit: usize) -> usize {
-        (self.next() % limit as u64) as usize
-    }
-
-    /// True in `parts` of 256 cases.
-    pub(crate) fn chance(&mut self, parts: u8) -> bool {
-        self.next() & 255 < u64::from(parts)
-    }
 }
 
 /// Where a waker's code runs.

@@ -1,8 +1,9 @@
 //! Each operation with a waker that panics in each of its functions, at each point of the
 //! operation's life.
 
+use crate::common::Random;
 use crate::hostile_futures::actors::{
-    Call, Random, Temper, VALUES, WAKERS, endure, silence_expected_panics, waker,
+    Call, Temper, VALUES, WAKERS, endure, silence_expected_panics, waker,
 };
 use crate::hostile_futures::one_at_a_time;
 use crate::hostile_futures::world::{KINDS, Operation, PLAIN_KINDS, World};

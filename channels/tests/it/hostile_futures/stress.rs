@@ -3,7 +3,8 @@
 //! `LUNA_SEED` says the seed, which is printed, and `LUNA_HOSTILE_POLLS` how many polls there are
 //! in all.
 
-use crate::hostile_futures::actors::{Random, Temper, endure, silence_expected_panics, waker};
+use crate::common::Random;
+use crate::hostile_futures::actors::{Temper, endure, silence_expected_panics, waker};
 use crate::hostile_futures::one_at_a_time;
 use crate::hostile_futures::world::{KINDS, Kept, Operation, PLAIN_KINDS, World};
 use luna_executors::{Executor, ExecutorHandle, Exit, ProcessSpec};

@@ -1,6 +1,7 @@
 //! One place of each kind, and the operations on them.
 
-use crate::hostile_futures::actors::{Random, Value, strike};
+use crate::common::Random;
+use crate::hostile_futures::actors::{Value, strike};
 use futures_lite::StreamExt;
 use luna_channels::lock_sync::{Condition, Mutex, Semaphore};
 use luna_channels::{

@@ -1,26 +1,24 @@
 //! What the tests share.
 
-#![allow(dead_code, reason = "each test file uses some of it")]
+#![allow(dead_code, unused_imports, reason = "each test file uses some of it")]
+
+#[path = "../../../../tests/shared/mod.rs"]
+mod shared;
+#[path = "../../../../tests/shared/spawn.rs"]
+mod spawn;
 
 use luna::devices::{DeviceManager, DeviceState};
 use luna::{End, System};
-use std::io::Write;
+pub(crate) use shared::skip;
+pub(crate) use spawn::SpawnOk;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::mpsc;
 use std::sync::{Arc, Once};
-use std::time::Duration;
 
 /// Whether the complete platform layer is in use: the portable one cannot wait for files.
 pub(crate) const COMPLETE: bool = cfg!(not(luna_portable));
 
-/// Ends the whole program if the calling test is not done after two minutes, with the test's name.
-pub(crate) fn watchdog() -> impl Drop {
-    struct Watchdog(Option<mpsc::Sender<()>>);
-    impl Drop for Watchdog {
-        fn drop(&mut self) {
-            self.0.take();
-        }
-    }
+/// The shared watchdog. Panics of emergency functions are not reported.
+pub(crate) fn watchdog() -> shared::Watchdog {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| {
         let before = std::panic::take_hook();
@@ -31,26 +29,16 @@ pub(crate) fn watchdog() -> impl Drop {
             }
         }));
     });
-    let (alive, ended) = mpsc::channel::<()>();
-    let test = std::thread::current().name().unwrap_or("a test").to_owned();
-    std::thread::spawn(move || {
-        if ended.recv_timeout(Duration::from_secs(120)) == Err(mpsc::RecvTimeoutError::Timeout) {
-            eprintln!("`{test}` hangs");
-            std::process::abort();
-        }
-    });
-    Watchdog(Some(alive))
+    shared::watchdog()
 }
 
-/// Says that the calling test, or a part of it, cannot run here.
-pub(crate) fn skip(why: &str) {
-    let current = std::thread::current();
-    // Not by a macro: the harness captures its output.
-    let _ = writeln!(
-        std::io::stderr(),
-        "skipped: {}: {why}",
-        current.name().unwrap_or("a test")
-    );
+/// A watchdog; none where the platform layer cannot wait for files, which is reported.
+pub(crate) fn with_files() -> Option<shared::Watchdog> {
+    if !COMPLETE {
+        skip("the portable layer cannot wait for files");
+        return None;
+    }
+    Some(watchdog())
 }
 
 /// A function for emergencies, and how often it ran.

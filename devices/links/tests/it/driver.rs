@@ -2,7 +2,7 @@
 //! slow one, one that hangs, and one that fails.
 
 use crate::common;
-use common::{counter, run_to_loss, watchdog};
+use common::{SpawnOk, counter, run_to_loss, watchdog};
 use luna::devices::{Device, DeviceState, OnLoss, Sharing};
 use luna::prelude::*;
 use luna::{CallError, Error, FunctionOutcome};
@@ -35,28 +35,22 @@ fn calls_are_answered_in_turn_while_the_executor_goes_on() {
     .lost_after(Duration::from_secs(60));
     let counts = link.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
+    main.process("link").spawn_ok(link);
     let others = client.clone();
-    main.process("one")
-        .spawn(async move {
-            assert_eq!(client.call(1).await?, 101);
-            Ok(())
-        })
-        .unwrap();
-    main.process("two")
-        .spawn(async move {
-            assert_eq!(others.call(2).await?, 102);
-            Ok(())
-        })
-        .unwrap();
-    main.process("lets them go on")
-        .spawn(async move {
-            for _ in 0..2 {
-                go.send(100).map_err(Error::other)?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("one").spawn_ok(async move {
+        assert_eq!(client.call(1).await?, 101);
+        Ok(())
+    });
+    main.process("two").spawn_ok(async move {
+        assert_eq!(others.call(2).await?, 102);
+        Ok(())
+    });
+    main.process("lets them go on").spawn_ok(async move {
+        for _ in 0..2 {
+            go.send(100).map_err(Error::other)?;
+        }
+        Ok(())
+    });
     drop(bus);
     system.run().unwrap();
     assert_eq!((counts.records(), counts.bad()), (2, 0));
@@ -77,21 +71,19 @@ fn errors_are_unanswered_calls_and_so_many_in_a_row_the_loss() {
     .errors_before_loss(2);
     let counts = link.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            for works in [false, true, false, true] {
-                match client.call(works).await {
-                    Ok(()) => assert!(works),
-                    Err(error) => assert!(!works && matches!(error, CallError::Unanswered)),
-                }
+    main.process("link").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        for works in [false, true, false, true] {
+            match client.call(works).await {
+                Ok(()) => assert!(works),
+                Err(error) => assert!(!works && matches!(error, CallError::Unanswered)),
             }
-            let _ = client.call(false).await;
-            let _ = client.call(false).await;
-            std::future::pending::<()>().await;
-            Ok(())
-        })
-        .unwrap();
+        }
+        let _ = client.call(false).await;
+        let _ = client.call(false).await;
+        std::future::pending::<()>().await;
+        Ok(())
+    });
     drop(bus);
     let error = run_to_loss(&system, &devices);
     assert!(
@@ -118,14 +110,12 @@ fn a_transaction_that_hangs_is_a_loss_while_it_hangs() {
     })
     .lost_after(Duration::from_millis(20));
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            let _ = client.call(()).await;
-            std::future::pending::<()>().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        let _ = client.call(()).await;
+        std::future::pending::<()>().await;
+        Ok(())
+    });
     drop(bus);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("no answer for 20ms"), "{error}");
@@ -147,15 +137,13 @@ fn what_takes_too_long_is_counted() {
     .late_after(Duration::from_millis(2));
     let counts = link.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            for is_slow in [true, false, true] {
-                client.call(is_slow).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        for is_slow in [true, false, true] {
+            client.call(is_slow).await?;
+        }
+        Ok(())
+    });
     system.run().unwrap();
     // The quick one may have been held up by others, too.
     assert!((2..=3).contains(&counts.late()), "{counts:?}");
@@ -178,19 +166,17 @@ fn in_an_emergency_the_driver_makes_it_safe_and_serves_no_calls_after() {
     .on_emergency(|written| written.lock().unwrap().push(0))
     .unwrap();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
+    main.process("link").spawn_ok(link);
     let seen = written.clone();
-    main.process("control")
-        .spawn(async move {
-            client.call(7).await?;
-            let cause = luna::emergency(Error::other("a test"));
-            while seen.lock().unwrap().last() != Some(&0) {
-                luna::yield_now().await;
-            }
-            assert!(client.call(8).await.is_err());
-            Err(cause)
-        })
-        .unwrap();
+    main.process("control").spawn_ok(async move {
+        client.call(7).await?;
+        let cause = luna::emergency(Error::other("a test"));
+        while seen.lock().unwrap().last() != Some(&0) {
+            luna::yield_now().await;
+        }
+        assert!(client.call(8).await.is_err());
+        Err(cause)
+    });
     assert!(system.run().is_err());
     assert_eq!(*written.lock().unwrap(), [7, 0]);
     drop(bus);
@@ -207,14 +193,12 @@ fn a_panic_in_a_driver_is_a_loss() {
     let link = driver(&bus, (), calls, |(), ()| panic!("a bug in a driver"))
         .lost_after(Duration::from_secs(60));
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            let _ = client.call(()).await;
-            std::future::pending::<()>().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        let _ = client.call(()).await;
+        std::future::pending::<()>().await;
+        Ok(())
+    });
     drop(bus);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("panicked"), "{error}");
@@ -239,15 +223,13 @@ fn run_caller(
 ) {
     let devices = system.devices();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            let _ = call.call(()).await;
-            let _ = call.call(()).await;
-            std::future::pending::<()>().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        let _ = call.call(()).await;
+        let _ = call.call(()).await;
+        std::future::pending::<()>().await;
+        Ok(())
+    });
     drop(main);
     run_to_loss(system, &devices);
 }
@@ -317,13 +299,11 @@ fn a_virtual_clock_is_refused() {
     let link = driver(&bus, (), calls, |(), ()| Ok(()));
     let counts = link.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            let _ = client.call(()).await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        let _ = client.call(()).await;
+        Ok(())
+    });
     let error = system.run().unwrap_err().to_string();
     assert!(error.contains("a virtual clock"), "{error}");
     assert_eq!(counts.records(), 0);
@@ -346,10 +326,9 @@ fn the_thread_ends_with_the_link() {
     let (client, calls) = luna::call_channel::<(), ()>();
     let link = driver(&bus, Ends(has_ended.clone()), calls, |_, ()| Ok(()));
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
+    main.process("link").spawn_ok(link);
     main.process("user")
-        .spawn(async move { Ok(client.call(()).await?) })
-        .unwrap();
+        .spawn_ok(async move { Ok(client.call(()).await?) });
     system.run().unwrap();
     assert!(has_ended.load(Ordering::Acquire));
     drop(bus);
@@ -416,13 +395,11 @@ mod i2c {
                 .map_err(|error| Error::other(format!("{error:?}")))
         });
         let main = system.executor("main").build().unwrap();
-        main.process("thermometer").spawn(link).unwrap();
-        main.process("user")
-            .spawn(async move {
-                assert_eq!(thermometer.call(()).await?, 21.5);
-                Ok(())
-            })
-            .unwrap();
+        main.process("thermometer").spawn_ok(link);
+        main.process("user").spawn_ok(async move {
+            assert_eq!(thermometer.call(()).await?, 21.5);
+            Ok(())
+        });
         system.run().unwrap();
         drop(bus);
     }

@@ -3,7 +3,7 @@
 #![cfg(feature = "gpio")]
 
 use crate::common;
-use common::{COMPLETE, run_to_loss, skip, watchdog};
+use common::{SpawnOk, run_to_loss, skip, watchdog, with_files};
 use embedded_hal::digital::{InputPin, OutputPin, StatefulOutputPin};
 use luna::devices::{Device, DeviceError, DeviceState, Holder};
 use luna::prelude::*;
@@ -74,26 +74,24 @@ fn after_an_emergency_the_outputs_do_not_change_any_more() {
     let main = system.executor("main").build().unwrap();
     let moving = Levels::NONE.with(0, true).with(1, false);
     let writer = gpio::writer(&pins, receiver);
-    main.process("writer").spawn(writer).unwrap();
+    main.process("writer").spawn_ok(writer);
     let own = pins.clone();
     let seen = set.clone();
-    main.process("control")
-        .spawn(async move {
-            levels.send(moving).await?;
-            // Taken, and set with the next turn of the writer.
-            while seen.lock().unwrap().is_empty() {
-                luna::yield_now().await;
-            }
-            let cause = luna::emergency(Error::other("a test"));
-            // The emergency thread has the highest priority; on any core, later sets fail.
-            while seen.lock().unwrap().last() != Some(&SAFE) {
-                luna::yield_now().await;
-            }
-            let refused = own.set(moving).unwrap_err();
-            assert!(refused.to_string().contains("emergency"), "{refused}");
-            Err(cause)
-        })
-        .unwrap();
+    main.process("control").spawn_ok(async move {
+        levels.send(moving).await?;
+        // Taken, and set with the next turn of the writer.
+        while seen.lock().unwrap().is_empty() {
+            luna::yield_now().await;
+        }
+        let cause = luna::emergency(Error::other("a test"));
+        // The emergency thread has the highest priority; on any core, later sets fail.
+        while seen.lock().unwrap().last() != Some(&SAFE) {
+            luna::yield_now().await;
+        }
+        let refused = own.set(moving).unwrap_err();
+        assert!(refused.to_string().contains("emergency"), "{refused}");
+        Err(cause)
+    });
     assert!(system.run().is_err());
     assert_eq!(*set.lock().unwrap(), [moving, SAFE]);
     drop(pins);
@@ -111,14 +109,12 @@ fn a_chip_that_has_gone_is_lost() {
     let (levels, receiver) = luna::channel();
     let main = system.executor("main").build().unwrap();
     let writer = gpio::writer(&pins, receiver);
-    main.process("writer").spawn(writer).unwrap();
-    main.process("control")
-        .spawn(async move {
-            levels.send(Levels::NONE.with(0, true)).await?;
-            std::future::pending::<()>().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("writer").spawn_ok(writer);
+    main.process("control").spawn_ok(async move {
+        levels.send(Levels::NONE.with(0, true)).await?;
+        std::future::pending::<()>().await;
+        Ok(())
+    });
     drop(pins);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("the GPIO chip `chip` is lost"), "{error}");
@@ -130,10 +126,7 @@ fn a_chip_that_has_gone_is_lost() {
 
 #[test]
 fn edges_come_as_values() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let mut system = System::new("buttons");
     let (pins, _set, mut far) = simulated(&system, false);
     let (sender, edges) = luna::channel::<Edge>();
@@ -142,17 +135,15 @@ fn edges_come_as_values() {
         .on_bad(OnBad::Drop);
     let counts = input.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("edges").spawn(input).unwrap();
-    main.process("user")
-        .spawn(async move {
-            for number in 1..=3 {
-                let edge = edges.recv().await?;
-                assert_eq!((edge.offset, edge.number), (22, number));
-                assert_eq!(edge.rising, number % 2 == 1);
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("edges").spawn_ok(input);
+    main.process("user").spawn_ok(async move {
+        for number in 1..=3 {
+            let edge = edges.recv().await?;
+            assert_eq!((edge.offset, edge.number), (22, number));
+            assert_eq!(edge.rising, number % 2 == 1);
+        }
+        Ok(())
+    });
     drop(pins);
     let mut bytes = Vec::new();
     for (kind, number) in [(1_u32, 1_u32), (9, 0), (2, 2), (1, 3)] {
@@ -236,19 +227,17 @@ fn a_chip_of_the_kernel() {
     let (sender, edges) = luna::channel::<Edge>();
     let main = system.executor("main").build().unwrap();
     let input = reader(&pins, sender, gpio::FRAMING).unwrap();
-    main.process("edges").spawn(input).unwrap();
-    main.process("user")
-        .spawn(async move {
-            pins.set(Levels::NONE.with(0, false))?;
-            for rising in [true, false] {
-                let pull = if rising { "pull-up" } else { "pull-down" };
-                std::fs::write(format!("{folder}/sim_gpio1/pull"), pull)?;
-                let edge = edges.recv().await?;
-                assert_eq!((edge.offset, edge.rising), (1, rising));
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("edges").spawn_ok(input);
+    main.process("user").spawn_ok(async move {
+        pins.set(Levels::NONE.with(0, false))?;
+        for rising in [true, false] {
+            let pull = if rising { "pull-up" } else { "pull-down" };
+            std::fs::write(format!("{folder}/sim_gpio1/pull"), pull)?;
+            let edge = edges.recv().await?;
+            assert_eq!((edge.offset, edge.rising), (1, rising));
+        }
+        Ok(())
+    });
     system.run().unwrap();
     assert_eq!(value().trim(), "1", "closing sets what is safe");
 }

@@ -3,7 +3,7 @@
 #![cfg(feature = "evdev")]
 
 use crate::common;
-use common::{COMPLETE, run_to_loss, skip, watchdog};
+use common::{SpawnOk, run_to_loss, skip, with_files};
 use luna::devices::{Device, Sharing};
 use luna::prelude::*;
 use luna_links::Transport;
@@ -65,48 +65,43 @@ fn event(kind: u16, code: u16, value: i32) -> Vec<u8> {
 
 #[test]
 fn controls_come_in_order_and_are_right_after_lost_events() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let mut system = System::new("joystick");
     let (stick, stands, mut far) = simulated(&system);
     let (sender, controls) = luna::channel();
     let link = joystick::controls(&stick, sender).unwrap();
     let counts = link.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("joystick").spawn(link).unwrap();
+    main.process("joystick").spawn_ok(link);
     let axis = |axis, position| Control::Axis { axis, position };
-    main.process("user")
-        .spawn(async move {
-            // The initial position, if it is not the middle.
-            assert_eq!(controls.recv().await?, axis(1, 1.0));
-            let mut events = event(3, 0, 150);
-            events.extend(event(1, 300, 1));
-            events.extend(event(0, 0, 0));
-            // In two pieces that cut an event.
-            let (begin, end) = events.split_at(30);
-            far.write_all(begin).unwrap();
-            assert_eq!(controls.recv().await?, axis(0, 0.5));
-            far.write_all(end).unwrap();
-            let pressed = |pressed| Control::Button {
-                button: 300,
-                pressed,
-            };
-            assert_eq!(controls.recv().await?, pressed(true));
-            {
-                let mut stands = stands.lock().unwrap();
-                stands.axes[0] = 150;
-                stands.axes[1] = 0;
-            }
-            // Lost, and something that means nothing then.
-            let lost = [event(0, 3, 0), event(3, 0, 7), event(0, 0, 0)];
-            far.write_all(&lost.concat()).unwrap();
-            assert_eq!(controls.recv().await?, axis(1, -1.0));
-            assert_eq!(controls.recv().await?, pressed(false));
-            Ok(())
-        })
-        .unwrap();
+    main.process("user").spawn_ok(async move {
+        // The initial position, if it is not the middle.
+        assert_eq!(controls.recv().await?, axis(1, 1.0));
+        let mut events = event(3, 0, 150);
+        events.extend(event(1, 300, 1));
+        events.extend(event(0, 0, 0));
+        // In two pieces that cut an event.
+        let (begin, end) = events.split_at(30);
+        far.write_all(begin).unwrap();
+        assert_eq!(controls.recv().await?, axis(0, 0.5));
+        far.write_all(end).unwrap();
+        let pressed = |pressed| Control::Button {
+            button: 300,
+            pressed,
+        };
+        assert_eq!(controls.recv().await?, pressed(true));
+        {
+            let mut stands = stands.lock().unwrap();
+            stands.axes[0] = 150;
+            stands.axes[1] = 0;
+        }
+        // Lost, and something that means nothing then.
+        let lost = [event(0, 3, 0), event(3, 0, 7), event(0, 0, 0)];
+        far.write_all(&lost.concat()).unwrap();
+        assert_eq!(controls.recv().await?, axis(1, -1.0));
+        assert_eq!(controls.recv().await?, pressed(false));
+        Ok(())
+    });
     drop(stick);
     system.run().unwrap();
     assert_eq!(counts.bad(), 1);
@@ -114,26 +109,21 @@ fn controls_come_in_order_and_are_right_after_lost_events() {
 
 #[test]
 fn a_joystick_that_is_unplugged_is_an_emergency() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let mut system = System::new("unplugged");
     let devices = system.devices();
     let (stick, _stands, far) = simulated(&system);
     let (sender, controls) = luna::channel();
     let main = system.executor("main").build().unwrap();
     let link = joystick::controls(&stick, sender).unwrap();
-    main.process("joystick").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            controls.recv().await?;
-            drop(far);
-            while controls.recv().await.is_ok() {}
-            std::future::pending::<()>().await;
-            Ok(())
-        })
-        .unwrap();
+    main.process("joystick").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        controls.recv().await?;
+        drop(far);
+        while controls.recv().await.is_ok() {}
+        std::future::pending::<()>().await;
+        Ok(())
+    });
     drop(stick);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("the joystick `stick` is lost"), "{error}");
@@ -143,10 +133,7 @@ fn a_joystick_that_is_unplugged_is_an_emergency() {
 #[test]
 fn a_joystick_of_the_kernel() {
     use evdev::{AbsInfo, AbsoluteAxisCode, AttributeSet, InputEvent, KeyCode, UinputAbsSetup};
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let made = evdev::uinput::VirtualDevice::builder().and_then(|builder| {
         let axis = AbsInfo::new(0, -100, 100, 0, 0, 0);
         let mut keys = AttributeSet::new();
@@ -172,18 +159,16 @@ fn a_joystick_of_the_kernel() {
     let (sender, controls) = luna::channel();
     let main = system.executor("main").build().unwrap();
     let link = joystick::controls(&stick, sender).unwrap();
-    main.process("joystick").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            device.emit(&[InputEvent::new(3, 0, 50)]).unwrap();
-            let expected = Control::Axis {
-                axis: joystick::X,
-                position: 0.5,
-            };
-            assert_eq!(controls.recv().await?, expected);
-            Ok(())
-        })
-        .unwrap();
+    main.process("joystick").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        device.emit(&[InputEvent::new(3, 0, 50)]).unwrap();
+        let expected = Control::Axis {
+            axis: joystick::X,
+            position: 0.5,
+        };
+        assert_eq!(controls.recv().await?, expected);
+        Ok(())
+    });
     drop(stick);
     system.run().unwrap();
 }

@@ -4,7 +4,7 @@
 #![cfg(feature = "serial")]
 
 use crate::common;
-use common::{COMPLETE, counter, run_to_loss, skip, watchdog};
+use common::{SpawnOk, counter, run_to_loss, skip, watchdog, with_files};
 use luna::devices::{DeviceError, DeviceState, Holder, OnLoss};
 use luna::external::{Frame, Framing, Prefix};
 use luna::prelude::*;
@@ -32,10 +32,7 @@ fn settings() -> Settings {
 
 #[test]
 fn records_go_both_ways_whatever_pieces_they_come_in() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let (mut far, near, path) = terminal();
     let mut system = System::new("serial");
     let devices = system.devices();
@@ -48,16 +45,14 @@ fn records_go_both_ways_whatever_pieces_they_come_in() {
     let output = writer(&port, receiver, framing).unwrap();
     let (came, went) = (input.counts(), output.counts());
     let main = system.executor("main").build().unwrap();
-    main.process("in").spawn(input).unwrap();
-    main.process("out").spawn(output).unwrap();
-    main.process("echo")
-        .spawn(async move {
-            for _ in 0..20 {
-                answers.send(commands.recv().await?).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("in").spawn_ok(input);
+    main.process("out").spawn_ok(output);
+    main.process("echo").spawn_ok(async move {
+        for _ in 0..20 {
+            answers.send(commands.recv().await?).await?;
+        }
+        Ok(())
+    });
     drop(port);
     let device = std::thread::spawn(move || {
         for length in (0..20_u16).map(|number| number * 15) {
@@ -81,10 +76,7 @@ fn records_go_both_ways_whatever_pieces_they_come_in() {
 
 #[test]
 fn a_garbled_record_is_dropped_or_ends_the_link_as_set() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     for policy in [OnBad::Drop, OnBad::End] {
         let (mut far, _near, path) = terminal();
         let mut system = System::new("garbled");
@@ -95,17 +87,15 @@ fn a_garbled_record_is_dropped_or_ends_the_link_as_set() {
             .on_bad(policy);
         let counts = input.counts();
         let main = system.executor("main").build().unwrap();
-        main.process("in").spawn(input).unwrap();
-        main.process("user")
-            .spawn(async move {
-                assert_eq!(lines.recv().await?.text(), Ok("one"));
-                match policy {
-                    OnBad::Drop => assert_eq!(lines.recv().await?.text(), Ok("two")),
-                    _ => assert!(lines.recv().await.is_err_and(|error| error.is_closed())),
-                }
-                Ok(())
-            })
-            .unwrap();
+        main.process("in").spawn_ok(input);
+        main.process("user").spawn_ok(async move {
+            assert_eq!(lines.recv().await?.text(), Ok("one"));
+            match policy {
+                OnBad::Drop => assert_eq!(lines.recv().await?.text(), Ok("two")),
+                _ => assert!(lines.recv().await.is_err_and(|error| error.is_closed())),
+            }
+            Ok(())
+        });
         far.write_all(b"one\nfar too long\ntwo\n").unwrap();
         let ran = system.run();
         assert_eq!(counts.bad(), 1, "{policy:?}");
@@ -127,10 +117,7 @@ fn a_garbled_record_is_dropped_or_ends_the_link_as_set() {
 
 #[test]
 fn a_port_that_hangs_up_is_an_emergency_and_is_closed() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let (mut far, near, path) = terminal();
     let mut system = System::new("unplugged");
     let devices = system.devices();
@@ -146,21 +133,18 @@ fn a_port_that_hangs_up_is_an_emergency_and_is_closed() {
     let (sender, lines) = luna::channel::<Frame<8>>();
     let main = system.executor("main").build().unwrap();
     let input = reader(&port, sender, Framing::lines(8)).unwrap();
-    main.process("in").spawn(input).unwrap();
+    main.process("in").spawn_ok(input);
     // It would run for ever.
     main.process("control")
-        .spawn(std::future::pending::<luna::Result<()>>())
-        .unwrap();
+        .spawn_ok(std::future::pending::<luna::Result<()>>());
     // Its last records are still delivered, and the record that it cuts off is not the cause.
     far.write_all(b"last\nhal").unwrap();
-    main.process("user")
-        .spawn(async move {
-            assert_eq!(lines.recv().await?.text(), Ok("last"));
-            drop(far);
-            assert!(lines.recv().await.is_err_and(|error| error.is_closed()));
-            Ok(())
-        })
-        .unwrap();
+    main.process("user").spawn_ok(async move {
+        assert_eq!(lines.recv().await?.text(), Ok("last"));
+        drop(far);
+        assert!(lines.recv().await.is_err_and(|error| error.is_closed()));
+        Ok(())
+    });
     drop(port);
     let error = run_to_loss(&system, &devices);
     assert_eq!(
@@ -174,10 +158,7 @@ fn a_port_that_hangs_up_is_an_emergency_and_is_closed() {
 
 #[test]
 fn a_loss_that_is_no_emergency_ends_the_link_alone() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let (far, near, path) = terminal();
     let mut system = System::new("console");
     let devices = system.devices();
@@ -189,13 +170,11 @@ fn a_loss_that_is_no_emergency_ends_the_link_alone() {
     let (sender, lines) = luna::channel::<Frame<8>>();
     let main = system.executor("main").build().unwrap();
     let input = reader(&port, sender, Framing::lines(8)).unwrap();
-    main.process("in").spawn(input).unwrap();
-    main.process("user")
-        .spawn(async move {
-            assert!(lines.recv().await.is_err_and(|error| error.is_closed()));
-            Ok(())
-        })
-        .unwrap();
+    main.process("in").spawn_ok(input);
+    main.process("user").spawn_ok(async move {
+        assert!(lines.recv().await.is_err_and(|error| error.is_closed()));
+        Ok(())
+    });
     assert!(matches!(system.run(), Err(Error::Process { .. })));
     assert_eq!(system.report().unwrap().end, End::Completed);
     assert_eq!(ran.load(Ordering::Relaxed), 0);
@@ -206,10 +185,7 @@ fn a_loss_that_is_no_emergency_ends_the_link_alone() {
 
 #[test]
 fn a_side_that_does_not_read_is_given_up_after_the_patience() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let (_far, _near, path) = terminal();
     let mut system = System::new("stalled");
     let devices = system.devices();
@@ -220,14 +196,12 @@ fn a_side_that_does_not_read_is_given_up_after_the_patience() {
         .patience(Duration::from_millis(20));
     let counts = output.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("out").spawn(output).unwrap();
-    main.process("source")
-        .spawn(async move {
-            loop {
-                numbers.send([0; 64]).await?;
-            }
-        })
-        .unwrap();
+    main.process("out").spawn_ok(output);
+    main.process("source").spawn_ok(async move {
+        loop {
+            numbers.send([0; 64]).await?;
+        }
+    });
     drop(port);
     let error = run_to_loss(&system, &devices);
     assert!(
@@ -240,10 +214,7 @@ fn a_side_that_does_not_read_is_given_up_after_the_patience() {
 
 #[test]
 fn an_emergency_command_gets_out_before_what_was_queued() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let (mut far, _near, path) = terminal();
     let mut system = System::new("stop");
     let port = serial::open(&system.devices(), &path, &settings()).unwrap();
@@ -253,8 +224,7 @@ fn an_emergency_command_gets_out_before_what_was_queued() {
     .unwrap();
     let main = system.executor("main").build().unwrap();
     main.process("panics")
-        .spawn(async { Err(luna::emergency(Error::other("a test"))) })
-        .unwrap();
+        .spawn_ok(async { Err(luna::emergency(Error::other("a test"))) });
     assert!(system.run().is_err());
     let mut command = [0; 5];
     far.read_exact(&mut command).unwrap();
@@ -385,15 +355,13 @@ fn a_file_that_is_always_ready_is_read_while_others_run() {
     let (sender, numbers) = luna::channel::<[u8; 1000]>();
     let main = system.executor("main").build().unwrap();
     let input = reader(&zeros, sender, Framing::fixed(1000)).unwrap();
-    main.process("in").spawn(input).unwrap();
-    main.process("user")
-        .spawn(async move {
-            for _ in 0..100 {
-                assert_eq!(numbers.recv().await?, [0; 1000]);
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("in").spawn_ok(input);
+    main.process("user").spawn_ok(async move {
+        for _ in 0..100 {
+            assert_eq!(numbers.recv().await?, [0; 1000]);
+        }
+        Ok(())
+    });
     system.run().unwrap();
     drop(zeros);
 }

@@ -3,7 +3,7 @@
 #![cfg(feature = "net")]
 
 use crate::common;
-use common::{COMPLETE, run_to_loss, skip, watchdog};
+use common::{SpawnOk, run_to_loss, with_files};
 use luna::external::{Frame, Framing, Prefix};
 use luna::prelude::*;
 use luna_links::OnBad;
@@ -28,10 +28,7 @@ const AT_ONCE: Reconnect =
 
 #[test]
 fn records_in_pieces_of_one_byte_are_whole_again() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let mut system = System::new("server");
     let port = tcp::listen(&system.devices(), any()).unwrap();
     let address = port.address().unwrap();
@@ -41,18 +38,16 @@ fn records_in_pieces_of_one_byte_are_whole_again() {
     let link = tcp::link(&port, outgoing, incoming, framing).unwrap();
     let (sent, received) = (link.sent(), link.received());
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("echo")
-        .spawn(async move {
-            while let Ok(request) = requests.recv().await {
-                answers.send(request).await?;
-                if *request == *b"end" {
-                    break;
-                }
+    main.process("link").spawn_ok(link);
+    main.process("echo").spawn_ok(async move {
+        while let Ok(request) = requests.recv().await {
+            answers.send(request).await?;
+            if *request == *b"end" {
+                break;
             }
-            Ok(())
-        })
-        .unwrap();
+        }
+        Ok(())
+    });
     drop(port);
     let client = std::thread::spawn(move || {
         let mut stream = TcpStream::connect(address).unwrap();
@@ -78,10 +73,7 @@ fn records_in_pieces_of_one_byte_are_whole_again() {
 
 #[test]
 fn after_a_reset_it_connects_again_and_what_was_cut_off_is_counted() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let listener = TcpListener::bind(any()).unwrap();
     let address = listener.local_addr().unwrap();
     let server = std::thread::spawn(move || {
@@ -110,17 +102,15 @@ fn after_a_reset_it_connects_again_and_what_was_cut_off_is_counted() {
         .reconnect(AT_ONCE);
     let received = link.received();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("client")
-        .spawn(async move {
-            assert_eq!(replies.recv().await?.text(), Ok("whole"));
-            assert_eq!(replies.recv().await?.text(), Ok("reset me"));
-            requests.send(text("never read")).await?;
-            assert_eq!(replies.recv().await?.text(), Ok("again"));
-            requests.send(text("hello")).await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("client").spawn_ok(async move {
+        assert_eq!(replies.recv().await?.text(), Ok("whole"));
+        assert_eq!(replies.recv().await?.text(), Ok("reset me"));
+        requests.send(text("never read")).await?;
+        assert_eq!(replies.recv().await?.text(), Ok("again"));
+        requests.send(text("hello")).await?;
+        Ok(())
+    });
     drop(port);
     system.run().unwrap();
     server.join().unwrap();
@@ -129,10 +119,7 @@ fn after_a_reset_it_connects_again_and_what_was_cut_off_is_counted() {
 
 #[test]
 fn a_record_under_way_at_a_break_is_sent_again_whole() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let listener = TcpListener::bind(any()).unwrap();
     let address = listener.local_addr().unwrap();
     let mut system = System::new("client");
@@ -146,28 +133,26 @@ fn a_record_under_way_at_a_break_is_sent_again_whole() {
         .patience(Duration::from_millis(20));
     let (sent, received) = (link.sent(), link.received());
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
+    main.process("link").spawn_ok(link);
     let counted = received.clone();
-    main.process("source")
-        .spawn(async move {
-            let mut number = 0_u32;
-            // Until the second connection has taken some.
-            let mut after = 0;
-            while after < 3 {
-                let mut record = [0; 4096];
-                record[..4].copy_from_slice(&number.to_be_bytes());
-                record[4092..].copy_from_slice(&number.to_be_bytes());
-                requests.send(record).await?;
-                number += 1;
-                if counted.connections() >= 2 {
-                    after += 1;
-                }
+    main.process("source").spawn_ok(async move {
+        let mut number = 0_u32;
+        // Until the second connection has taken some.
+        let mut after = 0;
+        while after < 3 {
+            let mut record = [0; 4096];
+            record[..4].copy_from_slice(&number.to_be_bytes());
+            record[4092..].copy_from_slice(&number.to_be_bytes());
+            requests.send(record).await?;
+            number += 1;
+            if counted.connections() >= 2 {
+                after += 1;
             }
-            drop(requests);
-            while replies.recv().await.is_ok() {}
-            Ok(())
-        })
-        .unwrap();
+        }
+        drop(requests);
+        while replies.recv().await.is_ok() {}
+        Ok(())
+    });
     drop(port);
     let server = std::thread::spawn(move || {
         let (stalled, _) = listener.accept().unwrap();
@@ -200,10 +185,7 @@ fn a_record_under_way_at_a_break_is_sent_again_whole() {
 
 #[test]
 fn without_a_second_attempt_the_loss_is_an_emergency() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let listener = TcpListener::bind(any()).unwrap();
     let address = listener.local_addr().unwrap();
     let mut system = System::new("client");
@@ -215,15 +197,13 @@ fn without_a_second_attempt_the_loss_is_an_emergency() {
         .unwrap()
         .reconnect(Reconnect::NEVER);
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("client")
-        .spawn(async move {
-            assert!(replies.recv().await.is_err());
-            std::future::pending::<()>().await;
-            drop(requests);
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("client").spawn_ok(async move {
+        assert!(replies.recv().await.is_err());
+        std::future::pending::<()>().await;
+        drop(requests);
+        Ok(())
+    });
     drop(port);
     let server = std::thread::spawn(move || drop(listener.accept().unwrap()));
     let error = run_to_loss(&system, &devices);
@@ -233,10 +213,7 @@ fn without_a_second_attempt_the_loss_is_an_emergency() {
 
 #[test]
 fn attempts_that_all_fail_are_counted_in_the_error() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     // A port that was just free.
     let gone = TcpListener::bind(any()).unwrap().local_addr().unwrap();
     let mut system = System::new("client");
@@ -248,7 +225,7 @@ fn attempts_that_all_fail_are_counted_in_the_error() {
         .unwrap()
         .reconnect(AT_ONCE.attempts(3));
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
+    main.process("link").spawn_ok(link);
     drop(port);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("no connection after 3 attempts"), "{error}");
@@ -257,10 +234,7 @@ fn attempts_that_all_fail_are_counted_in_the_error() {
 
 #[test]
 fn a_server_that_hangs_up_at_once_is_an_attempt_that_failed() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let listener = TcpListener::bind(any()).unwrap();
     let address = listener.local_addr().unwrap();
     let mut system = System::new("client");
@@ -274,17 +248,15 @@ fn a_server_that_hangs_up_at_once_is_an_attempt_that_failed() {
         .reconnect(Reconnect::backing_off(pause, pause).attempts(3));
     let received = link.received();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("client")
-        .spawn(async move {
-            // The second connection brings a record: attempts are counted from there on.
-            assert_eq!(replies.recv().await?.text(), Ok("hello"));
-            assert!(replies.recv().await.is_err());
-            std::future::pending::<()>().await;
-            drop(requests);
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("client").spawn_ok(async move {
+        // The second connection brings a record: attempts are counted from there on.
+        assert_eq!(replies.recv().await?.text(), Ok("hello"));
+        assert!(replies.recv().await.is_err());
+        std::future::pending::<()>().await;
+        drop(requests);
+        Ok(())
+    });
     drop(port);
     let server = std::thread::spawn(move || {
         for number in 0..5 {
@@ -307,10 +279,7 @@ fn a_server_that_hangs_up_at_once_is_an_attempt_that_failed() {
 
 #[test]
 fn a_server_takes_one_client_after_the_other_and_garbage_is_dropped_if_set() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let mut system = System::new("server");
     let port = tcp::listen(&system.devices(), any()).unwrap();
     let address = port.address().unwrap();
@@ -321,16 +290,14 @@ fn a_server_takes_one_client_after_the_other_and_garbage_is_dropped_if_set() {
         .on_bad(OnBad::Drop);
     let received = link.received();
     let main = system.executor("main").build().unwrap();
-    main.process("link").spawn(link).unwrap();
-    main.process("user")
-        .spawn(async move {
-            for number in 0..3 {
-                assert_eq!(requests.recv().await?.text(), Ok(["a", "b", "c"][number]));
-            }
-            drop((answers, requests));
-            Ok(())
-        })
-        .unwrap();
+    main.process("link").spawn_ok(link);
+    main.process("user").spawn_ok(async move {
+        for number in 0..3 {
+            assert_eq!(requests.recv().await?.text(), Ok(["a", "b", "c"][number]));
+        }
+        drop((answers, requests));
+        Ok(())
+    });
     drop(port);
     let clients = std::thread::spawn(move || {
         for line in ["a\n", "much too long\nb\n", "c\n"] {

@@ -3,7 +3,7 @@
 #![cfg(feature = "net")]
 
 use crate::common;
-use common::{COMPLETE, skip, watchdog};
+use common::{SpawnOk, watchdog, with_files};
 use luna::devices::{DeviceError, DeviceState, OnLoss};
 use luna::external::{BadRecord, Fault, Frame, Framing};
 use luna::prelude::*;
@@ -18,10 +18,7 @@ fn any() -> SocketAddr {
 
 #[test]
 fn packets_are_values_and_broken_ones_are_reported_in_order() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let far = UdpSocket::bind(any()).unwrap();
     let mut system = System::new("udp");
     let devices = system.devices();
@@ -32,19 +29,17 @@ fn packets_are_values_and_broken_ones_are_reported_in_order() {
     let input = reader(&port, sender, Framing::packets(8)).unwrap();
     let counts = input.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("in").spawn(input).unwrap();
+    main.process("in").spawn_ok(input);
     let output = writer(&port, receiver, Framing::packets(8)).unwrap();
-    main.process("out").spawn(output).unwrap();
-    main.process("user")
-        .spawn(async move {
-            assert_eq!(packets.recv().await?.unwrap()[..], *b"one");
-            let bad = packets.recv().await?.unwrap_err();
-            assert_eq!(bad.fault, Fault::TooLong { most: 8 });
-            assert_eq!(packets.recv().await?.unwrap()[..], *b"two");
-            answers.send(Frame::new(b"three").unwrap()).await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("out").spawn_ok(output);
+    main.process("user").spawn_ok(async move {
+        assert_eq!(packets.recv().await?.unwrap()[..], *b"one");
+        let bad = packets.recv().await?.unwrap_err();
+        assert_eq!(bad.fault, Fault::TooLong { most: 8 });
+        assert_eq!(packets.recv().await?.unwrap()[..], *b"two");
+        answers.send(Frame::new(b"three").unwrap()).await?;
+        Ok(())
+    });
     drop(port);
     for packet in [&b"one"[..], b"", b"nine bytes", b"two"] {
         far.send(packet).unwrap();
@@ -60,10 +55,7 @@ fn packets_are_values_and_broken_ones_are_reported_in_order() {
 
 #[test]
 fn a_missing_peer_is_counted_and_no_loss() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     // A port that was just free.
     let gone = UdpSocket::bind(any()).unwrap().local_addr().unwrap();
     let mut system = System::new("no peer");
@@ -72,17 +64,15 @@ fn a_missing_peer_is_counted_and_no_loss() {
     let output = writer(&port, receiver, Framing::packets(2)).unwrap();
     let counts = output.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("out").spawn(output).unwrap();
+    main.process("out").spawn_ok(output);
     let link = counts.clone();
-    main.process("source")
-        .spawn(async move {
-            // A refusal is reported at the next packet.
-            for _ in 0..100 {
-                values.send([1, 2]).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("source").spawn_ok(async move {
+        // A refusal is reported at the next packet.
+        for _ in 0..100 {
+            values.send([1, 2]).await?;
+        }
+        Ok(())
+    });
     drop(port);
     system.run().unwrap();
     assert!(link.refused() > 0, "{link:?}");
@@ -91,10 +81,7 @@ fn a_missing_peer_is_counted_and_no_loss() {
 
 #[test]
 fn a_reader_that_is_slow_gets_the_newest_value_and_nothing_grows() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let far = UdpSocket::bind(any()).unwrap();
     let mut system = System::new("flood");
     let port = udp::open(&system.devices(), any(), Some(far.local_addr().unwrap())).unwrap();
@@ -106,17 +93,15 @@ fn a_reader_that_is_slow_gets_the_newest_value_and_nothing_grows() {
         .on_bad(OnBad::Drop);
     let counts = input.counts();
     let main = system.executor("main").build().unwrap();
-    main.process("in").spawn(input).unwrap();
-    main.process("control")
-        .spawn(async move {
-            // Behind all that came before it was read.
-            while counts.records() < 50 {
-                luna::yield_now().await;
-            }
-            assert_eq!(speeds.recv().await?, 49_u32.to_be_bytes());
-            Ok(())
-        })
-        .unwrap();
+    main.process("in").spawn_ok(input);
+    main.process("control").spawn_ok(async move {
+        // Behind all that came before it was read.
+        while counts.records() < 50 {
+            luna::yield_now().await;
+        }
+        assert_eq!(speeds.recv().await?, 49_u32.to_be_bytes());
+        Ok(())
+    });
     for number in 0..50_u32 {
         far.send(&number.to_be_bytes()).unwrap();
     }

@@ -3,7 +3,7 @@
 
 use crate::common;
 use crate::counting;
-use common::{COMPLETE, skip, watchdog};
+use common::{SpawnOk, with_files};
 use counting::Counting;
 use luna::devices::{Device, Sharing};
 use luna::external::{BadRecord, Frame, Framing};
@@ -36,10 +36,7 @@ fn socket(system: &System, name: &str, stream: UnixStream) -> Device<Socket> {
 /// them.
 #[test]
 fn links_allocate_nothing() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, far) = UnixStream::pair().unwrap();
     let mut system = System::new("quiet");
     let (near, far) = (socket(&system, "near", near), socket(&system, "far", far));
@@ -48,46 +45,40 @@ fn links_allocate_nothing() {
     let (client, calls) = luna::call_channel::<u32, u32>();
     let places = system.executor("links").build().unwrap();
     let output = writer(&near, outgoing, Framing::lines(31)).unwrap();
-    places.process("out").spawn(output).unwrap();
+    places.process("out").spawn_ok(output);
     let input = reader(&far, incoming, Framing::lines(31))
         .unwrap()
         .on_bad(OnBad::Drop);
-    places.process("in").spawn(input).unwrap();
+    places.process("in").spawn_ok(input);
     let link = driver(&near, (), calls, |(), number| Ok(number + 1));
-    places.process("driver").spawn(link).unwrap();
+    places.process("driver").spawn_ok(link);
     pins(&mut system);
     let ends = system.executor("ends").build().unwrap();
-    ends.process("source")
-        .spawn(async move {
-            for length in 0..1000 {
-                let record = [b'x'; 31];
-                let frame = Frame::new(&record[..length % 32]).unwrap_or_default();
-                source.send(frame).await?;
+    ends.process("source").spawn_ok(async move {
+        for length in 0..1000 {
+            let record = [b'x'; 31];
+            let frame = Frame::new(&record[..length % 32]).unwrap_or_default();
+            source.send(frame).await?;
+        }
+        Ok(())
+    });
+    ends.process("caller").spawn_ok(async move {
+        for number in 0..200 {
+            assert_eq!(client.call(number).await?, number + 1);
+        }
+        Ok(())
+    });
+    ends.process("drain").spawn_ok(async move {
+        let (mut good, mut bad) = (0, 0);
+        while good + bad < 1000 {
+            match drain.recv().await? {
+                Ok(_) => good += 1,
+                Err(_) => bad += 1,
             }
-            Ok(())
-        })
-        .unwrap();
-    ends.process("caller")
-        .spawn(async move {
-            for number in 0..200 {
-                assert_eq!(client.call(number).await?, number + 1);
-            }
-            Ok(())
-        })
-        .unwrap();
-    ends.process("drain")
-        .spawn(async move {
-            let (mut good, mut bad) = (0, 0);
-            while good + bad < 1000 {
-                match drain.recv().await? {
-                    Ok(_) => good += 1,
-                    Err(_) => bad += 1,
-                }
-            }
-            assert_eq!(good, 1000 - 7 * 31);
-            Ok(())
-        })
-        .unwrap();
+        }
+        assert_eq!(good, 1000 - 7 * 31);
+        Ok(())
+    });
     // `near` stays open, or its end would be the loss of `far` before all was received.
     drop(far);
     system.run().unwrap();
@@ -116,16 +107,13 @@ fn pins(system: &mut System) {
     let (levels, receiver) = luna::channel();
     let place = system.executor("pins").build().unwrap();
     let writer = gpio::writer(&pins, receiver);
-    place.process("pins").spawn(writer).unwrap();
-    place
-        .process("levels")
-        .spawn(async move {
-            for number in 0..1000 {
-                levels.send(Levels::NONE.with(0, number % 2 == 0)).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    place.process("pins").spawn_ok(writer);
+    place.process("levels").spawn_ok(async move {
+        for number in 0..1000 {
+            levels.send(Levels::NONE.with(0, number % 2 == 0)).await?;
+        }
+        Ok(())
+    });
 }
 
 #[cfg(not(feature = "gpio"))]

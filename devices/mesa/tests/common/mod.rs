@@ -1,10 +1,20 @@
 //! A card with an encoder that turns at a known speed, and a system around its link.
 
-#![allow(dead_code, reason = "each test program uses some of it")]
+#![allow(
+    dead_code,
+    unused_imports,
+    reason = "each test program uses some of it"
+)]
+
+#[path = "../../../../tests/shared/mod.rs"]
+mod shared;
+#[path = "../../../../tests/shared/spawn.rs"]
+mod spawn;
 
 use luna::prelude::*;
 use luna_mesa::{Bucket, Card, Fault, Link, Reading, Sample};
 use luna_mesa_sim::{Card as SimCard, Server, Settings};
+pub(crate) use spawn::SpawnOk;
 use std::time::Duration;
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(2);
@@ -30,10 +40,7 @@ pub(crate) fn turning() -> Server {
 }
 
 pub(crate) fn seed() -> u64 {
-    let seed = std::env::var("LUNA_SEED")
-        .ok()
-        .and_then(|seed| seed.parse().ok());
-    seed.unwrap_or(20_261_121)
+    shared::seed_or_else(|| 20_261_121)
 }
 
 /// A tolerant link, so that a busy machine does not change the outcome.

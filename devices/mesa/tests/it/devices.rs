@@ -1,7 +1,7 @@
 //! A card as a device of its system: open once, neutral in an emergency, lost with its link.
 
 use crate::common;
-use common::{FASTEST, PERIOD, patient_link, register, samples, turning, wait_until};
+use common::{FASTEST, PERIOD, SpawnOk, patient_link, register, samples, turning, wait_until};
 use luna::devices::{DeviceError, DeviceState, Holder, OnLoss};
 use luna::prelude::*;
 use luna::{End, FunctionOutcome};
@@ -43,8 +43,8 @@ fn a_card_is_open_once_until_its_link_has_ended() {
     assert_eq!(device, format!("mesa:{}", server.address()));
     assert_eq!(by, Holder::ThisProgram);
     let main = system.executor("main").build().unwrap();
-    main.process("control").spawn(control).unwrap();
-    main.process("card").spawn(process).unwrap();
+    main.process("control").spawn_ok(control);
+    main.process("card").spawn_ok(process);
     let report = system.run().unwrap();
     assert_eq!(report.safety.failed().count(), 0);
     let about = &devices.list()[0];
@@ -71,8 +71,8 @@ fn its_own_emergency_function_takes_the_outputs_away() {
         }
     });
     let main = system.executor("main").build().unwrap();
-    main.process("control").spawn(control).unwrap();
-    main.process("card").spawn(process).unwrap();
+    main.process("control").spawn_ok(control);
+    main.process("card").spawn_ok(process);
     system.run().unwrap_err();
     let safety = system.report().unwrap().safety;
     let [function] = &safety.functions[..] else {
@@ -104,15 +104,13 @@ fn a_card_that_is_silent_is_lost_as_was_chosen() {
         link.encoder(0, FASTEST, count);
         let process = link.process().unwrap();
         let main = system.executor("main").build().unwrap();
-        main.process("control")
-            .spawn(async move {
-                counts.recv().await?;
-                breaker.silence(Duration::from_secs(60));
-                while counts.recv().await.is_ok() {}
-                Ok(())
-            })
-            .unwrap();
-        main.process("card").spawn(process).unwrap();
+        main.process("control").spawn_ok(async move {
+            counts.recv().await?;
+            breaker.silence(Duration::from_secs(60));
+            while counts.recv().await.is_ok() {}
+            Ok(())
+        });
+        main.process("card").spawn_ok(process);
         let error = system.run().unwrap_err().to_string();
         assert!(error.contains("Mesa card `mesa:"), "{error}");
         assert!(error.contains("did not come in time"), "{error}");

@@ -2,7 +2,9 @@
 //! as documented.
 
 use crate::common;
-use common::{FASTEST, PERIOD, Truth, fault, patient, register, samples, turning, wait_until};
+use common::{
+    FASTEST, PERIOD, SpawnOk, Truth, fault, patient, register, samples, turning, wait_until,
+};
 use hostmot2::encoder::Lost;
 use luna::prelude::*;
 use luna::{End, Report};
@@ -45,18 +47,16 @@ fn run_with(
     let main = system.executor("main").build().unwrap();
     let truth = Arc::new(Mutex::new(Truth::default()));
     let shared = truth.clone();
-    main.process("control")
-        .spawn(async move {
-            for cycle in 0..cycles {
-                at_cycle(cycle);
-                let sample = counts.recv().await?;
-                shared.lock().unwrap().check(sample);
-                duty.send(0.25).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
-    main.process("card").spawn(process).unwrap();
+    main.process("control").spawn_ok(async move {
+        for cycle in 0..cycles {
+            at_cycle(cycle);
+            let sample = counts.recv().await?;
+            shared.lock().unwrap().check(sample);
+            duty.send(0.25).await?;
+        }
+        Ok(())
+    });
+    main.process("card").spawn_ok(process);
     let outcome = system.run();
     drop(main);
     let truth = std::mem::take(&mut *truth.lock().unwrap());
@@ -207,22 +207,20 @@ fn a_card_that_was_restarted_ends_a_link_without_outputs_too() {
     let mut system = System::new("test");
     let main = system.executor("main").build().unwrap();
     let breaker = server.clone();
-    main.process("control")
-        .spawn(async move {
-            let mut truth = Truth::default();
-            for cycle in 0..1_000 {
-                if cycle == 20 {
-                    breaker.power_cycle();
-                }
-                let sample = counts.recv().await?;
-                // Its control register is 0 now, which looks like a completed latch.
-                assert_eq!(sample.held().index, None);
-                truth.check(sample);
+    main.process("control").spawn_ok(async move {
+        let mut truth = Truth::default();
+        for cycle in 0..1_000 {
+            if cycle == 20 {
+                breaker.power_cycle();
             }
-            Ok(())
-        })
-        .unwrap();
-    main.process("card").spawn(process).unwrap();
+            let sample = counts.recv().await?;
+            // Its control register is 0 now, which looks like a completed latch.
+            assert_eq!(sample.held().index, None);
+            truth.check(sample);
+        }
+        Ok(())
+    });
+    main.process("card").spawn_ok(process);
     assert_eq!(fault(system.run()), Fault::Foreign);
 }
 
@@ -238,18 +236,16 @@ fn hung(mut link: Link, cycles: u32) -> luna::Result<Report> {
     let process = link.process().unwrap();
     let mut system = System::new("test");
     let main = system.executor("main").build().unwrap();
-    main.process("control")
-        .spawn(async move {
-            duty.send(0.9).await?;
-            enable.send(true).await?;
-            level.send(true).await?;
-            for _ in 0..cycles {
-                counts.recv().await?;
-            }
-            Ok(())
-        })
-        .unwrap();
-    main.process("card").spawn(process).unwrap();
+    main.process("control").spawn_ok(async move {
+        duty.send(0.9).await?;
+        enable.send(true).await?;
+        level.send(true).await?;
+        for _ in 0..cycles {
+            counts.recv().await?;
+        }
+        Ok(())
+    });
+    main.process("card").spawn_ok(process);
     system.run()
 }
 

@@ -1,7 +1,7 @@
 //! The connections of a link, its begin and its end.
 
 use crate::common;
-use common::{PERIOD, patient, register, samples, turning, wait_until};
+use common::{PERIOD, SpawnOk, patient, register, samples, turning, wait_until};
 use luna::prelude::*;
 use luna_mesa::{Actuator, Card, LayoutError, LinkError, Reading, Sample};
 use luna_mesa_sim::{Card as SimCard, Server, Settings};
@@ -31,34 +31,32 @@ fn pins_duties_and_enables_go_where_they_are_connected_to() {
     let looked = server.clone();
     let mut system = System::new("test");
     let main = system.executor("main").build().unwrap();
-    main.process("control")
-        .spawn(async move {
-            lows.recv().await?;
-            assert!(
-                looked.with_card(|card, _| card.driven_level(12) == Some(false)
-                    && card.driven_level(13) == Some(true)
-                    && card.duty(1) == 0.0)
-            );
-            duty.send(-0.5).await?;
-            wrong.send(f64::NAN).await?;
-            level.send(true).await?;
-            until(&looked, &lows, |card| card.driven_level(12) == Some(true)).await?;
-            assert_eq!(looked.with_card(|card, _| card.duty(1)), 0.0, "not enabled");
-            enable.send(true).await?;
-            until(&looked, &lows, |card| card.duty(1) == -0.5).await?;
-            assert_eq!(looked.with_card(|card, _| card.duty(2)), 0.0);
-            duty.send(7.0).await?;
-            until(&looked, &lows, |card| card.duty(1) == 4095.0 / 4096.0).await?;
-            // Its writer goes: it is off, the others stay.
-            drop(enable);
-            until(&looked, &lows, |card| card.duty(1) == 0.0).await?;
-            assert!(!looked.with_card(|card, _| card.is_neutral()));
-            let levels = [lows.recv().await?, highs.recv().await?];
-            assert_eq!(levels.map(|sample| sample.held()), [false, true]);
-            Ok(())
-        })
-        .unwrap();
-    main.process("card").spawn(process).unwrap();
+    main.process("control").spawn_ok(async move {
+        lows.recv().await?;
+        assert!(
+            looked.with_card(|card, _| card.driven_level(12) == Some(false)
+                && card.driven_level(13) == Some(true)
+                && card.duty(1) == 0.0)
+        );
+        duty.send(-0.5).await?;
+        wrong.send(f64::NAN).await?;
+        level.send(true).await?;
+        until(&looked, &lows, |card| card.driven_level(12) == Some(true)).await?;
+        assert_eq!(looked.with_card(|card, _| card.duty(1)), 0.0, "not enabled");
+        enable.send(true).await?;
+        until(&looked, &lows, |card| card.duty(1) == -0.5).await?;
+        assert_eq!(looked.with_card(|card, _| card.duty(2)), 0.0);
+        duty.send(7.0).await?;
+        until(&looked, &lows, |card| card.duty(1) == 4095.0 / 4096.0).await?;
+        // Its writer goes: it is off, the others stay.
+        drop(enable);
+        until(&looked, &lows, |card| card.duty(1) == 0.0).await?;
+        assert!(!looked.with_card(|card, _| card.is_neutral()));
+        let levels = [lows.recv().await?, highs.recv().await?];
+        assert_eq!(levels.map(|sample| sample.held()), [false, true]);
+        Ok(())
+    });
+    main.process("card").spawn_ok(process);
     drop(_other);
     system.run().unwrap();
     assert!(health.not_finite() > 0);
@@ -116,22 +114,20 @@ fn the_index_is_latched_once() {
     let process = link.process().unwrap();
     let mut system = System::new("test");
     let main = system.executor("main").build().unwrap();
-    main.process("card").spawn(process).unwrap();
-    main.process("control")
-        .spawn(async move {
-            let first = counts.recv().await?.held();
-            assert_eq!((first.position, first.index), (0, None));
-            for (to, position, index) in [
-                (995, 5, None),
-                (1_020, 30, Some(10)),
-                (2_050, 1_060, Some(10)),
-            ] {
-                let read = turn(&server, &counts, 990, to).await?;
-                assert_eq!((read.position, read.index), (position, index));
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("card").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        let first = counts.recv().await?.held();
+        assert_eq!((first.position, first.index), (0, None));
+        for (to, position, index) in [
+            (995, 5, None),
+            (1_020, 30, Some(10)),
+            (2_050, 1_060, Some(10)),
+        ] {
+            let read = turn(&server, &counts, 990, to).await?;
+            assert_eq!((read.position, read.index), (position, index));
+        }
+        Ok(())
+    });
     // The link has no actuator: it ends with its readers.
     system.run().unwrap();
 }
@@ -151,18 +147,16 @@ fn an_index_passed_before_the_start_is_ignored() {
     server.with_card(|card, now| card.turn_encoder(3, 41_500, now));
     let mut system = System::new("test");
     let main = system.executor("main").build().unwrap();
-    main.process("card").spawn(process).unwrap();
-    main.process("control")
-        .spawn(async move {
-            let first = counts.recv().await?.held();
-            assert_eq!((first.position, first.index), (0, None));
-            for (to, position, index) in [(41_600, 100, None), (42_010, 510, Some(500))] {
-                let read = turn(&server, &counts, 41_500, to).await?;
-                assert_eq!((read.position, read.index), (position, index));
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("card").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        let first = counts.recv().await?.held();
+        assert_eq!((first.position, first.index), (0, None));
+        for (to, position, index) in [(41_600, 100, None), (42_010, 510, Some(500))] {
+            let read = turn(&server, &counts, 41_500, to).await?;
+            assert_eq!((read.position, read.index), (position, index));
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -183,16 +177,14 @@ fn an_emergency_takes_the_outputs_away_for_good() {
         move || neutral.engage()
     });
     let main = system.executor("main").build().unwrap();
-    main.process("card").spawn(process).unwrap();
-    main.process("control")
-        .spawn(async move {
-            for _ in 0..20 {
-                counts.recv().await?;
-                duty.send(0.5).await?;
-            }
-            Err(luna::emergency(luna::Error::other("enough")))
-        })
-        .unwrap();
+    main.process("card").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        for _ in 0..20 {
+            counts.recv().await?;
+            duty.send(0.5).await?;
+        }
+        Err(luna::emergency(luna::Error::other("enough")))
+    });
     assert_eq!(Arc::strong_count(&in_use), 2);
     assert!(system.run().is_err());
     assert!(neutral.is_engaged());

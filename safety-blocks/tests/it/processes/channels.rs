@@ -1,6 +1,7 @@
 //! Two channels, of which one fails.
 
 use super::*;
+use crate::common::SpawnOk;
 
 /// A motor driven by two controllers through a vote; B fails after 300 ms. Returns the outputs and
 /// when they came.
@@ -23,28 +24,25 @@ fn voted(vote: Vote, b_after: fn(f64) -> Option<f64>) -> (Vec<(u128, Finding)>, 
     );
     main.process("vote")
         .priority(15)
-        .spawn(process.unwrap().report_to(reports))
-        .unwrap();
+        .spawn_ok(process.unwrap().report_to(reports));
     let controllers = [("a", a, angles, true), ("b", b, angles_again, false)];
     for (name, output, angles, is_a) in controllers {
-        main.process(name)
-            .spawn(async move {
-                let mut tick = luna::periodic(name, MS)?;
-                for n in 1..=1000 {
-                    tick.next().await;
-                    let angle = angles.try_recv().unwrap_or_default();
-                    let duty = 4.0 * (0.5 * (f64::from(n) * 5e-3).sin() - angle);
-                    let said = match is_a || n < 300 {
-                        true => Some(duty),
-                        false => b_after(duty),
-                    };
-                    if let Some(duty) = said {
-                        output.send(duty).await?;
-                    }
+        main.process(name).spawn_ok(async move {
+            let mut tick = luna::periodic(name, MS)?;
+            for n in 1..=1000 {
+                tick.next().await;
+                let angle = angles.try_recv().unwrap_or_default();
+                let duty = 4.0 * (0.5 * (f64::from(n) * 5e-3).sin() - angle);
+                let said = match is_a || n < 300 {
+                    true => Some(duty),
+                    false => b_after(duty),
+                };
+                if let Some(duty) = said {
+                    output.send(duty).await?;
                 }
-                Ok(())
-            })
-            .unwrap();
+            }
+            Ok(())
+        });
     }
     let alarms = note(&main, causes);
     let mut motor = PlantLink::new("motor", Motor::new(PAN));
@@ -56,8 +54,7 @@ fn voted(vote: Vote, b_after: fn(f64) -> Option<f64>) -> (Vec<(u128, Finding)>, 
     motor.at_end(move |motor| *at_end.lock().unwrap() = Some((luna::now(), motor.state())));
     main.process("motor")
         .priority(20)
-        .spawn(motor.periodic(MS).unwrap())
-        .unwrap();
+        .spawn_ok(motor.periodic(MS).unwrap());
     system.run().unwrap();
     let (at, state) = end.lock().unwrap().take().unwrap();
     (taken(&alarms), at, state.speed)

@@ -1,6 +1,7 @@
 //! A dead man.
 
 use super::*;
+use crate::common::SpawnOk;
 
 #[test]
 fn a_dead_man_lets_go_at_its_instant_without_a_value_that_comes() {
@@ -18,33 +19,31 @@ fn a_dead_man_lets_go_at_its_instant_without_a_value_that_comes() {
         .unwrap()
         .report_to(reports);
     let monitor = process.monitor();
-    main.process("dead-man").spawn(process).unwrap();
+    main.process("dead-man").spawn_ok(process);
     let (seen, alarms) = (note(&main, values), note(&main, causes));
-    main.process("operator")
-        .spawn(async move {
-            put.send(0.1).await?; // not held
-            key.send(1).await?;
-            put.send(0.2).await?;
+    main.process("operator").spawn_ok(async move {
+        put.send(0.1).await?; // not held
+        key.send(1).await?;
+        put.send(0.2).await?;
+        luna::after(10 * MS).await;
+        key.send(0).await?; // released
+        luna::after(10 * MS).await;
+        key.send(2).await?;
+        put.send(0.3).await?;
+        luna::after(30 * MS).await; // silent since 40
+        key.send(3).await?;
+        put.send(0.4).await?;
+        key.send(0).await?;
+        for _ in 0..20 {
+            key.send(4).await?; // tied down at 50: until 150
+            put.send(0.5).await?;
             luna::after(10 * MS).await;
-            key.send(0).await?; // released
-            luna::after(10 * MS).await;
-            key.send(2).await?;
-            put.send(0.3).await?;
-            luna::after(30 * MS).await; // silent since 40
-            key.send(3).await?;
-            put.send(0.4).await?;
-            key.send(0).await?;
-            for _ in 0..20 {
-                key.send(4).await?; // tied down at 50: until 150
-                put.send(0.5).await?;
-                luna::after(10 * MS).await;
-            }
-            drop(key);
-            luna::after(MS).await;
-            put.send(0.6).await?;
-            Ok(())
-        })
-        .unwrap();
+        }
+        drop(key);
+        luna::after(MS).await;
+        put.send(0.6).await?;
+        Ok(())
+    });
     system.run().unwrap();
     let mut expected = vec![
         (0, 0.0),
@@ -80,18 +79,16 @@ fn a_dead_man_recovers_by_the_time_of_values_whatever_keys_come_between() {
     let grip = DeadMan::new(20 * MS).unwrap();
     let response = Response::new(Reaction::Neutral).recovery(Recovery::After(3 * MS));
     let process = DeadManProcess::new("grip", grip, 0.0, response, input, keys, output);
-    main.process("dead-man").spawn(process.unwrap()).unwrap();
+    main.process("dead-man").spawn_ok(process.unwrap());
     let seen = note(&main, values);
-    main.process("operator")
-        .spawn(async move {
-            for value in [0.1, f64::NAN, 0.3, 0.4, 0.5, 0.6, 0.7] {
-                key.send(1).await?;
-                put.send(value).await?;
-                luna::after(MS).await;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("operator").spawn_ok(async move {
+        for value in [0.1, f64::NAN, 0.3, 0.4, 0.5, 0.6, 0.7] {
+            key.send(1).await?;
+            put.send(value).await?;
+            luna::after(MS).await;
+        }
+        Ok(())
+    });
     system.run().unwrap();
     let passed: Vec<_> = taken(&seen).into_iter().map(|(_, value)| value).collect();
     // At the end the key is released, and nothing comes any more.

@@ -5,6 +5,7 @@ mod dead_man;
 mod safe_state;
 mod slow_reader;
 
+use crate::common::SpawnOk;
 use luna::prelude::*;
 use luna::{Instant, RecvError};
 use luna_plants::{Motor, PAN, PlantLink};
@@ -32,15 +33,14 @@ fn note<T: Send + 'static>(main: &luna::Executor, values: Receiver<T>) -> Seen<T
     let notes = seen.clone();
     main.process(&format!("notes of {}", std::any::type_name::<T>()))
         .priority(31)
-        .spawn(async move {
+        .spawn_ok(async move {
             let start = luna::now();
             while let Ok(value) = values.recv().await {
                 let at = (luna::now() - start).as_millis();
                 luna::off_path(|| notes.lock().unwrap().push((at, value)));
             }
             Ok(())
-        })
-        .unwrap();
+        });
     seen
 }
 
@@ -62,31 +62,26 @@ fn a_chain_adds_no_queue_and_keeps_the_pace_of_its_reader() {
     let (put, input) = luna::channel::<f64>();
     let (output, values) = luna::channel();
     main.process("chain")
-        .spawn(limited().process(input, output))
-        .unwrap();
+        .spawn_ok(limited().process(input, output));
     let sent = Seen::default();
     let notes = sent.clone();
-    main.process("writer")
-        .spawn(async move {
-            let start = luna::now();
-            for n in 0..5 {
-                put.send(f64::from(n)).await?;
-                let at = (luna::now() - start).as_millis();
-                luna::off_path(|| notes.lock().unwrap().push((at, n)));
-            }
-            Ok(())
-        })
-        .unwrap();
-    main.process("reader")
-        .spawn(async move {
-            for expected in [0.0, 1.0, 1.0, 1.0, 1.0, 0.0] {
-                luna::after(10 * MS).await;
-                assert_eq!(values.recv().await?, expected);
-            }
-            assert_eq!(values.recv().await, Err(RecvError::Closed));
-            Ok(())
-        })
-        .unwrap();
+    main.process("writer").spawn_ok(async move {
+        let start = luna::now();
+        for n in 0..5 {
+            put.send(f64::from(n)).await?;
+            let at = (luna::now() - start).as_millis();
+            luna::off_path(|| notes.lock().unwrap().push((at, n)));
+        }
+        Ok(())
+    });
+    main.process("reader").spawn_ok(async move {
+        for expected in [0.0, 1.0, 1.0, 1.0, 1.0, 0.0] {
+            luna::after(10 * MS).await;
+            assert_eq!(values.recv().await?, expected);
+        }
+        assert_eq!(values.recv().await, Err(RecvError::Closed));
+        Ok(())
+    });
     system.run().unwrap();
     // It holds one: the second one is taken when the first has gone.
     assert_eq!(taken(&sent), [(0, 0), (10, 1), (20, 2), (30, 3), (40, 4)]);
@@ -103,15 +98,13 @@ fn poison_passes_behind_a_last_neutral_and_a_sensor_ends_silently() {
             true => chain.of_sensor(),
             false => chain,
         };
-        main.process("chain").spawn(chain).unwrap();
+        main.process("chain").spawn_ok(chain);
         let seen = note(&main, values);
-        main.process("writer")
-            .spawn(async move {
-                put.send(0.5).await?;
-                put.poison();
-                Ok(())
-            })
-            .unwrap();
+        main.process("writer").spawn_ok(async move {
+            put.send(0.5).await?;
+            put.poison();
+            Ok(())
+        });
         let error = system.run().unwrap_err();
         assert!(error.is_poisoned(), "{error}");
         let expected: &[_] = if is_silent {
@@ -138,25 +131,23 @@ fn a_fall_back_is_come_to_in_steps_and_left_when_set_points_come_again() {
         .process(input, output)
         .timeout("silence", timeout, response)
         .unwrap();
-    main.process("chain").spawn(process).unwrap();
+    main.process("chain").spawn_ok(process);
     let seen = note(&main, values);
-    main.process("writer")
-        .spawn(async move {
-            luna::after(10 * MS).await;
-            for n in 0..13 {
-                // Nothing from 12 to 22.
-                if !(3..13 - 1).contains(&n) {
-                    put.send(0.3).await?;
-                }
-                luna::after(MS).await;
-            }
-            for _ in 0..4 {
+    main.process("writer").spawn_ok(async move {
+        luna::after(10 * MS).await;
+        for n in 0..13 {
+            // Nothing from 12 to 22.
+            if !(3..13 - 1).contains(&n) {
                 put.send(0.3).await?;
-                luna::after(MS).await;
             }
-            Ok(())
-        })
-        .unwrap();
+            luna::after(MS).await;
+        }
+        for _ in 0..4 {
+            put.send(0.3).await?;
+            luna::after(MS).await;
+        }
+        Ok(())
+    });
     system.run().unwrap();
     let rounded: Vec<_> = taken(&seen)
         .into_iter()
@@ -203,28 +194,24 @@ fn without_a_fresh_position_an_end_stop_lets_nothing_pass() {
         .unwrap()
         .then("stop", stop, Reaction::Warn)
         .unwrap();
-    main.process("chain")
-        .spawn(
-            chain
-                .process(input, output)
-                .feedback(positions, 3 * MS)
-                .unwrap(),
-        )
-        .unwrap();
+    main.process("chain").spawn_ok(
+        chain
+            .process(input, output)
+            .feedback(positions, 3 * MS)
+            .unwrap(),
+    );
     let seen = note(&main, values);
-    main.process("writer")
-        .spawn(async move {
-            for n in 0..8 {
-                // Until 2 ms there is one, and it is far from the stops.
-                if n < 3 {
-                    position.send(0.0).await?;
-                }
-                put.send(0.5).await?;
-                luna::after(MS).await;
+    main.process("writer").spawn_ok(async move {
+        for n in 0..8 {
+            // Until 2 ms there is one, and it is far from the stops.
+            if n < 3 {
+                position.send(0.0).await?;
             }
-            Ok(())
-        })
-        .unwrap();
+            put.send(0.5).await?;
+            luna::after(MS).await;
+        }
+        Ok(())
+    });
     system.run().unwrap();
     let passed: Vec<_> = taken(&seen).into_iter().map(|(_, value)| value).collect();
     assert_eq!(passed, [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0]);
@@ -243,24 +230,21 @@ fn each_fault_is_reported_once_and_can_be_reset() {
         .unwrap();
     let monitor = chain.monitor("limit").unwrap();
     main.process("chain")
-        .spawn(chain.process(input, output).report_to(reports))
-        .unwrap();
+        .spawn_ok(chain.process(input, output).report_to(reports));
     let (seen, alarms) = (note(&main, values), note(&main, causes));
-    main.process("writer")
-        .spawn(async move {
-            for value in [0.1, f64::NAN, 0.2, f64::INFINITY, 0.3] {
-                put.send(value).await?;
-                luna::after(MS).await;
-            }
-            assert!(monitor.is_held());
-            monitor.reset();
-            put.send(0.4).await?;
+    main.process("writer").spawn_ok(async move {
+        for value in [0.1, f64::NAN, 0.2, f64::INFINITY, 0.3] {
+            put.send(value).await?;
             luna::after(MS).await;
-            assert!(!monitor.is_held());
-            assert_eq!((monitor.passed(), monitor.refused()), (4, 2));
-            Ok(())
-        })
-        .unwrap();
+        }
+        assert!(monitor.is_held());
+        monitor.reset();
+        put.send(0.4).await?;
+        luna::after(MS).await;
+        assert!(!monitor.is_held());
+        assert_eq!((monitor.passed(), monitor.refused()), (4, 2));
+        Ok(())
+    });
     system.run().unwrap();
     let passed: Vec<_> = taken(&seen).into_iter().map(|(_, value)| value).collect();
     assert_eq!(passed, [0.1, 0.0, 0.0, 0.0, 0.0, 0.4, 0.0]);
@@ -308,22 +292,18 @@ fn a_signal_brings_its_feedback_and_its_time_and_keeps_the_rest() {
         .unwrap()
         .then("stop", EndStop::new(-1.0, 1.0).unwrap(), Reaction::Warn)
         .unwrap();
-    main.process("chain")
-        .spawn(chain.process(input, output))
-        .unwrap();
+    main.process("chain").spawn_ok(chain.process(input, output));
     let seen = note(&main, values);
     let command = |duty, angle, number| Command {
         duty,
         angle,
         number,
     };
-    main.process("writer")
-        .spawn(async move {
-            put.send(command(0.5, 0.0, 1)).await?;
-            put.send(command(0.5, 1.5, 2)).await?;
-            Ok(())
-        })
-        .unwrap();
+    main.process("writer").spawn_ok(async move {
+        put.send(command(0.5, 0.0, 1)).await?;
+        put.send(command(0.5, 1.5, 2)).await?;
+        Ok(())
+    });
     system.run().unwrap();
     let passed: Vec<_> = taken(&seen).into_iter().map(|(_, value)| value).collect();
     let expected = [
@@ -340,17 +320,14 @@ fn the_first_warning_of_a_block_is_one_of_the_system() {
     let (put, input) = luna::channel::<f64>();
     let (output, values) = luna::channel();
     main.process("chain")
-        .spawn(limited().process(input, output))
-        .unwrap();
+        .spawn_ok(limited().process(input, output));
     let _seen = note(&main, values);
-    main.process("writer")
-        .spawn(async move {
-            for value in [f64::NAN, 0.1, f64::NAN, 0.1] {
-                put.send(value).await?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("writer").spawn_ok(async move {
+        for value in [f64::NAN, 0.1, f64::NAN, 0.1] {
+            put.send(value).await?;
+        }
+        Ok(())
+    });
     let report = system.run().unwrap();
     assert_eq!(report.safety.state.degree, luna::Degree::Warning);
     assert_eq!(report.safety.state.events.len(), 1);

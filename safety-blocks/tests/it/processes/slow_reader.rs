@@ -1,6 +1,7 @@
 //! What a slow reader finds after a safe state.
 
 use super::*;
+use crate::common::SpawnOk;
 
 /// A slow reader: at 10 it must find the right value, and one for each value that came.
 fn of_a_slow_reader(
@@ -12,32 +13,28 @@ fn of_a_slow_reader(
     let safety = system.safety();
     let (output, values) = luna::channel();
     add(&main, output);
-    main.process("elsewhere")
-        .spawn(async move {
-            luna::after(enters_at * MS).await;
-            luna::off_path(|| safety.enter_safe_state(luna::Error::other("too hot")));
-            if is_left {
-                luna::after(MS).await;
-                luna::off_path(|| safety.reset(luna::Error::other("cool"))).unwrap();
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("elsewhere").spawn_ok(async move {
+        luna::after(enters_at * MS).await;
+        luna::off_path(|| safety.enter_safe_state(luna::Error::other("too hot")));
+        if is_left {
+            luna::after(MS).await;
+            luna::off_path(|| safety.reset(luna::Error::other("cool"))).unwrap();
+        }
+        Ok(())
+    });
     let seen = Seen::default();
     let notes = seen.clone();
-    main.process("slow")
-        .spawn(async move {
-            let start = luna::now();
-            loop {
-                luna::after(10 * MS).await;
-                let Ok(value) = values.recv().await else {
-                    return Ok(());
-                };
-                let at = (luna::now() - start).as_millis();
-                luna::off_path(|| notes.lock().unwrap().push((at, value)));
-            }
-        })
-        .unwrap();
+    main.process("slow").spawn_ok(async move {
+        let start = luna::now();
+        loop {
+            luna::after(10 * MS).await;
+            let Ok(value) = values.recv().await else {
+                return Ok(());
+            };
+            let at = (luna::now() - start).as_millis();
+            luna::off_path(|| notes.lock().unwrap().push((at, value)));
+        }
+    });
     system.run().unwrap();
     taken(&seen)
 }
@@ -58,8 +55,8 @@ fn spawn_chain(main: &luna::Executor, output: Sender<f64>, is_of_sensor: bool) {
         true => chain.of_sensor(),
         false => chain,
     };
-    main.process("chain").spawn(chain).unwrap();
-    main.process("writer").spawn(write_two(put)).unwrap();
+    main.process("chain").spawn_ok(chain);
+    main.process("writer").spawn_ok(write_two(put));
 }
 
 fn spawn_dead_man(main: &luna::Executor, output: Sender<f64>) {
@@ -67,15 +64,13 @@ fn spawn_dead_man(main: &luna::Executor, output: Sender<f64>) {
     let (key, keys) = luna::channel();
     let grip = DeadMan::new(100 * MS).unwrap();
     let process = DeadManProcess::new("grip", grip, 0.0, Reaction::Neutral, input, keys, output);
-    main.process("dead-man").spawn(process.unwrap()).unwrap();
-    main.process("operator")
-        .spawn(async move {
-            key.send(1).await?;
-            write_two(put).await?;
-            drop(key);
-            Ok(())
-        })
-        .unwrap();
+    main.process("dead-man").spawn_ok(process.unwrap());
+    main.process("operator").spawn_ok(async move {
+        key.send(1).await?;
+        write_two(put).await?;
+        drop(key);
+        Ok(())
+    });
 }
 
 fn spawn_vote(main: &luna::Executor, output: Sender<f64>) {
@@ -91,9 +86,9 @@ fn spawn_vote(main: &luna::Executor, output: Sender<f64>) {
         MS,
         90 * MS,
     );
-    main.process("vote").spawn(process.unwrap()).unwrap();
-    main.process("a").spawn(write_two(a)).unwrap();
-    main.process("b").spawn(write_two(b)).unwrap();
+    main.process("vote").spawn_ok(process.unwrap());
+    main.process("a").spawn_ok(write_two(a));
+    main.process("b").spawn_ok(write_two(b));
 }
 
 #[test]

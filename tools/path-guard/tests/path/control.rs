@@ -71,7 +71,7 @@ fn allocates() -> Vec<u8> {
 
 #[test]
 fn an_allocation_and_a_free_are_seen() {
-    let _watch = watchdog("an_allocation_and_a_free_are_seen");
+    let _watch = watchdog();
     for place in PLACES {
         let violations = careless(place, async {
             drop(allocates());
@@ -87,7 +87,7 @@ fn an_allocation_and_a_free_are_seen() {
 
 #[test]
 fn memory_that_grows_or_is_the_bodys_own_is_seen() {
-    let _watch = watchdog("memory_that_grows_or_is_the_bodys_own_is_seen");
+    let _watch = watchdog();
     for place in PLACES {
         let mut grows: Vec<u8> = vec![0; 10];
         let violations = careless(place, async move {
@@ -104,7 +104,7 @@ fn memory_that_grows_or_is_the_bodys_own_is_seen() {
 
 #[test]
 fn the_same_place_is_reported_once_and_counted() {
-    let _watch = watchdog("the_same_place_is_reported_once_and_counted");
+    let _watch = watchdog();
     let violations = careless("an executor", async {
         for _ in 0..1000 {
             drop(allocates());
@@ -123,7 +123,7 @@ fn the_same_place_is_reported_once_and_counted() {
 
 #[test]
 fn a_test_fails_with_the_violation_its_process_and_its_place() {
-    let _watch = watchdog("a_test_fails_with_the_violation_its_process_and_its_place");
+    let _watch = watchdog();
     let failed = catch_unwind(|| {
         check(|| {
             run("an executor", async {
@@ -146,7 +146,7 @@ fn a_test_fails_with_the_violation_its_process_and_its_place() {
 
 #[test]
 fn a_sleep_is_seen() {
-    let _watch = watchdog("a_sleep_is_seen");
+    let _watch = watchdog();
     if !sees_system_calls("a_sleep_is_seen") {
         return;
     }
@@ -163,7 +163,7 @@ fn a_sleep_is_seen() {
 
 #[test]
 fn output_is_seen() {
-    let _watch = watchdog("output_is_seen");
+    let _watch = watchdog();
     if !sees_system_calls("output_is_seen") {
         return;
     }
@@ -182,7 +182,7 @@ fn output_is_seen() {
 
 #[test]
 fn a_contended_lock_of_the_standard_library_is_seen() {
-    let _watch = watchdog("a_contended_lock_of_the_standard_library_is_seen");
+    let _watch = watchdog();
     if !sees_system_calls("a_contended_lock_of_the_standard_library_is_seen") {
         return;
     }
@@ -222,7 +222,7 @@ fn a_contended_lock_of_the_standard_library_is_seen() {
 #[test]
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 fn any_codes_system_call_is_detected_and_has_its_effect() {
-    let _watch = watchdog("any_codes_system_call_is_detected_and_has_its_effect");
+    let _watch = watchdog();
     if !sees_system_calls("any_codes_system_call_is_detected_and_has_its_effect") {
         return;
     }
@@ -287,7 +287,7 @@ fn any_codes_system_call_is_detected_and_has_its_effect() {
 /// These cannot be made by the guard in the thread's name.
 #[test]
 fn threads_and_signals_work_on_the_path() {
-    let _watch = watchdog("threads_and_signals_work_on_the_path");
+    let _watch = watchdog();
     if !sees_system_calls("threads_and_signals_work_on_the_path") {
         return;
     }
@@ -320,7 +320,7 @@ fn threads_and_signals_work_on_the_path() {
 
 #[test]
 fn what_an_executor_does_between_polls_is_seen() {
-    let _watch = watchdog("what_an_executor_does_between_polls_is_seen");
+    let _watch = watchdog();
     /// A foreign waker that allocates.
     struct Careless(Waker);
     impl Wake for Careless {
@@ -354,7 +354,7 @@ fn what_an_executor_does_between_polls_is_seen() {
 
 #[test]
 fn what_is_off_the_path_is_not_seen() {
-    let _watch = watchdog("what_is_off_the_path_is_not_seen");
+    let _watch = watchdog();
     for place in PLACES {
         let violations = careless(place, async {
             luna::off_path(|| {
@@ -371,7 +371,7 @@ fn what_is_off_the_path_is_not_seen() {
 
 #[test]
 fn a_panic_is_reported_only_as_such() {
-    let _watch = watchdog("a_panic_is_reported_only_as_such");
+    let _watch = watchdog();
     for place in PLACES {
         let (report, violations) = collect(|| run(place, async { panic!("on purpose") }));
         assert!(report.unwrap_err().to_string().contains("on purpose"));

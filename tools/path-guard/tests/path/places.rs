@@ -1,9 +1,11 @@
 //! The placements of a scenario's processes: each scenario runs in all of them.
 
+#[path = "../../../../tests/shared/mod.rs"]
+mod shared;
+
 use luna::{Executor, Policy, ProcessBuilder, System};
+pub(crate) use shared::watchdog;
 use std::future::Future;
-use std::sync::mpsc;
-use std::time::Duration;
 
 /// How the processes are spread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -110,7 +112,7 @@ impl Places {
 
 /// Runs `scenario` in all placements, held to the rules.
 pub(crate) fn hold_to_the_rules(name: &'static str, scenario: fn(&mut Places)) {
-    let _watch = watchdog(name);
+    let _watch = watchdog();
     for placement in Placement::ALL {
         println!("{name}: {placement:?}");
         luna_path_guard::check(|| {
@@ -123,22 +125,4 @@ pub(crate) fn hold_to_the_rules(name: &'static str, scenario: fn(&mut Places)) {
             }
         });
     }
-}
-
-/// Ends the whole program if a test is not done after five minutes, with the test's name.
-pub(crate) fn watchdog(test: &'static str) -> impl Drop {
-    struct Watchdog(Option<mpsc::Sender<()>>);
-    impl Drop for Watchdog {
-        fn drop(&mut self) {
-            self.0.take();
-        }
-    }
-    let (alive, ended) = mpsc::channel::<()>();
-    std::thread::spawn(move || {
-        if ended.recv_timeout(Duration::from_secs(300)) == Err(mpsc::RecvTimeoutError::Timeout) {
-            eprintln!("`{test}` hangs");
-            std::process::abort();
-        }
-    });
-    Watchdog(Some(alive))
 }

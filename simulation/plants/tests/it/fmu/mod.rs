@@ -3,6 +3,7 @@
 
 mod build;
 
+use crate::spawn::SpawnOk;
 use build::{Odd, fmu};
 use luna::End;
 use luna::prelude::*;
@@ -190,20 +191,16 @@ fn in_a_system_its_failure_is_the_emergency_and_no_value_gets_out() {
                 PlantLink::new("motor", fmu.instantiate("motor", &["u"], &["y"]).unwrap());
             link.actuator("u", voltages).unwrap();
             link.sensor("y", speed).unwrap();
-            own.process("plant")
-                .spawn(link.lock_step(MS).unwrap())
-                .unwrap();
-            main.process("control")
-                .spawn(async move {
-                    for _ in 0..4 {
-                        speeds.recv().await?;
-                        voltage.send(1.0).await?;
-                    }
-                    // That of the fourth step.
-                    assert!(speeds.recv().await.is_err());
-                    Ok(())
-                })
-                .unwrap();
+            own.process("plant").spawn_ok(link.lock_step(MS).unwrap());
+            main.process("control").spawn_ok(async move {
+                for _ in 0..4 {
+                    speeds.recv().await?;
+                    voltage.send(1.0).await?;
+                }
+                // That of the fourth step.
+                assert!(speeds.recv().await.is_err());
+                Ok(())
+            });
             let error = system.run().unwrap_err();
             assert_eq!(system.report().unwrap().end, End::Emergency, "{error}");
             let luna::Error::Process { source, .. } = &error else {

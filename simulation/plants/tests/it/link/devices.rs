@@ -1,6 +1,7 @@
 //! One process on a device's files and on a plant.
 
 use super::{MS, system};
+use crate::spawn::SpawnOk;
 use luna::external::{Framing, FromBytes, Malformed, ToBytes};
 use luna::prelude::*;
 use luna_plants::{Checked, FirstOrderLag, PlantLink, Port};
@@ -78,8 +79,7 @@ fn the_same_process_runs_on_a_device_and_on_a_plant() {
         let (measured, temperatures) = luna::channel::<Temperature>();
         let seen = Arc::new(Mutex::new(Vec::new()));
         main.process("control")
-            .spawn(control(temperatures, power, seen.clone()))
-            .unwrap();
+            .spawn_ok(control(temperatures, power, seen.clone()));
         if on_device {
             let (mut commands, to_device) = std::io::pipe().unwrap();
             let (from_device, mut measurements) = std::io::pipe().unwrap();
@@ -97,20 +97,16 @@ fn the_same_process_runs_on_a_device_and_on_a_plant() {
                     oven.step(100 * MS).unwrap();
                 }
             });
-            main.process("heater")
-                .spawn(luna::external::output(
-                    heating,
-                    to_device,
-                    Framing::fixed(8),
-                ))
-                .unwrap();
-            main.process("thermometer")
-                .spawn(luna::external::input(
-                    from_device,
-                    measured,
-                    Framing::fixed(8),
-                ))
-                .unwrap();
+            main.process("heater").spawn_ok(luna::external::output(
+                heating,
+                to_device,
+                Framing::fixed(8),
+            ));
+            main.process("thermometer").spawn_ok(luna::external::input(
+                from_device,
+                measured,
+                Framing::fixed(8),
+            ));
             system.run().unwrap();
             device.join().unwrap();
         } else {
@@ -118,8 +114,7 @@ fn the_same_process_runs_on_a_device_and_on_a_plant() {
             link.actuator("power", heating).unwrap();
             link.sensor("temperature", measured).unwrap();
             main.process("oven")
-                .spawn(link.lock_step(100 * MS).unwrap())
-                .unwrap();
+                .spawn_ok(link.lock_step(100 * MS).unwrap());
             system.run().unwrap();
         }
         Arc::into_inner(seen).unwrap().into_inner().unwrap()

@@ -1,6 +1,7 @@
 //! By the clock and in lock-step: the exchanges, their begin and their end.
 
 use super::{MS, inputs_first, process, register, system};
+use crate::spawn::SpawnOk;
 use luna::prelude::*;
 use luna_plants::{Checked, ConnectError, Motor, PAN, PanTilt, Plant, PlantError, PlantLink, Port};
 use std::sync::{Arc, Mutex};
@@ -60,26 +61,24 @@ fn a_periodic_plant_goes_by_its_slots_and_keeps_what_was_written_last() {
     link.sensor("sum", sum).unwrap();
     let (end, at_end) = std::sync::mpsc::channel();
     link.at_end(move |plant| end.send(plant.time).unwrap());
-    main.process("plant").spawn(process(link, false)).unwrap();
-    main.process("control")
-        .spawn(async move {
-            // What it begins with.
-            assert_eq!((times.recv().await?, sums.recv().await?), (0.0, 2.0));
-            write.send(40.0).await?;
-            let mut last = 0.0;
-            let mut sum = 2.0;
-            while last < 0.02 || sum != 42.0 {
-                let now = times.recv().await?;
-                assert!(now > last);
-                // Missed slots are part of the time, so it is always whole periods.
-                assert!((now * 1e3 - (now * 1e3).round()).abs() < 1e-9, "{now}");
-                sum = sums.recv().await?;
-                assert!(sum == 2.0 || sum == 42.0, "{sum}");
-                last = now;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("plant").spawn_ok(process(link, false));
+    main.process("control").spawn_ok(async move {
+        // What it begins with.
+        assert_eq!((times.recv().await?, sums.recv().await?), (0.0, 2.0));
+        write.send(40.0).await?;
+        let mut last = 0.0;
+        let mut sum = 2.0;
+        while last < 0.02 || sum != 42.0 {
+            let now = times.recv().await?;
+            assert!(now > last);
+            // Missed slots are part of the time, so it is always whole periods.
+            assert!((now * 1e3 - (now * 1e3).round()).abs() < 1e-9, "{now}");
+            sum = sums.recv().await?;
+            assert!(sum == 2.0 || sum == 42.0, "{sum}");
+            last = now;
+        }
+        Ok(())
+    });
     system.run().unwrap();
     // It has seen its writer gone, and ended.
     assert!(at_end.recv().unwrap() >= Duration::from_millis(20));
@@ -92,20 +91,18 @@ fn slots_that_are_missed_before_the_first_one_are_part_of_the_time() {
     let mut link = PlantLink::new("stopwatch", Stopwatch::new());
     link.hold("a", 1.0).unwrap().hold("b", 2.0).unwrap();
     link.sensor("time", time).unwrap();
-    main.process("plant").spawn(process(link, false)).unwrap();
-    main.process("hog")
-        .spawn(async move {
-            // The loop has been made, and waits for its first slot.
-            assert_eq!(times.recv().await?, 0.0);
-            let end = luna::now() + 10 * MS;
-            while luna::now() < end {}
-            // The current slot is served, so at most one period is not simulated yet.
-            let simulated = times.recv().await?;
-            assert!(simulated > 0.009 - 1e-9, "{simulated}");
-            assert!((simulated * 1e3 - (simulated * 1e3).round()).abs() < 1e-9);
-            Ok(())
-        })
-        .unwrap();
+    main.process("plant").spawn_ok(process(link, false));
+    main.process("hog").spawn_ok(async move {
+        // The loop has been made, and waits for its first slot.
+        assert_eq!(times.recv().await?, 0.0);
+        let end = luna::now() + 10 * MS;
+        while luna::now() < end {}
+        // The current slot is served, so at most one period is not simulated yet.
+        let simulated = times.recv().await?;
+        assert!(simulated > 0.009 - 1e-9, "{simulated}");
+        assert!((simulated * 1e3 - (simulated * 1e3).round()).abs() < 1e-9);
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -121,28 +118,26 @@ fn a_first_slot_that_comes_early_is_no_whole_period() {
     link.sensor("time", time).unwrap();
     let plant = link.periodic(period).unwrap();
     let own = main.clone();
-    main.process("late")
-        .spawn(async move {
-            // Within a period that all share.
-            let mut tick = luna::periodic("late", period)?;
-            let slot = tick.next().await.deadline;
-            while luna::now() < slot + period / 2 {}
-            let before = luna::now();
-            own.process("plant").spawn(plant)?;
-            assert_eq!(times.recv().await?, 0.0);
-            let mut last = 0.0;
-            for _ in 0..3 {
-                let simulated = times.recv().await?;
-                let passed = (luna::now() - before).as_secs_f64();
-                assert!(
-                    last < simulated && simulated <= passed + 1e-9,
-                    "{simulated}, {passed}"
-                );
-                last = simulated;
-            }
-            Ok(())
-        })
-        .unwrap();
+    main.process("late").spawn_ok(async move {
+        // Within a period that all share.
+        let mut tick = luna::periodic("late", period)?;
+        let slot = tick.next().await.deadline;
+        while luna::now() < slot + period / 2 {}
+        let before = luna::now();
+        own.process("plant").spawn(plant)?;
+        assert_eq!(times.recv().await?, 0.0);
+        let mut last = 0.0;
+        for _ in 0..3 {
+            let simulated = times.recv().await?;
+            let passed = (luna::now() - before).as_secs_f64();
+            assert!(
+                last < simulated && simulated <= passed + 1e-9,
+                "{simulated}, {passed}"
+            );
+            last = simulated;
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -179,22 +174,18 @@ fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
             link.actuator(&format!("{name} duty"), duties).unwrap();
             link.sensor(&format!("{name} count"), count).unwrap();
             let seen = seen[axis].clone();
-            executors[places[axis]]
-                .process(name)
-                .spawn(async move {
-                    for _ in 0..cycles {
-                        let count = counts.recv().await?;
-                        seen.lock().unwrap().push(count);
-                        duty.send(control(count, 0.4)).await?;
-                    }
-                    Ok(())
-                })
-                .unwrap();
+            executors[places[axis]].process(name).spawn_ok(async move {
+                for _ in 0..cycles {
+                    let count = counts.recv().await?;
+                    seen.lock().unwrap().push(count);
+                    duty.send(control(count, 0.4)).await?;
+                }
+                Ok(())
+            });
         }
         executors[places[2]]
             .process("camera")
-            .spawn(process(link, true))
-            .unwrap();
+            .spawn_ok(process(link, true));
         system.run().unwrap();
         for axis in [0, 1] {
             assert_eq!(*seen[axis].lock().unwrap(), expected[axis], "{places:?}");
@@ -212,28 +203,26 @@ fn the_order_of_reads_and_writes_does_not_matter() {
     link.actuator("b", on_b).unwrap();
     link.sensor("time", time).unwrap();
     link.sensor("sum", sum).unwrap();
-    main.process("plant").spawn(process(link, true)).unwrap();
-    main.process("control")
-        .spawn(async move {
-            let mut last = 0.0;
-            for n in 0..20 {
-                let value = f64::from(n % 4);
-                if n % 2 == 0 {
-                    b.send(1.0).await?;
-                    a.send(value).await?;
-                    assert_eq!(sums.recv().await?, last);
-                    times.recv().await?;
-                } else {
-                    times.recv().await?;
-                    a.send(value).await?;
-                    assert_eq!(sums.recv().await?, last);
-                    b.send(1.0).await?;
-                }
-                last = value + 1.0;
+    main.process("plant").spawn_ok(process(link, true));
+    main.process("control").spawn_ok(async move {
+        let mut last = 0.0;
+        for n in 0..20 {
+            let value = f64::from(n % 4);
+            if n % 2 == 0 {
+                b.send(1.0).await?;
+                a.send(value).await?;
+                assert_eq!(sums.recv().await?, last);
+                times.recv().await?;
+            } else {
+                times.recv().await?;
+                a.send(value).await?;
+                assert_eq!(sums.recv().await?, last);
+                b.send(1.0).await?;
             }
-            Ok(())
-        })
-        .unwrap();
+            last = value + 1.0;
+        }
+        Ok(())
+    });
     system.run().unwrap();
 }
 
@@ -247,17 +236,13 @@ fn a_plant_of_sensors_alone_ends_with_its_readers() {
         link.hold("a", 1.0).unwrap().hold("b", 2.0).unwrap();
         link.sensor("time", time).unwrap();
         link.sensor("sum", sum).unwrap();
-        main.process("plant")
-            .spawn(process(link, lock_step))
-            .unwrap();
-        main.process("reader")
-            .spawn(async move {
-                assert_eq!(sums.recv().await?, 3.0);
-                drop(sums);
-                while times.recv().await? < 0.003 {}
-                Ok(())
-            })
-            .unwrap();
+        main.process("plant").spawn_ok(process(link, lock_step));
+        main.process("reader").spawn_ok(async move {
+            assert_eq!(sums.recv().await?, 3.0);
+            drop(sums);
+            while times.recv().await? < 0.003 {}
+            Ok(())
+        });
         system.run().unwrap();
     }
 }
@@ -272,21 +257,19 @@ fn the_enable_line_leaves_actuators_without_effect() {
     link.hold("b", 2.0).unwrap();
     link.sensor("sum", sum).unwrap();
     let line = link.enable_line();
-    main.process("plant").spawn(process(link, true)).unwrap();
-    main.process("control")
-        .spawn(async move {
-            let mut seen = Vec::new();
-            for n in 0..4 {
-                seen.push(sums.recv().await?);
-                if n == 2 {
-                    line.cut();
-                }
-                a.send(7.0).await?;
+    main.process("plant").spawn_ok(process(link, true));
+    main.process("control").spawn_ok(async move {
+        let mut seen = Vec::new();
+        for n in 0..4 {
+            seen.push(sums.recv().await?);
+            if n == 2 {
+                line.cut();
             }
-            assert_eq!(seen, [2.0, 9.0, 9.0, 2.0]);
-            Ok(())
-        })
-        .unwrap();
+            a.send(7.0).await?;
+        }
+        assert_eq!(seen, [2.0, 9.0, 9.0, 2.0]);
+        Ok(())
+    });
     system.run().unwrap();
 }
 

@@ -2,6 +2,7 @@
 //! value of it gets out any more.
 
 use super::{MS, inputs_first, process, register, system};
+use crate::spawn::SpawnOk;
 use luna::{End, Error, TryRecvError};
 use luna_plants::{Measured, Plant, PlantError, PlantFailure, PlantLink, Port, Side};
 use std::sync::Arc;
@@ -145,45 +146,41 @@ fn each_ends_in_the_emergency_and_no_value_gets_out() {
             link.sensor("half", half).unwrap();
             main.process("plant")
                 .priority(20)
-                .spawn(process(link, lock_step))
-                .unwrap();
-            main.process("control")
-                .priority(10)
-                .spawn(async move {
-                    loop {
-                        // All values are right, up to the last; then there is none, not even one
-                        // that a register held.
-                        let steps = match steps.recv().await {
-                            Ok(steps) => steps,
-                            Err(error) => {
-                                assert!(error.is_poisoned(), "{error}");
-                                assert!(halves.try_recv().unwrap_err().is_poisoned());
-                                return Ok(());
-                            }
-                        };
-                        // Faults of inputs come one exchange later, and by the clock perhaps some
-                        // slots.
-                        let of_input = matches!(
-                            fault,
-                            Fault::Apply | Fault::BadInput | Fault::InputOutOfRange
-                        );
-                        assert!(steps < 4 || of_input && (steps == 4 || !lock_step));
-                        let value = match fault {
-                            Fault::BadInput if steps >= 3 => f64::NAN,
-                            Fault::InputOutOfRange if steps >= 3 => 1.5,
-                            _ => 1.0,
-                        };
-                        match factor.send(value).await {
-                            Ok(()) => {}
-                            Err(error) => {
-                                assert!(error.is_poisoned());
-                                return Ok(());
-                            }
+                .spawn_ok(process(link, lock_step));
+            main.process("control").priority(10).spawn_ok(async move {
+                loop {
+                    // All values are right, up to the last; then there is none, not even one
+                    // that a register held.
+                    let steps = match steps.recv().await {
+                        Ok(steps) => steps,
+                        Err(error) => {
+                            assert!(error.is_poisoned(), "{error}");
+                            assert!(halves.try_recv().unwrap_err().is_poisoned());
+                            return Ok(());
                         }
-                        let _ = halves.try_recv();
+                    };
+                    // Faults of inputs come one exchange later, and by the clock perhaps some
+                    // slots.
+                    let of_input = matches!(
+                        fault,
+                        Fault::Apply | Fault::BadInput | Fault::InputOutOfRange
+                    );
+                    assert!(steps < 4 || of_input && (steps == 4 || !lock_step));
+                    let value = match fault {
+                        Fault::BadInput if steps >= 3 => f64::NAN,
+                        Fault::InputOutOfRange if steps >= 3 => 1.5,
+                        _ => 1.0,
+                    };
+                    match factor.send(value).await {
+                        Ok(()) => {}
+                        Err(error) => {
+                            assert!(error.is_poisoned());
+                            return Ok(());
+                        }
                     }
-                })
-                .unwrap();
+                    let _ = halves.try_recv();
+                }
+            });
             let error = system.run().unwrap_err();
             let context = format!("{fault:?}, lock-step {lock_step}: {error}");
             let Error::Process { name, source } = &error else {
@@ -241,13 +238,11 @@ fn what_is_left_over_is_gone_before_the_emergency() {
     // It is poisoned first, which drops the value that it still holds.
     link.sensor("half", half).unwrap();
     link.sensor("steps", step).unwrap();
-    main.process("plant").spawn(process(link, true)).unwrap();
-    main.process("control")
-        .spawn(async move {
-            while factor.send(1.0).await.is_ok() {}
-            Ok(())
-        })
-        .unwrap();
+    main.process("plant").spawn_ok(process(link, true));
+    main.process("control").spawn_ok(async move {
+        while factor.send(1.0).await.is_ok() {}
+        Ok(())
+    });
     let (result, results) = std::sync::mpsc::channel();
     system.on_emergency("look", move || {
         result.send(steps.try_recv()).unwrap();
@@ -290,15 +285,11 @@ fn one_that_fails_before_it_begins_delivers_nothing() {
             },
         );
         link.sensor("y", value).unwrap();
-        main.process("plant")
-            .spawn(process(link, lock_step))
-            .unwrap();
-        main.process("reader")
-            .spawn(async move {
-                assert!(values.recv().await.is_err());
-                Ok(())
-            })
-            .unwrap();
+        main.process("plant").spawn_ok(process(link, lock_step));
+        main.process("reader").spawn_ok(async move {
+            assert!(values.recv().await.is_err());
+            Ok(())
+        });
         assert_eq!(
             system.run().unwrap_err().to_string(),
             "process `plant`: plant `dead` failed: output `y` is NaN"

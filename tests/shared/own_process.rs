@@ -1,6 +1,5 @@
 //! Runs a test in a child process, while no other test of this program runs.
 
-use std::io::Write;
 use std::process::Command;
 use std::sync::{Mutex, PoisonError};
 
@@ -8,10 +7,17 @@ use std::sync::{Mutex, PoisonError};
 const IS_OWN: &str = "LUNA_TEST_OWN_PROCESS";
 
 /// To stand first in a test: in the parent it runs the test in a child process and returns from it.
+/// In the child it makes a watchdog, but for a `long` test. This module's parent is `shared` in the
+/// program's root.
+#[allow(unused_macros, reason = "each test program uses some of it")]
 macro_rules! own_process {
     () => {
+        own_process!(long);
+        let _watchdog = $crate::shared::watchdog();
+    };
+    (long) => {
         fn here() {}
-        if $crate::own_process::ran_in_child(std::any::type_name_of_val(&here)) {
+        if $crate::shared::own_process::ran_in_child(std::any::type_name_of_val(&here)) {
             return;
         }
     };
@@ -45,8 +51,7 @@ pub(crate) fn ran_in_child(here: &str) -> bool {
         child.status
     );
     for line in errors.lines().filter(|line| line.starts_with("skipped:")) {
-        // A macro would not do: the harness captures its output.
-        let _ = writeln!(std::io::stderr(), "{line}");
+        tell!("{line}");
     }
     true
 }

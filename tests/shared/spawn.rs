@@ -1,0 +1,16 @@
+//! Shared by the test programs of the crates above `luna-rt`: processes that are not refused.
+
+use luna::{IntoProcess, ProcessBuilder, ProcessId};
+
+/// For tests in which no process is refused.
+pub(crate) trait SpawnOk {
+    /// As [`ProcessBuilder::spawn`]; panics if that fails.
+    fn spawn_ok<M>(self, process: impl IntoProcess<M>) -> ProcessId;
+}
+
+impl SpawnOk for ProcessBuilder {
+    #[track_caller]
+    fn spawn_ok<M>(self, process: impl IntoProcess<M>) -> ProcessId {
+        self.spawn(process).unwrap()
+    }
+}
