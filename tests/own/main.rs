@@ -17,11 +17,8 @@ mod levels;
 
 mod allocation;
 mod bands;
-mod budget_allocation;
 mod budgets;
-mod call_allocation;
 mod call_priority;
-mod choice_allocation;
 mod crash_in_state;
 mod deadline_loops;
 mod emergency_functions;
@@ -29,22 +26,16 @@ mod emergency_injection;
 mod emergency_on_a_core;
 #[cfg(feature = "events")]
 mod events_allocation;
-mod external_allocation;
 mod hang_on_a_core;
 mod inversion;
 mod late_cycles;
-mod lock_allocation;
 mod lock_priority;
-mod named_allocation;
-mod par_allocation;
 mod par_collections;
-mod parameters_allocation;
 mod record_allocation;
 mod same_core;
 mod spin_before_sleep;
 mod timer_channels;
 mod timer_manager;
-mod timer_manager_allocation;
 
 /// Counts for the tests of allocations, each of which runs alone in its process. Aborts where
 /// [`crash_in_state`] wants it.

@@ -34,10 +34,13 @@ pub(crate) fn files_that_become_ready(places: &mut Places) {
     });
 }
 
+/// Each link has records that it cannot pass on, and fails at the last one.
 pub(crate) fn links(places: &mut Places) {
+    places.error = Some("more than the 31 bytes");
     for (name, framing) in [
         ("lines", Framing::lines(31)),
         ("prefixed", Framing::prefixed(Prefix::U16Big, 31)),
+        ("delimited", Framing::delimited(0, 31)),
     ] {
         let (near, far) = UnixStream::pair().unwrap();
         let (source, outgoing) = luna::channel::<Frame<32>>();
@@ -59,6 +62,7 @@ pub(crate) fn links(places: &mut Places) {
                     .send(Frame::new(&record[..length % 32]).unwrap_or_default())
                     .await?;
             }
+            source.send(Frame::new(&[b'x'; 32]).unwrap()).await?;
             Ok(())
         });
         places.process(&format!("drain of {name}"), async move {

@@ -4,16 +4,27 @@ use super::{Places, ROUNDS};
 use luna::sync::{Condition, Mutex, Semaphore};
 use std::time::Duration;
 
-/// Three processes contend for one lock, at levels of their own, and hold it across awaits.
+/// Three processes contend for one lock, at levels of their own, and hold it across awaits, one of
+/// them for another lock.
 pub(crate) fn mutexes(places: &mut Places) {
-    let total = Mutex::new(0_u64);
+    let (total, inner) = (Mutex::new(0_u64), Mutex::new(0_u64));
+    let own = inner.clone();
+    places.process("holds the inner one", async move {
+        for _ in 0..ROUNDS {
+            let held = own.lock().await?;
+            luna::yield_now().await;
+            drop(held);
+        }
+        Ok(())
+    });
     for level in [8, 16, 24] {
-        let total = total.clone();
+        let (total, inner) = (total.clone(), inner.clone());
         let adds = async move {
             for round in 0..ROUNDS {
                 let mut sum = total.lock().await?;
                 *sum += round;
                 luna::yield_now().await;
+                *inner.lock().await? += 1;
                 drop(sum);
                 drop(total.try_lock());
             }
@@ -25,14 +36,18 @@ pub(crate) fn mutexes(places: &mut Places) {
 }
 
 pub(crate) fn locks_that_are_given_up(places: &mut Places) {
-    let lock = Mutex::new(());
+    let (lock, changed, permits) = (Mutex::new(()), Condition::new(), Semaphore::new(1));
     for process in 0..2 {
-        let lock = lock.clone();
+        let (lock, changed, permits) = (lock.clone(), changed.clone(), permits.clone());
         places.process(&format!("waits a while {process}"), async move {
             for _ in 0..20 {
                 if let Ok(held) = lock.lock_timeout(Duration::from_micros(100)).await {
                     luna::after(Duration::from_micros(150)).await;
-                    drop(held);
+                    drop(changed.wait_timeout(held, Duration::from_micros(50)).await?);
+                }
+                if let Ok(permit) = permits.acquire_timeout(Duration::from_micros(100)).await {
+                    luna::after(Duration::from_micros(150)).await;
+                    drop(permit);
                 }
             }
             Ok(())

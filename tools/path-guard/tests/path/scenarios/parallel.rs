@@ -30,7 +30,17 @@ pub(crate) fn failing_branches(places: &mut Places) {
             assert!(failed.unwrap_err().errors().eq(&errors));
             let (_, received) = par!(a.send(n), b.recv()).await?;
             assert_eq!(received, n);
+            drop(par!(a.send(n), b.recv()));
         }
+        // A network ends: its branches find their channels poisoned, also in nested networks.
+        a.poison();
+        let ended = par!(
+            a.send(1),
+            par!(a.send(1), par!(b.recv(), b.recv()), b.recv()),
+            async { Err::<(), _>(Error::Closed) },
+            pri_par!(a.send(1), b.recv()),
+        );
+        assert_eq!(ended.await.unwrap_err().errors().count(), 8);
         Ok(())
     });
 }

@@ -10,6 +10,13 @@ use std::time::Duration;
 const SHORT: Duration = Duration::from_micros(50);
 const PERIOD: Duration = Duration::from_micros(200);
 
+fn spin_for(duration: Duration) {
+    let end = luna::now() + duration;
+    while luna::now() < end {
+        std::hint::spin_loop();
+    }
+}
+
 pub(crate) fn delays(places: &mut Places) {
     for sleeper in 0..3 {
         places.process(&format!("sleeper {sleeper}"), async move {
@@ -138,17 +145,32 @@ pub(crate) fn loops_that_account(places: &mut Places) {
     }
 }
 
-/// Processes beyond their budgets in each poll and cycle.
+/// Processes beyond their budgets in each poll and cycle, one of which is ended for it.
 pub(crate) fn budgets(places: &mut Places) {
+    places.error = Some("for a poll whose budget is 1µs");
+    let (output, input) = luna::channel::<u32>();
+    let poisoned = async move {
+        let _output = output;
+        spin_for(Duration::from_micros(5));
+        luna::after(PERIOD).await;
+        Ok(())
+    };
+    places
+        .next("is ended")
+        .poll_budget(Duration::from_micros(1))
+        .on_overrun(OnOverrun::Poison)
+        .spawn(poisoned)
+        .unwrap();
+    places.process("finds out", async move {
+        assert!(input.recv().await.is_err());
+        Ok(())
+    });
     for (name, on_overrun) in [("counts", OnOverrun::Count), ("warns", OnOverrun::Warn)] {
         let body = async move {
             let mut tick = luna::periodic(name, PERIOD)?;
             for _ in 0..30 {
                 tick.next().await;
-                let end = luna::now() + Duration::from_micros(5);
-                while luna::now() < end {
-                    std::hint::spin_loop();
-                }
+                spin_for(Duration::from_micros(5));
             }
             Ok(())
         };
