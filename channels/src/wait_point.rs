@@ -6,7 +6,7 @@ use crate::inspect::Identity;
 use crate::taped::{Order, Taped};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
-use luna_core::current::{Inheritor, ProcessId, Turn, User};
+use luna_core::current::{Inheritor, PlainTurn, ProcessId, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
@@ -458,7 +458,7 @@ impl WaitPoint {
     #[inline(always)]
     pub(crate) unsafe fn enter(
         &self,
-        turn: Turn<'_>,
+        turn: PlainTurn<'_>,
     ) -> Result<InsideGuard<'_, WaitQueues>, biased_lock::Refused> {
         // SAFETY: the contract.
         unsafe { self.lock.enter_if_favoured(turn) }

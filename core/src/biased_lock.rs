@@ -40,7 +40,7 @@
 //!
 //! The loom models use full fences on both sides, which is the effect of the pair in the kernel.
 
-use crate::current::{self, Turn};
+use crate::current::{self, PlainTurn};
 use luna_platform::fence;
 use luna_platform::inside::Inside;
 use luna_platform::lock::{PiGuard, PiLock};
@@ -233,7 +233,10 @@ impl<T> BiasedLock<T> {
     ///
     /// The calling thread does not hold the lock.
     #[inline(always)]
-    pub unsafe fn enter_if_favoured(&self, turn: Turn<'_>) -> Result<InsideGuard<'_, T>, Refused> {
+    pub unsafe fn enter_if_favoured(
+        &self,
+        turn: PlainTurn<'_>,
+    ) -> Result<InsideGuard<'_, T>, Refused> {
         let home = turn.home_number();
         if self.favoured.load(Ordering::Acquire) != home {
             return Err(Refused::NotBiased);

@@ -28,11 +28,10 @@ use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, Mover, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
-use luna_core::current::{self, PlainPendingWake, Process, Turn};
+use luna_core::current::{self, PlainPendingWake, PlainTurn, Process};
 use luna_core::wait_list::WaitNode;
-use std::hint::{black_box, cold_path};
+use std::hint::black_box;
 use std::ptr::NonNull;
-use std::task::Context;
 
 /// Result of an operation on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +51,16 @@ pub(crate) enum FastPath {
 }
 
 impl FastPath {
+    /// It is done: counts it, and yields if another process is to run first.
+    #[inline(always)]
+    fn done_in(turn: PlainTurn<'_>) -> FastPath {
+        match turn.goes_on() {
+            true => FastPath::Done,
+            // SAFETY: a turn has a current process of an executor.
+            false => unsafe { Self::done(turn.process()) },
+        }
+    }
+
     /// # Safety
     ///
     /// As for [`current::gives_way`].
@@ -76,7 +85,7 @@ impl FastPath {
 unsafe fn meet<const SEND: bool>(
     place: &WaitPoint,
     node: NonNull<Waiter<()>>,
-    turn: Turn<'_>,
+    turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: a thread holds no lock of a wait point when it polls.
     let mut lists = match unsafe { place.enter(turn) } {
@@ -127,7 +136,7 @@ unsafe fn part<const SEND: bool>(
     place: &WaitPoint,
     mut lists: InsideGuard<'_, WaitQueues>,
     partner: NonNull<WaitNode>,
-    turn: Turn<'_>,
+    turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: by the contract the partner's wake handle was made on this thread, and no other
     // thread has taken it, since the lock is held.
@@ -157,7 +166,7 @@ unsafe fn part_long<const SEND: bool>(
     place: &WaitPoint,
     (from, to): (NonNull<Waiter<()>>, NonNull<Waiter<()>>),
     mover: Mover,
-    turn: Turn<'_>,
+    turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the contract.
     unsafe {
@@ -184,7 +193,11 @@ fn revoked(place: &WaitPoint, result: FastPath) -> FastPath {
 /// As there.
 #[cold]
 #[inline(never)]
-unsafe fn part_revoked(place: &WaitPoint, ready: PlainPendingWake, turn: Turn<'_>) -> FastPath {
+unsafe fn part_revoked(
+    place: &WaitPoint,
+    ready: PlainPendingWake,
+    turn: PlainTurn<'_>,
+) -> FastPath {
     place.after_revocation();
     // SAFETY: the contract.
     unsafe { wake_otherwise(ready, turn) }
@@ -196,7 +209,7 @@ unsafe fn part_revoked(place: &WaitPoint, ready: PlainPendingWake, turn: Turn<'_
 ///
 /// As for [`part`].
 #[inline(never)]
-unsafe fn wake_otherwise(ready: PlainPendingWake, turn: Turn<'_>) -> FastPath {
+unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
     // SAFETY: the contract.
     unsafe {
         ready.fetch();
@@ -224,7 +237,7 @@ fn note_user<const SEND: bool>(lists: &mut WaitQueues, process: &Process) {
 unsafe fn meet_otherwise<const SEND: bool>(
     place: &WaitPoint,
     node: NonNull<Waiter<()>>,
-    turn: Turn<'_>,
+    turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the contract; the lock was kept.
     unsafe {
@@ -259,7 +272,7 @@ unsafe fn meet_otherwise<const SEND: bool>(
 ///
 /// As there.
 #[inline(never)]
-unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: Turn<'_>) -> FastPath {
+unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
     // SAFETY: the contract.
     unsafe { meet::<true>(place, node, turn) }
 }
@@ -270,7 +283,7 @@ unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: Turn<'_>) -> 
 ///
 /// As there.
 #[inline(never)]
-unsafe fn recv(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: Turn<'_>) -> FastPath {
+unsafe fn recv(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
     // SAFETY: the contract.
     unsafe { meet::<false>(place, node, turn) }
 }
@@ -282,23 +295,16 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
-    /// stays where it is until it is settled or withdrawn.
+    /// `node` is not listed, no other thread accesses it, and it holds a value. It stays where it is
+    /// until it is settled or withdrawn.
     #[inline(always)]
-    pub(crate) unsafe fn send_fast<S: Source<T>>(
+    pub(crate) unsafe fn send_fast(
         &self,
-        offered: NonNull<Offered<T, S>>,
-        cx: &Context<'_>,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
     ) -> FastPath {
-        if S::MAKE.is_some() {
-            return FastPath::No;
-        }
-        let Some(turn) = Turn::of(cx) else {
-            cold_path();
-            return FastPath::No;
-        };
-        // SAFETY: the contract; the node is the first part of what is offered.
-        unsafe { send(&self.place, offered.cast(), turn) }
+        // SAFETY: the contract.
+        unsafe { send(&self.place, node.cast(), turn) }
     }
 
     /// Sends to an alternative, or lists the sender.
@@ -329,19 +335,24 @@ impl<T> Channel<T> {
     /// `node` holds a value; as for [`send_fast`](Self::send_fast), which was called just before and
     /// has returned `Store`.
     #[inline]
-    pub(crate) unsafe fn store_fast(&self, node: NonNull<Waiter<T>>) -> FastPath {
-        // SAFETY: the contract: this is a process' plain turn, and its executor has kept the lock,
-        // which guards the store too.
+    pub(crate) unsafe fn store_fast(
+        &self,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: the contract: the executor has kept the lock, which guards the store too.
         unsafe {
-            let process = current::this_process();
-            let mut lists = self.place.kept(process.home_number());
+            let process = turn.process();
+            let mut lists = self.place.kept(turn.home_number());
             if self.store.with(|store| (*store).len() < self.capacity()) {
                 note_user::<true>(&mut lists, process);
                 let value = Waiter::take_value_of(node);
                 self.store.with_mut(|store| (*store).push_back(value));
                 lists.is_storing = true;
-                drop(lists);
-                return FastPath::done(process);
+                if !lists.leave() {
+                    self.place.after_revocation();
+                }
+                return FastPath::done_in(turn);
             }
             if !lists.senders.is_empty() {
                 return FastPath::No;
@@ -363,11 +374,11 @@ impl<T> Channel<T> {
     /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
     /// is until it is settled or withdrawn.
     #[inline(always)]
-    pub(crate) unsafe fn recv_fast(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
-        let Some(turn) = Turn::of(cx) else {
-            cold_path();
-            return FastPath::No;
-        };
+    pub(crate) unsafe fn recv_fast(
+        &self,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
         // SAFETY: the contract.
         unsafe { recv(&self.place, node.cast(), turn) }
     }
@@ -394,12 +405,15 @@ impl<T> Channel<T> {
     /// As for [`recv_fast`](Self::recv_fast), which was called just before and has returned
     /// `Store`.
     #[inline]
-    pub(crate) unsafe fn recv_stored(&self, node: NonNull<Waiter<T>>) -> FastPath {
-        // SAFETY: the contract: this is a process' plain turn, and its executor has kept the lock,
-        // which guards the store too.
+    pub(crate) unsafe fn recv_stored(
+        &self,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: the contract: the executor has kept the lock, which guards the store too.
         unsafe {
-            let process = current::this_process();
-            let mut lists = self.place.kept(process.home_number());
+            let process = turn.process();
+            let mut lists = self.place.kept(turn.home_number());
             let stored = self.store.with(|store| (*store).len());
             // Values given back by dropped futures may exceed the capacity.
             if stored > self.capacity() {
@@ -424,8 +438,10 @@ impl<T> Channel<T> {
             Waiter::put_value_of(node, value);
             let Some((first, ready)) = moves_up else {
                 lists.is_storing = stored > 1;
-                drop(lists);
-                return FastPath::done(process);
+                if !lists.leave() {
+                    self.place.after_revocation();
+                }
+                return FastPath::done_in(turn);
             };
             let sender = first.cast::<Waiter<T>>();
             lists.senders.remove_first(first);

@@ -8,7 +8,7 @@ use crate::hand_off_slots::Side;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, WakeHandle};
+use luna_core::current::{self, PlainTurn, WakeHandle};
 use luna_core::replay_log::{Event, Turn};
 use luna_core::spin;
 use std::cell::UnsafeCell;
@@ -265,13 +265,14 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     fn poll_away(
         &mut self,
         fast_path: FastPath,
+        turn: PlainTurn<'_>,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         // SAFETY: the fast path has just returned this for this receive, whose node is as new.
         let fast_path = unsafe {
             let channel = self.receiver.channel();
             match fast_path {
-                FastPath::Store => channel.recv_stored(self.node()),
+                FastPath::Store => channel.recv_stored(self.node(), turn),
                 FastPath::More => channel.recv_from_more(self.node()),
                 other => other,
             }
@@ -434,11 +435,15 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        if this.phase == Phase::New && !M::HOLDS && !M::INHERITS {
+        if this.phase == Phase::New
+            && !M::HOLDS
+            && !M::INHERITS
+            && let Some(turn) = PlainTurn::of(cx)
+        {
             let channel = this.receiver.channel();
             // SAFETY: a new receive's node holds no value, and no other thread knows it. The future
             // is pinned, and its drop withdraws it.
-            let fast_path = unsafe { channel.recv_fast(this.node(), cx) };
+            let fast_path = unsafe { channel.recv_fast(this.node(), turn) };
             // As for a send: the two usual ways alone.
             if fast_path == FastPath::Waits {
                 this.phase = Phase::Listed;
@@ -448,7 +453,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 return this.done();
             }
             cold_path();
-            return this.poll_away(fast_path, cx);
+            return this.poll_away(fast_path, turn, cx);
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
             if !M::HOLDS && !M::INHERITS {

@@ -8,7 +8,7 @@ use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::select_state::SelectState;
 use crate::source::{InNode, Offered, Source};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, WakeHandle};
+use luna_core::current::{self, PlainTurn, WakeHandle};
 use luna_core::replay_log::{Event, Turn};
 use luna_core::spin;
 use std::cell::UnsafeCell;
@@ -321,13 +321,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     fn poll_away(
         &mut self,
         fast_path: FastPath,
+        turn: PlainTurn<'_>,
         cx: &mut Context<'_>,
     ) -> Poll<Result<(), SendError<S::Unsent>>> {
         // SAFETY: the fast path has just returned this for this send, whose node is as new.
         let fast_path = unsafe {
             let channel = self.sender.channel();
             match fast_path {
-                FastPath::Store => channel.store_fast(self.node()),
+                FastPath::Store => channel.store_fast(self.node(), turn),
                 FastPath::More => channel.send_to_more(self.place_of_offer()),
                 other => other,
             }
@@ -467,11 +468,15 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        if this.phase == Phase::New && this.offered().source.is_open() {
+        if this.phase == Phase::New
+            && S::MAKE.is_none()
+            && this.offered().source.is_open()
+            && let Some(turn) = PlainTurn::of(cx)
+        {
             let channel = this.sender.channel();
-            // SAFETY: a new send's node holds or can make its value, and no other thread knows it.
-            // The future is pinned, and its drop withdraws it.
-            let fast_path = unsafe { channel.send_fast(this.place_of_offer(), cx) };
+            // SAFETY: a new send's node holds its value, and no other thread knows it. The future is
+            // pinned, and its drop withdraws it.
+            let fast_path = unsafe { channel.send_fast(this.node(), turn) };
             // The two usual ways alone: with more the compiler jumps by a table, which a processor
             // that has done something else meanwhile cannot foresee.
             if fast_path == FastPath::Done {
@@ -483,7 +488,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 return Poll::Pending;
             }
             cold_path();
-            return this.poll_away(fast_path, cx);
+            return this.poll_away(fast_path, turn, cx);
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
             this.phase = Phase::Over;

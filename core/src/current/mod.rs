@@ -44,7 +44,7 @@ pub use ready::{
 pub use renewal::Renewal;
 pub use taped::{branch_path, is_replayed, is_taped, tape, with_tape, without_tape};
 pub use turn::{
-    Turn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
+    PlainTurn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
     this_process, unrecorded_turn, user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
@@ -167,6 +167,15 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
 pub struct HomeGuard {
     home: Home,
     stays_on_its_thread: PhantomData<*const ()>,
+}
+
+/// The state of the calling thread. It does not leave the thread: it is not `Sync`.
+///
+/// Hot paths use this rather than a closure, which the compiler may leave as a call.
+#[inline(always)]
+fn local<'a>() -> &'a Thread {
+    // SAFETY: the state has no destructor, so it is there as long as the thread runs.
+    THREAD.with(|thread| unsafe { &*std::ptr::from_ref(thread) })
 }
 
 impl Thread {

@@ -5,7 +5,7 @@ use super::inheritor::Lent;
 use super::lone;
 use super::references::References;
 use super::run_queue::Link;
-use super::turn::Turn;
+use super::turn::PlainTurn;
 use crate::events;
 use std::any::Any;
 use std::cell::{Cell, UnsafeCell};
@@ -464,7 +464,7 @@ impl Process {
     ///
     /// As for [`ready_at`](Self::ready_at).
     #[inline(always)]
-    pub(super) unsafe fn ready_alone(&self, turn: Turn<'_>) -> bool {
+    pub(super) unsafe fn ready_alone(&self, turn: PlainTurn<'_>) -> bool {
         let thread = turn.thread();
         let left = thread.operations_left.get();
         let level = self.level();

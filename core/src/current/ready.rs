@@ -2,13 +2,13 @@
 
 use super::branch::lowered;
 use super::run_queue::RunQueue;
-use super::{Place, Process, THREAD, is_replayed, plain_turn, process};
+use super::{Place, Process, THREAD, is_replayed, local, plain_turn, process};
 use std::ptr::NonNull;
 use std::task::Context;
 
 #[inline]
 pub(super) fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {
-    THREAD.with(|thread| f(&thread.queue))
+    f(&local().queue)
 }
 
 /// The levels at which this thread's executor has a ready process, one bit each.
@@ -169,18 +169,14 @@ pub fn spend_operation() -> bool {
 /// [`plain_turn`](super::plain_turn) has returned it in this turn.
 #[inline(always)]
 pub unsafe fn gives_way(process: &Process) -> bool {
-    let gives_way = THREAD.with(|thread| {
-        if thread.queue.has_above(process.level()) {
-            return Some(Place::First);
-        }
-        let left = thread.operations_left.get();
-        if left == 0 {
-            return Some(Place::Last);
-        }
+    let thread = local();
+    let left = thread.operations_left.get();
+    let place = if thread.queue.has_above(process.level()) {
+        Place::First
+    } else if left == 0 {
+        Place::Last
+    } else {
         thread.operations_left.set(left - 1);
-        None
-    });
-    let Some(place) = gives_way else {
         return false;
     };
     // SAFETY: the caller promises that it is the current process, of an executor: so this is its

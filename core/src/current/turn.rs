@@ -1,7 +1,7 @@
 //! The turn of the current process on this thread.
 
 use super::branch::{Branch, lowered};
-use super::{Home, OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, Thread, User};
+use super::{Home, OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, Thread, User, local};
 use std::fmt;
 use std::ptr::NonNull;
 use std::task::Context;
@@ -52,12 +52,11 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
 #[inline(always)]
 pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     process.begin_turn();
-    THREAD.with(|thread| {
-        thread.operations_left.set(OPERATIONS_PER_POLL);
-        thread.process.set(Some(NonNull::from(process)));
-        // Outside of turns the branch is the whole.
-        thread.plain.set(process.waker_address());
-    });
+    let thread = local();
+    thread.operations_left.set(OPERATIONS_PER_POLL);
+    thread.process.set(Some(NonNull::from(process)));
+    // Outside of turns the branch is the whole.
+    thread.plain.set(process.waker_address());
     poll()
 }
 
@@ -114,18 +113,14 @@ pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
 /// generic takes it from its caller, which is: a library's access to a thread-local counts as a call
 /// for the compiler, which then saves registers.
 #[derive(Clone, Copy)]
-pub struct Turn<'a>(&'a Thread);
+pub struct PlainTurn<'a>(&'a Thread);
 
-impl<'a> Turn<'a> {
+impl<'a> PlainTurn<'a> {
     /// The present turn, if it is a plain one.
     #[inline(always)]
-    pub fn of(cx: &Context<'a>) -> Option<Turn<'a>> {
-        THREAD.with(|thread| {
-            // SAFETY: the state of a thread has no destructor, and outlives all turns on it. A turn
-            // is not `Send`, since the state is not `Sync`.
-            let turn = Turn(unsafe { &*std::ptr::from_ref(thread) });
-            std::ptr::eq(thread.plain.get(), cx.waker()).then_some(turn)
-        })
+    pub fn of(cx: &Context<'a>) -> Option<PlainTurn<'a>> {
+        let thread = local();
+        std::ptr::eq(thread.plain.get(), cx.waker()).then_some(PlainTurn(thread))
     }
 
     /// The current process.
@@ -143,6 +138,18 @@ impl<'a> Turn<'a> {
         self.0.home.get().map_or(0, Home::number)
     }
 
+    /// Counts an operation that was done without waiting; `false`: the process is to
+    /// [give way](super::gives_way), and nothing was counted.
+    #[inline(always)]
+    pub fn goes_on(self) -> bool {
+        let left = self.0.operations_left.get();
+        if left == 0 || self.0.queue.has_above(self.process().level()) {
+            return false;
+        }
+        self.0.operations_left.set(left - 1);
+        true
+    }
+
     #[inline(always)]
     pub(crate) fn thread_id(self) -> u32 {
         self.0.thread_id.get()
@@ -154,9 +161,9 @@ impl<'a> Turn<'a> {
     }
 }
 
-impl fmt::Debug for Turn<'_> {
+impl fmt::Debug for PlainTurn<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Turn").field(self.process()).finish()
+        f.debug_tuple("PlainTurn").field(self.process()).finish()
     }
 }
 
@@ -166,7 +173,7 @@ impl fmt::Debug for Turn<'_> {
 /// plain. One compare: the waker lies in the process, so its address says which process it is.
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
-    Turn::of(cx).map(Turn::process)
+    PlainTurn::of(cx).map(PlainTurn::process)
 }
 
 /// As [`plain_turn`].

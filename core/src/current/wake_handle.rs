@@ -29,7 +29,7 @@
 //! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
 use super::process::{Place, Process};
-use super::{LEVELS, Turn, home, lowered, process};
+use super::{LEVELS, PlainTurn, home, lowered, process};
 use crate::{fetch, park};
 use std::fmt;
 use std::mem::{self, ManuallyDrop};
@@ -352,7 +352,7 @@ impl PlainPendingWake {
     ///
     /// As for [`wake`](Self::wake).
     #[inline(always)]
-    pub unsafe fn wake_alone(self, turn: Turn<'_>) -> Result<(), Self> {
+    pub unsafe fn wake_alone(self, turn: PlainTurn<'_>) -> Result<(), Self> {
         let process = self.0.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's. A process that waits is kept by its executor until it was popped.
