@@ -9,7 +9,8 @@
 //! that shares an executor with a loop states how long it may run.
 
 use luna::prelude::*;
-use luna::{BudgetKind, End, Error, OnOverrun, Report};
+use luna::safety::{BudgetKind, OnOverrun};
+use luna::{End, Error, Report};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

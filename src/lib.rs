@@ -35,82 +35,81 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
+//! # Where a name is
+//!
+//! Each name is in one module. The root has the 43 that most programs write as well: the system and
+//! its end ([`System`], [`Executor`], [`Policy`], [`Report`], [`End`]), processes and their
+//! composition ([`Process`], [`run`], [`par!`], [`named`], [`blocking`], [`yield_now`], [`Exit`]),
+//! channels, their ends and the errors of send and receive, choice ([`alt!`], [`pri_alt!`],
+//! [`Alternative`]), [`Barrier`], time ([`now`], [`after`], [`at`], [`periodic`], [`ticks`],
+//! [`Timer`]), [`Parameter`], [`Signal`], [`emergency`], [`Error`] and [`Result`]. The
+//! [`prelude`] has the types among them that a program names again and again.
+//!
+//! What a program names once or never is in a module alone: futures and guards that operations
+//! return, parts of the report, what configures or observes a system, and subjects that not every
+//! program has (safety, logging, replay, devices). Names that mean the same as in std, tokio or
+//! futures are theirs.
+//!
 //! Channels, alternatives, barriers and locks come from the crate `luna-channels`, which can be
 //! used alone, and their examples on these pages name it: read `luna` for `luna_channels` there,
-//! since what they name is here under the same name ([`sync`] is `luna_channels::lock_sync`).
-//! Signals are those of `luna-logger`; the hub and the recorder in their examples are what a
-//! [`System`] makes.
+//! since what they name is here too ([`sync`] has what is in `luna_channels::lock_sync`). Signals
+//! are those of `luna-logger`; the hub and the recorder in their examples are what a [`System`]
+//! makes.
 
+pub mod alternative;
+pub mod channel;
 mod csp;
 #[cfg(unix)]
 pub mod devices;
-mod error;
+pub mod error;
 #[cfg(unix)]
 pub mod external;
-mod logging;
+pub mod inspect;
+pub mod log;
 mod notice;
 pub mod parameters;
 pub mod prelude;
-pub mod record;
-mod report;
-mod safety;
-mod system;
-mod time;
+pub mod process;
+pub mod realtime;
+pub mod replay;
+pub mod report;
+pub mod safety;
+pub mod sync;
+pub mod system;
+pub mod time;
 
-pub use csp::composition::{self, Composition};
-pub use csp::named::{Named, named};
-pub use csp::par::{ParAll, par_all, par_for};
-pub use csp::process::{IntoProcess, Process, run};
-pub use error::{Error, Errors, OtherError, Result, SetupError, Several};
-#[cfg(feature = "events")]
-pub use logging::EventsReport;
-#[cfg(feature = "logger")]
-pub use logging::{
-    FileSink, Logging, LoggingReport, MessagesReport, SignalReport, Sink, StartError, TcpSink, Tee,
-    UdpSink, WriterSink, install_facades,
+#[doc(inline)]
+pub use alternative::{Alternative, alt, pri_alt};
+#[doc(inline)]
+pub use channel::{
+    Buffer, Receiver, RecvError, RecvTimeoutError, SendError, SendTimeoutError, Sender,
+    TryRecvError, TrySendError, buffered, channel,
 };
-pub use logging::{Level, RegisterError, Sample, Signal, SignalBuilder, message};
-pub use luna_channels::lock_sync as sync;
-pub use luna_channels::{AcceptOp, Call, CallError, CallOp, Client, Reply, Server, call_channel};
-pub use luna_channels::{
-    After, Buffer, BufferError, Extended, Guard, Incoming, Receiver, RecvError, RecvOp,
-    RecvTimeout, RecvTimeoutError, SendError, SendOp, SendTimeout, SendTimeoutError, Sender,
-    TryRecvError, TrySendError, When, after, alt, at, buffered, channel, inspect, pri_alt,
-    try_buffered,
-};
-pub use luna_channels::{
-    Alternative, AlternativeRecv, Barrier, ChannelEnd, Ended, LocalBarrier, LocalSync, Party,
-    SyncOp,
-};
-pub use luna_core::current::{ProcessId, on_path, refused_boosts};
-pub use luna_core::path::off_path;
-pub use luna_executors::{
-    Blocking, ClockDriver, DriveError, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking,
-    yield_now,
-};
-#[cfg(unix)]
-pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
-pub use luna_platform::panics::catch as catch_panic;
-pub use luna_platform::shortfall::Shortfall;
-pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
-pub use luna_platform::usage::ThreadUsage;
-pub use parameters::{Parameter, ParameterBuilder, Parameters};
-pub use report::{EarlierProcesses, End, ProcessReport, Report, ThreadReport};
-pub use safety::{Bite, Watchdog, WatchdogProcess};
-pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
-pub use safety::{
-    Cause, Degree, EmergencyTrigger, FunctionOutcome, FunctionReport, Guardian, ResetError,
-    SafeStateEntered, Safety, SafetyEvent, SafetyFunction, SafetyReport, SafetyState, emergency,
-    guard, safety,
-};
-pub use system::deadlock::{self, Deadlock};
-pub use system::{ClockKind, Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
-pub use time::{
-    CallbackReport, Cycle, Distribution, Expiry, Firing, Instant, LateCause, LateCauseKind,
-    LateCycle, LoopReport, NextTick, Overrun, Periodic, RanInstead, StolenTime, Tick, TickReport,
-    Ticks, Timer, TimerCallback, TimerManager, Timers, TimersReport, UsageSince, now, periodic,
-    ticks,
-};
+#[doc(inline)]
+pub use error::{Error, Result};
+#[doc(inline)]
+pub use log::Signal;
+#[doc(inline)]
+pub use parameters::Parameter;
+#[doc(inline)]
+pub use process::{Exit, Process, blocking, named, par_all, par_for, run, yield_now};
+#[doc(inline)]
+pub use report::{End, Report};
+#[doc(inline)]
+pub use safety::emergency;
+#[doc(inline)]
+pub use sync::Barrier;
+#[doc(inline)]
+pub use system::{Executor, Policy, System};
+#[doc(inline)]
+pub use time::{Instant, Periodic, Timer, after, at, now, periodic, ticks};
+
+#[doc(hidden)]
+#[deprecated(since = "0.1.0", note = "use `luna::sync::LocalBarrier`")]
+pub type LocalBarrier = sync::LocalBarrier;
+#[doc(hidden)]
+#[deprecated(since = "0.1.0", note = "use `luna::sync::LocalSync`")]
+pub type LocalSync<'a> = sync::LocalSync<'a>;
 
 #[doc(hidden)]
 pub use csp::par as __par;

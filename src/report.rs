@@ -1,12 +1,50 @@
-//! The report of a system that has ended.
+//! The report of a system that has ended, and its parts.
+//!
+//! [`Report`] is what [`System::run`](crate::System::run) returns. What each subject reports is
+//! here too: loops and their late cycles, budgets, timers, safety, logging, replay.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna::report::{End, LoopReport, Report};
+//! use std::time::Duration;
+//!
+//! let mut system = System::new("servo");
+//! let main = system.executor("main").build()?;
+//! main.process("loop").spawn(async {
+//!     let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+//!     for _ in 0..5 {
+//!         tick.next().await;
+//!     }
+//!     Ok(())
+//! })?;
+//! let report: Report = system.run()?;
+//! assert_eq!(report.end, End::Completed);
+//! let one: &LoopReport = &report.loops["loop"];
+//! assert_eq!(one.cycles, 5);
+//! println!("at most {:?} late", one.wake_latency.max());
+//! # Ok::<(), luna::Error>(())
+//! ```
 
-use crate::record::RecordReport;
-use crate::safety::{BudgetReport, SafetyReport};
+pub use crate::replay::recorder::RecordReport;
+pub use crate::safety::budget::BudgetReport;
+pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
+pub use crate::safety::report::SafetyReport;
+pub use crate::time::accounting::UsageSince;
+pub use crate::time::distribution::Distribution;
+pub use crate::time::late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstead, StolenTime};
+pub use crate::time::manager::{CallbackReport, TickReport, TimersReport};
+pub use crate::time::statistics::LoopReport;
+#[cfg(feature = "events")]
+pub use luna_logger::EventsReport;
+#[cfg(feature = "logger")]
+pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
+pub use luna_platform::shortfall::Shortfall;
+pub use luna_platform::usage::ThreadUsage;
+
 use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
-use crate::time::{Distribution, LoopReport, TimersReport, short};
+use crate::time::short;
 use luna_executors::{Exit, ProcessHandle};
-use luna_platform::shortfall::Shortfall;
 use luna_platform::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;
@@ -20,7 +58,8 @@ const CYCLES_SHOWN: usize = 2;
 /// budgets, and the causes of the latest cycles.
 ///
 /// ```
-/// use luna::{End, Exit, prelude::*};
+/// use luna::prelude::*;
+/// use luna::{End, Exit};
 ///
 /// let mut system = System::new("greeter");
 /// let main = system.executor("main").build()?;
@@ -68,7 +107,7 @@ pub struct Report {
     pub safety: SafetyReport,
     /// What became of the log of signals and messages, if there was one.
     #[cfg(feature = "logger")]
-    pub logging: Option<crate::logging::LoggingReport>,
+    pub logging: Option<LoggingReport>,
     /// The recording or replay, if there was one.
     pub record: Option<RecordReport>,
 }
@@ -88,15 +127,15 @@ pub enum End {
     /// emergency functions ran, then all were cancelled.
     Deadlock,
     /// A process overran a budget with the policy
-    /// [`OnOverrun::Emergency`](crate::OnOverrun::Emergency): the emergency functions ran, then all
-    /// were cancelled.
+    /// [`OnOverrun::Emergency`](crate::safety::OnOverrun::Emergency): the emergency functions ran,
+    /// then all were cancelled.
     Overrun,
     /// A process raised it by [`luna::emergency`](crate::emergency()), a driver by its
-    /// [trigger](crate::EmergencyTrigger), or the parent process died: the emergency functions ran,
-    /// then all others were cancelled.
+    /// [trigger](crate::safety::EmergencyTrigger), or the parent process died: the emergency
+    /// functions ran, then all others were cancelled.
     Emergency,
-    /// The [`ClockDriver`](crate::ClockDriver) was dropped, so time would never have gone on: the
-    /// processes that still lived were cancelled.
+    /// The [`ClockDriver`](crate::system::ClockDriver) was dropped, so time would never have gone
+    /// on: the processes that still lived were cancelled.
     Undriven,
     /// More turns were taken at one instant of a virtual clock than
     /// [allowed](crate::System::most_turns_at_an_instant): all processes were cancelled.

@@ -14,8 +14,10 @@ fn main() {
 
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 mod linux {
+    use luna::Error;
+    use luna::error::SetupError;
     use luna::prelude::*;
-    use luna::{Cause, Degree, Error, Guardian, SetupError};
+    use luna::safety::{Cause, Degree, Guardian};
     use std::fs;
     use std::io::{BufRead, BufReader};
     use std::path::{Path, PathBuf};
@@ -42,7 +44,7 @@ mod linux {
     }
 
     pub(super) fn main() {
-        luna::guard(
+        luna::safety::guard(
             || Ok(machine()),
             |machine| set_output(&machine, "neutral by the guardian"),
         );

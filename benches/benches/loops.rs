@@ -11,7 +11,8 @@ use std::{
     time::Duration,
 };
 
-use luna::{Instant, Policy, System, Timers};
+use luna::time::Timers;
+use luna::{Instant, Policy, System};
 use luna_benches::{
     cores::one_core,
     harness::{Case, Goal, is_quick, run},

@@ -11,7 +11,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use luna::{Parameter, Process, System, parameters::Tunable};
+use luna::parameters::Tunable;
+use luna::{Parameter, Process, System};
 use luna_benches::{
     cores::{on_core, one_core},
     harness::{Case, Goal, run},

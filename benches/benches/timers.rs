@@ -229,10 +229,16 @@ struct Woken<M> {
 }
 
 /// A system with a timer manager that has this many callbacks, due in an hour.
-fn managed(others: u64) -> (luna::System, luna::TimerManager, Vec<luna::TimerCallback>) {
+fn managed(
+    others: u64,
+) -> (
+    luna::System,
+    luna::time::TimerManager,
+    Vec<luna::time::TimerCallback>,
+) {
     let mut system = luna::System::new("bench");
     let most = usize::try_from(others).expect("they fit in memory") + 1;
-    system.timers(luna::Timers::Manager).max_timers(most);
+    system.timers(luna::time::Timers::Manager).max_timers(most);
     let manager = system
         .timer_manager()
         .expect("the system was built with one");

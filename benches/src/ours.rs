@@ -4,7 +4,8 @@
 use crate::channels::{Channel, Received, Receiving, Sending};
 use crate::executors::Executor;
 use core_affinity::CoreId;
-use luna::{ProcessBuilder, System};
+use luna::System;
+use luna::system::ProcessBuilder;
 use std::cell::{Cell, RefCell, RefMut};
 use std::future::{Future, poll_fn};
 use std::pin::Pin;

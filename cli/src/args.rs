@@ -227,10 +227,10 @@ pub(crate) struct Record {
 
 /// Which messages are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Messages(pub(crate) Option<luna::Level>);
+pub(crate) struct Messages(pub(crate) Option<luna::log::Level>);
 
 fn level(text: &str) -> Result<Messages, String> {
-    use luna::Level;
+    use luna::log::Level;
     Ok(Messages(match text {
         "none" => None,
         "error" => Some(Level::Error),
@@ -476,7 +476,7 @@ mod tests {
             panic!("no record");
         };
         assert_eq!(record.listen, "127.0.0.1:7411");
-        assert_eq!(record.messages, Messages(Some(luna::Level::Info)));
+        assert_eq!(record.messages, Messages(Some(luna::log::Level::Info)));
         assert!(!record.udp && !record.once && record.output.is_none() && record.limit.is_none());
         let line = "luna record --listen 0.0.0.0:1 --udp -o a --messages none --once --limit 5";
         let Ok(Command::Record(record)) = parse(line) else {

@@ -126,7 +126,7 @@ fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, F
         .sink()
         .map_err(|error| Failure::Scope { address, error })?;
     // Some 400 events a cycle: room for half a second in which the recorder does not get to run.
-    system.log(luna::Logging::to_sink(sink).room_for_events(1 << 18));
+    system.log(luna::log::Logging::to_sink(sink).room_for_events(1 << 18));
     Ok(Some(scope))
 }
 

@@ -1,7 +1,7 @@
 //! Why a command failed, and its exit code.
 
-use luna::SetupError;
-use luna::record::RecordError;
+use luna::error::SetupError;
+use luna::replay::RecordError;
 use luna_jiwy::joystick;
 use luna_platform::facts::parse::write_core_list;
 use std::fmt;

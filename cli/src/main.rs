@@ -26,7 +26,7 @@ use std::process::ExitCode;
 
 /// Counts allocations, which the real-time path must not make.
 #[global_allocator]
-static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::on_path);
+static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::realtime::on_path);
 
 fn main() -> ExitCode {
     let of_a_run = |complete: bool| ExitCode::from(u8::from(!complete));

@@ -3,10 +3,10 @@
 
 use crate::alloc::Counts;
 use crate::output::{Cause, Kept, Late, Logged, Loop, Measurement, Missing, Quantiles, Spread};
-use luna::{
-    Distribution, End, Exit, LateCause, LateCauseKind, LateCycle, LoggingReport, LoopReport,
-    Report, Shortfall,
+use luna::report::{
+    Distribution, LateCause, LateCauseKind, LateCycle, LoggingReport, LoopReport, Shortfall,
 };
+use luna::{End, Exit, Report};
 use std::time::Duration;
 
 /// What was measured by the executor `executor`, with `loops` first among its loops.

@@ -53,7 +53,7 @@ pub(crate) fn at(address: SocketAddr) -> Result<Scope, Failure> {
 /// one, may set them.
 pub(crate) fn of_demo(
     address: SocketAddr,
-    parameters: luna::Parameters,
+    parameters: luna::parameters::Parameters,
     has_token: bool,
 ) -> Result<Scope, Failure> {
     let settings = Settings::default()

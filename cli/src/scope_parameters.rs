@@ -6,7 +6,7 @@ use serde_json::{Number, Value as Json};
 
 /// Those of a system that runs, or is to run.
 #[derive(Debug)]
-pub(crate) struct OfSystem(pub(crate) luna::Parameters);
+pub(crate) struct OfSystem(pub(crate) luna::parameters::Parameters);
 
 impl Parameters for OfSystem {
     fn list(&self) -> Vec<Parameter> {

@@ -12,14 +12,15 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Reaction {
     /// It is reported, and the value passes, except that neutral replaces a value that is not
-    /// finite. The first warning of a block is a [warning](luna::Safety::warn) of the system.
+    /// finite. The first warning of a block is a [warning](luna::safety::Safety::warn) of the
+    /// system.
     Warn,
     /// Neutral is put out until the block has [recovered](Recovery). The first one is a warning of
     /// the system too.
     Neutral,
-    /// The system enters its [safe state](luna::Safety::enter_safe_state): the processes of all
-    /// blocks put out neutral, except those of [sensors](crate::ChainProcess::of_sensor), until a
-    /// [reset](luna::Safety::reset). If the fault is still there then, it is found again.
+    /// The system enters its [safe state](luna::safety::Safety::enter_safe_state): the processes of
+    /// all blocks put out neutral, except those of [sensors](crate::ChainProcess::of_sensor), until
+    /// a [reset](luna::safety::Safety::reset). If the fault is still there then, it is found again.
     SafeState,
     /// An emergency ([`luna::emergency`]) with a [`Finding`], which ends the system. Nothing is put
     /// out any more.

@@ -1,7 +1,7 @@
 //! Processes and the constructs that compose them.
 
 pub(crate) mod alone;
-pub mod composition;
+pub(crate) mod composition;
 pub(crate) mod named;
 pub(crate) mod network;
 pub mod par;

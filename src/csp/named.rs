@@ -15,8 +15,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 /// Gives a part of a process a name: it stands as a sub-process in the
-/// [`Composition`](crate::Composition) of the system from its first poll until it has ended or is
-/// dropped, under the named sub-process that it runs in, or else under its process.
+/// [`Composition`](crate::inspect::Composition) of the system from its first poll until it has
+/// ended or is dropped, under the named sub-process that it runs in, or else under its process.
 ///
 /// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there
 /// is no system, and under other runtimes it is the future and nothing else.

@@ -3,8 +3,8 @@
 use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
-use crate::logging::Log;
-use crate::record::ReplayLogs;
+use crate::log::Log;
+use crate::replay::ReplayLogs;
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_core::arc_cache::ArcCache;
@@ -583,7 +583,7 @@ fn take_failure() -> Option<Failure> {
 ///
 /// # Errors
 ///
-/// The body's own, or [`SetupError::Nested`](crate::SetupError::Nested) inside a process.
+/// The body's own, or [`SetupError::Nested`](crate::error::SetupError::Nested) inside a process.
 ///
 /// ```
 /// let greeting = String::from("hello");

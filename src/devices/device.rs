@@ -22,11 +22,11 @@ pub enum OnLoss {
     /// without it.
     #[default]
     Emergency,
-    /// The [safe state](crate::Safety::enter_safe_state): the processes run on with neutral
+    /// The [safe state](crate::safety::Safety::enter_safe_state): the processes run on with neutral
     /// outputs, but the link's, which fails.
     SafeState,
-    /// A [warning](crate::Safety::warn), and the link's process fails: its channels end with it,
-    /// and the others go on.
+    /// A [warning](crate::safety::Safety::warn), and the link's process fails: its channels end
+    /// with it, and the others go on.
     Warn,
     /// The link's process fails, and nothing else.
     Fail,

@@ -10,6 +10,20 @@
 //!
 //! [`Node`] is for drivers: it opens a device file, and turns the system's refusal into an error
 //! with a remedy.
+//!
+//! ```
+//! use luna::devices::{DeviceState, Sharing};
+//! use luna::prelude::*;
+//!
+//! let system = System::new("machine");
+//! let devices = system.devices();
+//! let lamp = devices.open("lamp", "lamp", Sharing::Shared, || Ok("of the cabin"))?;
+//! assert_eq!(*lamp.clone(), "of the cabin");
+//! assert_eq!(devices.list()[0].state, DeviceState::Open);
+//! drop(lamp); // the last handle closes it
+//! assert_eq!(devices.list()[0].state, DeviceState::Closed);
+//! # Ok::<(), luna::Error>(())
+//! ```
 
 mod device;
 mod error;

@@ -1,7 +1,7 @@
 //! What turns into an [`Error`] with `?`.
 
 use super::{Error, SetupError};
-use crate::record::RecordError;
+use crate::replay::RecordError;
 use luna_channels as channels;
 use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,

@@ -1,4 +1,18 @@
-//! One error type for all that a process' body and a system can meet.
+//! Errors: [`Error`] for all that a process' body and a system can meet, and its parts.
+//!
+//! Each error of a channel, lock or set-up turns into an [`Error`] with `?`. Errors of one
+//! operation are with it: in [`channel`](crate::channel), [`sync`](crate::sync),
+//! [`parameters`](crate::parameters) and so on.
+//!
+//! ```
+//! use luna::error::{Error, SetupError};
+//! use luna::prelude::*;
+//!
+//! let mut system = System::new("arm");
+//! let refused = system.executor("control").policy(Policy::fifo(200)).build();
+//! let Err(Error::Setup(SetupError::Attributes(error))) = refused else { panic!("too high") };
+//! println!("{error}"); // what is wrong, with which value, and what to do
+//! ```
 
 mod convert;
 mod setup;
@@ -8,7 +22,7 @@ pub use setup::SetupError;
 pub(crate) use several::Failures;
 pub use several::{Errors, Several};
 
-use crate::record::RecordError;
+use crate::replay::RecordError;
 use crate::safety::BudgetKind;
 use crate::system::deadlock::Deadlock;
 use crate::time::{Instant, LoopName};
@@ -55,7 +69,7 @@ pub enum Error {
     },
     /// A process panicked, with this message.
     Panicked(String),
-    /// A [callback](crate::TimerCallback) of the timer manager panicked.
+    /// A [callback](crate::time::TimerCallback) of the timer manager panicked.
     Callback {
         /// The callback's name.
         name: String,
@@ -72,7 +86,7 @@ pub enum Error {
         consecutive: u32,
     },
     /// A process took longer than its budget, and was ended for it, or the system was: see
-    /// [`OnOverrun`](crate::OnOverrun).
+    /// [`OnOverrun`](crate::safety::OnOverrun).
     BudgetOverrun {
         /// Of a poll, or of a cycle.
         kind: BudgetKind,

@@ -30,10 +30,10 @@ pub enum SetupError {
         level: u8,
     },
     /// A signal cannot be registered.
-    Signal(crate::logging::RegisterError),
+    Signal(crate::log::RegisterError),
     /// The recording that was asked for cannot begin.
     #[cfg(feature = "logger")]
-    Logging(crate::logging::StartError),
+    Logging(crate::log::StartError),
     /// A parameter cannot be declared.
     Parameter(crate::parameters::DeclareError),
     /// The values of parameters cannot be taken.

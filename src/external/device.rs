@@ -6,7 +6,7 @@
 //! interface that no program has a use for, with both their differences as options.
 
 use super::error::{LinkError, OsError};
-use crate::record::{self, Untaped};
+use crate::replay::{self, Untaped};
 use luna_channels::{ChannelEnd, Ended};
 use luna_core::current;
 use luna_core::replay_log::{Event, Turn};
@@ -79,22 +79,22 @@ impl Device {
         if !current::is_taped() {
             return self.read_file(to, ended).await;
         }
-        match record::enters().await {
+        match replay::enters().await {
             Turn::Record => {
                 let read = Untaped(self.read_file(to, ended)).await;
                 match &read {
-                    Ok(count) => record::note_read(&to[..*count]),
+                    Ok(count) => replay::note_read(&to[..*count]),
                     Err(stop) => leave_by(stop),
                 }
                 read
             }
             Turn::Given(event) => {
-                record::leave(event);
+                replay::leave(event);
                 Err(stopped(event))
             }
-            Turn::Look => match record::read(to) {
+            Turn::Look => match replay::read(to) {
                 Some(count) => {
-                    record::hold().await;
+                    replay::hold().await;
                     Ok(count)
                 }
                 // The replay has ended.
@@ -145,23 +145,23 @@ impl Device {
         if !current::is_taped() {
             return self.write_file(bytes, number, ended).await;
         }
-        record::note_written(bytes);
-        match record::enters().await {
+        replay::note_written(bytes);
+        match replay::enters().await {
             Turn::Record => {
                 let written = Untaped(self.write_file(bytes, number, ended)).await;
                 match &written {
-                    Ok(()) => record::leave(Event::done(0)),
+                    Ok(()) => replay::leave(Event::done(0)),
                     Err(stop) => leave_by(stop),
                 }
                 written
             }
             Turn::Given(event) => {
-                record::leave(event);
+                replay::leave(event);
                 Err(stopped(event))
             }
             Turn::Look => {
-                record::leave(Event::done(0));
-                record::hold().await;
+                replay::leave(Event::done(0));
+                replay::hold().await;
                 Ok(())
             }
         }
@@ -243,12 +243,12 @@ impl Device {
 /// Records why a file was not read or written.
 fn leave_by(stop: &Stop) {
     match stop {
-        Stop::Ended(ChannelEnd::Closed) => record::leave(Event::failed(0)),
-        Stop::Ended(ChannelEnd::Poisoned) => record::leave(Event::failed(1)),
+        Stop::Ended(ChannelEnd::Closed) => replay::leave(Event::failed(0)),
+        Stop::Ended(ChannelEnd::Poisoned) => replay::leave(Event::failed(1)),
         // An error of the system has too many forms.
         Stop::Failed(_) => {
             current::tape(|tape| tape.outside("a file of `luna::external` that fails"));
-            record::leave(Event::failed(0));
+            replay::leave(Event::failed(0));
         }
     }
 }

@@ -9,6 +9,30 @@
 //! A program that reads and writes one device makes two links of it, the one with a clone of the
 //! file.
 //!
+//! [`readable`] and [`writable`] wait for a file without a link.
+//!
+//! ```
+//! use luna::external::{self, Frame, Framing};
+//! use luna::prelude::*;
+//! use std::io::Write;
+//!
+//! let (near, mut far) = std::io::pipe()?;
+//! let (sender, lines) = luna::channel::<Frame<80>>();
+//! let mut system = System::new("console");
+//! let main = system.executor("main").build()?;
+//! main.process("console").spawn(external::input(near, sender, Framing::lines(80)))?;
+//! main.process("reader").spawn(async move {
+//!     assert_eq!(lines.recv().await?.text(), Ok("hello"));
+//!     Ok(())
+//! })?;
+//! far.write_all(b"hello\n")?;
+//! drop(far);
+//! # if !cfg!(luna_portable) {
+//! system.run()?;
+//! # }
+//! # Ok::<(), luna::Error>(())
+//! ```
+//!
 //! Links to serial ports, buses, joysticks, pins and sockets, through the [device
 //! manager](crate::devices), are the crate `luna-links`; [`Splitter`] and [`Packer`] are what such
 //! a link is made with.
@@ -27,6 +51,7 @@ pub use error::{LinkError, OsError};
 pub use frame::Frame;
 pub use framing::{Framing, Prefix};
 pub use input::{Input, input};
+pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
 pub use output::{Output, output};
 pub use packer::Packer;
 pub use record::{BadRecord, Fault, FromBytes, Malformed, ToBytes};

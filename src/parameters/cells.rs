@@ -1,7 +1,7 @@
 //! What the real-time path sees: the words of parameters, and which thread may change which of them
 //! when.
 
-use crate::record;
+use crate::replay;
 use luna_core::current;
 use luna_core::latest_slots::{LatestSlots, SlotMemory};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -43,7 +43,7 @@ impl Reader {
     /// Latches a set that is recorded or replayed.
     #[cold]
     fn latch_taped(&self) {
-        if !record::input("parameters", || self.slots.latch()) {
+        if !replay::input("parameters", || self.slots.latch()) {
             return;
         }
         for cells in self.cells.get().into_iter().flatten() {
@@ -101,14 +101,14 @@ impl Cells {
     /// Records its value, or takes the recorded one.
     fn note(&self) {
         let slot = self.words.slot(self.reader.slots.front());
-        let mut bytes = [0; record::LONGEST];
+        let mut bytes = [0; replay::LONGEST];
         let bytes = &mut bytes[..8 * slot.len()];
         let fill = |bytes: &mut [u8]| {
             for (word, eight) in slot.iter().zip(bytes.chunks_exact_mut(8)) {
                 eight.copy_from_slice(&word.load(Ordering::Relaxed).to_le_bytes());
             }
         };
-        if record::input_bytes(&self.name, bytes, fill) {
+        if replay::input_bytes(&self.name, bytes, fill) {
             let (eights, _) = bytes.as_chunks::<8>();
             for (word, eight) in slot.iter().zip(eights) {
                 word.store(u64::from_le_bytes(*eight), Ordering::Release);

@@ -49,14 +49,16 @@ const VARIABLE: &str = "LUNA_GUARDIAN";
 /// device open, or opens it then.
 ///
 /// If it ends while the system runs, that is a warning
-/// ([`Cause::GuardianLost`](crate::Cause::GuardianLost)), and an emergency of a
+/// ([`Cause::GuardianLost`](crate::safety::Cause::GuardianLost)), and an emergency of a
 /// [`strict`](crate::System::strict) system.
 ///
-/// [`Guardian::this_program`] starts this program once more, which calls [`guard`](crate::guard())
-/// first thing in `main`; [`Guardian::command`] another one, a shell's line at its simplest:
+/// [`Guardian::this_program`] starts this program once more, which calls
+/// [`guard`](crate::safety::guard()) first thing in `main`; [`Guardian::command`] another one, a
+/// shell's line at its simplest:
 ///
 /// ```
-/// use luna::{Guardian, prelude::*};
+/// use luna::prelude::*;
+/// use luna::safety::Guardian;
 ///
 /// let mut system = System::new("arm");
 /// let script = "echo ready; while read line; do last=$line; done; [ \"$last\" = safe ] || echo 0 > /dev/null";
@@ -84,8 +86,8 @@ impl Guardian {
         }
     }
 
-    /// This program once more, with a `main` that begins with [`guard`](crate::guard()): for a
-    /// function in Rust, that knows the same devices.
+    /// This program once more, with a `main` that begins with [`guard`](crate::safety::guard()):
+    /// for a function in Rust, that knows the same devices.
     ///
     /// On Linux it is started from the very file that runs, also if that was replaced meanwhile.
     pub fn this_program() -> Guardian {
@@ -124,12 +126,12 @@ impl Guardian {
 /// ```no_run
 /// # fn build() -> luna::System { luna::System::new("arm") }
 /// fn main() -> luna::Result<()> {
-///     luna::guard(
+///     luna::safety::guard(
 ///         || Ok(std::fs::OpenOptions::new().write(true).open("/dev/motor")?),
 ///         |mut motor| drop(std::io::Write::write_all(&mut motor, b"0\n")),
 ///     );
 ///     let mut system = build();
-///     system.guardian(luna::Guardian::this_program());
+///     system.guardian(luna::safety::Guardian::this_program());
 ///     println!("{}", system.run()?);
 ///     Ok(())
 /// }

@@ -11,16 +11,17 @@ use std::time::Duration;
 
 /// A system's safety state, to be read and changed from anywhere: from
 /// [`System::safety`](crate::System::safety), and in a process from
-/// [`luna::safety`](crate::safety()). Cloning it is cheap, and it may outlive the system.
+/// [`safety::current`](current). Cloning it is cheap, and it may outlive the system.
 ///
 /// ```
-/// use luna::{Degree, prelude::*};
+/// use luna::prelude::*;
+/// use luna::safety::Degree;
 ///
 /// let mut system = System::new("arm");
 /// let safety = system.safety();
 /// let main = system.executor("main").build()?;
 /// main.process("controller").spawn(async {
-///     let safety = luna::safety().expect("it is a process of a system");
+///     let safety = luna::safety::current().expect("it is a process of a system");
 ///     safety.warn(luna::Error::other("the motor is hot"));
 ///     assert_eq!(safety.degree(), Degree::Warning);
 ///     safety.enter_safe_state(luna::Error::other("the motor is too hot"));
@@ -41,9 +42,9 @@ pub struct Safety(Arc<Emergency>);
 /// threads. Real-time path: yes; O(1).
 ///
 /// ```
-/// assert!(luna::safety().is_none());
+/// assert!(luna::safety::current().is_none());
 /// ```
-pub fn safety() -> Option<Safety> {
+pub fn current() -> Option<Safety> {
     let emergency = OF_THREAD.with(|of_thread| of_thread.borrow().clone());
     emergency.map(Safety)
 }
@@ -83,7 +84,7 @@ impl Safety {
     /// let safety = system.safety();
     /// let main = system.executor("main").build()?;
     /// main.process("output").spawn(async {
-    ///     let safety = luna::safety().expect("it is a process of a system");
+    ///     let safety = luna::safety::current().expect("it is a process of a system");
     ///     safety.safe_state_entered().await;
     ///     assert!(safety.is_safe_state()); // put out neutral
     ///     Ok(())
@@ -118,7 +119,7 @@ impl Safety {
     /// let main = system.executor("main").build()?;
     /// let (put, values) = luna::channel::<f64>();
     /// main.process("output").spawn(async move {
-    ///     let safety = luna::safety().expect("it is a process of a system");
+    ///     let safety = luna::safety::current().expect("it is a process of a system");
     ///     let mut entered = pin!(safety.safe_state_edge());
     ///     let mut outputs = Vec::new();
     ///     loop {
@@ -184,7 +185,7 @@ impl Safety {
         self.0.enter_safe_state(Cause::Raised(cause));
     }
 
-    /// Raises an emergency: as [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise).
+    /// Raises an emergency: as [`EmergencyTrigger::raise`](crate::safety::EmergencyTrigger::raise).
     pub fn raise(&self, cause: Error) {
         self.0.trigger(Cause::Raised(cause));
     }
@@ -215,9 +216,9 @@ impl Safety {
     ///
     /// # Errors
     ///
-    /// [`SetupError::EmergencyOver`](crate::SetupError::EmergencyOver) if it would never be run:
-    /// the functions have run, or the system has ended;
-    /// [`SetupError::TooManyFunctions`](crate::SetupError::TooManyFunctions).
+    /// [`SetupError::EmergencyOver`](crate::error::SetupError::EmergencyOver) if it would never be
+    /// run: the functions have run, or the system has ended;
+    /// [`SetupError::TooManyFunctions`](crate::error::SetupError::TooManyFunctions).
     ///
     /// ```
     /// use luna::prelude::*;

@@ -8,7 +8,9 @@ use std::fmt;
 /// [`Report::safety`](crate::Report::safety).
 ///
 /// ```
-/// use luna::{Degree, FunctionOutcome, prelude::*};
+/// use luna::prelude::*;
+/// use luna::report::FunctionOutcome;
+/// use luna::safety::Degree;
 ///
 /// let mut system = System::new("arm");
 /// system.on_emergency("brakes", || { /* engage them */ });

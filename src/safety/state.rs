@@ -2,7 +2,7 @@
 //! emergency. Latched: it only gets worse, until it is reset.
 
 use crate::error::Error;
-use crate::logging::Log;
+use crate::log::Log;
 use luna_core::current::{self, ProcessId};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
@@ -23,7 +23,7 @@ pub enum Degree {
     /// There is a warning. Everything goes on.
     Warning,
     /// All keeps running, and puts out what is neutral: processes ask
-    /// [`is_safe_state`](crate::Safety::is_safe_state).
+    /// [`is_safe_state`](crate::safety::Safety::is_safe_state).
     SafeState,
     /// The emergency functions have run, or do; the system ends.
     Emergency,
@@ -56,8 +56,8 @@ impl fmt::Display for Degree {
 #[non_exhaustive]
 pub enum Cause {
     /// The program raised it: [`luna::emergency`](crate::emergency()),
-    /// [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise),
-    /// [`Safety::warn`](crate::Safety::warn) and the like.
+    /// [`EmergencyTrigger::raise`](crate::safety::EmergencyTrigger::raise),
+    /// [`Safety::warn`](crate::safety::Safety::warn) and the like.
     Raised(Error),
     /// A process, a timer's callback or a thread of the framework panicked.
     Panic,
@@ -120,7 +120,7 @@ impl fmt::Display for SafetyEvent {
     }
 }
 
-/// How safe a system was at one instant, from its [handle](crate::Safety).
+/// How safe a system was at one instant, from its [handle](crate::safety::Safety).
 #[derive(Debug, Clone, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyState {

@@ -70,10 +70,10 @@ macro_rules! place_methods {
         /// The thread burns its core meanwhile, and its process or processes run the later the more
         /// other threads want that core; so it needs one to itself. Where it is not pinned, or
         /// another executor or thread of this system is pinned to the same core or to none, it
-        /// sleeps at once, which is a [`Shortfall`](crate::Shortfall): stated in the report, and an
-        /// error of a [`strict`](crate::System::strict) system. A thread that comes while the
-        /// system runs ends the spinning of the threads that share its core. Other programs are not
-        /// known here: isolate the core.
+        /// sleeps at once, which is a [`Shortfall`](crate::report::Shortfall): stated in the
+        /// report, and an error of a [`strict`](crate::System::strict) system. A thread that comes
+        /// while the system runs ends the spinning of the threads that share its core. Other
+        /// programs are not known here: isolate the core.
         ///
         /// ```
         /// use luna::prelude::*;
@@ -123,7 +123,8 @@ impl ExecutorBuilder {
     /// or a system that has been run.
     ///
     /// ```
-    /// use luna::{Error, Policy, SetupError, System};
+    /// use luna::error::SetupError;
+    /// use luna::{Error, Policy, System};
     ///
     /// let mut system = System::new("wrong");
     /// let refused = system.executor("control").policy(Policy::fifo(98)).build();
@@ -289,8 +290,9 @@ impl ProcessBuilder {
     /// processor until it awaits something that is not there yet. Measured by the clock on the
     /// wall, for about 50 ns a poll; [`OnOverrun`] sets what happens after a poll that took longer.
     ///
-    /// A poll that never ends is never measured: a [`Watchdog`](crate::Watchdog) finds that. The
-    /// time counts also while another thread has taken the processor: the report separates the two.
+    /// A poll that never ends is never measured: a [`Watchdog`](crate::safety::Watchdog) finds
+    /// that. The time counts also while another thread has taken the processor: the report
+    /// separates the two.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -314,11 +316,12 @@ impl ProcessBuilder {
 
     /// Allows the process so much time for a cycle of each of its loops, that is from when the
     /// cycle begins until the loop calls [`next`](crate::Periodic::next). How late the cycle began
-    /// does not count, since another process caused that: [`LateCycle`](crate::LateCycle) looks for
-    /// the cause. What it waits for within the cycle does.
+    /// does not count, since another process caused that: [`LateCycle`](crate::report::LateCycle)
+    /// looks for the cause. What it waits for within the cycle does.
     ///
     /// ```
-    /// use luna::{BudgetKind, prelude::*};
+    /// use luna::prelude::*;
+    /// use luna::safety::BudgetKind;
     /// use std::time::Duration;
     ///
     /// let mut system = System::new("machine");
@@ -380,7 +383,8 @@ impl ProcessBuilder {
     /// was added then.
     ///
     /// ```
-    /// use luna::{Exit, prelude::*};
+    /// use luna::prelude::*;
+    /// use luna::Exit;
     ///
     /// let mut system = System::new("server");
     /// let main = system.executor("main").build()?;

@@ -8,10 +8,10 @@ use super::stolen::Stolen;
 use super::warnings::Warnings;
 use crate::error::{Error, Result};
 use crate::notice::notice;
-use crate::record::RecordError;
-use crate::report::{End, Report, ThreadReport};
-use crate::safety::{Cause, Emergency, SafetyReport};
-use crate::time::{StolenTime, TimersReport, Witness};
+use crate::replay::RecordError;
+use crate::report::{End, Report, SafetyReport, ThreadReport, TimersReport};
+use crate::safety::{Cause, Emergency};
+use crate::time::{StolenTime, Witness};
 use luna_core::current::ProcessId;
 use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::Instant;
@@ -40,7 +40,7 @@ pub(super) struct Ended {
     pub(super) safety: SafetyReport,
     pub(super) shortfalls: Vec<Shortfall>,
     #[cfg(feature = "logger")]
-    pub(super) logging: Option<crate::logging::LoggingReport>,
+    pub(super) logging: Option<crate::report::LoggingReport>,
     pub(super) running: Arc<Running>,
 }
 
@@ -190,7 +190,7 @@ fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) ->
 /// the body caught it.
 fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> Option<Error> {
     let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
-    let message = "it was caught, but not by `luna::catch_panic`";
+    let message = "it was caught, but not by `luna::safety::catch_panic`";
     let error = Error::Panicked(message.to_owned());
     match process.and_then(|process| started.name(process)) {
         Some(name) => Some(error.in_process(name)),

@@ -37,7 +37,8 @@ use std::sync::Arc;
 /// Its `Display` is a line for each wait, and the circle.
 ///
 /// ```
-/// use luna::{Error, prelude::*};
+/// use luna::prelude::*;
+/// use luna::Error;
 ///
 /// let (a, from_a) = luna::channel::<u32>();
 /// let (b, from_b) = luna::channel::<u32>();

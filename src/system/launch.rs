@@ -11,7 +11,7 @@ use super::register::REMEMBERED;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
-use crate::logging::{Log, Session};
+use crate::log::{Log, Session};
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MOST_CALLBACKS, Manager, ManagerThread, Scope};
 use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};

@@ -1,10 +1,27 @@
 //! The system: which processes there are, where each runs, and their common start and end.
+//!
+//! [`System`], [`Executor`] and [`Policy`] are at the crate's root too. Here are also what builds
+//! and observes a system, and its clocks.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna::system::{ClockKind, Executor, ProcessBuilder, Thread};
+//!
+//! let mut system = System::new("arm");
+//! let control: Executor = system.executor("control").policy(Policy::fifo(80)).build()?;
+//! let process: ProcessBuilder<'_> = control.process("controller").priority(20);
+//! process.spawn(async { Ok(()) })?;
+//! let console: Thread = system.thread("console");
+//! console.process("operator").spawn(async { Ok(()) })?;
+//! assert_eq!(system.run()?.clock, ClockKind::Real);
+//! # Ok::<(), luna::Error>(())
+//! ```
 
 mod builder;
 mod clock;
 mod compose;
 mod conclusion;
-pub mod deadlock;
+pub(crate) mod deadlock;
 mod launch;
 mod neighbours;
 mod parameters;
@@ -24,16 +41,18 @@ mod warnings;
 pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};
 pub use clock::ClockKind;
 pub use compose::Observer;
+pub use luna_executors::{ClockDriver, DriveError};
+pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 
 use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
-use crate::record::{Mode, ROOM, Recording};
+use crate::replay::{Mode, ROOM, Recording};
 use crate::report::Report;
 use crate::time::{Manager, TimerManager, Timers};
 use clock::ClockPlan;
 use luna_core::current::ProcessId;
-use luna_executors::{ClockDriver, ProcessHandle};
+use luna_executors::ProcessHandle;
 pub(crate) use plan::Plan;
 use std::fmt;
 use std::path::PathBuf;
@@ -97,7 +116,7 @@ impl System {
     /// ended count: their statistics are kept for the report.
     ///
     /// One loop more is an error where it begins
-    /// ([`SetupError::TooManyLoops`](crate::SetupError::TooManyLoops)). The others go on.
+    /// ([`SetupError::TooManyLoops`]). The others go on.
     pub fn max_loops(&mut self, loops: usize) -> &mut Self {
         self.plan.settings().max_loops = Some(loops);
         self
@@ -108,7 +127,7 @@ impl System {
     ///
     /// ```
     /// use luna::prelude::*;
-    /// use luna::Timers;
+    /// use luna::time::Timers;
     /// use std::time::Duration;
     ///
     /// let mut system = System::new("two cores");
@@ -142,7 +161,7 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`SetupError::NoTimerManager`](crate::SetupError::NoTimerManager): the system has none, or
+    /// [`SetupError::NoTimerManager`]: the system has none, or
     /// has been started.
     pub fn timer_manager(&self) -> Result<TimerManager> {
         let manager = self.plan.settings().manager.clone();
@@ -156,10 +175,12 @@ impl System {
 
     /// Pins the timer manager's thread to `core`; to none if not stated. If all loops of the
     /// manager are on one core, that core is best: then one core is woken for a tick, and not two
-    /// (`docs/time-sources.md`). Where it cannot be had that is a [`Shortfall`](crate::Shortfall).
+    /// (`docs/time-sources.md`). Where it cannot be had that is a
+    /// [`Shortfall`](crate::report::Shortfall).
     ///
     /// ```
-    /// use luna::{Timers, prelude::*};
+    /// use luna::prelude::*;
+    /// use luna::time::Timers;
     ///
     /// let mut system = System::new("one core");
     /// system.timers(Timers::Manager).timer_core(0);
@@ -182,9 +203,9 @@ impl System {
 
     /// Sets how many ended processes are remembered, of those that were spawned on an executor
     /// while the system ran: those that ended last. Of the others the report gives
-    /// [numbers](crate::EarlierProcesses), no [handle](Self::process_handle) is available any more,
-    /// and their names may be given again. 1024 if not stated; processes that were spawned before
-    /// the run, or have a thread of their own, are always remembered.
+    /// [numbers](crate::report::EarlierProcesses), no [handle](Self::process_handle) is available
+    /// any more, and their names may be given again. 1024 if not stated; processes that were
+    /// spawned before the run, or have a thread of their own, are always remembered.
     ///
     /// So a system that starts and ends processes without end does not grow.
     pub fn remember_ended(&mut self, processes: usize) -> &mut Self {
@@ -231,7 +252,8 @@ impl System {
     /// first is notified that its system has ended.
     ///
     /// ```
-    /// use luna::{End, prelude::*};
+    /// use luna::prelude::*;
+    /// use luna::End;
     /// use std::sync::Arc;
     /// use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
     /// use std::time::Duration;
@@ -254,7 +276,7 @@ impl System {
     ///         driver.advance_by(period)?;
     ///         assert_eq!(cycles.load(Relaxed), step);
     ///     }
-    ///     Ok::<(), luna::DriveError>(())
+    ///     Ok::<(), luna::system::DriveError>(())
     /// });
     /// let report = system.run()?;
     /// simulator.join().unwrap().unwrap();
@@ -272,7 +294,7 @@ impl System {
         driver
     }
 
-    /// Records the run's nondeterministic inputs into a file: see [`record`](crate::record). The
+    /// Records the run's nondeterministic inputs into a file: see [`replay`](crate::replay). The
     /// file is made when the system starts.
     ///
     /// Each process has room for 64 KiB of events that are yet to be written
@@ -318,7 +340,8 @@ impl System {
     /// [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
     ///
     /// ```
-    /// use luna::{Error, prelude::*};
+    /// use luna::prelude::*;
+    /// use luna::Error;
     ///
     /// let mut system = System::new("restless");
     /// system.virtual_clock().most_turns_at_an_instant(1000);
@@ -363,11 +386,10 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`SetupError::StandInTooLate`](crate::SetupError::StandInTooLate) if the process is there
-    /// already, and [`DuplicateName`](crate::SetupError::DuplicateName) if it has a stand-in. Those
-    /// that come later: `replaceable` fails if the ends are of other types, `spawn` if the process
-    /// is declared without its ends, and [`run`](Self::run) if no process of that name was
-    /// declared.
+    /// [`SetupError::StandInTooLate`] if the process is there already, and
+    /// [`DuplicateName`](crate::error::SetupError::DuplicateName) if it has a stand-in. Those that
+    /// come later: `replaceable` fails if the ends are of other types, `spawn` if the process is
+    /// declared without its ends, and [`run`](Self::run) if no process of that name was declared.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -407,10 +429,10 @@ impl System {
         Ok(self)
     }
 
-    /// Records the [signals](crate::Signal) and [messages](crate::message()) of the system in a new
-    /// file at `path`, from the start to the end; one that is there is replaced. `luna convert`
-    /// makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in
-    /// [`Report::logging`](crate::Report::logging).
+    /// Records the [signals](crate::Signal) and [messages](crate::log::message()) of the system in
+    /// a new file at `path`, from the start to the end; one that is there is replaced. `luna
+    /// convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost,
+    /// stands in [`Report::logging`](crate::Report::logging).
     ///
     /// An ordinary thread writes the file. The processes write to rings of their threads, which is
     /// wait-free; a ring that is full drops what is new, and counts it.
@@ -449,20 +471,21 @@ impl System {
     /// ```
     #[cfg(feature = "logger")]
     pub fn log_to(&mut self, path: impl Into<std::path::PathBuf>) -> &mut Self {
-        self.log(crate::Logging::to_file(path))
+        self.log(crate::log::Logging::to_file(path))
     }
 
     /// As [`log_to`](Self::log_to), with the rooms, the rate and the sink of `recording`.
     ///
     /// ```
-    /// use luna::{Level, Logging, WriterSink, prelude::*};
+    /// use luna::log::{Level, Logging, WriterSink};
+    /// use luna::prelude::*;
     ///
     /// let mut system = System::new("pump");
     /// let sink = WriterSink::new(std::io::sink());
     /// system.log(Logging::to_sink(sink).room_for_samples(1000).show_messages(Level::Warn));
     /// let main = system.executor("main").build()?;
     /// main.process("pump").spawn(async {
-    ///     luna::message(Level::Info, "pump", format_args!("primed after {} s", 3));
+    ///     luna::log::message(Level::Info, "pump", format_args!("primed after {} s", 3));
     ///     Ok(())
     /// })?;
     /// assert_eq!(system.run()?.logging.unwrap().messages.recorded, 1);
@@ -474,7 +497,8 @@ impl System {
     ///
     #[cfg_attr(feature = "events", doc = "```")]
     #[cfg_attr(not(feature = "events"), doc = "```ignore")]
-    /// use luna::{Logging, WriterSink, prelude::*};
+    /// use luna::log::{Logging, WriterSink};
+    /// use luna::prelude::*;
     ///
     /// let mut system = System::new("pair");
     /// system.log(Logging::to_sink(WriterSink::new(std::io::sink())).events());
@@ -487,7 +511,7 @@ impl System {
     /// # Ok::<(), luna::Error>(())
     /// ```
     #[cfg(feature = "logger")]
-    pub fn log(&mut self, recording: crate::Logging) -> &mut Self {
+    pub fn log(&mut self, recording: crate::log::Logging) -> &mut Self {
         self.plan.settings().logging = Some(recording);
         self
     }
@@ -512,7 +536,8 @@ impl System {
     /// The report of the run that has ended, also when it ended in an error.
     ///
     /// ```
-    /// use luna::{End, prelude::*};
+    /// use luna::prelude::*;
+    /// use luna::End;
     ///
     /// let mut system = System::new("fails");
     /// let main = system.executor("main").build()?;
@@ -579,7 +604,7 @@ impl System {
     ///
     /// # Errors
     ///
-    /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or
+    /// A [`SetupError`] if the system cannot be started, is inside a process, or
     /// has been run before; the first error of a `pre_run`, with its process' name; then
     /// [`report`](Self::report) returns the report. A panic or else the first error of a process,
     /// in the order of spawning, when all have ended: when a process fails the others go on. The

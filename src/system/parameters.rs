@@ -22,8 +22,8 @@ impl System {
     /// that come over those of the file: `LUNA_SET="pan/kp=2.5,tilt/kd=0.1"`, and over these
     /// [`set_parameter`](Self::set_parameter). A file that cannot be read, a name that no process
     /// has declared when all `pre_run` are over, or a value that its parameter cannot have fails
-    /// the start: [`SetupError::Parameters`](crate::SetupError::Parameters) names each, with its
-    /// line.
+    /// the start: [`SetupError::Parameters`](crate::error::SetupError::Parameters) names each, with
+    /// its line.
     ///
     /// ```
     /// use luna::prelude::*;

@@ -11,12 +11,12 @@ impl System {
     /// [`Safety::on_emergency`]), on a thread of the highest priority, SCHED_FIFO 99, which waits
     /// ready for it; then the system ends. What makes an emergency: SIGINT, SIGTERM, SIGHUP; a
     /// panic in a process or a timer's callback; [`luna::emergency`](crate::emergency()); an
-    /// overrun budget if [so stated](crate::OnOverrun::Emergency); an [`EmergencyTrigger`]; a
-    /// deadlock of a [`strict`](Self::strict) system; the
-    /// [parent's death](Self::emergency_at_parents_death) on request. In a crash (SIGSEGV, SIGBUS,
-    /// SIGFPE, SIGILL, SIGABRT) they run too, and then the program ends as it would without them.
-    /// So they do at every other signal that ends a program by default and that the program neither
-    /// handles nor ignores. `docs/safety.md` says what is guaranteed, and what is not.
+    /// overrun budget if [so stated](crate::safety::OnOverrun::Emergency); an [`EmergencyTrigger`];
+    /// a deadlock of a [`strict`](Self::strict) system; the [parent's
+    /// death](Self::emergency_at_parents_death) on request. In a crash (SIGSEGV, SIGBUS, SIGFPE,
+    /// SIGILL, SIGABRT) they run too, and then the program ends as it would without them. So they
+    /// do at every other signal that ends a program by default and that the program neither handles
+    /// nor ignores. `docs/safety.md` says what is guaranteed, and what is not.
     ///
     /// One that panics does not keep the next from running. One that takes longer than its limit is
     /// left behind at low priority, and another thread goes on with the next:
@@ -34,8 +34,9 @@ impl System {
     ///
     /// A panic in a process makes an emergency before the panic hook prints, which takes long with
     /// a backtrace; so also one that the body catches, unless by
-    /// [`luna::catch_panic`](crate::catch_panic()). A hook that the program sets while the system
-    /// runs comes before the functions. A panic while one unwinds is a crash by SIGABRT.
+    /// [`luna::safety::catch_panic`](crate::safety::catch_panic()). A hook that the program sets
+    /// while the system runs comes before the functions. A panic while one unwinds is a crash by
+    /// SIGABRT.
     pub fn on_emergency(
         &mut self,
         name: &str,
@@ -56,7 +57,8 @@ impl System {
     /// If there are 256 functions already.
     ///
     /// ```
-    /// use luna::{FunctionOutcome, prelude::*};
+    /// use luna::prelude::*;
+    /// use luna::report::FunctionOutcome;
     /// use std::time::Duration;
     ///
     /// let mut system = System::new("arm");
@@ -103,7 +105,7 @@ impl System {
     /// system.on_safe_state("lamp", move || drop(lamp.send("orange")));
     /// let main = system.executor("main").build()?;
     /// main.process("controller").spawn(async {
-    ///     luna::safety().unwrap().enter_safe_state(luna::Error::other("no set-points"));
+    ///     luna::safety::current().unwrap().enter_safe_state(luna::Error::other("no set-points"));
     ///     Ok(())
     /// })?;
     /// system.run()?;
@@ -130,7 +132,7 @@ impl System {
     }
 
     /// The system's safety state, from now on and also after its end. In a process
-    /// [`luna::safety`](crate::safety()) returns it.
+    /// [`safety::current`](crate::safety::current) returns it.
     pub fn safety(&self) -> Safety {
         Safety::new(self.plan.emergency().clone())
     }

@@ -8,8 +8,8 @@ use std::time::Duration;
 /// What the kernel counted of a process' thread in a stretch of time. On an executor it is that of
 /// all its processes.
 ///
-/// Part of [`LateCycle`](crate::LateCycle) and [`BudgetOverrun`](crate::BudgetOverrun);
-/// `docs/budgets.md` has an example.
+/// Part of [`LateCycle`](crate::report::LateCycle) and
+/// [`BudgetOverrun`](crate::safety::BudgetOverrun); `docs/budgets.md` has an example.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct UsageSince {

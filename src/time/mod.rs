@@ -1,32 +1,53 @@
-//! Time as processes see it: the clock, timer channels, and periodic loops with their statistics.
+//! Time as processes see it: the clock, delays and deadlines, timers, periodic loops, and the timer
+//! manager.
+//!
+//! All of it is the system's time: that of the machine, or of a virtual clock. `docs/loops.md` and
+//! `docs/time.md` have more.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna::time::{Cycle, Overrun, now, periodic};
+//! use std::time::Duration;
+//!
+//! let mut system = System::new("servo");
+//! system.virtual_clock();
+//! let main = system.executor("main").build()?;
+//! main.process("loop").spawn(async {
+//!     let begin = now();
+//!     let mut tick = periodic("loop", Duration::from_millis(1))?.overrun(Overrun::CatchUp);
+//!     for _ in 0..1000 {
+//!         let _: Cycle = tick.next().await;
+//!     }
+//!     assert_eq!(now() - begin, Duration::from_secs(1));
+//!     Ok(())
+//! })?;
+//! system.run()?;
+//! # Ok::<(), luna::Error>(())
+//! ```
 
-mod accounting;
+pub(crate) mod accounting;
 mod clock;
-mod distribution;
+pub(crate) mod distribution;
 mod grid;
 mod late;
-mod late_cycle;
+pub(crate) mod late_cycle;
 pub(crate) mod manager;
 mod periodic;
 mod registry;
 mod spin;
-mod statistics;
+pub(crate) mod statistics;
 mod ticks;
 mod timer;
 
-pub use accounting::UsageSince;
-pub(crate) use accounting::{Accounting, short};
+pub(crate) use accounting::{Accounting, UsageSince, short};
 pub use clock::now;
-pub use distribution::Distribution;
 pub(crate) use late::Witness;
-pub use late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstead, StolenTime};
+pub(crate) use late_cycle::StolenTime;
+pub use luna_channels::{After, after, at};
 pub use luna_platform::clock::Instant;
-pub use manager::{
-    CallbackReport, Firing, TickReport, TimerCallback, TimerManager, Timers, TimersReport,
-};
+pub use manager::{Firing, TimerCallback, TimerManager, Timers};
 pub(crate) use manager::{MOST_CALLBACKS, Manager, ManagerThread};
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};
-pub use statistics::LoopReport;
 pub use ticks::{NextTick, Tick, Ticks, ticks};
 pub use timer::{Expiry, Timer};

@@ -99,7 +99,8 @@ enum Prepared {
 }
 
 /// Begins a loop called `name` with slots `period` apart: the first one a period from now, or with
-/// [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of this period have.
+/// [`Timers::Manager`](crate::time::Timers::Manager) the next one that all loops of this period
+/// have.
 ///
 /// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle
 /// never shifts the following ones. Slots that come while the loop is busy are treated by its

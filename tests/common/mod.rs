@@ -7,7 +7,9 @@
 mod spawn;
 
 pub(crate) use crate::shared::{Random, say, seed, skip, watchdog};
-use luna::{Error, Policy, ProcessBuilder, SetupError, System};
+use luna::error::SetupError;
+use luna::system::ProcessBuilder;
+use luna::{Error, Policy, System};
 pub(crate) use spawn::SpawnOk;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};

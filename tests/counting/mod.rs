@@ -73,7 +73,7 @@ impl Counting {
         }
     }
 
-    /// Where `luna::on_path()` says so.
+    /// Where `luna::realtime::on_path()` says so.
     pub(crate) fn on_path(&self) -> Counted {
         self.on_path.get()
     }
@@ -94,7 +94,7 @@ impl Counting {
         if !is_main() {
             self.everywhere.add((allocations, frees));
         }
-        if luna::on_path() {
+        if luna::realtime::on_path() {
             self.on_path.add((allocations, frees));
         }
     }

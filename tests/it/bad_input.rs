@@ -2,8 +2,9 @@
 
 use crate::common;
 use common::{COMPLETE, PLACES, SpawnOk, setup_error, skip};
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, SetupError};
 use luna_platform::thread::{AttributeError, PolicyError};
 
 #[test]
@@ -228,7 +229,7 @@ fn two_of_one_name() {
 #[test]
 fn a_buffer_without_room() {
     let error = setup_error(
-        luna::try_buffered::<u8>(Buffer::fifo(0)).map_err(Error::from),
+        luna::channel::try_buffered::<u8>(Buffer::fifo(0)).map_err(Error::from),
         &["capacity 0", "channel()"],
     );
     assert!(matches!(error, SetupError::System { .. }));

@@ -2,8 +2,9 @@
 
 use crate::common;
 use common::{PLACES, SpawnOk, watchdog};
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, Exit, SetupError};
+use luna::{Error, Exit};
 use std::sync::Arc;
 
 fn already_run(system: &str) -> Error {

@@ -39,7 +39,7 @@ fn a_call_runs_on_an_ordinary_thread_of_its_own() {
             let own = std::thread::current().id();
             let call = luna::blocking(move || {
                 assert_ne!(std::thread::current().id(), own);
-                assert!(!luna::on_path());
+                assert!(!luna::realtime::on_path());
                 let name = std::thread::current().name().map(str::to_owned);
                 (name, luna_platform::thread::current_policy())
             });

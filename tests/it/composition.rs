@@ -3,9 +3,12 @@
 
 use crate::common;
 use common::{PLACES, Place, SpawnOk, watchdog};
-use luna::composition::{ChannelKind, EndUser, ProcessKind, ThreadKind};
+use luna::inspect::Composition;
+use luna::inspect::{ChannelKind, EndUser, ProcessKind, ThreadKind};
 use luna::prelude::*;
-use luna::{Composition, Error, Exit, Observer, ProcessState};
+use luna::process::ProcessState;
+use luna::system::Observer;
+use luna::{Error, Exit};
 use std::sync::{Arc, Mutex, mpsc};
 
 fn process(name: &str) -> Option<EndUser> {

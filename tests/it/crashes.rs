@@ -5,8 +5,9 @@
 
 use crate::common;
 use common::{COMPLETE, Program, SpawnOk, has_no_signals, watchdog};
+use luna::Error;
 use luna::prelude::*;
-use luna::{Error, FunctionOutcome};
+use luna::report::FunctionOutcome;
 use nix::sys::signal::{Signal, raise};
 use std::os::unix::process::ExitStatusExt;
 use std::time::Duration;

@@ -7,7 +7,8 @@ use crate::common;
 use common::{PLACES, SpawnOk, skip, watchdog};
 use luna::devices::{Device, DeviceError, DeviceManager, DeviceState, Holder, OnLoss, Sharing};
 use luna::prelude::*;
-use luna::{Degree, End, Error};
+use luna::safety::Degree;
+use luna::{End, Error};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 
@@ -263,7 +264,7 @@ fn lower_degrees_let_the_others_run_on() {
         });
         main.process("other").spawn_ok(async move {
             assert!(receiver.recv().await.is_err());
-            assert_eq!(luna::safety().unwrap().degree(), degree);
+            assert_eq!(luna::safety::current().unwrap().degree(), degree);
             Ok(())
         });
         assert!(system.run().is_err());
@@ -283,16 +284,16 @@ fn one_that_was_lost_may_be_opened_again_while_the_system_runs() {
     let kept = logs.clone();
     main.process("drive").spawn_ok(async move {
         for _ in 0..2 {
-            let (motor, log) = luna::off_path(|| open(&own, Sharing::Exclusive))?;
+            let (motor, log) = luna::realtime::off_path(|| open(&own, Sharing::Exclusive))?;
             kept.lock().unwrap().push(log);
             motor.on_loss(OnLoss::Fail);
             let _ = motor.lost(Error::other("unplugged"));
             assert!(matches!(own.list()[0].state, DeviceState::Lost));
             // At once, and not by the thread that runs the system.
-            luna::off_path(|| drop(motor));
+            luna::realtime::off_path(|| drop(motor));
             assert!(matches!(own.list()[0].state, DeviceState::Closed));
         }
-        let (motor, log) = luna::off_path(|| open(&own, Sharing::Exclusive))?;
+        let (motor, log) = luna::realtime::off_path(|| open(&own, Sharing::Exclusive))?;
         kept.lock().unwrap().push(log);
         motor.on_emergency("brake", |motor| motor.note("brake"))?;
         Err(motor.lost(Error::other("at last")))

@@ -3,7 +3,8 @@
 use crate::common;
 use common::{SpawnOk, watchdog};
 use luna::prelude::*;
-use luna::{ClockDriver, ClockKind, DriveError, End, Error, Instant};
+use luna::system::{ClockDriver, ClockKind, DriveError};
+use luna::{End, Error, Instant};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;

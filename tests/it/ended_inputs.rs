@@ -141,7 +141,7 @@ fn in_a_failed_branch_errors_let_siblings_run() {
     });
     let inputs = [receiver.clone()];
     stubborn(async || assert!(Alternative::fair(&inputs).recv().await.1.is_err()));
-    let (client, server) = luna::call_channel::<u8, u8>();
+    let (client, server) = luna::channel::call_channel::<u8, u8>();
     stubborn(async || assert!(client.call(1).await.is_err()));
     stubborn(async || assert!(server.accept().await.is_err()));
     let mutex = luna::sync::Mutex::new(());

@@ -6,7 +6,8 @@
 use crate::common;
 
 use common::{PLACES, Place, Program, SpawnOk, watchdog};
-use luna::{End, prelude::*};
+use luna::End;
+use luna::prelude::*;
 use nix::libc;
 use nix::sys::resource::{Resource, setrlimit};
 use nix::sys::signal::{SigSet, Signal, raise};

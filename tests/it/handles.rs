@@ -3,7 +3,8 @@
 use crate::common;
 use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
-use luna::{Error, Exit, ProcessState};
+use luna::process::ProcessState;
+use luna::{Error, Exit};
 use std::sync::Arc;
 use std::time::Duration;
 

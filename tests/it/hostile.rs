@@ -319,7 +319,7 @@ fn rephasing_tells_the_cycles_what_it_tells_the_report() {
     let executor = system.executor("one").build().unwrap();
     let body = async move {
         let mut tick =
-            luna::periodic("loop", Duration::from_millis(2))?.overrun(luna::Overrun::Rephase);
+            luna::periodic("loop", Duration::from_millis(2))?.overrun(luna::time::Overrun::Rephase);
         for n in 0..10 {
             sum.fetch_add(tick.next().await.missed, Ordering::Relaxed);
             burn(Duration::from_millis(if n % 3 == 0 { 5 } else { 1 }));

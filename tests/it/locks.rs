@@ -2,10 +2,11 @@
 
 use crate::common;
 use common::{PLACES, SpawnOk, watchdog};
-use luna::deadlock::{Operation, Partner};
+use luna::inspect::Deadlock;
+use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
 use luna::sync::{Condition, LockError, Mutex, Semaphore};
-use luna::{Deadlock, Error, yield_now};
+use luna::{Error, yield_now};
 use std::time::Duration;
 
 async fn fails() -> luna::Result<()> {

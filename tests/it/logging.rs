@@ -4,8 +4,11 @@
 
 use crate::common;
 use common::{SpawnOk, has_no_signals, watchdog};
+use luna::Error;
+use luna::error::SetupError;
+use luna::log::{Level, Logging, RegisterError, Sink, StartError};
 use luna::prelude::*;
-use luna::{Error, Level, Logging, LoggingReport, RegisterError, SetupError, Sink, StartError};
+use luna::report::LoggingReport;
 use luna_logger::format::{ClockBase, Reader, Record};
 use std::io;
 use std::sync::{Arc, Mutex};
@@ -99,7 +102,7 @@ impl Process for Counter {
                 down.record([(self.cycles - n) as f32, 0.5]);
             }
         }
-        luna::message(
+        luna::log::message(
             Level::Info,
             "counter",
             format_args!("{} is done", self.name),

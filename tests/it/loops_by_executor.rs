@@ -12,8 +12,8 @@ mod phased_loops;
 mod prepared_loops;
 
 /// What wakes the loops of these tests.
-fn timers() -> luna::Timers {
-    luna::Timers::Executor
+fn timers() -> luna::time::Timers {
+    luna::time::Timers::Executor
 }
 
 /// A system with loops that [`timers`] wake.

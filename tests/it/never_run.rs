@@ -2,8 +2,9 @@
 
 use crate::common;
 use common::{SpawnOk, watchdog};
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, SetupError};
 use std::sync::{Arc, Weak};
 
 /// What a body or a function holds, and how it is seen to be gone.

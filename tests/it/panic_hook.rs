@@ -4,8 +4,9 @@
 use crate::common;
 
 use common::{Ended, PLACES, Program, watchdog};
+use luna::End;
 use luna::prelude::*;
-use luna::{End, Timers};
+use luna::time::Timers;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::Command;
 use std::time::Duration;
@@ -80,7 +81,7 @@ fn part() {
             Ok(())
         }),
         "caught on purpose" => process.spawn(async {
-            luna::catch_panic(|| panic!("in the body")).unwrap_err();
+            luna::safety::catch_panic(|| panic!("in the body")).unwrap_err();
             eprintln!("went on");
             Ok(())
         }),

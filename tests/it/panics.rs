@@ -302,7 +302,7 @@ fn functions_run_on_a_thread_above_all_others() {
         *own.lock().unwrap() = Some((
             name,
             luna_platform::thread::current_policy(),
-            luna::on_path(),
+            luna::realtime::on_path(),
         ));
     });
     executor

@@ -94,7 +94,7 @@ fn sets() -> impl Strategy<Value = Vec<BTreeMap<String, Value>>> {
 
 struct Tries {
     few: Option<Few>,
-    parameters: luna::Parameters,
+    parameters: luna::parameters::Parameters,
     sets: Vec<BTreeMap<String, Value>>,
     /// How many were taken.
     taken: Arc<Mutex<u64>>,

@@ -2,10 +2,11 @@
 
 use crate::common;
 use common::{SpawnOk, watchdog};
+use luna::Error;
+use luna::parameters::Parameters;
 use luna::parameters::SetError;
 use luna::prelude::*;
-use luna::record::{self, RecordError, Recording};
-use luna::{Error, Parameters};
+use luna::replay::{self, RecordError, Recording};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -65,7 +66,7 @@ impl Process for Reads {
                 gain.latch();
             }
             let now = (gain.get(), list.get());
-            record::output("gain", &now.0);
+            replay::output("gain", &now.0);
             if now != last {
                 changes += 1;
                 self.seen.lock().unwrap().push(now);

@@ -4,8 +4,9 @@
 
 use crate::common;
 use common::{COMPLETE, Program, SpawnOk, skip, watchdog};
+use luna::Error;
 use luna::prelude::*;
-use luna::{Cause, Error};
+use luna::safety::Cause;
 use std::process::{Command, Stdio};
 
 fn system() -> System {

@@ -44,13 +44,13 @@ impl Drop for InBody {
 
 impl Process for Traced {
     fn pre_run(&mut self) -> luna::Result<()> {
-        assert!(!luna::on_path());
+        assert!(!luna::realtime::on_path());
         self.traces.lock().unwrap().pre_run = Some(std::thread::current().id());
         Ok(())
     }
 
     async fn run(&mut self) -> luna::Result<()> {
-        assert!(luna::on_path());
+        assert!(luna::realtime::on_path());
         let _in_body = InBody(self.traces.clone());
         let thread = std::thread::current();
         self.traces.lock().unwrap().run = Some((thread.id(), thread.name().map(str::to_owned)));
@@ -63,7 +63,7 @@ impl Process for Traced {
     }
 
     fn post_run(&mut self) {
-        assert!(!luna::on_path());
+        assert!(!luna::realtime::on_path());
         let mut traces = self.traces.lock().unwrap();
         traces.post_run = Some(std::thread::current().id());
         traces.post_runs += 1;
@@ -100,7 +100,7 @@ fn post_run_runs_once_off_the_executors_thread_whatever_ended_the_body() {
                 let own = other.clone();
                 other.process("canceller").spawn_ok(async move {
                     let handle = own.process_handle(id).unwrap();
-                    while handle.state() != luna::ProcessState::Waiting {
+                    while handle.state() != luna::process::ProcessState::Waiting {
                         luna::after(std::time::Duration::from_micros(100)).await;
                     }
                     handle.cancel();

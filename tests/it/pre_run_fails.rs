@@ -3,8 +3,9 @@
 
 use crate::common;
 use common::{PLACES, SpawnOk, watchdog};
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, SetupError};
 use std::sync::{Arc, Mutex};
 
 type Log = Arc<Mutex<Vec<String>>>;

@@ -4,8 +4,9 @@
 use crate::common;
 use common::{SpawnOk, watchdog};
 use futures_lite::future;
+use luna::Error;
 use luna::prelude::*;
-use luna::{Error, ProcessBuilder};
+use luna::system::ProcessBuilder;
 use std::sync::{Arc, Mutex};
 
 /// What happened, in order.

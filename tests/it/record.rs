@@ -1,7 +1,7 @@
 //! Runs with real parallelism, recorded and replayed: what each process gives outside is the same.
 
 use luna::prelude::*;
-use luna::record::{self, Recording};
+use luna::replay::{self, Recording};
 use luna::sync::Mutex;
 use luna::{Buffer, End};
 use std::collections::BTreeMap;
@@ -37,7 +37,7 @@ struct World {
 
 impl World {
     fn give(&self, who: &'static str, value: u64) {
-        record::output(who, &value);
+        replay::output(who, &value);
         self.outputs
             .lock()
             .unwrap()
@@ -48,7 +48,7 @@ impl World {
 
     /// An unforeseeable number.
     fn take(&self) -> u64 {
-        record::input("world", || {
+        replay::input("world", || {
             let count = self.inputs.fetch_add(1, Ordering::Relaxed);
             let now = luna::Instant::now().as_nanos();
             (now ^ count).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32

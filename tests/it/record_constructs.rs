@@ -4,7 +4,7 @@
 use crate::common;
 use common::{SpawnOk, watchdog};
 use luna::prelude::*;
-use luna::record::{self, RecordError, Recording};
+use luna::replay::{self, RecordError, Recording};
 use luna::sync::{Condition, Mutex, Semaphore};
 use luna::{Alternative, Buffer, Error};
 use std::path::PathBuf;
@@ -30,14 +30,14 @@ impl Drop for TempFile {
 type Outputs = Arc<std::sync::Mutex<Vec<(&'static str, u64)>>>;
 
 fn give(outputs: &Outputs, who: &'static str, value: u64) {
-    record::output(who, &value);
+    replay::output(who, &value);
     outputs.lock().unwrap().push((who, value));
 }
 
 /// Works for an unforeseeable time.
 fn work() {
     static SEED: AtomicU64 = AtomicU64::new(1);
-    let turns = record::input("work", || {
+    let turns = replay::input("work", || {
         let seed = SEED.fetch_add(0x9e37_79b9_7f4a_7c15, Ordering::Relaxed);
         (seed ^ luna::Instant::now().as_nanos()).wrapping_mul(0x2545_f491_4f6c_dd1d) >> 52
     });
@@ -242,7 +242,11 @@ fn ticks_timers_and_ends() {
             let (kept, gone) = luna::channel::<()>();
             drop(gone);
             let end = kept.ended().await;
-            give(&out, "source", u64::from(end == luna::ChannelEnd::Closed));
+            give(
+                &out,
+                "source",
+                u64::from(end == luna::channel::ChannelEnd::Closed),
+            );
             Ok(())
         })?;
         let out = outputs.clone();
@@ -295,7 +299,7 @@ fn receives_that_the_safe_state_ends() {
         })?;
         let outputs = outputs.clone();
         reads?.process("reads").spawn(async move {
-            let safety = luna::safety().unwrap();
+            let safety = luna::safety::current().unwrap();
             let mut entered = std::pin::pin!(safety.safe_state_entered());
             loop {
                 let received = match receiver.recv_unless(entered.as_mut()).await {
@@ -337,7 +341,7 @@ fn sends_that_the_safe_state_ends() {
         })?;
         let given = outputs.clone();
         writes?.process("writes").spawn(async move {
-            let safety = luna::safety().unwrap();
+            let safety = luna::safety::current().unwrap();
             let mut entered = std::pin::pin!(safety.safe_state_edge());
             for value in 0..ROUNDS {
                 work();
@@ -421,7 +425,7 @@ fn processes_that_others_spawn() {
                         place
                             .process(&format!("{name}'s child {round}"))
                             .spawn(async move {
-                                let number = record::input("number", || round * 10);
+                                let number = replay::input("number", || round * 10);
                                 give(&outputs, name, number);
                                 Ok(())
                             })?;
@@ -448,8 +452,8 @@ fn blocking_calls_whose_result_has_a_byte_form() {
             for _ in 0..3 {
                 let calls = calls.clone();
                 let call = move || calls.fetch_add(1, Ordering::Relaxed) + 40;
-                let value = record::blocking("outside", call).await;
-                record::output("value", &value);
+                let value = replay::blocking("outside", call).await;
+                replay::output("value", &value);
             }
             Ok(())
         })?;

@@ -6,7 +6,7 @@
 use crate::common;
 use common::{Program, SpawnOk, has_no_signals, watchdog};
 use luna::prelude::*;
-use luna::record::{self, Recording};
+use luna::replay::{self, Recording};
 use luna::{Buffer, End};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -35,13 +35,13 @@ impl Drop for TempFile {
 type Outputs = Arc<Mutex<Vec<(&'static str, u64)>>>;
 
 fn give(outputs: &Outputs, name: &'static str, value: u64) {
-    record::output(name, &value);
+    replay::output(name, &value);
     outputs.lock().unwrap().push((name, value));
 }
 
 /// Ends the recorded run; a replay does not come here.
 fn end_the_run() {
-    record::input("end", || kill(Pid::this(), Signal::SIGTERM).is_ok());
+    replay::input("end", || kill(Pid::this(), Signal::SIGTERM).is_ok());
 }
 
 const MILLISECOND: Duration = Duration::from_millis(1);

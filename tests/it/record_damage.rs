@@ -2,7 +2,7 @@
 //! panics or hangs.
 
 use luna::prelude::*;
-use luna::record::{self, RecordError, Recording};
+use luna::replay::{self, RecordError, Recording};
 use luna::{Buffer, Error};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -58,7 +58,7 @@ fn network(outputs: &Outputs, change: Change) -> luna::Result<System> {
     left.process("first").spawn(async move {
         for round in 0..3 {
             first
-                .send(record::input("first", || INPUT.fetch_add(1, Ordering::Relaxed)) + round)
+                .send(replay::input("first", || INPUT.fetch_add(1, Ordering::Relaxed)) + round)
                 .await?;
         }
         if change == Change::GoesOn {
@@ -84,7 +84,7 @@ fn network(outputs: &Outputs, change: Change) -> luna::Result<System> {
     let out = outputs.clone();
     left.process("sink").spawn(async move {
         let give = |name, value| {
-            record::output(name, &value);
+            replay::output(name, &value);
             out.lock().unwrap().push((name, value));
         };
         let mut stored_values = 0;
@@ -366,7 +366,7 @@ fn what_does_not_fit_is_counted_and_the_replay_goes_up_to_there() {
         let main = system.executor("main").build()?;
         main.process("talker").spawn(async move {
             for number in 0..count {
-                record::output("number", &number);
+                replay::output("number", &number);
             }
             luna::after(std::time::Duration::ZERO).await;
             Ok(())

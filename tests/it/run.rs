@@ -2,8 +2,9 @@
 
 use crate::common;
 use common::watchdog;
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, SetupError};
 use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;
@@ -67,7 +68,7 @@ fn a_run_inside_a_run_is_an_error_and_the_outer_goes_on() {
         assert!(inner.unwrap_err().to_string().contains("inside a process"));
         // The outer one's timers and loops are still there.
         let tick = luna::periodic("after the inner run", Duration::from_millis(1))?;
-        let mut tick = tick.overrun(luna::Overrun::CatchUp);
+        let mut tick = tick.overrun(luna::time::Overrun::CatchUp);
         Ok(tick.next().await.number)
     });
     assert_eq!(outcome, Ok(1));
@@ -158,9 +159,9 @@ fn the_body_may_block_and_be_woken_from_elsewhere() {
 #[test]
 fn outside_of_the_path() {
     // Without a system nothing is promised, so an allocator that counts sees nothing here.
-    assert!(!luna::on_path());
+    assert!(!luna::realtime::on_path());
     luna::run(async {
-        assert!(!luna::on_path());
+        assert!(!luna::realtime::on_path());
         Ok(())
     })
     .unwrap();

@@ -3,7 +3,8 @@
 use crate::common;
 use common::{SpawnOk, watchdog};
 use luna::prelude::*;
-use luna::{Cause, Degree, End, Error, ResetError};
+use luna::safety::{Cause, Degree, ResetError};
+use luna::{End, Error};
 use std::future::Future;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
@@ -60,7 +61,7 @@ fn an_emergency_is_not_reset() {
     let safety = system.safety();
     let main = system.executor("main").build().unwrap();
     main.process("raiser").spawn_ok(async {
-        let safety = luna::safety().unwrap();
+        let safety = luna::safety::current().unwrap();
         safety.enter_safe_state(why("first"));
         Err(luna::emergency(why("then")))
     });
@@ -89,7 +90,7 @@ fn the_cause_and_who_of_each_kind() {
     let main = system.executor("main").build().unwrap();
     main.process("hog")
         .poll_budget(Duration::from_nanos(1))
-        .on_overrun(luna::OnOverrun::Emergency)
+        .on_overrun(luna::safety::OnOverrun::Emergency)
         .spawn_ok(std::future::pending::<luna::Result<()>>());
     system.run().unwrap_err();
     let latched = system.safety().state().latched.unwrap();
@@ -130,7 +131,7 @@ fn in_the_safe_state_all_goes_on() {
         .thread("own")
         .process("controller")
         .spawn_ok(async move {
-            let safety = luna::safety().unwrap();
+            let safety = luna::safety::current().unwrap();
             for round in 1..=3 {
                 safety.enter_safe_state(why("no set-points"));
                 safety.enter_safe_state(why("no set-points yet"));
@@ -173,7 +174,9 @@ fn an_emergency_is_before_the_safe_state() {
     let mut let_go = Some(let_go);
     system.on_emergency("neutral", move || drop(let_go.take()));
     system.thread("own").process("raiser").spawn_ok(async move {
-        luna::safety().unwrap().enter_safe_state(why("first"));
+        luna::safety::current()
+            .unwrap()
+            .enter_safe_state(why("first"));
         has_begun.recv().unwrap();
         Err(luna::emergency(why("then")))
     });
@@ -181,7 +184,7 @@ fn an_emergency_is_before_the_safe_state() {
     let safety = system.report().unwrap().safety;
     assert_eq!(
         safety.functions[0].outcome,
-        luna::FunctionOutcome::Ran,
+        luna::report::FunctionOutcome::Ran,
         "{safety}"
     );
 }
@@ -223,7 +226,7 @@ fn it_is_read_and_changed_from_many_threads() {
 
 /// An error that looks at the safety state as it is dropped.
 #[derive(Debug)]
-struct Looks(luna::Safety, Arc<AtomicUsize>);
+struct Looks(luna::safety::Safety, Arc<AtomicUsize>);
 
 impl std::fmt::Display for Looks {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -265,7 +268,7 @@ fn after_a_reset_functions_have_not_run() {
         .thread("own")
         .process("controller")
         .spawn_ok(async move {
-            let safety = luna::safety().unwrap();
+            let safety = luna::safety::current().unwrap();
             safety.enter_safe_state(why("first"));
             has_run.recv().unwrap();
             // It ends behind what it sent.
@@ -276,7 +279,7 @@ fn after_a_reset_functions_have_not_run() {
         });
     let report = system.run().unwrap();
     let function = &report.safety.safe_state_functions[0];
-    assert_eq!(function.outcome, luna::FunctionOutcome::NotRun);
+    assert_eq!(function.outcome, luna::report::FunctionOutcome::NotRun);
     assert_eq!((function.began_after, function.took), (None, None));
 }
 
@@ -304,7 +307,7 @@ fn who_waits_for_the_safe_state_is_woken_once_it_is_entered() {
     let main = system.executor("main").build().unwrap();
     for (place, level) in [("a", 3), ("b", 20)] {
         main.process(place).priority(level).spawn_ok(async move {
-            let safety = luna::safety().unwrap();
+            let safety = luna::safety::current().unwrap();
             let start = luna::now();
             let mut entered = std::pin::pin!(safety.safe_state_entered());
             entered.as_mut().await;
@@ -320,7 +323,7 @@ fn who_waits_for_the_safe_state_is_woken_once_it_is_entered() {
     }
     // One that goes away before.
     main.process("goes").spawn_ok(async {
-        let safety = luna::safety().unwrap();
+        let safety = luna::safety::current().unwrap();
         luna::after(Duration::from_millis(1)).await;
         let (_keeps, never) = luna::channel::<()>();
         let mut entered = std::pin::pin!(safety.safe_state_entered());
@@ -359,7 +362,7 @@ fn nobody_misses_the_safe_state() {
             .thread(&format!("waits {number}"))
             .process(&format!("waits {number}"))
             .spawn_ok(async move {
-                let safety = luna::safety().unwrap();
+                let safety = luna::safety::current().unwrap();
                 for _ in 0..rounds {
                     let mut entered = std::pin::pin!(safety.safe_state_entered());
                     let first = std::future::poll_fn(|cx| {

@@ -2,8 +2,9 @@
 
 use crate::common;
 use common::{PLACES, SpawnOk, watchdog};
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, Executor, Exit, SetupError};
+use luna::{Error, Executor, Exit};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};

@@ -2,8 +2,10 @@
 
 use crate::common;
 use common::{PLACES, SpawnOk, watchdog};
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, ProcessBuilder, SetupError};
+use luna::system::ProcessBuilder;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;

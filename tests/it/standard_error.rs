@@ -3,8 +3,9 @@
 use crate::common;
 
 use common::{Ended, Program, SpawnOk, watchdog};
+use luna::Error;
 use luna::prelude::*;
-use luna::{Error, OnOverrun};
+use luna::safety::OnOverrun;
 use std::time::Duration;
 
 /// As a `main` that returns it.

@@ -4,8 +4,10 @@
 
 use crate::common;
 use common::{COMPLETE, Ended, SpawnOk, as_plain_user, has_real_time, skip, watchdog};
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, SetupError, Shortfall};
+use luna::report::Shortfall;
 
 /// Says its phases.
 struct Narrator(&'static str);

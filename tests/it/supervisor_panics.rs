@@ -5,8 +5,9 @@
 
 use crate::common;
 use common::{SpawnOk, watchdog};
+use luna::Error;
 use luna::prelude::*;
-use luna::{Degree, Error, Guardian};
+use luna::safety::{Degree, Guardian};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::{Command, Stdio};
 use std::sync::Arc;

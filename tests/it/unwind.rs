@@ -13,15 +13,15 @@ const fn both<T: UnwindSafe + RefUnwindSafe>() {}
 const _: () = {
     both::<System>();
     both::<luna::Executor>();
-    both::<luna::ExecutorBuilder>();
-    both::<luna::Thread>();
-    both::<luna::ProcessBuilder>();
-    both::<luna::Observer>();
-    both::<luna::ProcessHandle>();
+    both::<luna::system::ExecutorBuilder>();
+    both::<luna::system::Thread>();
+    both::<luna::system::ProcessBuilder>();
+    both::<luna::system::Observer>();
+    both::<luna::process::ProcessHandle>();
     both::<luna::Report>();
-    both::<luna::LoopReport>();
+    both::<luna::report::LoopReport>();
     both::<luna::Error>();
-    both::<luna::SetupError>();
+    both::<luna::error::SetupError>();
     both::<luna::Periodic>();
     both::<luna::Instant>();
     both::<Policy>();

@@ -4,7 +4,8 @@
 use crate::common;
 use common::{PLACES, SpawnOk, watchdog};
 use luna::prelude::*;
-use luna::{Error, Timer, Watchdog};
+use luna::safety::Watchdog;
+use luna::{Error, Timer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;

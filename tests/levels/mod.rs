@@ -3,7 +3,8 @@
 
 use crate::common::SpawnOk;
 use luna::prelude::*;
-use luna::{ProcessBuilder, yield_now};
+use luna::system::ProcessBuilder;
+use luna::yield_now;
 use luna_core::current;
 use std::sync::{Arc, Mutex};
 

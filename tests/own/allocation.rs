@@ -6,8 +6,10 @@ use crate::common;
 
 use crate::counting::Counted;
 use common::SpawnOk;
+use luna::Error;
 use luna::prelude::*;
-use luna::{Error, Overrun, ProcessBuilder};
+use luna::system::ProcessBuilder;
+use luna::time::Overrun;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -2,11 +2,11 @@
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, Program, SpawnOk, burn_until, setup_error, skip};
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{
-    BudgetKind, BudgetReport, End, Error, Exit, OnOverrun, ProcessReport, Report, SetupError,
-    ThreadUsage,
-};
+use luna::report::{BudgetReport, ProcessReport, ThreadUsage};
+use luna::safety::{BudgetKind, OnOverrun};
+use luna::{End, Error, Exit, Report};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;

@@ -40,7 +40,7 @@ fn part() {
         println!("function, {}", safety.degree());
     });
     system.thread("own").process("culprit").spawn_ok(async {
-        let safety = luna::safety().unwrap();
+        let safety = luna::safety::current().unwrap();
         let cause = Error::Panicked("x".repeat(TELLING));
         IS_ARMED.store(true, Ordering::SeqCst);
         // Moved, and not copied, on the path.

@@ -2,8 +2,9 @@
 
 use crate::common;
 use common::{COMPLETE, SpawnOk, setup_error, skip};
+use luna::End;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{End, SetupError};
 use luna_platform::thread::{AttributeError, current_policy};
 use std::time::Duration;
 
@@ -46,7 +47,7 @@ fn a_loop_on_a_thread_of_its_own_keeps_its_slots() {
 #[test]
 fn a_call_from_a_fifo_server_to_a_deadline_client_changes_neither_policy_for_good() {
     own_process!();
-    let (client, server) = luna::call_channel::<(), Policy>();
+    let (client, server) = luna::channel::call_channel::<(), Policy>();
     let (tell, told) = luna::buffered(Buffer::fifo(2));
     let mut system = System::new("inherits");
     system

@@ -4,7 +4,9 @@
 use crate::common;
 use common::{SpawnOk, burn_until, has_real_time, skip, watchdog};
 use luna::prelude::*;
-use luna::{Cause, Degree, End, Error, FunctionOutcome, Instant, SafetyReport};
+use luna::report::{FunctionOutcome, SafetyReport};
+use luna::safety::{Cause, Degree};
+use luna::{End, Error, Instant};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
@@ -187,7 +189,7 @@ fn one_of_each_kind_may_hang() {
     system.on_emergency_within("hangs", SHORT, hangs);
     system.on_emergency_within("last", LONG, log.noter("last"));
     system.thread("own").process("raiser").spawn_ok(async move {
-        luna::safety()
+        luna::safety::current()
             .unwrap()
             .enter_safe_state(Error::other("before"));
         has_begun.recv().unwrap();
@@ -222,7 +224,7 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
     system.on_emergency_within("last 2", LONG, log.noter("last 2"));
     let main = system.executor("main").build().unwrap();
     main.process("raiser").spawn_ok(async {
-        luna::safety()
+        luna::safety::current()
             .unwrap()
             .enter_safe_state(Error::other("before"));
         Err(luna::emergency(Error::other("now")))
@@ -251,7 +253,7 @@ fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     system.on_safe_state("hangs", hangs);
     let main = system.executor("main").build().unwrap();
     main.process("last").spawn_ok(async {
-        luna::safety()
+        luna::safety::current()
             .unwrap()
             .enter_safe_state(Error::other("at the end"));
         Ok(())
@@ -273,7 +275,7 @@ fn functions_that_come_late_have_somebody_who_goes_on() {
     let mut system = System::new("late");
     let main = system.executor("main").build().unwrap();
     main.process("raiser").spawn_ok(async move {
-        let safety = luna::safety().unwrap();
+        let safety = luna::safety::current().unwrap();
         safety.on_emergency("first", SHORT, first)?;
         safety.on_emergency("second", SHORT, second)?;
         safety.on_emergency("last", LONG, last)?;
@@ -349,14 +351,14 @@ fn drivers_functions_run_in_the_order_of_registration() {
     impl Process for Driver {
         fn pre_run(&mut self) -> luna::Result<()> {
             // Where devices are opened.
-            let safety = luna::safety();
+            let safety = luna::safety::current();
             assert!(safety.is_none(), "no process' body runs yet");
             self.0.note("opened");
             Ok(())
         }
         async fn run(&mut self) -> luna::Result<()> {
             // A device that is plugged in while the system runs.
-            let safety = luna::safety().unwrap();
+            let safety = luna::safety::current().unwrap();
             safety
                 .on_emergency("late", LONG, self.0.noter("late"))
                 .unwrap();

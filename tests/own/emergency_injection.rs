@@ -8,7 +8,9 @@
 use crate::common;
 use common::{Program, Random, SpawnOk, has_no_signals, say, seed, watchdog};
 use luna::prelude::*;
-use luna::{Degree, End, Error, FunctionOutcome, OnOverrun, Watchdog};
+use luna::report::FunctionOutcome;
+use luna::safety::{Degree, OnOverrun, Watchdog};
+use luna::{End, Error};
 use luna_platform::clock::Instant;
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};

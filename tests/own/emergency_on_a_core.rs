@@ -3,8 +3,9 @@
 
 use crate::common;
 use common::{SpawnOk, skip};
+use luna::Error;
 use luna::prelude::*;
-use luna::{Error, FunctionOutcome};
+use luna::report::FunctionOutcome;
 use luna_platform::thread::available_cores;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

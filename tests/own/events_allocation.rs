@@ -3,8 +3,8 @@
 
 use crate::ALLOCATOR;
 
+use luna::log::{Logging, WriterSink};
 use luna::prelude::*;
-use luna::{Logging, WriterSink};
 use std::time::Duration;
 
 const ROUNDS: u64 = 2000;

@@ -4,8 +4,9 @@
 
 use crate::common;
 use common::SpawnOk;
+use luna::Error;
 use luna::prelude::*;
-use luna::{Error, FunctionOutcome};
+use luna::report::FunctionOutcome;
 use std::sync::mpsc;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

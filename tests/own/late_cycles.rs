@@ -3,8 +3,9 @@
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, SpawnOk, burn_until, has_real_time, skip};
+use luna::Instant;
 use luna::prelude::*;
-use luna::{Instant, LateCauseKind, LateCycle, LoopReport, ThreadUsage};
+use luna::report::{LateCauseKind, LateCycle, LoopReport, ThreadUsage};
 use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(20);

@@ -6,7 +6,7 @@ use crate::common;
 
 use common::SpawnOk;
 use luna::prelude::*;
-use luna::record;
+use luna::replay;
 use luna::sync::Mutex;
 use std::time::Duration;
 
@@ -34,7 +34,7 @@ fn nothing_is_allocated_or_freed_by_recording_on_the_path() {
             let counted = ALLOCATOR.here();
             for n in 0..ROUNDS {
                 pri_alt! {
-                    sent = one.send(record::input("number", || n)) => sent?,
+                    sent = one.send(replay::input("number", || n)) => sent?,
                     _ = luna::after(Duration::from_secs(1000)) => unreachable!(),
                 }
                 polled.send(n).await?;
@@ -49,11 +49,11 @@ fn nothing_is_allocated_or_freed_by_recording_on_the_path() {
         let counted = ALLOCATOR.here();
         for _ in 0..2 * ROUNDS {
             let value = alt! { value = from_one.recv() => value? };
-            record::output("value", &value);
+            replay::output("value", &value);
             if let Ok(value) = from_polled.try_recv() {
-                record::output("polled", &value);
+                replay::output("polled", &value);
             }
-            record::output("time", &luna::now().as_nanos());
+            replay::output("time", &luna::now().as_nanos());
         }
         assert_eq!(ALLOCATOR.here(), counted);
         // The others are not done with the buffer before they end.
@@ -64,6 +64,6 @@ fn nothing_is_allocated_or_freed_by_recording_on_the_path() {
     let recorded = report.record.unwrap();
     assert_eq!(recorded.lost, 0);
     assert!(recorded.events > 10 * ROUNDS);
-    assert!(record::Recording::open(&path).unwrap().is_whole());
+    assert!(replay::Recording::open(&path).unwrap().is_whole());
     std::fs::remove_file(&path).unwrap();
 }

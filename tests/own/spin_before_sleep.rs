@@ -3,8 +3,11 @@
 
 use crate::common;
 use common::{COMPLETE, PLACES, Place, SpawnOk, setup_error, skip, watchdog};
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{AttributeError, Error, Report, SetupError, Shortfall};
+use luna::report::Shortfall;
+use luna::system::AttributeError;
+use luna::{Error, Report};
 use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::available_cores;
 use std::time::Duration;
@@ -246,7 +249,7 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
         let body = async move {
             for expected in 0..200 {
                 assert_eq!(receiver.recv().await?, expected);
-                match luna::readable(&reader).await {
+                match luna::external::readable(&reader).await {
                     Ok(()) => {}
                     Err(error) if error.is_unsupported() => {}
                     Err(error) => panic!("{error}"),

@@ -217,7 +217,7 @@ fn nothing_is_allocated() {
     luna::run(async {
         let mut ticks = luna::ticks(MS / 10)?;
         let mut timer = Timer::new();
-        let dog = luna::Watchdog::new(MS);
+        let dog = luna::safety::Watchdog::new(MS);
         let before = ALLOCATOR.here();
         for _ in 0..50 {
             timer.set(MS);

@@ -1,6 +1,7 @@
 //! Shared by the test programs of the crates above `luna-rt`: processes that are not refused.
 
-use luna::{IntoProcess, ProcessBuilder, ProcessId};
+use luna::process::{IntoProcess, ProcessId};
+use luna::system::ProcessBuilder;
 
 /// For tests in which no process is refused.
 pub(crate) trait SpawnOk {

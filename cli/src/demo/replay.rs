@@ -3,7 +3,8 @@
 use super::{args, executors, print_json, print_parts};
 use crate::failure::Failure;
 use luna::prelude::*;
-use luna::record::{RecordError, RecordReport, Recording};
+use luna::replay::{RecordError, Recording};
+use luna::report::RecordReport;
 use luna::{Error, Policy};
 use luna_jiwy::joystick;
 use luna_jiwy::{Settings, Start, hardware, network};

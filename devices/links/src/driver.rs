@@ -2,8 +2,8 @@
 //! own, behind a call channel.
 //!
 //! [`driver`] takes a driver, and a function that answers requests with it. Processes call it over
-//! a [call channel](luna::call_channel) without blocking their executor; only the driver's thread
-//! waits for the bus. So any driver crate for `embedded-hal` is a link driver of LUNA:
+//! a [call channel](luna::channel::call_channel) without blocking their executor; only the driver's
+//! thread waits for the bus. So any driver crate for `embedded-hal` is a link driver of LUNA:
 //!
 //! ```
 //! use luna::devices::Sharing;
@@ -15,7 +15,7 @@
 //! let mut system = System::new("oven");
 //! // With an I2C bus: `i2c::open(...)`, and the crate's driver made with `I2c::new(&bus)`.
 //! let bus = system.devices().open("bus", "bus", Sharing::Shared, || Ok(()))?;
-//! let (thermometer, calls) = luna::call_channel::<(), f32>();
+//! let (thermometer, calls) = luna::channel::call_channel::<(), f32>();
 //! let link = driver(&bus, Thermometer, calls, |sensor, ()| {
 //!     sensor.read_celsius().map_err(luna::Error::other)
 //! });
@@ -33,9 +33,10 @@
 
 use crate::Counts;
 use crate::end::Lose;
+use luna::channel::Server;
 use luna::devices::Device;
 use luna::external::LinkError;
-use luna::{Buffer, Error, Policy, Process, Receiver, Sender, Server};
+use luna::{Buffer, Error, Policy, Process, Receiver, Sender};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::thread::{self, Attributes, Thread};
 use std::convert::Infallible;
@@ -46,8 +47,9 @@ use std::time::Duration;
 /// Creates a process that answers calls with a driver, on a thread of the driver's own.
 ///
 /// `serve` may block. Its errors are [counted](Counts::bad), and a call that meets one ends as
-/// [unanswered](luna::CallError::Unanswered); after [some in a row](Driver::errors_before_loss) the
-/// device is lost. If callers are to see errors, make them part of the answer.
+/// [unanswered](luna::channel::CallError::Unanswered); after [some in a
+/// row](Driver::errors_before_loss) the device is lost. If callers are to see errors, make them
+/// part of the answer.
 ///
 /// The time of each transaction is measured ([`Counts::longest`], [`Counts::late`]), and one
 /// without end makes the device [lost](Driver::lost_after) while it hangs: nothing waits longer.
@@ -182,10 +184,10 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
     /// begin, and to end, at most the time of [`lost_after`](Self::lost_after) each: set that
     /// before. It also runs after a panic in a transaction, with the driver as the panic left it.
     ///
-    /// The report marks it as [panicked](luna::FunctionOutcome::Panicked), so that a guardian acts,
-    /// if it cannot be done: a transaction hangs; `make_safe` panics (as it should if it fails) or
-    /// takes too long; the link does not run yet; or it has ended before the emergency while the
-    /// device is still open elsewhere.
+    /// The report marks it as [panicked](luna::report::FunctionOutcome::Panicked), so that a
+    /// guardian acts, if it cannot be done: a transaction hangs; `make_safe` panics (as it should
+    /// if it fails) or takes too long; the link does not run yet; or it has ended before the
+    /// emergency while the device is still open elsewhere.
     ///
     /// # Errors
     ///

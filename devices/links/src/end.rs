@@ -1,8 +1,9 @@
 //! How a link ends.
 
+use luna::Error;
+use luna::channel::ChannelEnd;
 use luna::devices::Device;
 use luna::external::{BadRecord, LinkError};
-use luna::{ChannelEnd, Error};
 use std::time::Duration;
 
 /// Why a link stops.

@@ -12,7 +12,7 @@
 //!
 //! let mut system = System::new("robot");
 //! let bus = i2c::open(&system.devices(), "/dev/i2c-1", &Settings::default())?;
-//! let (sensor, calls) = luna::call_channel::<u8, u8>(); // a register, its value
+//! let (sensor, calls) = luna::channel::call_channel::<u8, u8>(); // a register, its value
 //! let link = driver(&bus, I2c::new(&bus), calls, |bus, register| {
 //!     let mut value = [0];
 //!     bus.write_read(0x68_u8, &[register], &mut value).map_err(luna::Error::other)?;

@@ -12,7 +12,7 @@
 //!
 //! let mut system = System::new("robot");
 //! let device = spi::open(&system.devices(), "/dev/spidev0.0", &Settings::new(1_000_000))?;
-//! let (encoder, calls) = luna::call_channel::<(), u16>();
+//! let (encoder, calls) = luna::channel::call_channel::<(), u16>();
 //! let link = driver(&device, Spi::new(&device), calls, |spi, ()| {
 //!     let mut angle = [0; 2];
 //!     spi.transfer_in_place(&mut angle).map_err(luna::Error::other)?;

@@ -209,7 +209,7 @@ impl<T> Reader<T> {
 impl<T: FromBytes + Send> Process for Reader<T> {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
         // Here, off the real-time path. If it fails, the first wait fails too, and reports it.
-        let _ = luna::prepare_files();
+        let _ = luna::external::prepare_files();
         async {
             // The channel ends with the body, without waiting for the clean-up.
             let sender = self.sender.take();
@@ -275,7 +275,7 @@ impl<T> Writer<T> {
 impl<T: ToBytes + Send> Process for Writer<T> {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
         // As for a reader.
-        let _ = luna::prepare_files();
+        let _ = luna::external::prepare_files();
         async {
             let receiver = self.receiver.take();
             let (Some(wire), Some(device), Some(receiver)) =

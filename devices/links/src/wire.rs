@@ -4,8 +4,10 @@
 //! defects found in the other.
 
 use crate::end::Stop;
+use luna::channel::Ended;
+use luna::external::{FileError, readable, writable};
 use luna::external::{LinkError, OsError};
-use luna::{Ended, FileError, Instant, readable, writable, yield_now};
+use luna::{Instant, yield_now};
 use luna_platform::file;
 use luna_platform::reactor::ReactorError;
 use std::fs::File;

@@ -2,7 +2,7 @@
 
 use crate::Actuator;
 use hostmot2::encoder::Lost;
-use luna::FileError;
+use luna::external::FileError;
 
 /// Why a link has ended. It is the cause of the emergency that the link has raised
 /// ([`luna::emergency`]).

@@ -87,8 +87,8 @@ impl fmt::Debug for Neutral {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use luna::FunctionOutcome;
     use luna::prelude::*;
+    use luna::report::FunctionOutcome;
 
     #[test]
     fn what_cannot_be_sent_is_a_failure_in_the_report() {

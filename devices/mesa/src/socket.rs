@@ -1,6 +1,7 @@
 //! The socket, as processes use it: nothing waits in the system.
 
-use luna::{FileError, Instant};
+use luna::Instant;
+use luna::external::FileError;
 use luna_platform::file;
 use std::fs::File;
 use std::future::{Future, poll_fn};
@@ -36,7 +37,7 @@ impl Socket {
 
     /// Waits for a datagram, until `deadline` at most. Returns whether there may be one.
     pub(crate) async fn readable(&self, deadline: Instant) -> Result<bool, FileError> {
-        let mut ready = pin!(luna::readable(&self.0));
+        let mut ready = pin!(luna::external::readable(&self.0));
         let mut late = pin!(luna::at(deadline));
         poll_fn(|cx| match ready.as_mut().poll(cx) {
             Poll::Ready(waited) => Poll::Ready(waited.map(|()| true)),

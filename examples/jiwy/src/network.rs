@@ -63,8 +63,9 @@ use crate::processes::safety::{keep_safe, watch_encoder, watch_motion};
 use crate::processes::sanity::{Checking, gate, write_motor, write_register};
 use crate::processes::timer::{Tick, read_timer, write_timer};
 use crate::{AXES, Axis};
+use luna::Executor;
 use luna::prelude::*;
-use luna::{Executor, IntoProcess};
+use luna::process::IntoProcess;
 use luna_plants::{Decoder, MotorParameters};
 use luna_safety_blocks::{EndStop, Limit, RateLimit};
 use std::sync::{Arc, OnceLock};
@@ -155,7 +156,7 @@ pub struct Executors {
 ///
 /// # Errors
 ///
-/// Those of [`spawn`](luna::ProcessBuilder::spawn).
+/// Those of [`spawn`](luna::system::ProcessBuilder::spawn).
 pub fn build(
     executors: &Executors,
     registers: [Registers; 2],

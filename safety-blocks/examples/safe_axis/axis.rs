@@ -307,7 +307,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
     main.process("operator").priority(13).spawn(async move {
         let mut tick = luna::periodic("operator", 10 * MS)?;
         let begun = luna::now();
-        luna::off_path(|| *at_start.lock().unwrap() = Some(begun));
+        luna::realtime::off_path(|| *at_start.lock().unwrap() = Some(begun));
         loop {
             let cycle = tick.next().await;
             let time = cycle.deadline - begun;
@@ -369,7 +369,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
     main.process("notes").priority(25).spawn(async move {
         while let Ok(cause) = causes.recv().await {
             let now = luna::now();
-            luna::off_path(|| notes.lock().unwrap().push((now, cause)));
+            luna::realtime::off_path(|| notes.lock().unwrap().push((now, cause)));
         }
         Ok(())
     })?;
@@ -382,7 +382,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
 
     let safety = system.safety();
     let ended = system.run();
-    let is_safe_state = safety.degree() == luna::Degree::SafeState;
+    let is_safe_state = safety.degree() == luna::safety::Degree::SafeState;
     let begun: Instant = start.lock().unwrap().expect("the operator has begun");
     let since = |instant: Instant| instant - (begun + WHEN);
     let emergency = match ended {

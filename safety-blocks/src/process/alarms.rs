@@ -2,7 +2,8 @@
 
 use crate::fault::Finding;
 use crate::response::{Alarm, Reaction};
-use luna::{Error, SafeStateEntered, Safety, Sender};
+use luna::safety::{SafeStateEntered, Safety};
+use luna::{Error, Sender};
 
 /// The receivers of alarms.
 #[derive(Debug, Default)]
@@ -22,7 +23,7 @@ impl Alarms {
 
     /// The body begins.
     pub(super) fn begin(&mut self) {
-        self.safety = luna::safety();
+        self.safety = luna::safety::current();
     }
 
     pub(super) fn raise(&mut self, alarm: Alarm) {
@@ -39,15 +40,15 @@ impl Alarms {
         // any case.
         match (reaction, &self.safety) {
             (Reaction::Warn | Reaction::Neutral, Some(safety)) if is_first => {
-                luna::off_path(|| safety.warn(Error::other(finding)));
+                luna::realtime::off_path(|| safety.warn(Error::other(finding)));
             }
             (Reaction::SafeState, Some(safety)) => {
-                luna::off_path(|| safety.enter_safe_state(Error::other(finding)));
+                luna::realtime::off_path(|| safety.enter_safe_state(Error::other(finding)));
                 // It may be left before the next look.
                 self.was_safe_state = true;
             }
             (Reaction::Emergency, _) => {
-                let error = luna::off_path(|| luna::emergency(Error::other(finding)));
+                let error = luna::realtime::off_path(|| luna::emergency(Error::other(finding)));
                 self.emergency.get_or_insert(error);
             }
             _ => {}

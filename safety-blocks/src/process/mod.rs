@@ -10,7 +10,8 @@ pub use chain::{ChainProcess, Signal};
 pub use dead_man::DeadManProcess;
 
 use alarms::Alarms;
-use luna::{Instant, SafeStateEntered, SendError, SendTimeoutError, Sender};
+use luna::safety::SafeStateEntered;
+use luna::{Instant, SendError, SendTimeoutError, Sender};
 use std::future::{Future, poll_fn};
 use std::pin::{Pin, pin};
 use std::task::Poll;
@@ -44,7 +45,7 @@ async fn unless<F: Future>(event: F, mut entered: Entered<'_>) -> Option<F::Outp
         }
         match &mut entered {
             // A replay log can order alternatives and single operations only.
-            Some(entered) if !luna::record::is_recorded() => {
+            Some(entered) if !luna::replay::is_recorded() => {
                 entered.as_mut().poll(cx).map(|()| None)
             }
             _ => Poll::Pending,

@@ -98,7 +98,7 @@ fn run(
             }
         }
         assert_eq!(ALLOCATOR.here(), before);
-        luna::off_path(|| counted.send(alarms).unwrap());
+        luna::realtime::off_path(|| counted.send(alarms).unwrap());
         Ok(())
     });
     system.run().unwrap();

@@ -96,7 +96,7 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Process
                     for output in &self.outputs {
                         output.poison();
                     }
-                    return Err(luna::off_path(|| luna::emergency(error.into())));
+                    return Err(luna::realtime::off_path(|| luna::emergency(error.into())));
                 }
             };
             time += self.step;

@@ -28,7 +28,7 @@ pub use join::{Branches, Join, Slot, join};
 ///
 /// Real-time path: yes. Each wake of the parent costs O(branches). Nothing is allocated, whatever
 /// the branches come to, but if several fail and one of them with an error that is allocated
-/// itself; see [`Several`](crate::Several). Cancel-safe: dropping it drops all branches.
+/// itself; see [`Several`](crate::error::Several). Cancel-safe: dropping it drops all branches.
 ///
 /// ```
 /// use luna::prelude::*;

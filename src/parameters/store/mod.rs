@@ -12,7 +12,7 @@ use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
 use super::watch::{self, Stamp};
-use crate::logging::Log;
+use crate::log::Log;
 use luna_core::current;
 use luna_platform::clock::Clock;
 use luna_platform::lock::PiLock;

@@ -1,7 +1,7 @@
 //! Reports on parameters: the list of all of them, and a message for each change of a value.
 
 use super::{Declared, Entry, Group, State, Store, note_outside};
-use crate::logging::{Level, message};
+use crate::log::{Level, message};
 use crate::parameters::error::Source;
 use crate::parameters::handle::Info;
 use std::sync::Arc;

@@ -13,10 +13,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// What happens when a process overruns a budget. In any case it is counted, and the worst one
-/// kept, in [`ProcessReport::budgets`](crate::ProcessReport::budgets).
+/// kept, in [`ProcessReport::budgets`](crate::report::ProcessReport::budgets).
 ///
 /// ```
-/// use luna::{Error, OnOverrun, prelude::*};
+/// use luna::prelude::*;
+/// use luna::safety::OnOverrun;
+/// use luna::Error;
 /// use std::time::Duration;
 ///
 /// let mut system = System::new("machine");

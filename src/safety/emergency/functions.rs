@@ -20,7 +20,8 @@ pub(crate) const LIMIT: Duration = Duration::from_millis(500);
 /// finds it.
 const MOST: usize = 256;
 
-/// The outcome of one function: in [`SafetyReport::functions`](crate::SafetyReport::functions).
+/// The outcome of one function: in
+/// [`SafetyReport::functions`](crate::report::SafetyReport::functions).
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct FunctionReport {

@@ -15,7 +15,7 @@ use super::entered::Waiting;
 use super::report::SafetyReport;
 use super::state::{Cause, Degree, Journal};
 use crate::error::{Error, Result};
-use crate::logging::Log;
+use crate::log::Log;
 use crate::system::Plan;
 use functions::{Functions, Run};
 use luna_core::current::ProcessId;
@@ -79,7 +79,8 @@ thread_local! {
 /// that no other process of its thread, and none of lower priority on its core, runs before.
 ///
 /// ```
-/// use luna::{End, prelude::*};
+/// use luna::prelude::*;
+/// use luna::End;
 ///
 /// let mut system = System::new("arm");
 /// system.on_emergency("brakes", || { /* engage them */ });
@@ -248,7 +249,7 @@ impl Emergency {
         }
     }
 
-    /// See [`Safety::enter_safe_state`](crate::Safety::enter_safe_state).
+    /// See [`Safety::enter_safe_state`](crate::safety::Safety::enter_safe_state).
     pub(crate) fn enter_safe_state(&self, cause: Cause) {
         let (mut is_entered, mut has_functions) = (false, false);
         self.journal

@@ -12,7 +12,8 @@ use std::sync::Arc;
 /// cheap, and it may outlive the system.
 ///
 /// ```
-/// use luna::{End, prelude::*};
+/// use luna::prelude::*;
+/// use luna::End;
 ///
 /// let mut system = System::new("arm");
 /// system.on_emergency("brakes", || { /* engage them */ });

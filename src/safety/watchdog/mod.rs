@@ -27,7 +27,7 @@ const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 /// the first feed or the first wait, not when it is made: a system's start does not count.
 ///
 /// ```
-/// use luna::Watchdog;
+/// use luna::safety::Watchdog;
 /// use luna::prelude::*;
 /// use std::time::Duration;
 ///
@@ -76,7 +76,7 @@ impl Watchdog {
     /// once for each of the threads that feed.
     ///
     /// ```
-    /// let dog = luna::Watchdog::new(std::time::Duration::from_secs(60));
+    /// let dog = luna::safety::Watchdog::new(std::time::Duration::from_secs(60));
     /// dog.feed();
     /// assert!(!dog.has_expired());
     /// ```
@@ -95,7 +95,7 @@ impl Watchdog {
     ///
     /// ```
     /// use std::time::Duration;
-    /// let dog = luna::Watchdog::new(Duration::from_nanos(1));
+    /// let dog = luna::safety::Watchdog::new(Duration::from_nanos(1));
     /// dog.feed();
     /// while !dog.has_expired() {}
     /// dog.feed();
@@ -120,7 +120,7 @@ impl Watchdog {
     /// ```
     /// use std::time::Duration;
     /// luna::run(async {
-    ///     let dog = luna::Watchdog::new(Duration::from_millis(1));
+    ///     let dog = luna::safety::Watchdog::new(Duration::from_millis(1));
     ///     dog.expired().await;
     ///     assert!(dog.has_expired());
     ///     Ok(())
@@ -140,7 +140,7 @@ impl Watchdog {
     /// would have expired. `bite` runs on the real-time path: it must not block.
     ///
     /// ```
-    /// use luna::Watchdog;
+    /// use luna::safety::Watchdog;
     /// use luna::prelude::*;
     /// use std::time::Duration;
     ///

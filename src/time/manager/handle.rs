@@ -26,8 +26,8 @@ impl TimerManager {
     ///
     /// # Errors
     ///
-    /// [`SetupError::CallbackOnVirtualClock`](crate::SetupError::CallbackOnVirtualClock) in a
-    /// system that runs on a virtual clock; one that has a callback before does not start there.
+    /// [`SetupError::CallbackOnVirtualClock`](crate::error::SetupError::CallbackOnVirtualClock) in
+    /// a system that runs on a virtual clock; one that has a callback before does not start there.
     ///
     /// [`SetupError::TooManyTimers`]: the system runs, and the room that was set aside before the
     /// start is taken ([`System::max_timers`](crate::System::max_timers)).
@@ -49,8 +49,9 @@ impl TimerManager {
 ///
 /// That thread is above all processes, so **the function must be short**: while it runs, no loop of
 /// the system is woken. It must not wait, nor allocate. What takes longer than 100 µs is counted,
-/// and the longest time stands in the [report](crate::TimersReport). It is called after the loops
-/// of the same tick were woken; several that are due together in the order of their deadlines.
+/// and the longest time stands in the [report](crate::report::TimersReport). It is called after the
+/// loops of the same tick were woken; several that are due together in the order of their
+/// deadlines.
 ///
 /// A panic in it is an emergency like one in a process: the functions of
 /// [`on_emergency`](crate::System::on_emergency) run, and the system ends with
@@ -63,7 +64,7 @@ impl TimerManager {
 ///
 /// ```
 /// use luna::prelude::*;
-/// use luna::Timers;
+/// use luna::time::Timers;
 /// use std::time::Duration;
 ///
 /// let mut system = System::new("sampler");
@@ -148,7 +149,7 @@ impl TimerCallback {
     ///
     /// ```
     /// # let mut system = luna::System::new("machine");
-    /// system.timers(luna::Timers::Manager);
+    /// system.timers(luna::time::Timers::Manager);
     /// let late = system.timer_manager()?.callback("late", |_| ())?;
     /// late.after(std::time::Duration::from_secs(1));
     /// assert!(late.is_set());

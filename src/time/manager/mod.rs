@@ -64,8 +64,8 @@ pub enum Timers {
     /// loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on the
     /// common grid, not when it is made, so that all loops of a period are in phase. Loops that
     /// leave the common grid ([`correct`](crate::Periodic::correct),
-    /// [`Overrun::Rephase`](crate::Overrun::Rephase)), and those of a seventeenth period at once,
-    /// take their executor's deadlines. So do delays, [`ticks`](crate::ticks()) and
+    /// [`Overrun::Rephase`](crate::time::Overrun::Rephase)), and those of a seventeenth period at
+    /// once, take their executor's deadlines. So do delays, [`ticks`](crate::ticks()) and
     /// [`Timer`](crate::Timer)s.
     Manager,
 }

@@ -6,14 +6,15 @@ use std::fmt;
 use std::time::Duration;
 
 /// What the timer manager did: part of the [`Report`](crate::Report) of a system with
-/// [`Timers::Manager`](crate::Timers::Manager).
+/// [`Timers::Manager`](crate::time::Timers::Manager).
 ///
-/// What the loops did of their slots stands in their own [`LoopReport`](crate::LoopReport)s: a tick
-/// that the manager was late for, and a slot that a loop missed, are different faults.
+/// What the loops did of their slots stands in their own
+/// [`LoopReport`](crate::report::LoopReport)s: a tick that the manager was late for, and a slot
+/// that a loop missed, are different faults.
 ///
 /// ```
 /// use luna::prelude::*;
-/// use luna::Timers;
+/// use luna::time::Timers;
 /// use std::time::Duration;
 ///
 /// let mut system = System::new("servo");

@@ -2,7 +2,7 @@
 
 use super::{Cycle, Overrun, Periodic};
 use crate::csp::process::{Failure, fail_current};
-use crate::record;
+use crate::replay;
 use crate::safety::Ledger;
 use crate::time::grid::Trim;
 use crate::time::spin;
@@ -45,7 +45,7 @@ impl Periodic {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub async fn next(&mut self) -> Cycle {
-        if current::is_taped() && record::enters_cycle().await {
+        if current::is_taped() && replay::enters_cycle().await {
             return self.replayed().await;
         }
         let asked = Instant::now();
@@ -68,7 +68,7 @@ impl Periodic {
         let now = spin::until(target).await;
         let cycle = self.begin_cycle(target, now);
         if current::is_taped() {
-            record::note_cycle([
+            replay::note_cycle([
                 cycle.number,
                 cycle.deadline.as_nanos(),
                 nanos(cycle.lateness),
@@ -134,11 +134,11 @@ impl Periodic {
     /// The cycle from the replay log.
     #[cold]
     async fn replayed(&mut self) -> Cycle {
-        let Some([number, deadline, lateness, missed]) = record::cycle() else {
+        let Some([number, deadline, lateness, missed]) = replay::cycle() else {
             // The replay has come to its end.
             return std::future::pending().await;
         };
-        record::hold().await;
+        replay::hold().await;
         if self.prepared.is_some() {
             self.begin_prepared(Instant::now());
         }

@@ -13,7 +13,7 @@ impl Periodic {
     /// ```
     /// # use std::time::Duration;
     /// # luna::run(async {
-    /// let tick = luna::periodic("integrator", Duration::from_millis(1))?.overrun(luna::Overrun::CatchUp);
+    /// let tick = luna::periodic("integrator", Duration::from_millis(1))?.overrun(luna::time::Overrun::CatchUp);
     /// # drop(tick); Ok(()) })?;
     /// # Ok::<(), luna::Error>(())
     /// ```
@@ -56,7 +56,8 @@ impl Periodic {
     /// first [`next`](Self::next): slots before that are not missed, and the first
     /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a
     /// loop's grid begins when the loop is made, or with
-    /// [`Timers::Manager`](crate::Timers::Manager) at the slot of phase 0 that lasts then. O(1).
+    /// [`Timers::Manager`](crate::time::Timers::Manager) at the slot of phase 0 that lasts then.
+    /// O(1).
     ///
     /// [`Overrun::Rephase`] and [`correct`](Self::correct) leave the common grid.
     ///
@@ -104,14 +105,15 @@ impl Periodic {
     /// no guard, and on a virtual clock there is none. O(1).
     ///
     /// On the reference machine a wake-up takes 26 µs; a good guard is twice the 99th percentile
-    /// that [`LoopReport`](crate::LoopReport) shows without one.
+    /// that [`LoopReport`](crate::report::LoopReport) shows without one.
     ///
     /// # Errors
     ///
     /// [`SetupError::GuardTooLong`]: more than a sixteenth of the period.
     ///
     /// ```
-    /// use luna::{Error, SetupError};
+    /// use luna::error::SetupError;
+    /// use luna::Error;
     /// use std::time::Duration;
     /// luna::run(async {
     ///     let mut tick = luna::periodic("servo", Duration::from_millis(1))?.guard_spin(Duration::from_micros(60))?;
@@ -173,8 +175,8 @@ impl Periodic {
     }
 
     /// Calls a cycle late from this lateness on; if not stated a tenth of the period, at least 50
-    /// µs. The report looks for the cause of late cycles ([`LateCycle`](crate::LateCycle)), for
-    /// three system calls that never wait in such a cycle, about two microseconds;
+    /// µs. The report looks for the cause of late cycles ([`LateCycle`](crate::report::LateCycle)),
+    /// for three system calls that never wait in such a cycle, about two microseconds;
     /// [`Duration::MAX`] calls none late.
     #[must_use]
     pub fn late_after(mut self, lateness: Duration) -> Self {

@@ -8,9 +8,11 @@ mod none;
 mod told;
 
 use common::{COMPLETE, PLACES, Place, Program, SpawnOk, watchdog};
-use luna::deadlock::{Operation, Partner};
+use luna::inspect::Deadlock;
+use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
-use luna::{Deadlock, End, Error, ProcessBuilder};
+use luna::system::ProcessBuilder;
+use luna::{End, Error};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;

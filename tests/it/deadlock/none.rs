@@ -95,7 +95,7 @@ fn a_file_is_no_deadlock() {
         must_end_well("file", move |system, sender| {
             let process = place.process(system, "other", "other");
             process.spawn_ok(async move {
-                luna::readable(&near).await?;
+                luna::external::readable(&near).await?;
                 let mut byte = [0];
                 near.read_exact(&mut byte)?;
                 sender.send(u32::from(byte[0])).await?;

@@ -3,8 +3,8 @@
 mod losses;
 mod waits;
 
+use luna::log::{Logging, Sink};
 use luna::prelude::*;
-use luna::{Logging, Sink};
 use luna_core::events::code;
 use luna_logger::format::{Event, Reader, Record, Subject};
 use std::collections::{BTreeMap, HashMap};
@@ -505,7 +505,7 @@ fn a_slot_says_how_late_it_is_itself() -> luna::Result<()> {
     let period = std::time::Duration::from_millis(10);
     let main = system.executor("main").build()?;
     main.process("servo").spawn(async move {
-        let mut tick = luna::periodic("servo", period)?.overrun(luna::Overrun::SkipToGrid);
+        let mut tick = luna::periodic("servo", period)?.overrun(luna::time::Overrun::SkipToGrid);
         let mut cycle = tick.next().await;
         // Into the slot behind the next.
         luna::after(5 * period / 2).await;

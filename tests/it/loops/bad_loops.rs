@@ -1,8 +1,9 @@
 //! Loops that cannot be: a typed error each, and nothing taken by what was refused.
 
 use crate::common::{SpawnOk, setup_error, watchdog};
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, SetupError};
 use std::time::Duration;
 
 /// What a process gets that does nothing but what `body` says.

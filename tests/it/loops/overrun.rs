@@ -2,7 +2,9 @@
 
 use crate::common::{Random, SpawnOk, burn_until, watchdog};
 use luna::prelude::*;
-use luna::{Cycle, Error, Instant, LoopReport, Overrun};
+use luna::report::LoopReport;
+use luna::time::{Cycle, Overrun};
+use luna::{Error, Instant};
 use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(1);

@@ -3,7 +3,8 @@
 use crate::common::{Random, SpawnOk, burn_until, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
-use luna::{Cycle, LoopReport, Overrun};
+use luna::report::LoopReport;
+use luna::time::{Cycle, Overrun};
 use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -43,7 +44,7 @@ fn smoke() {
         let origin = origin(&cycles[0], PERIOD);
         assert!(origin <= after);
         match super::timers() {
-            luna::Timers::Manager => assert!(before < origin + PERIOD),
+            luna::time::Timers::Manager => assert!(before < origin + PERIOD),
             _ => assert!(before <= origin),
         }
         Ok(cycles)

@@ -1,8 +1,9 @@
 //! Phases on a common grid, guards, and trims: which slot is where, exactly; and what is refused.
 
 use crate::common::{PLACES, Random, SpawnOk, burn_until, setup_error, watchdog};
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Cycle, Overrun, SetupError};
+use luna::time::{Cycle, Overrun};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 

@@ -2,7 +2,8 @@
 
 use crate::common::{PLACES, SpawnOk, burn_until, watchdog};
 use luna::prelude::*;
-use luna::{Cycle, Instant, Parameter, Periodic};
+use luna::time::Cycle;
+use luna::{Instant, Parameter, Periodic};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -154,7 +155,7 @@ fn a_loop_of_a_process_that_comes_later_begins_with_its_body() {
         let begun = seen.body.unwrap().as_nanos();
         match super::timers() {
             // The grid of its period.
-            luna::Timers::Manager => {
+            luna::time::Timers::Manager => {
                 assert!(begun <= seen.cycles[0].deadline.as_nanos());
             }
             _ => assert!(seen.origins()[0] >= begun),

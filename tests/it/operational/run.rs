@@ -4,7 +4,7 @@ use crate::operational::check::{End, Refusal, check};
 use crate::operational::job::Job;
 use crate::operational::network::{Entry, Network};
 use crate::operational::play::{Player, players};
-use luna::ProcessState;
+use luna::process::ProcessState;
 use luna_executors::{Executor, Exit, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::fmt;

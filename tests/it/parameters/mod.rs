@@ -7,9 +7,11 @@ mod files;
 mod sets;
 
 use common::{setup_error, watchdog};
+use luna::Error;
+use luna::error::SetupError;
+use luna::parameters::Parameters;
 use luna::parameters::{DeclareError, Reason, SetError, Source, Value};
 use luna::prelude::*;
-use luna::{Error, Parameters, SetupError};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -2,8 +2,10 @@
 
 use super::{HOUR, MS, Notes, simulated, sleep_for, watchdog};
 use crate::common::SpawnOk;
+use luna::Error;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{ClockKind, Error, SetupError};
+use luna::system::ClockKind;
 use std::time::Duration;
 
 #[test]
@@ -97,7 +99,7 @@ fn processes_are_spawned_while_it_runs_on_every_kind_of_place() {
     );
 }
 
-fn own_note(handle: &luna::ProcessHandle) {
+fn own_note(handle: &luna::process::ProcessHandle) {
     assert_eq!(handle.exit(), Some(luna::Exit::Completed));
 }
 
@@ -190,7 +192,7 @@ fn a_thread_outside_sends_when_it_will_and_a_delay_above_does_not_shut_it_out() 
 fn callbacks_of_the_timer_manager_are_refused_where_nobody_could_call_them() {
     let _alive = watchdog();
     let (mut system, main) = simulated();
-    system.timers(luna::Timers::Manager);
+    system.timers(luna::time::Timers::Manager);
     let timers = system.timer_manager().unwrap();
     let own = timers.clone();
     main.process("late").spawn_ok(async move {
@@ -207,7 +209,7 @@ fn callbacks_of_the_timer_manager_are_refused_where_nobody_could_call_them() {
     system.run().unwrap();
 
     let (mut system, _main) = simulated();
-    system.timers(luna::Timers::Manager);
+    system.timers(luna::time::Timers::Manager);
     let timers = system.timer_manager().unwrap();
     let _callback = timers.callback("early", |_| ()).unwrap();
     assert!(matches!(

@@ -3,7 +3,8 @@
 use super::{HOUR, MS, Notes, simulated, watchdog};
 use crate::common::SpawnOk;
 use luna::prelude::*;
-use luna::{ClockKind, End, Error, Instant};
+use luna::system::ClockKind;
+use luna::{End, Error, Instant};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -2,8 +2,10 @@
 
 use super::{HOUR, MS, Notes, simulated, watchdog};
 use crate::common::SpawnOk;
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{Error, Instant, OnOverrun, SetupError, Watchdog};
+use luna::safety::{OnOverrun, Watchdog};
+use luna::{Error, Instant};
 use std::time::Duration;
 
 #[test]

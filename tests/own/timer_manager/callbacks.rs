@@ -62,7 +62,7 @@ fn one_shots_fire_once_each_and_one_can_set_itself_anew() {
     second.at(now + PERIOD * 2);
     never.at(now + PERIOD * 2);
     assert!(never.cancel());
-    let again: Arc<Mutex<Option<luna::TimerCallback>>> = Arc::default();
+    let again: Arc<Mutex<Option<luna::time::TimerCallback>>> = Arc::default();
     let (own, left) = (again.clone(), Arc::new(AtomicU64::new(3)));
     let done = left.clone();
     let chain = manager
@@ -91,7 +91,7 @@ fn who_is_always_late_starves_nobody() {
     for partners in [&[0][..], &[1, 0]] {
         let mut system = managed("late");
         let manager = system.timer_manager().unwrap();
-        let handles: Arc<Mutex<Vec<luna::TimerCallback>>> = Arc::default();
+        let handles: Arc<Mutex<Vec<luna::time::TimerCallback>>> = Arc::default();
         for (number, &partner) in partners.iter().enumerate() {
             let sets = handles.clone();
             let late = manager
@@ -161,7 +161,7 @@ fn removal_while_it_is_called() {
                 luna::after(Duration::from_micros(100)).await;
             }
             let kept = if drops {
-                luna::off_path(|| drop(one));
+                luna::realtime::off_path(|| drop(one));
                 None
             } else {
                 assert!(one.cancel());

@@ -38,7 +38,7 @@ fn the_timers_are_on_the_monotonic_clock() {
     main.process("one").spawn_ok(async {
         let mut tick = luna::periodic("one", PERIOD)?;
         tick.next().await;
-        let timers = luna::off_path(|| {
+        let timers = luna::realtime::off_path(|| {
             let mut clocks = Vec::new();
             for file in std::fs::read_dir("/proc/self/fdinfo").unwrap().flatten() {
                 let text = std::fs::read_to_string(file.path()).unwrap_or_default();

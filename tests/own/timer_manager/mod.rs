@@ -5,8 +5,11 @@ use crate::common;
 mod machine;
 
 use common::{COMPLETE, PLACES, Program, SpawnOk, burn_until, setup_error, skip};
+use luna::error::SetupError;
 use luna::prelude::*;
-use luna::{CallbackReport, End, Error, Instant, Report, SetupError, Timers, TimersReport};
+use luna::report::{CallbackReport, TimersReport};
+use luna::time::Timers;
+use luna::{End, Error, Instant, Report};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -157,7 +160,7 @@ fn periods_that_are_none_and_room_that_is_full() {
     let main = system.executor("main").build().unwrap();
     main.process("adds").spawn_ok(async move {
         let _one = one;
-        luna::off_path(|| {
+        luna::realtime::off_path(|| {
             let second = manager.callback("second", |_| ())?;
             let third = setup_error(
                 manager.callback("third", |_| ()),
@@ -247,7 +250,7 @@ fn part() {
     main.process("one").spawn_ok(async {
         let mut tick = luna::periodic("one", PERIOD)?;
         let mut before = tick.next().await;
-        luna::off_path(|| println!("ready"));
+        luna::realtime::off_path(|| println!("ready"));
         let mut after = 0;
         while after < 20 {
             let cycle = tick.next().await;

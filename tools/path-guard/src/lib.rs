@@ -24,9 +24,9 @@
 //!     main.process("sink")
 //!         .spawn(async move {
 //!             // What a body needs is made before, or off the path and said so.
-//!             let mut seen = luna::off_path(|| Vec::with_capacity(1));
+//!             let mut seen = luna::realtime::off_path(|| Vec::with_capacity(1));
 //!             seen.push(input.recv().await?);
-//!             luna::off_path(|| drop(seen));
+//!             luna::realtime::off_path(|| drop(seen));
 //!             Ok(())
 //!         })
 //!         .unwrap();

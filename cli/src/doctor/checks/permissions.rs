@@ -2,7 +2,8 @@
 
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna::{Policy, Shortfall};
+use luna::Policy;
+use luna::report::Shortfall;
 use luna_platform::facts::task::{
     CAP_IPC_LOCK, CAP_SYS_NICE, has_capability, is_first_user_namespace, soft_limit,
 };

@@ -2,7 +2,7 @@
 
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna::Shortfall;
+use luna::report::Shortfall;
 use luna_platform::facts::parse::number;
 use luna_platform::facts::{Source, Unread, UnreadReason};
 use luna_platform::shortfall::LatencyRefusal;

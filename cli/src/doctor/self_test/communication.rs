@@ -107,7 +107,7 @@ fn buffers() -> Outcome {
 }
 
 fn call() -> Outcome {
-    let (client, server) = luna::call_channel::<u32, u32>();
+    let (client, server) = luna::channel::call_channel::<u32, u32>();
     let ask = async move {
         for number in 0..MESSAGES {
             same("an answer", client.call(number).await?, number * 2)?;

@@ -1,7 +1,8 @@
 //! Watchdogs and the emergency.
 
 use super::{Outcome, Test, Trouble, ensure, on_one_executor, same};
-use luna::{End, System, Watchdog};
+use luna::safety::Watchdog;
+use luna::{End, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;

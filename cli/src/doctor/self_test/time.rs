@@ -134,7 +134,7 @@ fn periodic() -> Outcome {
 
 fn managed() -> Outcome {
     let mut system = luna::System::new("managed");
-    system.timers(luna::Timers::Manager);
+    system.timers(luna::time::Timers::Manager);
     let (called, calls) = luna::buffered(luna::Buffer::fifo(64));
     let callback = system
         .timer_manager()?

@@ -205,7 +205,7 @@ struct Outputs {
 
 /// Opens lines of the chip at `path`, such as `/dev/gpiochip0`: one device of this chip and these
 /// lines. Registers an emergency function that sets outputs to their safe levels; if the system
-/// refuses to set them, the report marks it as [panicked](luna::FunctionOutcome::Panicked).
+/// refuses to set them, the report marks it as [panicked](luna::report::FunctionOutcome::Panicked).
 ///
 /// # Errors
 ///

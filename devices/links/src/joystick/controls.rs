@@ -65,7 +65,7 @@ impl<D: Controller> Controls<D> {
 impl<D: Controller> Process for Controls<D> {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
         // Here, off the real-time path. If it fails, the first wait fails too, and reports it.
-        let _ = luna::prepare_files();
+        let _ = luna::external::prepare_files();
         async {
             let sender = self.sender.take();
             let (Some(wire), Some(device), Some(sender)) = (&mut self.wire, &self.device, sender)
@@ -140,7 +140,7 @@ async fn send(sender: &Sender<Control>, control: Control) -> Option<Stop> {
 async fn next(
     wire: &mut Wire,
     splitter: &mut Splitter,
-    mut ended: Pin<&mut luna::Ended<'_>>,
+    mut ended: Pin<&mut luna::channel::Ended<'_>>,
 ) -> Result<Event, Stop> {
     loop {
         if let Some(Ok(bytes)) = splitter.next_record()

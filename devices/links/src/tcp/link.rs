@@ -101,7 +101,7 @@ impl<O, I> Link<O, I> {
 
 impl<O: ToBytes + Send, I: FromBytes + Send> Process for Link<O, I> {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
-        let _ = luna::prepare_files();
+        let _ = luna::external::prepare_files();
         async {
             let (Some(outgoing), Some(incoming), Some(device), Some(origin)) = (
                 self.outgoing.take(),

@@ -265,10 +265,12 @@ async fn stream(origin: &Origin, retry: &mut Retry) -> Result<TcpStream, LinkErr
 /// The next client.
 async fn accept(listener: &TcpListener) -> Result<io::Result<TcpStream>, LinkError> {
     loop {
-        match luna::off_path(|| listener.accept()) {
+        match luna::realtime::off_path(|| listener.accept()) {
             Ok((stream, _)) => return Ok(Ok(stream)),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                luna::readable(listener).await.map_err(LinkError::Wait)?;
+                luna::external::readable(listener)
+                    .await
+                    .map_err(LinkError::Wait)?;
             }
             Err(error) => return Ok(Err(error)),
         }

@@ -3,9 +3,11 @@
 
 use crate::common;
 use common::{SpawnOk, counter, run_to_loss, watchdog};
+use luna::Error;
+use luna::channel::CallError;
 use luna::devices::{Device, DeviceState, OnLoss, Sharing};
 use luna::prelude::*;
-use luna::{CallError, Error, FunctionOutcome};
+use luna::report::FunctionOutcome;
 use luna_links::driver::driver;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
@@ -25,7 +27,7 @@ fn calls_are_answered_in_turn_while_the_executor_goes_on() {
     let mut system = System::new("driver");
     let devices = system.devices();
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<u32, u32>();
+    let (client, calls) = luna::channel::call_channel::<u32, u32>();
     // The driver waits for another process of the same executor: if it blocked the executor, the
     // test would hang.
     let (go, gone) = mpsc::channel::<u32>();
@@ -63,7 +65,7 @@ fn errors_are_unanswered_calls_and_so_many_in_a_row_the_loss() {
     let mut system = System::new("errors");
     let devices = system.devices();
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<bool, ()>();
+    let (client, calls) = luna::channel::call_channel::<bool, ()>();
     let link = driver(&bus, (), calls, |(), works| match works {
         true => Ok(()),
         false => Err(Error::other("no acknowledge")),
@@ -101,7 +103,7 @@ fn a_transaction_that_hangs_is_a_loss_while_it_hangs() {
     let bus = bus(&system);
     let (ran, mut function) = counter();
     bus.on_emergency("off", move |()| function()).unwrap();
-    let (client, calls) = luna::call_channel::<(), ()>();
+    let (client, calls) = luna::channel::call_channel::<(), ()>();
     let (end, ended) = mpsc::channel::<()>();
     let link = driver(&bus, ended, calls, |ended, ()| {
         // Until the test is over.
@@ -128,7 +130,7 @@ fn what_takes_too_long_is_counted() {
     let _watch = watchdog();
     let mut system = System::new("late");
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<bool, ()>();
+    let (client, calls) = luna::channel::call_channel::<bool, ()>();
     let link = driver(&bus, (), calls, |(), is_slow| {
         let end = std::time::Instant::now() + Duration::from_millis(3);
         while is_slow && std::time::Instant::now() < end {}
@@ -157,7 +159,7 @@ fn in_an_emergency_the_driver_makes_it_safe_and_serves_no_calls_after() {
     let mut system = System::new("safe");
     let bus = bus(&system);
     bus.on_loss(OnLoss::Fail);
-    let (client, calls) = luna::call_channel::<u32, ()>();
+    let (client, calls) = luna::channel::call_channel::<u32, ()>();
     let written = Arc::new(Mutex::new(Vec::new()));
     let link = driver(&bus, written.clone(), calls, |written, value| {
         written.lock().unwrap().push(value);
@@ -188,7 +190,7 @@ fn a_panic_in_a_driver_is_a_loss() {
     let mut system = System::new("panics");
     let devices = system.devices();
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<(), ()>();
+    let (client, calls) = luna::channel::call_channel::<(), ()>();
     // The panic hook takes some time to report, before the thread ends.
     let link = driver(&bus, (), calls, |(), ()| panic!("a bug in a driver"))
         .lost_after(Duration::from_secs(60));
@@ -219,7 +221,7 @@ fn outcome(system: &System) -> FunctionOutcome {
 fn run_caller(
     system: &mut System,
     link: luna_links::driver::Driver<impl Send + 'static, (), ()>,
-    call: luna::Client<(), ()>,
+    call: luna::channel::Client<(), ()>,
 ) {
     let devices = system.devices();
     let main = system.executor("main").build().unwrap();
@@ -239,7 +241,7 @@ fn a_driver_that_hangs_is_not_reported_as_safe() {
     let _watch = watchdog();
     let mut system = System::new("hangs");
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<(), ()>();
+    let (client, calls) = luna::channel::call_channel::<(), ()>();
     let (end, ended) = mpsc::channel::<()>();
     let link = driver(&bus, ended, calls, |ended, ()| {
         let _ = ended.recv();
@@ -259,7 +261,7 @@ fn a_driver_that_panicked_still_makes_it_safe() {
     let _watch = watchdog();
     let mut system = System::new("panics");
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<(), ()>();
+    let (client, calls) = luna::channel::call_channel::<(), ()>();
     let (ran, mut function) = counter();
     let link = driver(&bus, (), calls, |(), ()| panic!("a bug in a driver"))
         .lost_after(Duration::from_secs(60))
@@ -276,7 +278,7 @@ fn a_panic_while_it_is_made_safe_is_reported() {
     let _watch = watchdog();
     let mut system = System::new("panics");
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<(), ()>();
+    let (client, calls) = luna::channel::call_channel::<(), ()>();
     let link = driver(&bus, (), calls, |(), ()| {
         Err(Error::other("no acknowledge"))
     })
@@ -295,7 +297,7 @@ fn a_virtual_clock_is_refused() {
     let mut system = System::new("virtual");
     system.virtual_clock();
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<(), ()>();
+    let (client, calls) = luna::channel::call_channel::<(), ()>();
     let link = driver(&bus, (), calls, |(), ()| Ok(()));
     let counts = link.counts();
     let main = system.executor("main").build().unwrap();
@@ -323,7 +325,7 @@ fn the_thread_ends_with_the_link() {
     let has_ended = Arc::new(AtomicBool::new(false));
     let mut system = System::new("ends");
     let bus = bus(&system);
-    let (client, calls) = luna::call_channel::<(), ()>();
+    let (client, calls) = luna::channel::call_channel::<(), ()>();
     let link = driver(&bus, Ends(has_ended.clone()), calls, |_, ()| Ok(()));
     let main = system.executor("main").build().unwrap();
     main.process("link").spawn_ok(link);
@@ -388,7 +390,7 @@ mod i2c {
         let _watch = watchdog();
         let mut system = System::new("oven");
         let bus = bus(&system);
-        let (thermometer, calls) = luna::call_channel::<(), f32>();
+        let (thermometer, calls) = luna::channel::call_channel::<(), f32>();
         let chip = Thermometer(Simulated { raw: [0x15, 0x80] });
         let link = driver(&bus, chip, calls, |chip, ()| {
             chip.read()

@@ -5,9 +5,10 @@
 use crate::common;
 use common::{SpawnOk, run_to_loss, skip, watchdog, with_files};
 use embedded_hal::digital::{InputPin, OutputPin, StatefulOutputPin};
+use luna::Error;
 use luna::devices::{Device, DeviceError, DeviceState, Holder};
 use luna::prelude::*;
-use luna::{Error, FunctionOutcome};
+use luna::report::FunctionOutcome;
 use luna_links::gpio::{self, Chip, Edge, Levels, Lines, Pin, Pins};
 use luna_links::{OnBad, reader};
 use std::io::{self, PipeReader, PipeWriter, Write};

@@ -42,7 +42,7 @@ fn links_allocate_nothing() {
     let (near, far) = (socket(&system, "near", near), socket(&system, "far", far));
     let (source, outgoing) = luna::channel::<Frame<32>>();
     let (incoming, drain) = luna::channel::<Result<Frame<24>, BadRecord>>();
-    let (client, calls) = luna::call_channel::<u32, u32>();
+    let (client, calls) = luna::channel::call_channel::<u32, u32>();
     let places = system.executor("links").build().unwrap();
     let output = writer(&near, outgoing, Framing::lines(31)).unwrap();
     places.process("out").spawn_ok(output);

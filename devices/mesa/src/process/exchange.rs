@@ -3,7 +3,8 @@
 use crate::Health;
 use crate::socket::Socket;
 use hostmot2::lbp16::Packet;
-use luna::{FileError, Instant};
+use luna::Instant;
+use luna::external::FileError;
 use std::sync::Arc;
 
 /// The limit of datagrams read in one cycle, so that a flood does not block the executor.

@@ -28,7 +28,7 @@ use std::time::Duration;
 /// It ends, with the card's outputs off, when all writers of its actuators are gone; without
 /// actuators, when all readers of its sensors are. Real-time path: yes, all of a cycle; O(connected
 /// units), no allocation; two system calls to send, one to receive each datagram that has come, and
-/// those of [`readable`](luna::readable) to wait.
+/// those of [`readable`](luna::external::readable) to wait.
 #[must_use = "a link is a process: spawn it"]
 pub struct CardProcess {
     parts: Parts,
@@ -132,7 +132,7 @@ impl CardProcess {
 impl Process for CardProcess {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
         // A failure here occurs again at the first wait, which reports it.
-        let _ = luna::prepare_files();
+        let _ = luna::external::prepare_files();
         async move {
             let ended = self.go_on().await;
             self.disarm();
@@ -307,7 +307,7 @@ impl CardProcess {
         self.parts.sensors.poison();
         self.parts.actuators.poison();
         // It allocates; there is nothing left to be in time for.
-        luna::off_path(|| match &self.parts.device {
+        luna::realtime::off_path(|| match &self.parts.device {
             Some(device) => device.lost(Error::other(fault)),
             None => luna::emergency(Error::other(fault)),
         })
@@ -316,7 +316,7 @@ impl CardProcess {
 
 impl State {
     /// Asks the card and waits for its answer.
-    async fn exchange(&mut self, deadline: Instant) -> Result<Outcome, luna::FileError> {
+    async fn exchange(&mut self, deadline: Instant) -> Result<Outcome, luna::external::FileError> {
         let number = self.exchange.next_number();
         // It fits: that was tried before.
         if self.layout.read_request(number, &mut self.packet).is_err() {

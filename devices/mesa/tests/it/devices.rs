@@ -2,9 +2,10 @@
 
 use crate::common;
 use common::{FASTEST, PERIOD, SpawnOk, patient_link, register, samples, turning, wait_until};
+use luna::End;
 use luna::devices::{DeviceError, DeviceState, Holder, OnLoss};
 use luna::prelude::*;
-use luna::{End, FunctionOutcome};
+use luna::report::FunctionOutcome;
 use luna_mesa::{CardProcess, OpenError};
 use luna_mesa_sim::{Card as SimCard, Server};
 use std::sync::Arc;

@@ -349,7 +349,7 @@ fn an_absent_card_is_reported_with_the_networks_error() {
     link.tolerance(Bucket::new(1, 1, 250));
     let (outcome, _, health, calls) = run(link, 1_000, move |cycle| {
         if cycle == 20 {
-            luna::off_path(|| drop(server.take()));
+            luna::realtime::off_path(|| drop(server.take()));
         }
     });
     assert!(matches!(fault(outcome), Fault::TooManyErrors { .. }));

@@ -3,7 +3,8 @@
 
 use super::{Bench, Registers, registers};
 use crate::AXES;
-use luna::{ClockDriver, DriveError, System};
+use luna::System;
+use luna::system::{ClockDriver, DriveError};
 use luna_plants::{Encoder, Motor, MotorState};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -36,7 +36,7 @@ pub struct Behind {
 /// # Errors
 ///
 /// An [`OpenError`] in [`Error::Other`], the card lacks a unit, or those of
-/// [`spawn`](luna::ProcessBuilder::spawn).
+/// [`spawn`](luna::system::ProcessBuilder::spawn).
 pub fn mesa(
     system: &System,
     executor: &Executor,

@@ -6,7 +6,7 @@ use crate::AXES;
 use luna_plants::{Encoder, Motor, MotorState};
 
 use luna::prelude::*;
-use luna::record;
+use luna::replay;
 use luna::{Executor, TryRecvError};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -48,7 +48,7 @@ pub struct Simulated {
 ///
 /// # Errors
 ///
-/// Those of [`spawn`](luna::ProcessBuilder::spawn).
+/// Those of [`spawn`](luna::system::ProcessBuilder::spawn).
 pub fn simulated(
     system: &mut System,
     executor: &Executor,
@@ -109,7 +109,7 @@ impl Process for Bridge {
         let (mut duty, mut enabled, mut unwritten) = (0.0, false, 0.0);
         loop {
             tick.next().await;
-            let line = record::input("enable line", || self.line.load(Ordering::Relaxed));
+            let line = replay::input("enable line", || self.line.load(Ordering::Relaxed));
             let on = enabled && unwritten < WATCHDOG && line;
             // First what was applied until now, then what was written meanwhile.
             let applied = Applied {
@@ -142,7 +142,7 @@ impl Process for Joint {
         while let Ok(Applied { duty, time }) = self.applied.recv().await {
             self.plant.drive(duty, time);
             let angle = self.plant.state().angle;
-            record::output("angle", &angle);
+            replay::output("angle", &angle);
             self.angle.send(angle).await?;
         }
         Ok(())

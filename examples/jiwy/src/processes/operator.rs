@@ -28,7 +28,7 @@ impl Process for Joystick {
             let deflection = self.playback.at(time);
             for (axis, stick) in AXES.iter().zip(&self.sticks) {
                 // From outside: a replay need not have the same file.
-                let deflected = luna::record::input("joystick", || (axis.stick)(deflection));
+                let deflected = luna::replay::input("joystick", || (axis.stick)(deflection));
                 if stick.send(deflected).await.is_err() {
                     return Ok(());
                 }

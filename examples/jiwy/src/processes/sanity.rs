@@ -5,7 +5,7 @@ use super::control::Command;
 use crate::network::Findings;
 use crate::parts::sanity::Sanity;
 use luna::prelude::*;
-use luna::record::{self, Value};
+use luna::replay::{self, Value};
 use luna_safety_blocks::Block;
 use std::sync::{Arc, OnceLock};
 
@@ -84,10 +84,10 @@ pub(crate) async fn write_register<T: Copy + Value>(
     register: Sender<T>,
 ) -> luna::Result<()> {
     while let Ok(value) = values.recv().await {
-        record::output("register", &value);
+        replay::output("register", &value);
         register.send(value).await?;
     }
-    record::output("register", &last);
+    replay::output("register", &last);
     register.send(last).await?;
     Ok(())
 }

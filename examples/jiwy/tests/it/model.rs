@@ -54,7 +54,8 @@ fn simulated(cycles: u64, start: Start) -> luna::Result<(Outcome, Report)> {
     let machine = hardware::simulated(&mut system, &executors.mechanism, PERIOD)?;
     let findings = network::build(&executors, machine.registers, settings(cycles, start))?;
     let report = system.run()?;
-    let completed = |process: &luna::ProcessReport| process.exit == Some(luna::Exit::Completed);
+    let completed =
+        |process: &luna::report::ProcessReport| process.exit == Some(luna::Exit::Completed);
     assert!(report.processes.iter().all(completed), "{report}");
     let states = machine
         .states

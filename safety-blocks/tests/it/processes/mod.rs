@@ -37,7 +37,7 @@ fn note<T: Send + 'static>(main: &luna::Executor, values: Receiver<T>) -> Seen<T
             let start = luna::now();
             while let Ok(value) = values.recv().await {
                 let at = (luna::now() - start).as_millis();
-                luna::off_path(|| notes.lock().unwrap().push((at, value)));
+                luna::realtime::off_path(|| notes.lock().unwrap().push((at, value)));
             }
             Ok(())
         });
@@ -70,7 +70,7 @@ fn a_chain_adds_no_queue_and_keeps_the_pace_of_its_reader() {
         for n in 0..5 {
             put.send(f64::from(n)).await?;
             let at = (luna::now() - start).as_millis();
-            luna::off_path(|| notes.lock().unwrap().push((at, n)));
+            luna::realtime::off_path(|| notes.lock().unwrap().push((at, n)));
         }
         Ok(())
     });
@@ -329,6 +329,6 @@ fn the_first_warning_of_a_block_is_one_of_the_system() {
         Ok(())
     });
     let report = system.run().unwrap();
-    assert_eq!(report.safety.state.degree, luna::Degree::Warning);
+    assert_eq!(report.safety.state.degree, luna::safety::Degree::Warning);
     assert_eq!(report.safety.state.events.len(), 1);
 }

@@ -27,7 +27,8 @@ fn in_a_safe_state_all_outputs_are_neutral_until_it_is_reset_and_a_fault_that_st
             assert_eq!([put_out, seconds.recv().await?], expected);
             Ok::<(), luna::Error>(())
         };
-        let reset = || luna::off_path(|| safety.reset(luna::Error::other("looked at"))).unwrap();
+        let reset =
+            || luna::realtime::off_path(|| safety.reset(luna::Error::other("looked at"))).unwrap();
         round(0.1, [0.1, 0.5]).await?;
         round(f64::NAN, [0.0, 0.0]).await?;
         round(0.1, [0.0, 0.0]).await?;
@@ -40,29 +41,29 @@ fn in_a_safe_state_all_outputs_are_neutral_until_it_is_reset_and_a_fault_that_st
             reset();
         }
         round(f64::NAN, [0.0, 0.0]).await?;
-        let state = luna::off_path(|| safety.state().to_string());
+        let state = luna::realtime::off_path(|| safety.state().to_string());
         assert!(
             state.contains("safety block `first`: the value is NaN"),
             "{state}"
         );
-        luna::off_path(|| drop(state));
+        luna::realtime::off_path(|| drop(state));
         drop((bad, good));
         // Its end.
         assert_eq!((firsts.recv().await?, seconds.recv().await?), (0.0, 0.0));
         Ok(())
     });
     let report = system.run().unwrap();
-    assert_eq!(report.safety.state.degree, luna::Degree::SafeState);
+    assert_eq!(report.safety.state.degree, luna::safety::Degree::SafeState);
 }
 
 /// Another process enters the safe state at 5 ms and 15 ms, and leaves it at 10 ms.
-fn enters_from_elsewhere(main: &luna::Executor, safety: luna::Safety) {
+fn enters_from_elsewhere(main: &luna::Executor, safety: luna::safety::Safety) {
     main.process("elsewhere").spawn_ok(async move {
-        let says = |text| luna::off_path(|| luna::Error::other(text));
+        let says = |text| luna::realtime::off_path(|| luna::Error::other(text));
         luna::after(5 * MS).await;
         safety.enter_safe_state(says("too hot"));
         luna::after(5 * MS).await;
-        luna::off_path(|| safety.reset(says("cool"))).unwrap();
+        luna::realtime::off_path(|| safety.reset(says("cool"))).unwrap();
         luna::after(5 * MS).await;
         safety.enter_safe_state(says("too hot again"));
         luna::after(15 * MS).await;

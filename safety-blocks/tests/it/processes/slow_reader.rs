@@ -15,10 +15,10 @@ fn of_a_slow_reader(
     add(&main, output);
     main.process("elsewhere").spawn_ok(async move {
         luna::after(enters_at * MS).await;
-        luna::off_path(|| safety.enter_safe_state(luna::Error::other("too hot")));
+        luna::realtime::off_path(|| safety.enter_safe_state(luna::Error::other("too hot")));
         if is_left {
             luna::after(MS).await;
-            luna::off_path(|| safety.reset(luna::Error::other("cool"))).unwrap();
+            luna::realtime::off_path(|| safety.reset(luna::Error::other("cool"))).unwrap();
         }
         Ok(())
     });
@@ -32,7 +32,7 @@ fn of_a_slow_reader(
                 return Ok(());
             };
             let at = (luna::now() - start).as_millis();
-            luna::off_path(|| notes.lock().unwrap().push((at, value)));
+            luna::realtime::off_path(|| notes.lock().unwrap().push((at, value)));
         }
     });
     system.run().unwrap();

@@ -29,7 +29,7 @@ fn main() -> luna::Result<()> {
             wanted.send(target).await?;
             reached = watch.recv().await?;
             if n % 250 == 249 {
-                luna::off_path(|| println!("{n:4} ms: {reached:+.3} rad"));
+                luna::realtime::off_path(|| println!("{n:4} ms: {reached:+.3} rad"));
             }
         }
         assert!(

@@ -187,9 +187,9 @@ impl<P: Plant> PlantLink<P> {
     ///
     /// The sensors are sent the initial state before the first slot, and time counts from there. So
     /// the first step is one period and the time of missed slots. With
-    /// [`Timers::Manager`](luna::Timers::Manager) all loops of a period share their slots; then the
-    /// first step is the rest of the current period. (An FMU that only takes steps of one length
-    /// then fails at its second step.)
+    /// [`Timers::Manager`](luna::time::Timers::Manager) all loops of a period share their slots;
+    /// then the first step is the rest of the current period. (An FMU that only takes steps of one
+    /// length then fails at its second step.)
     ///
     /// It ends when the writers of all actuators are gone; without actuators, when the readers of
     /// all sensors are. Real-time path: the plant's step and O(ports); no allocation. Its time is

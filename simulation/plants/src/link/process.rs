@@ -116,7 +116,7 @@ fn fail(name: &Arc<str>, error: PlantError, actuators: &[Actuator], sensors: &[S
         actuator.end.poison();
     }
     // It allocates; there is nothing left to be in time for.
-    luna::off_path(|| {
+    luna::realtime::off_path(|| {
         luna::emergency(Error::other(PlantFailure {
             plant: name.clone(),
             error,
@@ -371,7 +371,7 @@ impl Drop for Pumps<'_> {
     /// Freeing memory on the real-time path is accepted here: it happens once, at the end of the
     /// body, when no deadline is left.
     fn drop(&mut self) {
-        luna::off_path(|| {
+        luna::realtime::off_path(|| {
             self.actuators = Vec::new();
             self.sensors = Vec::new();
         });

@@ -2,7 +2,8 @@
 
 use super::Scene;
 use crate::same_core::shared::How;
-use luna::{alt, call_channel};
+use luna::alt;
+use luna::channel::call_channel;
 
 pub(super) fn scenes() -> [Scene; 2] {
     [calls(), serves()]

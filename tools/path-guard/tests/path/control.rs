@@ -203,7 +203,7 @@ fn a_contended_lock_of_the_standard_library_is_seen() {
             held.recv().unwrap();
             let report = run(place, async move {
                 drop(of_body.lock());
-                luna::off_path(|| drop(of_body));
+                luna::realtime::off_path(|| drop(of_body));
                 Ok(())
             });
             holder.join().unwrap();
@@ -238,7 +238,7 @@ fn any_codes_system_call_is_detected_and_has_its_effect() {
                     lateout("r11") _,
                 );
             }
-            let really = luna::off_path(std::os::unix::process::parent_id);
+            let really = luna::realtime::off_path(std::os::unix::process::parent_id);
             assert_eq!(parent, i64::from(really));
             // All six arguments, a result in memory, and an error.
             let mut pipe = [0; 2];
@@ -334,9 +334,10 @@ fn what_an_executor_does_between_polls_is_seen() {
         // Not over before the first poll, however busy the machine is.
         let mut delay = pin!(luna::after(Duration::from_millis(100)));
         poll_fn(|cx| {
-            let waker = luna::off_path(|| Waker::from(Arc::new(Careless(cx.waker().clone()))));
+            let waker =
+                luna::realtime::off_path(|| Waker::from(Arc::new(Careless(cx.waker().clone()))));
             let polled = delay.as_mut().poll(&mut Context::from_waker(&waker));
-            luna::off_path(|| drop(waker));
+            luna::realtime::off_path(|| drop(waker));
             polled
         })
         .await;
@@ -357,7 +358,7 @@ fn what_is_off_the_path_is_not_seen() {
     let _watch = watchdog();
     for place in PLACES {
         let violations = careless(place, async {
-            luna::off_path(|| {
+            luna::realtime::off_path(|| {
                 drop(allocates());
                 std::thread::sleep(Duration::from_micros(1));
             });

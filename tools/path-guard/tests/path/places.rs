@@ -3,7 +3,8 @@
 #[path = "../../../../tests/shared/mod.rs"]
 mod shared;
 
-use luna::{Executor, Policy, ProcessBuilder, System};
+use luna::system::ProcessBuilder;
+use luna::{Executor, Policy, System};
 pub(crate) use shared::watchdog;
 use std::future::Future;
 
@@ -103,7 +104,10 @@ impl Places {
         body: impl Future<Output = luna::Result<()>> + Send + 'static,
     ) {
         let body = async move {
-            assert!(luna::on_path(), "what is to be watched is on the path");
+            assert!(
+                luna::realtime::on_path(),
+                "what is to be watched is on the path"
+            );
             body.await
         };
         self.next(name).priority(level).spawn(body).unwrap();

@@ -110,7 +110,7 @@ fn slots_that_are_missed_before_the_first_one_are_part_of_the_time() {
 fn a_first_slot_that_comes_early_is_no_whole_period() {
     let period = 20 * MS;
     let mut system = System::new("common grid");
-    system.timers(luna::Timers::Manager);
+    system.timers(luna::time::Timers::Manager);
     let main = system.executor("main").build().unwrap();
     let (time, times) = register::<f64>();
     let mut link = PlantLink::new("stopwatch", Stopwatch::new());

@@ -159,15 +159,15 @@ fn serve(places: &mut Places, make: for<'a> fn(&'a [Receiver<u64>]) -> Alternati
         });
     }
     places.process("server", async move {
-        let mut alternative = luna::off_path(|| make(&inputs));
+        let mut alternative = luna::realtime::off_path(|| make(&inputs));
         for _ in 0..5 * ROUNDS {
             let (_, value) = alternative.recv().await;
             value?;
         }
         let (_, ended) = alternative.recv().await;
         assert!(ended.is_err());
-        luna::off_path(|| drop(alternative));
-        luna::off_path(|| drop(inputs));
+        luna::realtime::off_path(|| drop(alternative));
+        luna::realtime::off_path(|| drop(inputs));
         Ok(())
     });
 }

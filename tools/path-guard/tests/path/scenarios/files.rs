@@ -11,25 +11,25 @@ pub(crate) fn files_that_become_ready(places: &mut Places) {
     far.set_nonblocking(true).unwrap();
     places.process("reads", async move {
         // What waiting for files needs is there after this.
-        luna::off_path(luna::prepare_files).map_err(luna::Error::other)?;
+        luna::realtime::off_path(luna::external::prepare_files).map_err(luna::Error::other)?;
         let mut byte = [0];
         for n in 0..ROUNDS {
-            luna::readable(&near).await.map_err(luna::Error::other)?;
+            luna::external::readable(&near).await.map_err(luna::Error::other)?;
             // The standard library's call is the process' own.
-            luna::off_path(|| near.read_exact(&mut byte)).unwrap();
+            luna::realtime::off_path(|| near.read_exact(&mut byte)).unwrap();
             assert_eq!(u64::from(byte[0]), n % 200);
         }
-        luna::off_path(|| drop(near));
+        luna::realtime::off_path(|| drop(near));
         Ok(())
     });
     places.process("writes", async move {
-        luna::off_path(luna::prepare_files).map_err(luna::Error::other)?;
+        luna::realtime::off_path(luna::external::prepare_files).map_err(luna::Error::other)?;
         for n in 0..ROUNDS {
-            luna::writable(&far).await.map_err(luna::Error::other)?;
-            luna::off_path(|| (&far).write_all(&[(n % 200) as u8])).unwrap();
+            luna::external::writable(&far).await.map_err(luna::Error::other)?;
+            luna::realtime::off_path(|| (&far).write_all(&[(n % 200) as u8])).unwrap();
             luna::yield_now().await;
         }
-        luna::off_path(|| drop(far));
+        luna::realtime::off_path(|| drop(far));
         Ok(())
     });
 }

@@ -2,7 +2,7 @@
 
 use super::{Places, ROUNDS};
 use luna::prelude::*;
-use luna::{Level, Logging, WriterSink};
+use luna::log::{Level, Logging, WriterSink};
 use std::time::Duration;
 
 /// Records its rounds.
@@ -25,7 +25,7 @@ impl Process for Recorded {
                 number.record(n);
                 place.clone().record([n as f32; 3]);
             }
-            luna::message(
+            luna::log::message(
                 Level::Info,
                 "test",
                 format_args!("round {n} of {}", self.name),

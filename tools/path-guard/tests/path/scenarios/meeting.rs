@@ -2,7 +2,7 @@
 
 use super::{Places, ROUNDS};
 use futures_lite::future;
-use luna::call_channel;
+use luna::channel::call_channel;
 use luna::prelude::*;
 use std::time::Duration;
 

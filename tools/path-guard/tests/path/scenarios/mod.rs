@@ -1,8 +1,8 @@
 //! The scenarios. To add one, write a function in one of these modules, and name it in the list
 //! below; each is run in all placements.
 //!
-//! Bodies create what they need before they are spawned, or by `luna::off_path`; dropping what they
-//! hold at their end must free nothing.
+//! Bodies create what they need before they are spawned, or by `luna::realtime::off_path`; dropping
+//! what they hold at their end must free nothing.
 
 use super::places::{Places, hold_to_the_rules};
 

@@ -81,7 +81,7 @@ pub(crate) fn prioritized_branches(places: &mut Places) {
 pub(crate) fn collections_of_branches(places: &mut Places) {
     let (output, input) = luna::channel::<u64>();
     places.process("many branches", async move {
-        let mut all = luna::off_path(|| {
+        let mut all = luna::realtime::off_path(|| {
             luna::par_for(0..20_u64, |branch| {
                 let output = &output;
                 async move {
@@ -93,7 +93,7 @@ pub(crate) fn collections_of_branches(places: &mut Places) {
             })
         });
         let ended = (&mut all).await;
-        luna::off_path(|| drop((all, ended)));
+        luna::realtime::off_path(|| drop((all, ended)));
         Ok(())
     });
     places.process("takes all", async move {
@@ -138,7 +138,7 @@ pub(crate) fn named_branches_that_are_looked_at(places: &mut Places) {
             )
             .await?;
         }
-        luna::off_path(|| drop(alive));
+        luna::realtime::off_path(|| drop(alive));
         Ok(())
     });
     places.process("receives", async move {

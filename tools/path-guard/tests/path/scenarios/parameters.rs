@@ -63,10 +63,10 @@ pub(crate) fn parameters_that_are_replaced(places: &mut Places) {
         .spawn(async move {
             for value in 1..=SETS {
                 luna::after(Duration::from_micros(700)).await;
-                luna::off_path(|| set(value).unwrap());
+                luna::realtime::off_path(|| set(value).unwrap());
             }
             // What it holds is freed with it.
-            luna::off_path(|| drop(set));
+            luna::realtime::off_path(|| drop(set));
             Ok(())
         })
         .unwrap();

@@ -122,7 +122,7 @@ pub(crate) fn processes_spawned_while_running(places: &mut Places) {
     let (output, input) = luna::channel::<u64>();
     places.process("spawns", async move {
         for child in 0..5 {
-            luna::off_path(|| {
+            luna::realtime::off_path(|| {
                 let output = output.clone();
                 let late = async move { Ok(output.send(child).await?) };
                 executor
@@ -133,7 +133,7 @@ pub(crate) fn processes_spawned_while_running(places: &mut Places) {
             luna::after(Duration::from_micros(50)).await;
         }
         // Its handle of the executor frees what it holds.
-        luna::off_path(|| drop(executor));
+        luna::realtime::off_path(|| drop(executor));
         Ok(())
     });
     places.process("counts", async move {
@@ -158,7 +158,7 @@ pub(crate) fn processes_of_types(places: &mut Places) {
             Ok(())
         }
         async fn run(&mut self) -> luna::Result<()> {
-            assert!(luna::on_path());
+            assert!(luna::realtime::on_path());
             while let Ok(n) = self.input.recv().await {
                 self.kept.push(n);
             }

@@ -2,7 +2,9 @@
 
 use super::Places;
 use luna::prelude::*;
-use luna::{OnOverrun, Overrun, Timer, Timers, Watchdog};
+use luna::safety::{OnOverrun, Watchdog};
+use luna::time::{Overrun, Timers};
+use luna::Timer;
 use std::pin::pin;
 use std::task::{Context, Waker};
 use std::time::Duration;
@@ -123,7 +125,7 @@ pub(crate) fn loops_by_the_manager(places: &mut Places) {
                     _ => tick = tick.phase(PERIOD * (n % 3) / 3)?,
                 }
             }
-            luna::off_path(|| drop(callback));
+            luna::realtime::off_path(|| drop(callback));
             Ok(())
         });
     }

@@ -1,20 +1,16 @@
 //! With the logger.
 
 pub use luna_logger::{
-    FileSink, Level, Logging, LoggingReport, MessagesReport, RegisterError, Sample, Signal,
-    SignalBuilder, SignalReport, Sink, StartError, TcpSink, Tee, UdpSink, WriterSink,
-    install as install_facades, message,
+    FileSink, Level, Logging, RegisterError, Sample, Signal, SignalBuilder, Sink, StartError,
+    TcpSink, Tee, UdpSink, WriterSink, install, message,
 };
 
 use crate::error::{Error, SetupError};
-use luna_logger::{Entered, Hub, Recorder, TimeBase};
+use luna_logger::{Entered, Hub, LoggingReport, Recorder, TimeBase};
 #[cfg(feature = "events")]
 use luna_platform::clock::nanos;
 use std::sync::Arc;
 use std::time::Duration;
-
-#[cfg(feature = "events")]
-pub use luna_logger::EventsReport;
 
 /// The variable of the environment that names where to record to: a file, `tcp://HOST:PORT` or
 /// `udp://HOST:PORT`.

@@ -11,14 +11,14 @@
 //!
 //! ```
 //! use luna::prelude::*;
-//! use luna::record::{self, Recording};
+//! use luna::replay::{self, Recording};
 //!
 //! fn system(read: impl Fn() -> u32 + Send + 'static) -> luna::Result<System> {
 //!     let mut system = System::new("thermometer");
 //!     let main = system.executor("main").build()?;
 //!     main.process("display").spawn(async move {
-//!         let degrees = record::input("sensor", read);
-//!         record::output("display", &(degrees * 10));
+//!         let degrees = replay::input("sensor", read);
+//!         replay::output("display", &(degrees * 10));
 //!         Ok(())
 //!     })?;
 //!     Ok(system)
@@ -39,14 +39,13 @@
 mod error;
 mod event;
 mod file;
-mod recorder;
+pub(crate) mod recorder;
 mod recording;
 mod replayer;
 mod value;
 
 pub use error::{Divergence, RecordError};
 pub(crate) use recorder::ROOM;
-pub use recorder::RecordReport;
 pub use recording::Recording;
 pub use value::Value;
 
@@ -54,7 +53,7 @@ use crate::error::Result;
 use luna_core::current;
 use luna_core::replay_log::{About, Event, Taper, Turn};
 use luna_executors::ProcessSpec;
-use recorder::Recorder;
+use recorder::{RecordReport, Recorder};
 use replayer::Replayer;
 use std::future::Future;
 use std::path::PathBuf;
@@ -68,7 +67,7 @@ use value::name_of;
 /// of which one cannot be recorded. Real-time path: yes; O(1).
 ///
 /// ```
-/// assert!(!luna::record::is_recorded());
+/// assert!(!luna::replay::is_recorded());
 /// ```
 pub fn is_recorded() -> bool {
     current::is_taped()
@@ -83,7 +82,7 @@ pub fn is_recorded() -> bool {
 /// value is that of zero bytes.
 ///
 /// ```
-/// assert_eq!(luna::record::input("sensor", || 7_u16), 7);
+/// assert_eq!(luna::replay::input("sensor", || 7_u16), 7);
 /// ```
 pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
     const { assert!(T::SIZE <= LONGEST, "a value has at most 256 bytes") };
@@ -124,7 +123,7 @@ pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [
 /// value), no allocation, no lock.
 ///
 /// ```
-/// luna::record::output("motor", &0.5_f64);
+/// luna::replay::output("motor", &0.5_f64);
 /// ```
 pub fn output<T: Value>(name: &str, value: &T) {
     const { assert!(T::SIZE <= LONGEST, "a value has at most 256 bytes") };
@@ -175,7 +174,7 @@ pub(crate) async fn hold() {
 ///
 /// ```
 /// # luna::run(async {
-/// let bytes = luna::record::blocking("disk", || std::fs::metadata("/").map_or(0, |about| about.len())).await;
+/// let bytes = luna::replay::blocking("disk", || std::fs::metadata("/").map_or(0, |about| about.len())).await;
 /// # let _ = bytes;
 /// # Ok(())
 /// # })?;

@@ -3,8 +3,8 @@
 use super::branch_log::Stage;
 use super::stamps::after;
 use super::track::{Track, told};
-use crate::record::error::RecordError;
-use crate::record::event::{Event as Noted, Kind};
+use crate::replay::error::RecordError;
+use crate::replay::event::{Event as Noted, Kind};
 use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
 use std::task::{Context, Poll};
 

@@ -180,7 +180,7 @@ impl Recording {
         counts.sum::<usize>() as u64
     }
 
-    /// How many of these are [outputs](crate::record::output), or bytes written by a link, which a
+    /// How many of these are [outputs](crate::replay::output), or bytes written by a link, which a
     /// replay compares.
     pub fn outputs(&self) -> u64 {
         let events = self.processes.iter().flat_map(|process| &process.events);

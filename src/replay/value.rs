@@ -9,7 +9,7 @@ pub(crate) const LONGEST: usize = 256;
 /// Numbers, `bool`, and arrays and pairs of such have one. At most 256 bytes.
 ///
 /// ```
-/// use luna::record::Value;
+/// use luna::replay::Value;
 ///
 /// struct Pose { x: f64, y: f64 }
 ///
@@ -23,7 +23,7 @@ pub(crate) const LONGEST: usize = 256;
 ///         Pose { x, y }
 ///     }
 /// }
-/// assert_eq!(luna::record::input("pose", || Pose { x: 1.0, y: 2.0 }).y, 2.0);
+/// assert_eq!(luna::replay::input("pose", || Pose { x: 1.0, y: 2.0 }).y, 2.0);
 /// ```
 pub trait Value {
     /// How many bytes it has.
