@@ -1,7 +1,7 @@
 //! Errors: [`Error`] for all that a process' body and a system can meet, and its parts.
 //!
 //! Each error of a channel, lock or set-up turns into an [`Error`] with `?`. Errors of one
-//! operation are with it: in [`channel`](crate::channel), [`sync`](crate::sync),
+//! operation are with it: in [`channel`](mod@crate::channel), [`sync`](crate::sync),
 //! [`parameters`](crate::parameters) and so on.
 //!
 //! ```

@@ -80,11 +80,11 @@ const KNOWN: [(&str, &str); 17] = [
         "parameters are declared before the body, and set and listed off the path; a loop uses another lock",
     ),
     (
-        "src/record/recorder.rs",
+        "src/replay/recorder.rs",
         "a process is entered when it is spawned, and the writer takes over what is new",
     ),
     (
-        "src/record/replayer/mod.rs",
+        "src/replay/replayer/mod.rs",
         "a replay is on a virtual clock, where nothing is real time",
     ),
     (
