@@ -1,7 +1,6 @@
 //! What turns into an [`Error`] with `?`.
 
 use super::{Error, SetupError};
-use crate::replay::RecordError;
 use luna_channels as channels;
 use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
@@ -11,18 +10,6 @@ use luna_platform::memory::HeapError;
 use luna_platform::signals::SignalError;
 use luna_platform::thread::{AttributeError, SpawnError};
 use std::convert::Infallible;
-
-impl From<RecordError> for Error {
-    fn from(error: RecordError) -> Self {
-        Error::Record(error)
-    }
-}
-
-impl From<SetupError> for Error {
-    fn from(error: SetupError) -> Error {
-        Error::Setup(error)
-    }
-}
 
 impl From<AttributeError> for Error {
     fn from(error: AttributeError) -> Error {
@@ -195,13 +182,6 @@ impl From<channels::BufferError> for Error {
 impl From<luna_executors::FileError> for Error {
     fn from(error: luna_executors::FileError) -> Error {
         Error::other(error)
-    }
-}
-
-#[cfg(unix)]
-impl From<crate::external::LinkError> for Error {
-    fn from(error: crate::external::LinkError) -> Error {
-        Error::External(error)
     }
 }
 

@@ -41,26 +41,37 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 ///
 /// Two errors are equal if they have the same content; two of [`Other`](Error::Other), which may
 /// hold what is not comparable, if they are the same one.
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The channel was poisoned, or a sibling in a parallel construct failed.
+    #[error("the channel is poisoned, or a sibling in a parallel construct has failed")]
     Poisoned,
     /// The other ends of the channel are gone.
+    #[error("the other ends of the channel are gone")]
     Closed,
     /// A send that does not wait: no receiver waits, and there is no room.
+    #[error("nobody waits to receive and there is no room")]
     Full,
     /// Receiving at once: nothing is there.
+    #[error("nobody waits to send and nothing is buffered")]
     Empty,
     /// A call that its server has taken and dropped without a reply.
+    #[error("the server has dropped the call without a reply")]
     Unanswered,
     /// The time ran out.
+    #[error("the time ran out")]
     Timeout,
     /// A lock that does not wait: the mutex is held.
+    #[error("somebody holds the mutex")]
     Locked,
     /// A mutex's owner has died while it held it: see [`OwnerDied`](crate::sync::OwnerDied).
+    #[error(
+        "who held the mutex has died with it, and what it guards may be half done: take the guard from the error of `lock`, and recover it"
+    )]
     OwnerDied,
     /// A process failed.
+    #[error("process `{name}`: {source}")]
     Process {
         /// The process' name.
         name: String,
@@ -68,8 +79,10 @@ pub enum Error {
         source: Box<Error>,
     },
     /// A process panicked, with this message.
+    #[error("panicked: {0}")]
     Panicked(String),
     /// A [callback](crate::time::TimerCallback) of the timer manager panicked.
+    #[error("timer callback `{name}` panicked: {message}")]
     Callback {
         /// The callback's name.
         name: String,
@@ -77,8 +90,13 @@ pub enum Error {
         message: String,
     },
     /// A process was cancelled before its body had ended.
+    #[error("cancelled before its body had ended")]
     Cancelled,
     /// A periodic loop missed its slots too often in a row, by the limit that was set for it.
+    #[error(
+        "loop `{name}` was late {consecutive} cycles in a row, which is its limit: give it less to do, a longer \
+                 period, a higher priority, or a greater limit"
+    )]
     Overrun {
         /// The loop's name.
         name: String,
@@ -87,6 +105,10 @@ pub enum Error {
     },
     /// A process took longer than its budget, and was ended for it, or the system was: see
     /// [`OnOverrun`](crate::safety::OnOverrun).
+    #[error(
+        "took {taken:?} for a {kind} whose budget is {budget:?}: give it less to do at a time, await in between, or move it to an \
+                 executor of lower priority"
+    )]
     BudgetOverrun {
         /// Of a poll, or of a cycle.
         kind: BudgetKind,
@@ -96,9 +118,14 @@ pub enum Error {
         taken: Duration,
     },
     /// Every process of a [`strict`](crate::System::strict) system waited for another one.
+    #[error("{0}")]
     Deadlock(Box<Deadlock>),
     /// So many turns were taken at one instant of a virtual clock: see
     /// [`System::most_turns_at_an_instant`](crate::System::most_turns_at_an_instant).
+    #[error(
+        "{turns} turns were taken at one instant, {at:?}, the last one by process `{process}`: time does not move while \
+                 anybody can run, so wait for something (or allow more turns by `most_turns_at_an_instant`)"
+    )]
     Livelock {
         /// The process that had the last turn.
         process: String,
@@ -108,16 +135,21 @@ pub enum Error {
         at: Instant,
     },
     /// The system could not be recorded or replayed, or its replay differs.
-    Record(RecordError),
+    #[error("{0}")]
+    Record(#[from] RecordError),
     /// What was asked for cannot be set up.
-    Setup(SetupError),
+    #[error(transparent)]
+    Setup(#[from] SetupError),
     /// Several branches of a parallel construct failed: see [`Error::errors`].
+    #[error(transparent)]
     Several(Several),
     /// A link to a file failed.
     #[cfg(unix)]
-    External(crate::external::LinkError),
+    #[error(transparent)]
+    External(#[from] crate::external::LinkError),
     /// A device cannot be opened, or is lost.
     #[cfg(unix)]
+    #[error(transparent)]
     Device(Arc<crate::devices::DeviceError>),
     /// An error of the user's own about the system, as a text. The framework never makes one: what
     /// it cannot set up is [`Setup`](Error::Setup), with the values in fields.
@@ -127,8 +159,10 @@ pub enum Error {
     /// assert_eq!(error.to_string(), "no sensor answers on the bus");
     /// assert_eq!(error, luna::Error::System("no sensor answers on the bus".into())); // by its text
     /// ```
+    #[error("{0}")]
     System(String),
     /// An error of user code: see [`Error::other`].
+    #[error(transparent)]
     Other(OtherError),
 }
 
@@ -211,77 +245,6 @@ impl fmt::Debug for Error {
     }
 }
 
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Error::Poisoned => f.write_str(
-                "the channel is poisoned, or a sibling in a parallel construct has failed",
-            ),
-            Error::Closed => f.write_str("the other ends of the channel are gone"),
-            Error::Full => f.write_str("nobody waits to receive and there is no room"),
-            Error::Unanswered => f.write_str("the server has dropped the call without a reply"),
-            Error::Empty => f.write_str("nobody waits to send and nothing is buffered"),
-            Error::Timeout => f.write_str("the time ran out"),
-            Error::Locked => f.write_str("somebody holds the mutex"),
-            Error::OwnerDied => f.write_str(
-                "who held the mutex has died with it, and what it guards may be half done: take the guard from the error of `lock`, and recover it",
-            ),
-            Error::Process { name, source } => write!(f, "process `{name}`: {source}"),
-            Error::Panicked(message) => write!(f, "panicked: {message}"),
-            Error::Callback { name, message } => {
-                write!(f, "timer callback `{name}` panicked: {message}")
-            }
-            Error::Cancelled => f.write_str("cancelled before its body had ended"),
-            Error::Overrun { name, consecutive } => write!(
-                f,
-                "loop `{name}` was late {consecutive} cycles in a row, which is its limit: give it less to do, a longer \
-                 period, a higher priority, or a greater limit"
-            ),
-            Error::BudgetOverrun {
-                kind,
-                budget,
-                taken,
-            } => write!(
-                f,
-                "took {taken:?} for a {kind} whose budget is {budget:?}: give it less to do at a time, await in between, or move it to an \
-                 executor of lower priority"
-            ),
-            Error::Deadlock(deadlock) => deadlock.fmt(f),
-            Error::Livelock { process, turns, at } => write!(
-                f,
-                "{turns} turns were taken at one instant, {at:?}, the last one by process `{process}`: time does not move while \
-                 anybody can run, so wait for something (or allow more turns by `most_turns_at_an_instant`)"
-            ),
-            Error::Record(error) => error.fmt(f),
-            Error::Setup(error) => error.fmt(f),
-            Error::Several(several) => several.fmt(f),
-            #[cfg(unix)]
-            Error::External(error) => error.fmt(f),
-            #[cfg(unix)]
-            Error::Device(error) => error.fmt(f),
-            Error::System(message) => f.write_str(message),
-            Error::Other(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for Error {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Error::Process { source, .. } => Some(source),
-            Error::Record(error) => Some(error),
-            Error::Setup(error) => error.source(),
-            Error::Several(several) => Some(several.first()),
-            #[cfg(unix)]
-            Error::External(error) => error.source(),
-            #[cfg(unix)]
-            Error::Device(error) => error.source(),
-            Error::Other(error) => error.0.source(),
-            _ => None,
-        }
-    }
-}
-
 /// An error of user code. Two are equal if they are the same one.
 #[derive(Clone)]
 pub struct OtherError(Arc<dyn std::error::Error + Send + Sync>);
@@ -305,6 +268,12 @@ impl Eq for OtherError {}
 // user's error is.
 impl UnwindSafe for OtherError {}
 impl RefUnwindSafe for OtherError {}
+
+impl std::error::Error for OtherError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        self.0.source()
+    }
+}
 
 impl fmt::Debug for OtherError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

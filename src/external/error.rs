@@ -5,20 +5,25 @@ use luna_executors::FileError;
 use std::fmt;
 use std::io;
 use std::time::Duration;
+use thiserror::Error;
 
 /// Why a link to a file cannot be made, or has ended.
 ///
 /// A link's process fails with [`Error::External`](crate::Error::External) of it. Making one
 /// allocates nothing, so a link may fail on the real-time path.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum LinkError {
     /// The framing allows records of no bytes, or of more than 1 GiB.
+    #[error("a framing has records of at most {most} bytes; give them 1 byte to 1 GiB")]
     Room {
         /// The most bytes of a record.
         most: usize,
     },
     /// The framing's prefix is too short for the length of its longest records.
+    #[error(
+        "a framing has records of up to {most} bytes, but its prefix tells {longest} at most; take a wider one"
+    )]
     PrefixTooSmall {
         /// The most bytes of a record.
         most: usize,
@@ -26,14 +31,19 @@ pub enum LinkError {
         longest: u64,
     },
     /// The link was run without its `pre_run`, or a second time.
+    #[error("a link runs once, after its pre_run: spawn it, or call both by hand")]
     NotPrepared,
     /// The file refuses to be read or written without waiting.
+    #[error("the file cannot be set to fail rather than wait: {0}")]
     SetUp(OsError),
     /// A record is broken.
-    Record(BadRecord),
+    #[error("{0}")]
+    Record(#[from] BadRecord),
     /// Reading failed.
+    #[error("reading failed: {0}")]
     Read(OsError),
     /// Writing failed.
+    #[error("writing failed in record {record}, after {written} of its bytes: {error}")]
     Write {
         /// Which record it was, counted from 1: the first that did not get out whole.
         record: u64,
@@ -43,20 +53,25 @@ pub enum LinkError {
         error: OsError,
     },
     /// The file cannot be waited for.
-    Wait(FileError),
+    #[error("{0}")]
+    Wait(#[source] FileError),
     /// The other side has hung up, or the device was unplugged.
+    #[error("the other side has hung up, or the device was unplugged")]
     HungUp,
     /// Nothing could be written for so long.
+    #[error("nothing could be written for {limit:?}: the other side does not read")]
     Stalled {
         /// How long was waited.
         limit: Duration,
     },
     /// The device did not answer for so long.
+    #[error("no answer for {limit:?}")]
     Silent {
         /// How long was waited.
         limit: Duration,
     },
     /// There is no connection, and no more attempts are made.
+    #[error("no connection after {attempts} attempts: {error}")]
     NotConnected {
         /// How many there were.
         attempts: u32,
@@ -73,70 +88,6 @@ impl LinkError {
             LinkError::Write { error, .. }
                 if matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset)
         )
-    }
-}
-
-impl fmt::Display for LinkError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            LinkError::Room { most } => write!(
-                f,
-                "a framing has records of at most {most} bytes; give them 1 byte to 1 GiB"
-            ),
-            LinkError::PrefixTooSmall { most, longest } => write!(
-                f,
-                "a framing has records of up to {most} bytes, but its prefix tells {longest} at most; take a wider one"
-            ),
-            LinkError::NotPrepared => {
-                f.write_str("a link runs once, after its pre_run: spawn it, or call both by hand")
-            }
-            LinkError::SetUp(error) => {
-                write!(
-                    f,
-                    "the file cannot be set to fail rather than wait: {error}"
-                )
-            }
-            LinkError::Record(bad) => bad.fmt(f),
-            LinkError::Read(error) => write!(f, "reading failed: {error}"),
-            LinkError::Write {
-                record,
-                written,
-                error,
-            } => write!(
-                f,
-                "writing failed in record {record}, after {written} of its bytes: {error}"
-            ),
-            LinkError::Wait(error) => error.fmt(f),
-            LinkError::HungUp => {
-                f.write_str("the other side has hung up, or the device was unplugged")
-            }
-            LinkError::Stalled { limit } => {
-                write!(
-                    f,
-                    "nothing could be written for {limit:?}: the other side does not read"
-                )
-            }
-            LinkError::Silent { limit } => write!(f, "no answer for {limit:?}"),
-            LinkError::NotConnected { attempts, error } => {
-                write!(f, "no connection after {attempts} attempts: {error}")
-            }
-        }
-    }
-}
-
-impl std::error::Error for LinkError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            LinkError::Record(bad) => Some(bad),
-            LinkError::Wait(error) => Some(error),
-            _ => None,
-        }
-    }
-}
-
-impl From<BadRecord> for LinkError {
-    fn from(bad: BadRecord) -> Self {
-        LinkError::Record(bad)
     }
 }
 

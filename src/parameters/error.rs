@@ -2,17 +2,24 @@
 
 use std::fmt;
 use std::sync::Arc;
+use thiserror::Error;
 
 /// Why a parameter cannot be declared.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum DeclareError {
     /// It was not registered in `pre_run` of a process.
+    #[error(
+        "parameter `{parameter}` was registered outside of `pre_run`; register it in `pre_run` of the process that reads it (`impl luna::Process`)"
+    )]
     NotInPreRun {
         /// The parameter's name.
         parameter: String,
     },
     /// There is a parameter of that name.
+    #[error(
+        "process `{process}` has a parameter `{parameter}` already; give each a name of its own, or declare it as shared in all processes that read it"
+    )]
     Duplicate {
         /// The name.
         parameter: String,
@@ -20,16 +27,24 @@ pub enum DeclareError {
         process: String,
     },
     /// One of that name is there or was, and it was declared otherwise.
+    #[error(
+        "parameter `{parameter}` was declared before with another type, unit, range or default; declare it alike"
+    )]
     Differs {
         /// The name.
         parameter: String,
     },
     /// Its name cannot be written in files and on command lines.
+    #[error(
+        "`{parameter}` cannot be a parameter's name; use one without `=`, `,`, quotes, brackets and control characters, and without spaces or slashes \
+                 at its ends"
+    )]
     Name {
         /// The name.
         parameter: String,
     },
     /// One of its texts is too long.
+    #[error("the {what} of parameter `{parameter}` has more than {most} bytes; use a shorter one")]
     TooLong {
         /// The parameter's name.
         parameter: String,
@@ -39,6 +54,9 @@ pub enum DeclareError {
         most: usize,
     },
     /// Its range contains nothing, or has a limit that is not finite.
+    #[error(
+        "parameter `{parameter}` has the range {range}; give it finite limits, the lower one first"
+    )]
     Range {
         /// The parameter's name.
         parameter: String,
@@ -46,6 +64,7 @@ pub enum DeclareError {
         range: String,
     },
     /// Its default cannot be its value.
+    #[error("the default {value} of parameter `{parameter}`: {reason}")]
     Default {
         /// The parameter's name.
         parameter: String,
@@ -55,52 +74,6 @@ pub enum DeclareError {
         reason: Reason,
     },
 }
-
-impl fmt::Display for DeclareError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            DeclareError::NotInPreRun { parameter } => write!(
-                f,
-                "parameter `{parameter}` was registered outside of `pre_run`; register it in `pre_run` of the process that reads it (`impl luna::Process`)"
-            ),
-            DeclareError::Duplicate { parameter, process } => write!(
-                f,
-                "process `{process}` has a parameter `{parameter}` already; give each a name of its own, or declare it as shared in all processes that read it"
-            ),
-            DeclareError::Differs { parameter } => write!(
-                f,
-                "parameter `{parameter}` was declared before with another type, unit, range or default; declare it alike"
-            ),
-            DeclareError::Name { parameter } => write!(
-                f,
-                "`{parameter}` cannot be a parameter's name; use one without `=`, `,`, quotes, brackets and control characters, and without spaces or slashes \
-                 at its ends"
-            ),
-            DeclareError::TooLong {
-                parameter,
-                what,
-                most,
-            } => write!(
-                f,
-                "the {what} of parameter `{parameter}` has more than {most} bytes; use a shorter one"
-            ),
-            DeclareError::Range { parameter, range } => write!(
-                f,
-                "parameter `{parameter}` has the range {range}; give it finite limits, the lower one first"
-            ),
-            DeclareError::Default {
-                parameter,
-                value,
-                reason,
-            } => write!(
-                f,
-                "the default {value} of parameter `{parameter}`: {reason}"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for DeclareError {}
 
 /// Where a value came from.
 #[derive(Debug, Clone, PartialEq, Eq)]

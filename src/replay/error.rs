@@ -1,13 +1,15 @@
 //! What can be wrong with a recording, and with a replay.
 
 use std::fmt;
+use thiserror::Error;
 
 /// Why a program cannot be recorded or replayed, or has not done in the replay what it did when it
 /// was recorded.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum RecordError {
     /// The file cannot be written or read.
+    #[error("recording `{path}`: {message}")]
     File {
         /// Its path.
         path: String,
@@ -15,20 +17,32 @@ pub enum RecordError {
         message: String,
     },
     /// It is no recording.
+    #[error("the file is no recording")]
     NoRecording,
     /// It was written by another version, which has this number.
+    #[error(
+        "the recording has version {0}, and this program reads version {VERSION} alone",
+        VERSION = super::file::VERSION
+    )]
     Version(u16),
     /// The bytes of a block are not those that were written.
+    #[error(
+        "the recording is damaged in the block at byte {offset}: `Recording::salvage` keeps what comes before"
+    )]
     Damaged {
         /// Where the block begins.
         offset: u64,
     },
     /// The file ends before the recording does.
+    #[error(
+        "the recording ends at byte {offset}, before its end: `Recording::salvage` keeps what is there"
+    )]
     Truncated {
         /// Where the block begins that is not whole, or missing.
         offset: u64,
     },
     /// It is a recording of another system, or of one with other processes.
+    #[error("the recording is of another program: it has {recorded}, and here is {found}")]
     OtherProgram {
         /// What the recording has.
         recorded: String,
@@ -37,6 +51,9 @@ pub enum RecordError {
     },
     /// A recorded process did what a recording does not hold, so that a replay could differ
     /// unnoticed.
+    #[error(
+        "process `{process}` did what is not recorded: {construct}; docs/record-and-replay.md says what to do instead"
+    )]
     Outside {
         /// The process.
         process: String,
@@ -44,6 +61,7 @@ pub enum RecordError {
         construct: String,
     },
     /// The replay has come to something else than the recording.
+    #[error("{0}")]
     Diverged(Box<Divergence>),
 }
 
@@ -86,36 +104,3 @@ impl fmt::Display for Divergence {
         write!(f, ": recorded is {expected}, and now it is {found}")
     }
 }
-
-impl fmt::Display for RecordError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            RecordError::File { path, message } => write!(f, "recording `{path}`: {message}"),
-            RecordError::NoRecording => f.write_str("the file is no recording"),
-            RecordError::Version(version) => write!(
-                f,
-                "the recording has version {version}, and this program reads version {} alone",
-                super::file::VERSION
-            ),
-            RecordError::Damaged { offset } => write!(
-                f,
-                "the recording is damaged in the block at byte {offset}: `Recording::salvage` keeps what comes before"
-            ),
-            RecordError::Truncated { offset } => write!(
-                f,
-                "the recording ends at byte {offset}, before its end: `Recording::salvage` keeps what is there"
-            ),
-            RecordError::OtherProgram { recorded, found } => write!(
-                f,
-                "the recording is of another program: it has {recorded}, and here is {found}"
-            ),
-            RecordError::Outside { process, construct } => write!(
-                f,
-                "process `{process}` did what is not recorded: {construct}; docs/record-and-replay.md says what to do instead"
-            ),
-            RecordError::Diverged(divergence) => divergence.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for RecordError {}

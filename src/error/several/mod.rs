@@ -162,6 +162,12 @@ impl fmt::Display for Several {
     }
 }
 
+impl std::error::Error for Several {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        Some(self.first())
+    }
+}
+
 fn step(next: &mut [usize], count: usize) {
     if let Some(branch) = next.last_mut() {
         *branch += count;
