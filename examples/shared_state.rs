@@ -15,7 +15,7 @@
 //! ```
 
 use luna::prelude::*;
-use luna::sync::{Condition, LockError, Mutex, Semaphore};
+use luna::sync::{Condvar, LockError, Mutex, Semaphore};
 use std::time::Duration;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +38,7 @@ const CYCLES: u32 = 100;
 /// Changes the table in two steps, and waits in between: the intermediate state is never visible.
 async fn operate(
     table: Mutex<Gains>,
-    changed: Condition,
+    changed: Condvar,
     setpoints: Sender<f64>,
 ) -> luna::Result<()> {
     for version in 1..=CHANGES {
@@ -86,7 +86,7 @@ async fn control(
 }
 
 /// Prints the table as it changes, on an OS thread of its own, which may block.
-async fn log(table: Mutex<Gains>, changed: Condition) -> luna::Result<()> {
+async fn log(table: Mutex<Gains>, changed: Condvar) -> luna::Result<()> {
     let mut seen = 0;
     while seen < CHANGES {
         let mut gains = table.blocking_lock()?;
@@ -108,7 +108,7 @@ fn main() -> luna::Result<()> {
         version: 0,
     })
     .named("gains");
-    let changed = Condition::new().named("gains changed");
+    let changed = Condvar::new().named("gains changed");
     let starts = Semaphore::new(2).named("motor starts");
     let (setpoint, setpoints) = luna::channel();
 
@@ -134,7 +134,7 @@ fn main() -> luna::Result<()> {
     system.run()?;
 
     assert_eq!(table.try_lock()?.version, CHANGES);
-    assert_eq!(starts.available(), 2);
+    assert_eq!(starts.available_permits(), 2);
 
     // A panic in the middle of a change marks the mutex; the next holder decides how to continue.
     let broken = table.clone();

@@ -1,5 +1,5 @@
 //! Synchronization without values: barriers, and locks for processes and threads alike
-//! ([`Mutex`], [`Condition`], [`Semaphore`]).
+//! ([`Mutex`], [`Condvar`], [`Semaphore`]).
 //!
 //! A channel is the right construct wherever a value goes from one process to another. A lock is
 //! right where several processes look at the same state for a moment, and none owns it: a table of
@@ -23,8 +23,8 @@
 //! ```
 
 pub use luna_channels::lock_sync::{
-    AcquireError, AcquireOp, AcquireTimeout, AcquireTimeoutError, Condition, LockError, LockOp,
-    LockTimeout, LockTimeoutError, Mutex, MutexGuard, OwnerDied, Permit, Semaphore, TryLockError,
-    WaitOp, WaitTimeout, WaitTimeoutResult,
+    AcquireError, AcquireOp, AcquireTimeout, AcquireTimeoutError, Condvar, LockError, LockOp,
+    LockTimeout, LockTimeoutError, Mutex, MutexGuard, OwnerDied, Semaphore, SemaphorePermit,
+    TryLockError, WaitOp, WaitTimeout, WaitTimeoutResult,
 };
 pub use luna_channels::{Barrier, LocalBarrier, LocalSync, Party, SyncOp};

@@ -5,7 +5,7 @@ use common::{PLACES, SpawnOk, watchdog};
 use luna::inspect::Deadlock;
 use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
-use luna::sync::{Condition, LockError, Mutex, Semaphore};
+use luna::sync::{Condvar, LockError, Mutex, Semaphore};
 use luna::{Error, yield_now};
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ fn beside_a_failure(branch: impl Future<Output = luna::Result<()>>) -> Vec<Error
 #[test]
 fn a_branch_beside_a_failure_does_not_wait_for_locks() {
     let _watch = watchdog();
-    let (mutex, condition) = (Mutex::new(()), Condition::new());
+    let (mutex, condition) = (Mutex::new(()), Condvar::new());
     let held = mutex.try_lock().unwrap();
     let none = Semaphore::new(0);
     let poisoned = [Error::Poisoned, Error::Timeout];
@@ -52,7 +52,7 @@ fn a_branch_beside_a_failure_does_not_wait_for_locks() {
     );
     condition.notify_one();
     assert!(mutex.try_lock().is_ok(), "nobody has died with it");
-    assert_eq!(none.available(), 0);
+    assert_eq!(none.available_permits(), 0);
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn who_waits_at_a_condition_or_for_permits_is_reported() {
     let _watch = watchdog();
     let mut system = strict("both");
     let main = system.executor("main").build().unwrap();
-    let condition = Condition::new().named("filled");
+    let condition = Condvar::new().named("filled");
     main.process("waits").spawn_ok(async move {
         let mutex = Mutex::new(());
         let guard = mutex.lock().await?;
@@ -212,10 +212,7 @@ fn what_a_thread_outside_may_do_is_no_deadlock() {
     let _watch = watchdog();
     let mut system = strict("outside");
     let main = system.executor("main").build().unwrap();
-    let (mutex, condition) = (
-        Mutex::new(false).named("shared"),
-        Condition::new().external(),
-    );
+    let (mutex, condition) = (Mutex::new(false).named("shared"), Condvar::new().external());
     let held = mutex.clone();
     let (theirs, notifies) = (mutex.clone(), condition.clone());
     main.process("waits").spawn_ok(async move {

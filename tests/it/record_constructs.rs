@@ -5,7 +5,7 @@ use crate::common;
 use common::{SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::replay::{self, RecordError, Recording};
-use luna::sync::{Condition, Mutex, Semaphore};
+use luna::sync::{Condvar, Mutex, Semaphore};
 use luna::{Alternative, Buffer, Error};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -110,7 +110,7 @@ fn permits() {
                             .ok(),
                     };
                     give(&outputs, name, u64::from(permit.is_some()));
-                    give(&outputs, name, semaphore.available());
+                    give(&outputs, name, semaphore.available_permits());
                     luna::yield_now().await;
                     if permit.is_some() {
                         let mut order = order.lock().await?;
@@ -129,7 +129,7 @@ fn permits() {
 fn conditions() {
     check("conditions", |system, outputs| {
         let queue = Mutex::new(Vec::<u64>::new());
-        let filled = Condition::new();
+        let filled = Condvar::new();
         for (number, name) in ["maker", "other maker"].into_iter().enumerate() {
             let executor = system.executor(name).build()?;
             let (queue, filled) = (queue.clone(), filled.clone());

@@ -2,7 +2,7 @@
 
 use super::entry::inheritor;
 use super::error::{AcquireError, AcquireTimeoutError};
-use super::permit::Permit;
+use super::permit::SemaphorePermit;
 use super::semaphore::Semaphore;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
@@ -146,14 +146,16 @@ impl<'a> AcquireOp<'a> {
         false
     }
 
-    fn acquired(&mut self) -> Permit<'a> {
+    fn acquired(&mut self) -> SemaphorePermit<'a> {
         self.phase = Phase::Over;
         // SAFETY: they were taken for this operation.
-        unsafe { Permit::new(self.semaphore, self.count) }
+        unsafe { SemaphorePermit::new(self.semaphore, self.count) }
     }
 
     /// At a deadline.
-    pub(super) fn give_up(self: Pin<&mut Self>) -> Result<Permit<'a>, AcquireTimeoutError> {
+    pub(super) fn give_up(
+        self: Pin<&mut Self>,
+    ) -> Result<SemaphorePermit<'a>, AcquireTimeoutError> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         if this.withdraw() {
@@ -192,7 +194,7 @@ impl AcquireOp<'_> {
 }
 
 impl<'a> Future for AcquireOp<'a> {
-    type Output = Result<Permit<'a>, AcquireError>;
+    type Output = Result<SemaphorePermit<'a>, AcquireError>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
@@ -244,7 +246,7 @@ impl<'a> AcquireTimeout<'a> {
 }
 
 impl<'a> Future for AcquireTimeout<'a> {
-    type Output = Result<Permit<'a>, AcquireTimeoutError>;
+    type Output = Result<SemaphorePermit<'a>, AcquireTimeoutError>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
@@ -307,7 +309,7 @@ impl Logged for AcquireOp<'_> {
 }
 
 impl<'a> GiveUp for AcquireOp<'a> {
-    type Outcome = Result<Permit<'a>, AcquireTimeoutError>;
+    type Outcome = Result<SemaphorePermit<'a>, AcquireTimeoutError>;
 
     /// It has not tried yet.
     fn lets_others_run(&self) -> bool {

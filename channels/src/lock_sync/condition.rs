@@ -46,9 +46,9 @@ pub(super) struct Shared {
 /// condition yet is to be declared by [`external`](Self::external).
 ///
 /// ```
-/// use luna_channels::lock_sync::{Condition, Mutex};
+/// use luna_channels::lock_sync::{Condvar, Mutex};
 ///
-/// let (queue, filled) = (Mutex::new(Vec::new()), Condition::new());
+/// let (queue, filled) = (Mutex::new(Vec::new()), Condvar::new());
 /// let (of_thread, fills) = (queue.clone(), filled.clone());
 /// let thread = std::thread::spawn(move || {
 ///     of_thread.blocking_lock().unwrap().push(7);
@@ -62,25 +62,25 @@ pub(super) struct Shared {
 /// .unwrap();
 /// thread.join().unwrap();
 /// ```
-pub struct Condition {
+pub struct Condvar {
     shared: NonNull<Shared>,
 }
 
 // SAFETY: what is shared is guarded by a lock, or atomic.
-unsafe impl Send for Condition {}
+unsafe impl Send for Condvar {}
 // SAFETY: as above.
-unsafe impl Sync for Condition {}
-impl std::panic::UnwindSafe for Condition {}
-impl std::panic::RefUnwindSafe for Condition {}
+unsafe impl Sync for Condvar {}
+impl std::panic::UnwindSafe for Condvar {}
+impl std::panic::RefUnwindSafe for Condvar {}
 
-impl Condition {
+impl Condvar {
     /// A condition without waiters. Allocates; not for the real-time path.
     #[track_caller]
     #[expect(
         clippy::new_without_default,
         reason = "a default would be made at another place than where reports say"
     )]
-    pub fn new() -> Condition {
+    pub fn new() -> Condvar {
         let shared = NonNull::from(Box::leak(Box::new(Shared {
             retired: Retired::new(Shared::free),
             handles: AtomicUsize::new(1),
@@ -92,7 +92,7 @@ impl Condition {
                 Stored::default()
             })
         };
-        Condition { shared }
+        Condvar { shared }
     }
 
     pub(super) fn shared(&self) -> &Shared {
@@ -146,9 +146,9 @@ impl Condition {
     /// On a thread that runs no process of LUNA: there it has no timers.
     ///
     /// ```
-    /// # use luna_channels::lock_sync::{Condition, Mutex};
+    /// # use luna_channels::lock_sync::{Condvar, Mutex};
     /// # luna_executors::block_on(async {
-    /// let (mutex, never) = (Mutex::new(()), Condition::new());
+    /// let (mutex, never) = (Mutex::new(()), Condvar::new());
     /// let guard = mutex.lock().await.unwrap();
     /// let (guard, result) = never.wait_timeout(guard, std::time::Duration::from_millis(1)).await.unwrap();
     /// assert!(result.timed_out());
@@ -202,8 +202,8 @@ impl Condition {
     /// As for `blocking_wait`.
     ///
     /// ```
-    /// # use luna_channels::lock_sync::{Condition, Mutex};
-    /// let (mutex, never) = (Mutex::new(()), Condition::new());
+    /// # use luna_channels::lock_sync::{Condvar, Mutex};
+    /// let (mutex, never) = (Mutex::new(()), Condvar::new());
     /// let guard = mutex.blocking_lock().unwrap();
     /// let (guard, result) = never.blocking_wait_timeout(guard, std::time::Duration::from_millis(1)).unwrap();
     /// assert!(result.timed_out());
@@ -334,7 +334,7 @@ impl Shared {
     ///
     /// As [`Retired`] requires.
     unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `Condition::new` made it of a box, and the head is its first field.
+        // SAFETY: `Condvar::new` made it of a box, and the head is its first field.
         unsafe {
             let shared = head.cast::<Shared>();
             unregister(&shared.as_ref().place);
@@ -343,16 +343,16 @@ impl Shared {
     }
 }
 
-impl Clone for Condition {
+impl Clone for Condvar {
     fn clone(&self) -> Self {
         self.shared().handles.fetch_add(1, Ordering::Relaxed);
-        Condition {
+        Condvar {
             shared: self.shared,
         }
     }
 }
 
-impl Drop for Condition {
+impl Drop for Condvar {
     fn drop(&mut self) {
         if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
             // SAFETY: this was the last handle, and operations borrow theirs.
@@ -361,9 +361,9 @@ impl Drop for Condition {
     }
 }
 
-impl fmt::Debug for Condition {
+impl fmt::Debug for Condvar {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Condition")
+        f.debug_struct("Condvar")
             .field("shared", &self.shared)
             .finish_non_exhaustive()
     }

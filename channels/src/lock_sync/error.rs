@@ -9,7 +9,7 @@ const POISONED: &str =
     "a sibling of this branch of a parallel construct has failed, which poisons its operations";
 const TIMEOUT: &str = "the time ran out";
 
-/// Why [`lock`](super::Mutex::lock) or a [`wait`](super::Condition::wait) did not simply lock.
+/// Why [`lock`](super::Mutex::lock) or a [`wait`](super::Condvar::wait) did not simply lock.
 pub enum LockError<'a, T> {
     /// The former holder died while it held the mutex. The error holds the mutex.
     OwnerDied(OwnerDied<'a, T>),

@@ -1,4 +1,4 @@
-//! Locks for processes and threads alike: [`Mutex`], [`Condition`], [`Semaphore`].
+//! Locks for processes and threads alike: [`Mutex`], [`Condvar`], [`Semaphore`].
 //!
 //! A channel is the right construct wherever a value goes from one process to another. A lock is
 //! right where several processes look at the same state for a moment, and none owns it: a table of
@@ -68,11 +68,11 @@ mod semaphore;
 mod wait;
 
 pub use acquire::{AcquireOp, AcquireTimeout};
-pub use condition::Condition;
+pub use condition::Condvar;
 pub use error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError};
 pub use guard::{MutexGuard, OwnerDied};
 pub use lock::{LockOp, LockTimeout};
 pub use mutex::Mutex;
-pub use permit::Permit;
+pub use permit::SemaphorePermit;
 pub use semaphore::Semaphore;
 pub use wait::{WaitOp, WaitTimeout, WaitTimeoutResult};

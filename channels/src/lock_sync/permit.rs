@@ -13,16 +13,16 @@ use std::mem::ManuallyDrop;
 ///
 /// let semaphore = Semaphore::new(2);
 /// semaphore.try_acquire().unwrap().forget(); // for good
-/// assert_eq!(semaphore.available(), 1);
+/// assert_eq!(semaphore.available_permits(), 1);
 /// ```
 #[derive(Debug)]
 #[must_use = "the permits are given back when this is dropped"]
-pub struct Permit<'a> {
+pub struct SemaphorePermit<'a> {
     semaphore: &'a Semaphore,
     count: u32,
 }
 
-impl<'a> Permit<'a> {
+impl<'a> SemaphorePermit<'a> {
     /// # Safety
     ///
     /// The caller has taken so many, and gives them away.
@@ -31,7 +31,7 @@ impl<'a> Permit<'a> {
     }
 
     /// How many they are.
-    pub fn count(&self) -> u32 {
+    pub fn num_permits(&self) -> u32 {
         self.count
     }
 
@@ -41,7 +41,7 @@ impl<'a> Permit<'a> {
     }
 }
 
-impl Drop for Permit<'_> {
+impl Drop for SemaphorePermit<'_> {
     fn drop(&mut self) {
         self.semaphore.shared().add(self.count);
     }

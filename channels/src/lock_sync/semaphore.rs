@@ -2,7 +2,7 @@
 
 use super::acquire::{AcquireOp, AcquireTimeout};
 use super::error::{AcquireError, AcquireTimeoutError};
-use super::permit::Permit;
+use super::permit::SemaphorePermit;
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::taped;
@@ -51,7 +51,7 @@ pub(super) struct Shared {
 /// let _second = motors.acquire().await?;
 /// assert!(motors.try_acquire().is_none());
 /// drop(first);
-/// assert_eq!(motors.available(), 1);
+/// assert_eq!(motors.available_permits(), 1);
 /// # Ok::<(), luna_channels::lock_sync::AcquireError>(())
 /// # }).unwrap().unwrap();
 /// ```
@@ -113,7 +113,7 @@ impl Semaphore {
     /// # luna_executors::block_on(async {
     /// let semaphore = Semaphore::new(3);
     /// let permits = semaphore.acquire_many(3).await.unwrap();
-    /// assert_eq!((permits.count(), semaphore.available()), (3, 0));
+    /// assert_eq!((permits.num_permits(), semaphore.available_permits()), (3, 0));
     /// # drop(permits);
     /// # }).unwrap();
     /// ```
@@ -123,13 +123,13 @@ impl Semaphore {
     }
 
     /// Takes a permit, if there is one and no waiter is as urgent. O(1), for the real-time path.
-    pub fn try_acquire(&self) -> Option<Permit<'_>> {
+    pub fn try_acquire(&self) -> Option<SemaphorePermit<'_>> {
         self.try_acquire_many(1)
     }
 
     /// Takes `count` permits, if there are so many and no waiter is as urgent. O(1), for the
     /// real-time path.
-    pub fn try_acquire_many(&self, count: u32) -> Option<Permit<'_>> {
+    pub fn try_acquire_many(&self, count: u32) -> Option<SemaphorePermit<'_>> {
         let take = || {
             self.shared().note_user(current::user());
             let mut lists = self.shared().place.lock();
@@ -149,7 +149,7 @@ impl Semaphore {
             false => take(),
         };
         // SAFETY: they were taken.
-        has_taken.then(|| unsafe { Permit::new(self, count) })
+        has_taken.then(|| unsafe { SemaphorePermit::new(self, count) })
     }
 
     /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has
@@ -188,7 +188,7 @@ impl Semaphore {
     /// In a process of an executor, which it would stop.
     #[cfg(not(loom))]
     #[track_caller]
-    pub fn blocking_acquire(&self) -> Result<Permit<'_>, AcquireError> {
+    pub fn blocking_acquire(&self) -> Result<SemaphorePermit<'_>, AcquireError> {
         luna_core::park::block_on(AcquireOp::new(self, 1, true))
     }
 
@@ -213,7 +213,7 @@ impl Semaphore {
     pub fn blocking_acquire_timeout(
         &self,
         timeout: Duration,
-    ) -> Result<Permit<'_>, AcquireTimeoutError> {
+    ) -> Result<SemaphorePermit<'_>, AcquireTimeoutError> {
         let mut acquire = std::pin::pin!(AcquireOp::new(self, 1, true));
         match luna_core::park::block_on_until(acquire.as_mut(), Instant::now() + timeout) {
             Some(acquired) => acquired.map_err(AcquireTimeoutError::from),
@@ -227,7 +227,7 @@ impl Semaphore {
     /// ```
     /// let semaphore = luna_channels::lock_sync::Semaphore::new(0);
     /// semaphore.add_permits(2);
-    /// assert_eq!(semaphore.available(), 2);
+    /// assert_eq!(semaphore.available_permits(), 2);
     /// ```
     pub fn add_permits(&self, count: u32) {
         self.shared().note_user(current::user());
@@ -235,7 +235,7 @@ impl Semaphore {
     }
 
     /// Number of free permits: for display, since it may have changed already.
-    pub fn available(&self) -> u64 {
+    pub fn available_permits(&self) -> u64 {
         let look = || {
             let lists = self.shared().place.lock();
             self.shared().permits(&lists, |permits| *permits)

@@ -1,6 +1,6 @@
 //! Waiting at a condition, as a future.
 
-use super::condition::Condition;
+use super::condition::Condvar;
 use super::entry::{Cause, Entry, inheritor};
 use super::error::LockError;
 use super::guard::MutexGuard;
@@ -35,7 +35,7 @@ enum Phase<'a, T> {
     Over,
 }
 
-/// Waiting at a condition: see [`Condition::wait`].
+/// Waiting at a condition: see [`Condvar::wait`].
 ///
 /// # Invariants
 ///
@@ -43,7 +43,7 @@ enum Phase<'a, T> {
 /// determines which of the two locks guards the rest of it.
 #[must_use = "an operation does nothing unless awaited, but that the mutex is unlocked when this is dropped"]
 pub struct WaitOp<'c, 'a, T> {
-    condition: &'c Condition,
+    condition: &'c Condvar,
     mutex: &'a Mutex<T>,
     entry: UnsafeCell<Entry>,
     phase: Phase<'a, T>,
@@ -61,7 +61,7 @@ unsafe impl<T: Send> Send for WaitOp<'_, '_, T> {}
 unsafe impl<T: Send> Sync for WaitOp<'_, '_, T> {}
 
 impl<'c, 'a, T> WaitOp<'c, 'a, T> {
-    pub(super) fn new(condition: &'c Condition, guard: MutexGuard<'a, T>, of_thread: bool) -> Self {
+    pub(super) fn new(condition: &'c Condvar, guard: MutexGuard<'a, T>, of_thread: bool) -> Self {
         WaitOp {
             condition,
             mutex: guard.mutex(),
@@ -304,7 +304,7 @@ impl WaitTimeoutResult {
     }
 }
 
-/// Waiting at a condition until a deadline: see [`Condition::wait_timeout`].
+/// Waiting at a condition until a deadline: see [`Condvar::wait_timeout`].
 #[derive(Debug)]
 #[must_use = "an operation does nothing unless awaited, but that the mutex is unlocked when this is dropped"]
 pub struct WaitTimeout<'c, 'a, T> {
@@ -315,11 +315,7 @@ pub struct WaitTimeout<'c, 'a, T> {
 }
 
 impl<'c, 'a, T> WaitTimeout<'c, 'a, T> {
-    pub(super) fn new(
-        condition: &'c Condition,
-        guard: MutexGuard<'a, T>,
-        deadline: Instant,
-    ) -> Self {
+    pub(super) fn new(condition: &'c Condvar, guard: MutexGuard<'a, T>, deadline: Instant) -> Self {
         WaitTimeout {
             wait: condition.wait(guard),
             sleep: Sleep::until(deadline),

@@ -2,7 +2,7 @@
 //! notification or permit is lost or doubled.
 
 use super::{check, check_within, poll};
-use crate::lock_sync::{Condition, LockError, Mutex, MutexGuard, Semaphore};
+use crate::lock_sync::{Condvar, LockError, Mutex, MutexGuard, Semaphore};
 use loom::future::block_on;
 use loom::thread;
 use std::sync::Arc;
@@ -126,7 +126,7 @@ fn a_holder_that_dies_is_known_to_the_next_alone() {
 fn a_notification_is_not_lost_between_unlocking_and_waiting() {
     check(|| {
         let mutex = Mutex::new(false);
-        let condition = Condition::new();
+        let condition = Condvar::new();
         let (theirs, notifies) = (mutex.clone(), condition.clone());
         let thread = thread::spawn(move || {
             *lock(&theirs) = true;
@@ -143,7 +143,7 @@ fn a_notification_is_not_lost_between_unlocking_and_waiting() {
 fn all_who_wait_are_notified() {
     check_within(2, || {
         let mutex = Mutex::new(false);
-        let condition = Condition::new();
+        let condition = Condvar::new();
         let threads = [0, 1].map(|_| {
             let (mutex, condition) = (mutex.clone(), condition.clone());
             thread::spawn(move || {
@@ -163,7 +163,7 @@ fn all_who_wait_are_notified() {
 fn a_wait_returns_once_for_each_notification() {
     check(|| {
         let mutex = Mutex::new(());
-        let condition = Condition::new();
+        let condition = Condvar::new();
         let (mine, theirs) = (mutex.clone(), condition.clone());
         let mut wait = Box::pin(condition.wait(lock(&mutex)));
         assert!(poll(&mut wait).is_pending());
@@ -190,7 +190,7 @@ fn a_wait_returns_once_for_each_notification() {
 fn a_notification_is_passed_on_by_who_goes() {
     check(|| {
         let mutex = Mutex::new(());
-        let condition = Condition::new();
+        let condition = Condvar::new();
         let notifies = condition.clone();
         let mut goes = Box::pin(condition.wait(lock(&mutex)));
         assert!(poll(&mut goes).is_pending());
@@ -209,7 +209,7 @@ fn a_notification_is_passed_on_by_who_goes() {
 fn who_is_notified_with_all_and_goes_takes_nobody_elses() {
     check(|| {
         let mutex = Mutex::new(());
-        let condition = Condition::new();
+        let condition = Condvar::new();
         let notifies = condition.clone();
         let mut goes = Box::pin(condition.wait(lock(&mutex)));
         assert!(poll(&mut goes).is_pending());
@@ -243,7 +243,7 @@ fn permits_are_neither_lost_nor_doubled() {
         let thread = thread::spawn(move || enter(&other, &theirs));
         enter(&semaphore, &inside);
         thread.join().unwrap();
-        assert_eq!(semaphore.available(), 1);
+        assert_eq!(semaphore.available_permits(), 1);
     });
 }
 
@@ -260,9 +260,9 @@ fn who_acquires_goes_as_it_is_given_its_permits() {
         drop(goes);
         let permit = block_on(stays).expect("nobody fails");
         thread.join().unwrap();
-        assert_eq!(semaphore.available(), 1);
+        assert_eq!(semaphore.available_permits(), 1);
         drop(permit);
-        assert_eq!(semaphore.available(), 2);
+        assert_eq!(semaphore.available_permits(), 2);
     });
 }
 
@@ -282,6 +282,6 @@ fn several_are_served_by_one_who_adds() {
         for thread in threads {
             thread.join().unwrap();
         }
-        assert_eq!(semaphore.available(), 0);
+        assert_eq!(semaphore.available_permits(), 0);
     });
 }

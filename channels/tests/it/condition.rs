@@ -5,7 +5,7 @@
 
 use crate::common;
 use common::{Wakes, Watchdog, pending, poll, poll_with, ready};
-use luna_channels::lock_sync::{Condition, LockError, Mutex};
+use luna_channels::lock_sync::{Condvar, LockError, Mutex};
 use luna_channels::{after, channel};
 use luna_executors::{Executor, Exit, OsThread, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
@@ -17,7 +17,7 @@ const ENOUGH: Duration = Duration::from_millis(100);
 
 #[test]
 fn waiting_unlocks_and_locks_again() {
-    let (mutex, condition) = (Mutex::new(0), Condition::new());
+    let (mutex, condition) = (Mutex::new(0), Condvar::new());
     let mut wait = Box::pin(condition.wait(mutex.try_lock().unwrap()));
     assert!(
         mutex.try_lock().is_err(),
@@ -37,7 +37,7 @@ fn waiting_unlocks_and_locks_again() {
 
 #[test]
 fn who_is_notified_is_woken_once_when_it_can_go_on() {
-    let (mutex, condition) = (Mutex::new(()), Condition::new());
+    let (mutex, condition) = (Mutex::new(()), Condvar::new());
     let (wakes, waker) = Wakes::new();
     let mut wait = Box::pin(condition.wait(mutex.try_lock().unwrap()));
     assert!(poll_with(&mut wait, &waker).is_pending());
@@ -52,7 +52,7 @@ fn who_is_notified_is_woken_once_when_it_can_go_on() {
 
 #[test]
 fn nobody_to_notify_is_nothing() {
-    let (mutex, condition) = (Mutex::new(()), Condition::new());
+    let (mutex, condition) = (Mutex::new(()), Condvar::new());
     condition.notify_one();
     condition.notify_all();
     let mut wait = Box::pin(condition.wait(mutex.try_lock().unwrap()));
@@ -62,7 +62,7 @@ fn nobody_to_notify_is_nothing() {
 
 #[test]
 fn all_are_those_who_wait_now() {
-    let (mutex, condition) = (Mutex::new(()), Condition::new());
+    let (mutex, condition) = (Mutex::new(()), Condvar::new());
     let mut first = Box::pin(condition.wait(mutex.try_lock().unwrap()));
     pending(&mut first);
     let mut second = Box::pin(condition.wait(mutex.try_lock().unwrap()));
@@ -78,7 +78,7 @@ fn all_are_those_who_wait_now() {
 
 #[test]
 fn who_goes_passes_on_what_was_for_it_alone() {
-    let (mutex, condition) = (Mutex::new(()), Condition::new());
+    let (mutex, condition) = (Mutex::new(()), Condvar::new());
     for hold in [false, true] {
         let mut goes = Box::pin(condition.wait(mutex.try_lock().unwrap()));
         pending(&mut goes);
@@ -105,7 +105,7 @@ fn who_goes_passes_on_what_was_for_it_alone() {
 
 #[test]
 fn those_of_several_mutexes_may_wait_at_one_condition() {
-    let condition = Condition::new();
+    let condition = Condvar::new();
     let mutexes = [Mutex::new(1), Mutex::new(2)];
     let mut waits = mutexes
         .each_ref()
@@ -119,7 +119,7 @@ fn those_of_several_mutexes_may_wait_at_one_condition() {
 #[test]
 fn the_time_runs_out_and_the_mutex_is_locked_all_the_same() {
     let _watchdog = Watchdog::new();
-    let (mutex, condition) = (Mutex::new(()), Condition::new());
+    let (mutex, condition) = (Mutex::new(()), Condvar::new());
     luna_executors::block_on(async {
         let guard = mutex.lock().await.unwrap();
         let (guard, result) = condition.wait_timeout(guard, SHORT).await.unwrap();
@@ -151,7 +151,7 @@ fn the_time_runs_out_and_the_mutex_is_locked_all_the_same() {
 #[test]
 fn threads_wait_too() {
     let _watchdog = Watchdog::new();
-    let (mutex, condition) = (Mutex::new(false), Condition::new());
+    let (mutex, condition) = (Mutex::new(false), Condvar::new());
     let guard = mutex.blocking_lock().unwrap();
     let (guard, result) = condition.blocking_wait_timeout(guard, SHORT).unwrap();
     assert!(result.timed_out());
@@ -169,7 +169,7 @@ fn threads_wait_too() {
 
 #[test]
 fn who_waits_learns_that_the_holder_died() {
-    let (mutex, condition) = (Mutex::new(()), Condition::new());
+    let (mutex, condition) = (Mutex::new(()), Condvar::new());
     let mut wait = Box::pin(condition.wait(mutex.try_lock().unwrap()));
     pending(&mut wait);
     std::panic::catch_unwind(|| {
@@ -185,7 +185,7 @@ fn who_waits_learns_that_the_holder_died() {
 fn the_most_urgent_is_notified_first() {
     let _watchdog = Watchdog::new();
     const LEVELS: [u8; 5] = [3, 9, 31, 3, 0];
-    let (order, condition) = (Mutex::new(Vec::new()), Condition::new());
+    let (order, condition) = (Mutex::new(Vec::new()), Condvar::new());
     let executor = Executor::start(Attributes::new("one")).unwrap();
     let mut processes = Vec::new();
     let mut gates = Vec::new();
@@ -230,8 +230,8 @@ fn a_bounded_queue_loses_and_doubles_nothing() {
     #[derive(Clone)]
     struct Queue {
         values: Mutex<Vec<usize>>,
-        has_room: Condition,
-        has_some: Condition,
+        has_room: Condvar,
+        has_some: Condvar,
     }
     impl Queue {
         async fn put(&self, value: usize) {
@@ -259,8 +259,8 @@ fn a_bounded_queue_loses_and_doubles_nothing() {
     }
     let queue = Queue {
         values: Mutex::new(Vec::with_capacity(2)),
-        has_room: Condition::new(),
-        has_some: Condition::new(),
+        has_room: Condvar::new(),
+        has_some: Condvar::new(),
     };
     let executors = ["a", "b"].map(|name| Executor::start(Attributes::new(name)).unwrap());
     let mut processes = Vec::new();

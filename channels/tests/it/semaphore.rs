@@ -18,14 +18,14 @@ const SHORT: Duration = Duration::from_millis(2);
 fn permits_are_taken_and_given_back() {
     let semaphore = Semaphore::new(3);
     let two = semaphore.try_acquire_many(2).unwrap();
-    assert_eq!((two.count(), semaphore.available()), (2, 1));
+    assert_eq!((two.num_permits(), semaphore.available_permits()), (2, 1));
     assert!(semaphore.try_acquire_many(2).is_none());
-    let one = semaphore.clone().try_acquire().map(|one| one.count());
+    let one = semaphore.clone().try_acquire().map(|one| one.num_permits());
     assert_eq!(one, Some(1), "given back at once");
     two.forget();
-    assert_eq!(semaphore.available(), 1);
+    assert_eq!(semaphore.available_permits(), 1);
     semaphore.add_permits(4);
-    assert_eq!(semaphore.available(), 5);
+    assert_eq!(semaphore.available_permits(), 5);
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn who_wants_much_is_not_starved_and_who_goes_lets_others_by() {
     pending(&mut little);
     drop(much);
     drop(ready(&mut little).unwrap());
-    assert_eq!(semaphore.available(), 2);
+    assert_eq!(semaphore.available_permits(), 2);
 }
 
 #[test]
@@ -56,7 +56,7 @@ fn what_was_given_to_one_that_goes_is_there_again() {
     semaphore.add_permits(2);
     drop(goes);
     ready(&mut stays).unwrap().forget();
-    assert_eq!(semaphore.available(), 1);
+    assert_eq!(semaphore.available_permits(), 1);
 }
 
 #[test]
@@ -73,7 +73,7 @@ fn the_time_runs_out_or_it_is_acquired() {
     let permit = semaphore.blocking_acquire().unwrap();
     assert!(semaphore.blocking_acquire_timeout(SHORT).is_err());
     drop(permit);
-    assert_eq!(semaphore.available(), 1);
+    assert_eq!(semaphore.available_permits(), 1);
 }
 
 #[test]
@@ -179,5 +179,5 @@ fn as_many_at_a_time_in_mixed_places() {
         assert_eq!(process.wait(), Exit::Completed);
     }
     assert_eq!(thread.process().wait(), Exit::Completed);
-    assert_eq!(semaphore.available(), u64::from(PERMITS));
+    assert_eq!(semaphore.available_permits(), u64::from(PERMITS));
 }

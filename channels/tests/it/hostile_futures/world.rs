@@ -3,7 +3,7 @@
 use crate::common::Random;
 use crate::hostile_futures::actors::{Value, strike};
 use futures_lite::StreamExt;
-use luna_channels::lock_sync::{Condition, Mutex, Semaphore};
+use luna_channels::lock_sync::{Condvar, Mutex, Semaphore};
 use luna_channels::{
     Alternative, Barrier, Buffer, Client, Receiver, Sender, Server, alt, buffered, call_channel,
     channel, pri_alt,
@@ -105,7 +105,7 @@ pub(crate) struct World {
     channels: [Channel; 3],
     calls: Ends<Client<Value, Value>, Server<Value, Value>>,
     mutex: Mutex<Value>,
-    condition: Condition,
+    condition: Condvar,
     semaphore: Semaphore,
     barrier: Barrier,
     /// Where processes are spawned, if the world is one of executors.
@@ -131,7 +131,7 @@ impl World {
             ],
             calls: Ends::new(call_channel()),
             mutex: Mutex::new(Value::new(false)),
-            condition: Condition::new(),
+            condition: Condvar::new(),
             semaphore: Semaphore::new(1),
             barrier: Barrier::new(2),
             executor,
@@ -184,7 +184,7 @@ impl World {
             8 => self.condition.notify_one(),
             9 => self.condition.notify_all(),
             10 => drop(self.semaphore.try_acquire()),
-            11 if self.semaphore.available() < 4 => self.semaphore.add_permits(1),
+            11 if self.semaphore.available_permits() < 4 => self.semaphore.add_permits(1),
             12 => drop(self.barrier.enroll()),
             // Where there are timers, one is armed and taken back.
             13 => {

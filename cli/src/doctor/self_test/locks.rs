@@ -1,7 +1,7 @@
 //! Locks: mutex, condition variable, semaphore.
 
 use super::{Outcome, Test, ensure, on_one_executor, same};
-use luna::sync::{Condition, LockError, Mutex, Semaphore};
+use luna::sync::{Condvar, LockError, Mutex, Semaphore};
 use luna::{Barrier, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -102,7 +102,7 @@ fn mutex_of_the_dead() -> Outcome {
 }
 
 fn condition() -> Outcome {
-    let (turns, changed) = (Mutex::new(0), Condition::new());
+    let (turns, changed) = (Mutex::new(0), Condvar::new());
     let last = turns.clone();
     on_one_executor(|executor| {
         for own in 0..2_u32 {

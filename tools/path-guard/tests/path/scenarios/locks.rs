@@ -1,7 +1,7 @@
 //! Locks of processes: mutexes, conditions, semaphores.
 
 use super::{Places, ROUNDS};
-use luna::sync::{Condition, Mutex, Semaphore};
+use luna::sync::{Condvar, Mutex, Semaphore};
 use std::time::Duration;
 
 /// Three processes contend for one lock, at levels of their own, and hold it across awaits, one of
@@ -36,7 +36,7 @@ pub(crate) fn mutexes(places: &mut Places) {
 }
 
 pub(crate) fn locks_that_are_given_up(places: &mut Places) {
-    let (lock, changed, permits) = (Mutex::new(()), Condition::new(), Semaphore::new(1));
+    let (lock, changed, permits) = (Mutex::new(()), Condvar::new(), Semaphore::new(1));
     for process in 0..2 {
         let (lock, changed, permits) = (lock.clone(), changed.clone(), permits.clone());
         places.process(&format!("waits a while {process}"), async move {
@@ -56,7 +56,7 @@ pub(crate) fn locks_that_are_given_up(places: &mut Places) {
 }
 
 pub(crate) fn conditions(places: &mut Places) {
-    let (turn, changed) = (Mutex::new(0_u64), Condition::new());
+    let (turn, changed) = (Mutex::new(0_u64), Condvar::new());
     for own in 0..2 {
         let (turn, changed) = (turn.clone(), changed.clone());
         places.process(&format!("takes turns {own}"), async move {
