@@ -9,7 +9,6 @@ use luna_core::current::{self, LEVELS, ProcessId};
 use luna_executors::{Name, ProcessHandle, ProcessSpec};
 use luna_platform::facts::SystemFacts;
 use luna_platform::thread::{Attributes, Policy};
-use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
@@ -153,8 +152,6 @@ impl ExecutorBuilder {
 thread_local! {
     /// What spawns on this thread referred to the system by.
     static SPARE_PLANS: ArcCache<Plan> = const { ArcCache::new() };
-    /// The name that was shared last.
-    static SHARED_NAME: RefCell<Option<Name>> = const { RefCell::new(None) };
 }
 
 /// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow
@@ -232,10 +229,7 @@ impl ProcessBuilder {
     fn new(plan: Arc<Plan>, name: &str, place: Result<Place>) -> Self {
         Self {
             plan,
-            name: SHARED_NAME.with_borrow(|shared| match shared {
-                Some(shared) if **shared == *name => shared.clone(),
-                _ => Name::from(name),
-            }),
+            name: Name::from(name),
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
             timed: false,
@@ -269,13 +263,6 @@ impl ProcessBuilder {
     /// ```
     pub fn one_of_many(mut self) -> Self {
         self.shares_name = true;
-        // The next one of them is likely to be made on this thread.
-        SHARED_NAME.with_borrow_mut(|shared| {
-            let is_there = shared.as_ref().is_some_and(|there| *there == self.name);
-            if !is_there {
-                *shared = Some(self.name.clone());
-            }
-        });
         self
     }
 

@@ -1,15 +1,14 @@
-//! The name of a process: one word, and what it leads to eight bytes longer than the text, since
-//! each process has one.
+//! The name of a process: two words, in which most texts lie themselves, since each process has one.
 
-use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 use std::borrow::Borrow;
 use std::fmt;
 use std::hash::{Hash, Hasher};
+use std::mem::ManuallyDrop;
 use std::ops::Deref;
-use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::Arc;
 
-/// The name of a process. Cloning it counts references, and copies nothing.
+/// The name of a process. Up to 15 bytes lie in the value itself; cloning a longer one counts
+/// references, and copies nothing.
 ///
 /// ```
 /// use luna_executors::{Name, ProcessSpec};
@@ -21,50 +20,74 @@ use std::sync::atomic::{AtomicU32, Ordering};
 ///
 /// # Invariants
 ///
-/// It leads to a head that `layout` of its length was allocated for, with that much text behind it,
-/// and is counted in it.
-pub struct Name(NonNull<Head>);
+/// The last byte is that of `short`: the length of its text, of at most [`SHORT`] bytes; or
+/// [`LONG`], and then `long` is valid.
+pub struct Name(Text);
 
-struct Head {
-    references: AtomicU32,
-    length: u32,
+#[repr(C)]
+union Text {
+    short: Short,
+    long: ManuallyDrop<Long>,
 }
 
-// SAFETY: it is counted by atomics, and its text does not change.
+/// The longest text that lies in the name itself.
+const SHORT: usize = 15;
+
+/// In the place of a length.
+const LONG: u8 = u8::MAX;
+
+#[derive(Clone, Copy)]
+#[repr(C)]
+struct Short {
+    text: [u8; SHORT],
+    length: u8,
+}
+
+#[repr(C)]
+struct Long {
+    text: Arc<Box<str>>,
+    unused: [u8; SHORT - size_of::<usize>()],
+    length: u8,
+}
+
+// SAFETY: a text does not change, and is counted by atomics.
 unsafe impl Send for Name {}
 // SAFETY: as above.
 unsafe impl Sync for Name {}
 
-/// A head with so much text behind it.
-fn layout(length: usize) -> Layout {
-    let size = size_of::<Head>().checked_add(length);
-    let layout = size.and_then(|size| Layout::from_size_align(size, align_of::<Head>()).ok());
-    layout.expect("a text that is in memory has room there")
-}
-
 impl Name {
     fn new(text: &str) -> Self {
-        let length = u32::try_from(text.len()).expect("a name has less than 4 GiB");
-        let layout = layout(text.len());
-        // SAFETY: the layout is that of a head at least.
-        let Some(head) = NonNull::new(unsafe { alloc(layout) }.cast::<Head>()) else {
-            handle_alloc_error(layout)
-        };
-        // SAFETY: it is room for the head and for the text behind it, and owned by this call alone.
-        unsafe {
-            head.write(Head {
-                references: AtomicU32::new(1),
-                length,
-            });
-            let behind = head.add(1).cast::<u8>();
-            behind.copy_from_nonoverlapping(NonNull::from(text).cast(), text.len());
+        if text.len() > SHORT {
+            return Self::long(Arc::new(text.into()));
         }
-        Self(head)
+        let mut short = Short {
+            text: [0; SHORT],
+            length: text.len() as u8,
+        };
+        short.text[..text.len()].copy_from_slice(text.as_bytes());
+        Self(Text { short })
     }
 
-    fn head(&self) -> &Head {
+    fn long(text: Arc<Box<str>>) -> Self {
+        let long = ManuallyDrop::new(Long {
+            text,
+            unused: [0; SHORT - size_of::<usize>()],
+            length: LONG,
+        });
+        Self(Text { long })
+    }
+
+    #[inline]
+    fn as_short(&self) -> &Short {
+        // SAFETY: all bytes are initialised, whichever it is, and any are a `Short`.
+        unsafe { &self.0.short }
+    }
+
+    /// The text that lies elsewhere, if it does.
+    #[inline]
+    fn as_long(&self) -> Option<&Arc<Box<str>>> {
         // SAFETY: the invariant.
-        unsafe { self.0.as_ref() }
+        (self.as_short().length == LONG).then(|| unsafe { &self.0.long.text })
     }
 }
 
@@ -73,11 +96,14 @@ impl Deref for Name {
 
     #[inline]
     fn deref(&self) -> &str {
-        // SAFETY: the invariant: the text has the length in the head, and was a `str`.
+        if let Some(long) = self.as_long() {
+            return long;
+        }
+        let short = self.as_short();
+        // SAFETY: the invariant: the length is one of the text's, which was a `str`.
         unsafe {
-            let text = self.0.add(1).cast::<u8>();
-            let text = NonNull::slice_from_raw_parts(text, self.head().length as usize);
-            std::str::from_utf8_unchecked(text.as_ref())
+            let text = short.text.get_unchecked(..usize::from(short.length));
+            std::str::from_utf8_unchecked(text)
         }
     }
 }
@@ -85,24 +111,21 @@ impl Deref for Name {
 impl Clone for Name {
     #[inline]
     fn clone(&self) -> Self {
-        // Relaxed: the one that is here keeps the text.
-        if self.head().references.fetch_add(1, Ordering::Relaxed) > i32::MAX as u32 {
-            // So many were leaked: to wrap would be to free what is owned.
-            std::process::abort();
+        match self.as_long() {
+            Some(long) => Self::long(long.clone()),
+            None => Self(Text {
+                short: *self.as_short(),
+            }),
         }
-        Self(self.0)
     }
 }
 
 impl Drop for Name {
     #[inline]
     fn drop(&mut self) {
-        // AcqRel, and no fence, which ThreadSanitizer does not know: the thread that frees it does
-        // so after all that others did with it.
-        if self.head().references.fetch_sub(1, Ordering::AcqRel) == 1 {
-            let layout = layout(self.head().length as usize);
-            // SAFETY: it was the last one; by the invariant this was allocated.
-            unsafe { dealloc(self.0.as_ptr().cast(), layout) };
+        if self.as_long().is_some() {
+            // SAFETY: the invariant; it is dropped once.
+            unsafe { ManuallyDrop::drop(&mut self.0.long) };
         }
     }
 }
@@ -163,6 +186,8 @@ mod tests {
             "",
             "a",
             "servo",
+            "of 15 bytes ...",
+            "of 16 bytes ....",
             "längerer Name mit Umlauten",
             &"x".repeat(1000),
         ] {
@@ -180,7 +205,8 @@ mod tests {
             threads
                 .into_iter()
                 .for_each(|thread| thread.join().unwrap());
-            assert_eq!(name.head().references.load(Ordering::Acquire), 1);
+            let references = name.as_long().map_or(1, Arc::strong_count);
+            assert_eq!((references, name.len()), (1, text.len()));
             assert_eq!(
                 (name.to_string(), format!("{name:?}")),
                 (text.to_owned(), format!("{text:?}"))
@@ -196,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn it_takes_one_word() {
-        assert_eq!(size_of::<Option<Name>>(), size_of::<usize>());
+    fn it_takes_two_words() {
+        assert_eq!(size_of::<Name>(), 16);
     }
 }
