@@ -154,6 +154,19 @@ thread_local! {
     static SPARE_PLANS: ArcCache<Plan> = const { ArcCache::new() };
 }
 
+/// Keeps a reference to a system that runs for the next spawn: on a thread that runs processes,
+/// which ends some time. What waits to be started does not wait for that.
+fn spare(system: Arc<Plan>) {
+    if current::home().is_some() {
+        SPARE_PLANS.with(|spare| {
+            if !spare.keeps(&system) {
+                spare.keep(&system);
+            }
+            spare.give_back(system);
+        });
+    }
+}
+
 /// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow
 /// the system, so processes can keep one to spawn others.
 #[derive(Clone)]
@@ -358,7 +371,11 @@ impl ProcessBuilder {
     /// error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         let (system, plan) = self.planned(process)?;
-        system.add_process(plan)
+        let (id, runs) = system.add_process(plan)?;
+        if runs {
+            spare(system);
+        }
+        Ok(id)
     }
 
     /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and
@@ -387,16 +404,7 @@ impl ProcessBuilder {
     pub fn start<M>(self, process: impl IntoProcess<M>) -> Result<ProcessHandle> {
         let (system, plan) = self.planned(process)?;
         let handle = system.start_process(plan)?;
-        // Only of a system that runs, and on a thread that runs processes, which ends some time:
-        // what waits to be started does not wait for that.
-        if current::home().is_some() {
-            SPARE_PLANS.with(|spare| {
-                if !spare.keeps(&system) {
-                    spare.keep(&system);
-                }
-                spare.give_back(system);
-            });
-        }
+        spare(system);
         Ok(handle)
     }
 

@@ -58,12 +58,13 @@ impl Plan {
     }
 
     /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is
-    /// the user's, and those that have ended meanwhile.
-    pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+    /// the user's, and those that have ended meanwhile. Gives whether they run, too.
+    pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<(ProcessId, bool)> {
         let id = plan.id();
         let members = self.admit(plan.own_name())?;
+        let runs = members.running.is_some();
         self.add_admitted(members, plan, false)?;
-        Ok(id)
+        Ok((id, runs))
     }
 
     /// As [`add_process`](Self::add_process), to a system that runs.
