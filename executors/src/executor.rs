@@ -11,12 +11,12 @@ use crate::deadlines::Deadlines;
 use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::process::{
-    Enrolled, ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec, Record, panic_message,
-    poll_monitor, prepare_thread,
+    Enrolled, ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec, panic_message, poll_monitor,
+    prepare_thread,
 };
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::{SimulationHandle, Stage, is_stage};
-use crate::task;
+use crate::task::{self, Unbuilt};
 use crate::watch;
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, Home};
@@ -30,7 +30,6 @@ use luna_platform::lock::PiLock;
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 use std::any::Any;
 use std::cell::Cell;
-use std::collections::LinkedList;
 use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
@@ -100,31 +99,12 @@ pub(crate) struct Shared {
     stopped: Futex,
 }
 
+#[derive(Default)]
 struct Arrivals {
-    waiting: LinkedList<Arrival>,
+    /// To be built on the executor's thread.
+    waiting: task::Arrivals,
     announced: u32,
     closed: bool,
-}
-
-/// A process to be built on its executor's thread.
-struct Arrival {
-    record: Arc<Record>,
-    build: Build,
-}
-
-/// Builds a process and queues it.
-type Build = Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>;
-
-impl Arrival {
-    /// Ends a process that is not built any more. What its builder holds is the user's: dropping it
-    /// may panic.
-    fn refuse(self, living: &ProcessRegistry) {
-        let Arrival { record, build } = self;
-        match catch_unwind(AssertUnwindSafe(|| drop(build))) {
-            Ok(()) => record.end_unstarted(living),
-            Err(payload) => record.end_panicked(payload, living),
-        }
-    }
 }
 
 impl Shared {
@@ -156,15 +136,12 @@ impl Shared {
 
     /// Builds what has arrived. Allocates: off the real-time path.
     pub(crate) fn take_in(self: &Arc<Self>) {
-        let arrived = std::mem::take(&mut self.arrivals.lock().waiting);
+        let mut arrived = std::mem::take(&mut self.arrivals.lock().waiting);
         if arrived.is_empty() {
             return;
         }
-        for Arrival { record, build } in arrived {
-            // A builder is the user's code: if it panics, the process has ended before it began.
-            if let Err(payload) = catch_unwind(AssertUnwindSafe(|| build(self, record.clone()))) {
-                record.end_panicked(payload, &self.living);
-            }
+        while let Some(process) = arrived.pop() {
+            process.build();
             self.settled.word().fetch_add(1, Ordering::AcqRel);
         }
         self.settled.wake_all();
@@ -183,11 +160,7 @@ impl Shared {
             thread_priority: AtomicU8::new(thread_priority),
             inbound: Inbound::new(),
             phase: AtomicU8::new(Phase::HELD),
-            arrivals: PiLock::new(Arrivals {
-                waiting: LinkedList::new(),
-                announced: 0,
-                closed: false,
-            }),
+            arrivals: PiLock::new(Arrivals::default()),
             settled: Futex::new(0),
             living,
             quiescence,
@@ -242,13 +215,13 @@ impl Shared {
 
     /// Takes in no more; those that wait end unstarted.
     pub(crate) fn close(&self) {
-        let refused = {
+        let mut refused = {
             let mut arrivals = self.arrivals.lock();
             arrivals.closed = true;
             std::mem::take(&mut arrivals.waiting)
         };
-        for arrival in refused {
-            arrival.refuse(&self.living);
+        while let Some(process) = refused.pop() {
+            drop(process);
             self.settled.word().fetch_add(1, Ordering::AcqRel);
         }
         self.settled.wake_all();
@@ -470,13 +443,13 @@ impl ExecutorHandle {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
-        let announced = self.announce(spec);
-        let handle = announced.handle();
-        drop(announced.start(build));
+        let (announced, handle) = self.announce(spec, build);
+        drop(announced.start());
         handle
     }
 
-    /// A process that counts as living, and has nothing to do yet. Allocates; runs no user code.
+    /// A process that counts as living and is not built yet, and its handle. Allocates; runs no user
+    /// code.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -485,50 +458,39 @@ impl ExecutorHandle {
     ///
     /// let executor = Executor::start(Attributes::new("main"))?;
     /// executor.release();
-    /// let announced = executor.handle().announce(ProcessSpec::new("late"));
-    /// let process = announced.handle();
+    /// let spec = ProcessSpec::new("late");
+    /// let (announced, process) = executor.handle().announce(spec, || async {});
     /// assert_eq!(process.state(), ProcessState::Created);
-    /// assert!(announced.start(|| async {}).is_none(), "it was taken");
+    /// assert!(announced.start().is_none(), "it was taken");
     /// assert_eq!(process.wait(), Exit::Completed);
     /// # Ok(()) }
     /// ```
-    pub fn announce(&self, spec: ProcessSpec) -> Announced {
+    pub fn announce<B, F>(&self, spec: ProcessSpec, build: B) -> (Announced, ProcessHandle)
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output: ExitValue> + 'static,
+    {
         // Processes that come and go without end do not fill the memory.
         reclaim::collect();
-        let is_home = current::home() == Some(self.shared.home);
-        let record = Record::new(spec, &self.shared.living, is_home);
-        Announced {
-            to_be: ToBe(Some((record, another(&self.shared)))),
+        let (process, record) = Unbuilt::new(another(&self.shared), spec, build);
+        let announced = Announced {
+            process,
             decided: None,
-        }
+        };
+        (announced, ProcessHandle(record))
     }
 }
 
 /// A process to be, on its executor: see [`ExecutorHandle::announce`]. If it is dropped, the
-/// process ends as cancelled.
+/// process ends as cancelled, and its builder is dropped.
 #[must_use = "a process that is announced and not started ends as cancelled"]
 pub struct Announced {
-    to_be: ToBe,
+    process: Unbuilt,
     /// The result of [`is_built_here`](Self::is_built_here).
     decided: Option<bool>,
 }
 
-/// A process that has not begun: dropped, it ends as cancelled.
-struct ToBe(Option<(Arc<Record>, Arc<Shared>)>);
-
-impl ToBe {
-    fn get(&self) -> &(Arc<Record>, Arc<Shared>) {
-        let to_be = self.0.as_ref();
-        to_be.expect("a process that is started is announced no more")
-    }
-}
-
 impl Announced {
-    /// The process, seen from outside.
-    pub fn handle(&self) -> ProcessHandle {
-        ProcessHandle(self.to_be.get().0.clone())
-    }
-
     /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is
     /// the user's. If not, it only hands it over.
     pub fn is_built_here(&mut self) -> bool {
@@ -540,7 +502,7 @@ impl Announced {
     /// In a turn that is looked at, or that drops what was left, a builder would count as a part of
     /// it: then it has a turn of its own.
     fn can_be_built_here(&self) -> bool {
-        let (_, shared) = self.to_be.get();
+        let shared = self.process.shared();
         current::home() == Some(shared.home)
             && shared.phase() == Phase::RELEASED
             && poll_monitor().is_none()
@@ -548,88 +510,37 @@ impl Announced {
             && !current::dropped_ends_poison()
     }
 
-    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`]. On an
-    /// executor that has stopped, gives the builder back: it is the user's, and is dropped with
-    /// what is given.
+    /// Starts the process: as [`ExecutorHandle::spawn`]. On an executor that has stopped, gives it
+    /// back: its builder is the user's, and is dropped with what is given.
     #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
-    pub fn start<B, F>(mut self, build: B) -> Option<Refused>
-    where
-        B: FnOnce() -> F + Send + 'static,
-        F: Future<Output: ExitValue> + 'static,
-    {
+    pub fn start(self) -> Option<Announced> {
         // A caller that saw that nothing is built here relies on it, also if the executor has been
         // released meanwhile.
-        let here = self.decided.unwrap_or(true) && self.can_be_built_here();
-        if here {
+        if self.decided.unwrap_or(true) && self.can_be_built_here() {
             // Off the path, and no part of the turn in the middle of which it is done.
             let on_path = current::set_on_path(false);
-            let built = catch_unwind(AssertUnwindSafe(|| {
-                current::outside(|| {
-                    let future = build();
-                    if let Some((record, shared)) = self.to_be.0.take() {
-                        task::start(shared, record, future);
-                    }
-                });
-            }));
-            if let Err(payload) = built
-                && let Some((record, shared)) = self.to_be.0.take()
-            {
-                record.end_panicked(payload, &shared.living);
-            }
+            current::outside(|| self.process.build());
             current::set_on_path(on_path);
             return None;
         }
-        let (record, shared) = self.to_be.0.take()?;
-        let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| {
-            task::start(shared.clone(), record, build())
-        });
-        // The list's node is allocated before the lock is taken.
-        let mut arrival = LinkedList::from([Arrival { record, build }]);
+        let shared = self.process.shared().clone();
         {
             let mut arrivals = shared.arrivals.lock();
-            if !arrivals.closed {
-                arrivals.announced = arrivals.announced.wrapping_add(1);
-                arrivals.waiting.append(&mut arrival);
+            if arrivals.closed {
+                return Some(self);
             }
+            arrivals.announced = arrivals.announced.wrapping_add(1);
+            arrivals.waiting.push(self.process);
         }
-        let refused = arrival.pop_front();
-        if refused.is_none() {
-            shared.inbound.ask_attention();
-        }
-        refused.map(|arrival| Refused(Some((arrival, shared))))
-    }
-}
-
-/// A process that its executor did not take, since it has stopped. It ends as cancelled when this
-/// is dropped, with its builder.
-pub struct Refused(Option<(Arrival, Arc<Shared>)>);
-
-impl Drop for Refused {
-    fn drop(&mut self) {
-        if let Some((arrival, shared)) = self.0.take() {
-            arrival.refuse(&shared.living);
-        }
-    }
-}
-
-impl fmt::Debug for Refused {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Refused")
-    }
-}
-
-impl Drop for ToBe {
-    fn drop(&mut self) {
-        if let Some((record, shared)) = self.0.take() {
-            record.end_unstarted(&shared.living);
-        }
+        shared.inbound.ask_attention();
+        None
     }
 }
 
 impl fmt::Debug for Announced {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("Announced")
-            .field(&self.to_be.0.as_ref().map(|(record, _)| record))
+            .field(self.process.record())
             .finish()
     }
 }

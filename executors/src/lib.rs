@@ -82,7 +82,7 @@ mod loom_tests;
 pub use {
     blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
     calls::UnderWay,
-    executor::{Announced, Executor, ExecutorHandle, Refused, has_given_up},
+    executor::{Announced, Executor, ExecutorHandle, has_given_up},
     interference::{Interference, Turn, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{

@@ -34,8 +34,7 @@ fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, RemoteWakes
     let mut remote_wakes = RemoteWakes::new();
     let mut member = 0;
     let processes = levels.map(|level| {
-        let seat = remote_wakes.reserve();
-        remote_wakes.fill(seat.number(), member);
+        let seat = remote_wakes.enter(member);
         member += 1;
         Process {
             seat,

@@ -4,8 +4,8 @@ use crate::calls;
 use crate::counted::Counted;
 use crate::executor::{Executor, Phase};
 use crate::process::{
-    Enrolled, ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec, Record, Recorded,
-    prepare_thread,
+    Enrolled, ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec, RawExit, Record, RecordRef,
+    Recorded, prepare_thread,
 };
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::{SimulationHandle, is_stage};
@@ -320,7 +320,7 @@ impl OsThread {
             spin: AtomicU64::new(0),
             counted: Counted::default(),
         });
-        let record = Record::new(spec, &shared.living, false);
+        let record = RecordRef::boxed(Record::new(spec, &shared.living));
         record.set_waker(park::waker(&shared.parker));
         let process = ProcessHandle(record.clone());
         let (own, of_body, of_thread) = (shared.clone(), record.clone(), record.clone());
@@ -344,7 +344,7 @@ impl OsThread {
             },
             move |(shared, _files, enrolled, body)| match body {
                 Ok(body) => shared.run(of_thread, body, enrolled),
-                Err(payload) => of_thread.end_panicked(payload, &shared.living),
+                Err(payload) => of_thread.end(RawExit::Panicked(payload), &shared.living),
             },
         );
         match started {
@@ -353,7 +353,7 @@ impl OsThread {
                 runs: Runs::OnThread(shared, thread),
             }),
             Err(error) => {
-                record.end_unstarted(&shared.living);
+                record.end(RawExit::Cancelled, &shared.living);
                 Err(error)
             }
         }
@@ -374,9 +374,8 @@ impl OsThread {
         F: Future<Output: ExitValue> + 'static,
     {
         let executor = Executor::start_simulated(simulation, attributes);
-        let announced = executor.handle().announce(spec);
-        let process = announced.handle();
-        drop(announced.start(build));
+        let (announced, process) = executor.handle().announce(spec, build);
+        drop(announced.start());
         if !is_stage(&simulation.0) {
             executor.settle();
         }
@@ -464,7 +463,7 @@ impl Held {
 
     fn run<F: Future<Output: ExitValue>>(
         self: &Arc<Self>,
-        record: Arc<Record>,
+        record: RecordRef,
         mut body: Pin<Box<Recorded<F>>>,
         _enrolled: Enrolled,
     ) {
@@ -500,7 +499,7 @@ impl Held {
                 // The first one counts, and dropping the other could panic in turn.
                 std::mem::forget(second);
             }
-            record.end_panicked(payload, &self.living);
+            record.end(RawExit::Panicked(payload), &self.living);
         }
         record.forget_process();
         reclaim::collect();

@@ -66,6 +66,16 @@ pub(crate) struct Seat {
 }
 
 impl Seat {
+    /// No slot.
+    pub(crate) const NONE: Seat = Seat {
+        number: usize::MAX,
+        block: None,
+    };
+
+    pub(crate) fn is_taken(&self) -> bool {
+        self.number != usize::MAX
+    }
+
     /// Marks the process as woken at `level`. Wait-free: one instruction or two. The caller, which
     /// has `near` of the same owner, then signals the level.
     #[inline]
@@ -118,8 +128,8 @@ impl<T: Copy> RemoteWakes<T> {
         }
     }
 
-    /// Reserves a slot for one more process; [`fill`](Self::fill) enters the process. Allocates.
-    pub(crate) fn reserve(&mut self) -> Seat {
+    /// Gives one more process a slot. Allocates.
+    pub(crate) fn enter(&mut self, member: T) -> Seat {
         let free = self.free.pop();
         let number = free.map_or(self.members.len(), |number| number as usize);
         if number == self.members.len() {
@@ -127,6 +137,7 @@ impl<T: Copy> RemoteWakes<T> {
             // So that `leave` allocates nothing.
             self.free.reserve(self.members.len() - self.free.len());
         }
+        self.members[number] = Some(member);
         let block = number.checked_sub(NEAR).map(|number| {
             if self.blocks.len() <= number / SEATS {
                 self.blocks.push(Arc::new(Block::new()));
@@ -134,10 +145,6 @@ impl<T: Copy> RemoteWakes<T> {
             self.blocks[number / SEATS].clone()
         });
         Seat { number, block }
-    }
-
-    pub(crate) fn fill(&mut self, number: usize, member: T) {
-        self.members[number] = Some(member);
     }
 
     /// All processes that have a slot, in the order of the slots.
@@ -221,11 +228,7 @@ mod tests {
     fn each_who_was_marked_is_given_once_wherever_it_sits() {
         let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
         let places: Vec<Seat> = (0..NEAR + 3 * SEATS + 1)
-            .map(|member| {
-                let seat = remote_wakes.reserve();
-                remote_wakes.fill(seat.number(), member);
-                seat
-            })
+            .map(|member| remote_wakes.enter(member))
             .collect();
         let far = [0, 63, 64, SEATS - 1, SEATS, 3 * SEATS].map(|number| NEAR + number);
         let marked = [&[0, NEAR - 1][..], &far].concat();
@@ -244,15 +247,13 @@ mod tests {
     fn a_late_wake_of_one_who_has_left_is_nobodys_or_the_next_ones() {
         let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
         for number in 0..NEAR + 2 {
-            let first = remote_wakes.reserve();
+            let first = remote_wakes.enter(1);
             assert_eq!(first.number(), number);
-            remote_wakes.fill(number, 1);
             remote_wakes.leave(number);
             first.mark(&near, 0);
             assert_eq!(taken(&remote_wakes, &near, 0), []);
-            let second = remote_wakes.reserve();
+            let second = remote_wakes.enter(2);
             assert_eq!(second.number(), number);
-            remote_wakes.fill(number, 2);
             first.mark(&near, 0);
             assert_eq!(taken(&remote_wakes, &near, 0), [2]);
         }

@@ -10,7 +10,8 @@ use crate::time::{LoopName, Scope};
 use luna_core::arc_cache::ArcCache;
 use luna_core::events;
 use luna_executors::{
-    Announced, ExitValue, OsThread, ProcessRegistry, ProcessSpec, Refused, SimulationHandle,
+    Announced, ExecutorHandle, ExitValue, OsThread, ProcessHandle, ProcessRegistry, ProcessSpec,
+    SimulationHandle,
 };
 use luna_platform::clock::Clock;
 use luna_platform::memory::copy_words;
@@ -297,7 +298,12 @@ unsafe impl<P: Send> Send for Place<P> {}
 
 /// Starts a body of any type where it is to run, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
-    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused>;
+    fn on_executor(
+        self: Box<Self>,
+        executor: &ExecutorHandle,
+        spec: ProcessSpec,
+        frame: Frame,
+    ) -> (Announced, ProcessHandle);
 
     fn on_thread(
         self: Box<Self>,
@@ -308,14 +314,24 @@ pub(crate) trait Start: Send {
     ) -> Result<OsThread, SpawnError<Infallible>>;
 }
 
-/// Starts a body on an executor, here or there.
-pub(crate) fn start<B: Build>(build: B, announced: Announced, frame: Frame) -> Option<Refused> {
-    announced.start(move || Supervised::make(|| build.build(), frame))
+/// Announces a body on an executor.
+pub(crate) fn announce<B: Build>(
+    build: B,
+    executor: &ExecutorHandle,
+    spec: ProcessSpec,
+    frame: Frame,
+) -> (Announced, ProcessHandle) {
+    executor.announce(spec, move || Supervised::make(|| build.build(), frame))
 }
 
 impl<B: Build> Start for B {
-    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused> {
-        announced.start(move || Supervised::make(|| (*self).build(), frame))
+    fn on_executor(
+        self: Box<Self>,
+        executor: &ExecutorHandle,
+        spec: ProcessSpec,
+        frame: Frame,
+    ) -> (Announced, ProcessHandle) {
+        announce(*self, executor, spec, frame)
     }
 
     fn on_thread(

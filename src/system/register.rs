@@ -100,16 +100,6 @@ pub(crate) struct Register {
     looks: std::cell::Cell<usize>,
 }
 
-impl Drop for Register {
-    fn drop(&mut self) {
-        // Noted ends have their exit values taken already. An exit value that is left would keep
-        // the process' memory for ever, and the process would keep the value.
-        for (_, member) in self.members.iter() {
-            drop(member.handle.take_last_words::<Verdict>());
-        }
-    }
-}
-
 impl Default for Register {
     fn default() -> Self {
         Self {
@@ -212,6 +202,7 @@ impl Register {
         let said = member.handle.take_last_words::<Verdict>();
         let said = said.and_then(|verdict| verdict.0);
         let may_be_forgotten = member.is_late && member.is_on_executor();
+        member.handle.forget_body();
         // Most ends leave no further work.
         if !member.is_plain() || said.is_some() || !matches!(exit, Some(Exit::Completed)) {
             self.see_to(id, exit, said, emergency);

@@ -355,6 +355,16 @@ impl Process {
         }
     }
 
+    /// Whether there is no reference to a process that is not polled any more: then there will be
+    /// none, and its owner may be freed without [`end`](Self::end).
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread, and `end` was not called.
+    pub unsafe fn is_unreferenced(&self) -> bool {
+        self.references.are_none()
+    }
+
     /// # Safety
     ///
     /// The reference count says that there is no reference to the process any more.

@@ -80,6 +80,13 @@ impl References {
         self.here.set(self.here.get().wrapping_sub(1));
     }
 
+    /// Whether there is no reference, and so none that could be copied. On the executor's thread,
+    /// before the end.
+    pub(super) fn are_none(&self) -> bool {
+        // Acquire: as in `remove`. See `end`.
+        self.elsewhere.load(Ordering::Acquire) + self.here.get() == 0
+    }
+
     /// Ends the process, on the executor's thread, once; `true` if there is no reference to it.
     #[must_use = "without references the process is to be freed"]
     pub(super) fn end(&self) -> bool {

@@ -1,10 +1,11 @@
 //! The body of a process, and the work around each of its polls.
 
 use super::exit_value::{ExitValue, Words};
-use super::record::{RawExit, Record};
+use super::record::{RawExit, Record, RecordRef};
 use super::registry::ProcessRegistry;
 use luna_core::current;
 use std::any::Any;
+use std::convert::Infallible;
 use std::future::Future;
 use std::hint::unreachable_unchecked;
 use std::mem::MaybeUninit;
@@ -36,20 +37,44 @@ impl<O: ExitValue> End<O> {
 }
 
 /// A process' body, with all that the framework does around each of its polls. It is always polled
-/// with the same record.
-pub(crate) struct Body<F: Future>(Room<F, F::Output>);
+/// with the same record. `B` makes the future where it is to run.
+pub(crate) struct Body<F: Future, B = Infallible>(Room<F, F::Output, B>);
 
-/// The room of a body is that of its exit value too: there is memory for any exit value when the
-/// body ends.
-enum Room<F, O> {
+/// The room of a body is that of its builder and of its exit value too: there is memory for any
+/// exit value when the body ends.
+enum Room<F, O, B> {
+    Unbuilt(B),
     Running(F),
     Said(O),
     Empty,
 }
 
+impl<F: Future, B: FnOnce() -> F> Body<F, B> {
+    pub(crate) fn unbuilt(build: B) -> Self {
+        Self(Room::Unbuilt(build))
+    }
+
+    /// Makes the future, once, where it stays. If the builder panics, there is nothing any more.
+    pub(crate) fn build(self: Pin<&mut Self>) {
+        // SAFETY: there is no future yet that would be moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if let Room::Unbuilt(build) = std::mem::replace(&mut this.0, Room::Empty) {
+            this.0 = Room::Running(build());
+        }
+    }
+}
+
 impl<F: Future> Body<F> {
     pub(crate) fn new(future: F) -> Self {
         Self(Room::Running(future))
+    }
+}
+
+impl<F: Future, B> Body<F, B> {
+    /// Drops what is there, whatever it is.
+    pub(crate) fn clear(self: Pin<&mut Self>) {
+        // SAFETY: a future is dropped in its place.
+        unsafe { self.get_unchecked_mut() }.0 = Room::Empty;
     }
 
     /// Polls the future and nothing else. If it is ready or panics, [`end`](Self::end) is to be
@@ -170,7 +195,7 @@ impl<F: Future> Body<F> {
         // SAFETY: no future is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.0 {
-            Room::Running(_) => None,
+            Room::Running(_) | Room::Unbuilt(_) => None,
             _ => match std::mem::replace(&mut this.0, Room::Empty) {
                 Room::Said(words) => Some(words),
                 _ => None,
@@ -182,7 +207,7 @@ impl<F: Future> Body<F> {
 /// A body that is polled by another's loop.
 pub(crate) struct Recorded<F: Future> {
     body: Body<F>,
-    record: Arc<Record>,
+    record: RecordRef,
     living: Arc<ProcessRegistry>,
     /// For its exit value, which outlives it. `None` once the value is there.
     room: Option<Box<MaybeUninit<F::Output>>>,
@@ -190,7 +215,7 @@ pub(crate) struct Recorded<F: Future> {
 
 impl<F: Future<Output: ExitValue>> Recorded<F> {
     /// Allocates, unless there can be no exit value.
-    pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<ProcessRegistry>) -> Self {
+    pub(crate) fn new(future: F, record: RecordRef, living: Arc<ProcessRegistry>) -> Self {
         Self {
             body: Body::new(future),
             record,
@@ -215,7 +240,7 @@ impl<F: Future<Output: ExitValue>> Future for Recorded<F> {
         };
         let end = body.end(record, end);
         let keep = |words| Words::boxed(room.take().unwrap_or_else(Box::new_uninit), words);
-        record.finish(end.told(keep), living);
+        record.end(end.told(keep), living);
         Poll::Ready(())
     }
 }

@@ -15,7 +15,7 @@ pub use join::Join;
 pub use name::Name;
 pub(crate) use poll_monitor::prepare as prepare_thread;
 pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
-pub(crate) use record::{Notice, Record};
+pub(crate) use record::{Notice, RawExit, Record, RecordRef};
 pub(crate) use registry::Enrolled;
 pub use registry::{ProcessRegistry, Stillness};
 
@@ -186,6 +186,9 @@ impl fmt::Display for Exit {
 
 /// A process, seen from outside. Cloning it is cheap; dropping it does nothing to the process.
 ///
+/// It keeps the memory of the process, also when that has ended: one allocation, with the room of
+/// the body.
+///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use luna_executors::{Executor, Exit, ProcessSpec, ProcessState};
@@ -201,7 +204,7 @@ impl fmt::Display for Exit {
 /// # Ok(()) }
 /// ```
 #[derive(Clone)]
-pub struct ProcessHandle(pub(crate) Arc<Record>);
+pub struct ProcessHandle(pub(crate) RecordRef);
 
 // What it shows is atomic, or behind a lock under which no user code runs.
 impl std::panic::UnwindSafe for ProcessHandle {}
@@ -244,9 +247,8 @@ impl ProcessHandle {
     /// soon as that thread comes to it.
     ///
     /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its
-    /// next await. Does nothing to one that has ended. Real-time path: yes for a process that
-    /// lives; O(1), a system call only if its thread sleeps. If the process ends at the same
-    /// moment, this call may be the last to refer to its memory, and frees it.
+    /// next await. Does nothing to one that has ended. Real-time path: yes; O(1), a system call
+    /// only if its thread sleeps.
     pub fn cancel(&self) {
         self.0.cancel();
     }
@@ -277,12 +279,19 @@ impl ProcessHandle {
         self.0.body().map(copy_words).unwrap_or_default()
     }
 
-    /// The exit value of its body, if it is of this type and was not taken before. Until it is
-    /// taken it keeps the memory of the process, so it is to be taken. Off the real-time path: it
-    /// frees; O(1).
+    /// The exit value of its body, if it is of this type and was not taken before. What is not
+    /// taken is dropped with the last handle. Off the real-time path: it may free; O(1).
     #[inline]
     pub fn take_last_words<O: ExitValue>(&self) -> Option<O> {
         self.0.take_words()
+    }
+
+    /// Lets go of the room of its body, if it has ended and that is large: for a handle that is kept
+    /// for long. An exit value is to be taken before. Not for the real-time path: it may allocate.
+    pub fn forget_body(&mut self) {
+        if let Some(record) = self.0.without_body() {
+            self.0 = RecordRef::boxed(record);
+        }
     }
 
     /// How it ended, if it has.

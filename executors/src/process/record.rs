@@ -9,15 +9,17 @@ use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::events;
 use luna_core::path;
+use luna_core::reclaim::{self, Retired};
 use luna_core::replay_log::Taper;
 use luna_core::wait_list::WaitList;
 use luna_platform::clock::Instant;
 use std::any::Any;
 use std::fmt;
-use std::ops::Range;
+use std::mem::ManuallyDrop;
+use std::ops::{Deref, Range};
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::task::Waker;
 
 /// How it ended, before any query: the message of a panic is made off the real-time path.
@@ -49,6 +51,8 @@ impl How {
     /// Its end is listed.
     const LISTED: u8 = 1 << 5;
     const UNHURRIED: u8 = 1 << 6;
+    /// The room of its body is large.
+    const LARGE: u8 = 1 << 7;
 }
 
 /// Flags for what happened to a process.
@@ -136,9 +140,22 @@ impl Seen {
     }
 }
 
-/// The part of a process that outlives its body.
+/// The part of a process that outlives its body: the head of a task, or in a box.
+///
+/// # Invariants
+///
+/// `references` counts the [`RecordRef`]s, and what else keeps the memory that the record lies in:
+/// for a task its wakers, and one for its process. Without any, `retired` frees that memory.
+#[repr(C)]
 pub(crate) struct Record {
+    /// First, so that a pointer to it is one to the record. Its link is that of the list of what is
+    /// not built yet, and later of the list of what has ended.
+    retired: Retired,
     pub(super) name: Name,
+    seen: Seen,
+    /// If its polls are timed, also if only the poll monitor needs that.
+    timing: Option<Box<Timing>>,
+    references: AtomicU32,
     pub(super) id: ProcessId,
     /// Its level, and [how](How) it ends.
     level_and_how: u8,
@@ -147,13 +164,104 @@ pub(crate) struct Record {
     pub(super) cancelled: AtomicBool,
     /// Further facts about its end: flags of [`Fate`].
     fate: AtomicU8,
-    seen: Seen,
     /// The process' own thread takes it without atomics, unless others look at the process too.
     pub(super) shown: BiasedLock<Shown>,
-    /// If its polls are timed, also if only the poll monitor needs that.
-    timing: Option<Box<Timing>>,
-    /// The process that ended before it, while it is listed.
-    pub(super) after: AtomicPtr<Record>,
+}
+
+/// A counted reference to a record.
+///
+/// # Invariants
+///
+/// It is counted, so the record is live. The pointer may be used for all of the memory that the
+/// record lies in.
+pub(crate) struct RecordRef(NonNull<Record>);
+
+// SAFETY: a record is used by shared references on any thread, and what frees it runs on any.
+unsafe impl Send for RecordRef {}
+// SAFETY: as above.
+unsafe impl Sync for RecordRef {}
+
+/// A reference may go to any thread because of this.
+const _: () = {
+    const fn shared<T: Send + Sync>() {}
+    shared::<Record>();
+};
+
+impl RecordRef {
+    /// The first reference to a record in memory of its own. Allocates.
+    pub(crate) fn boxed(record: Record) -> Self {
+        Self(NonNull::from(Box::leak(Box::new(record))))
+    }
+
+    /// # Safety
+    ///
+    /// One reference was counted for this one, and the pointer may be used for all of the memory
+    /// that the record lies in.
+    pub(crate) unsafe fn from_raw(record: NonNull<Record>) -> Self {
+        Self(record)
+    }
+
+    /// The pointer. The reference stays counted.
+    pub(crate) fn into_raw(self) -> NonNull<Record> {
+        ManuallyDrop::new(self).0
+    }
+
+    /// Publishes how a process has ended that is not polled any more, and reports it.
+    pub(crate) fn end(&self, exit: RawExit, living: &ProcessRegistry) {
+        if self.finish(exit) {
+            self.clone().report(living);
+        }
+    }
+
+    /// Reports the end of this process, which has [finished](Record::finish), to the registry that
+    /// counts and lists it. The list takes this reference.
+    pub(crate) fn report(self, living: &ProcessRegistry) {
+        let is_listed = self.is(How::LISTED);
+        let in_a_hurry = self.has_ended_in_a_hurry();
+        let Err(record) = living.keep(is_listed.then_some(self), in_a_hurry) else {
+            return;
+        };
+        // In the order of their ends.
+        living.tell_kept();
+        if let Some(record) = record {
+            living.list_ended(record);
+        }
+        living.leave(in_a_hurry);
+    }
+}
+
+impl Deref for RecordRef {
+    type Target = Record;
+
+    #[inline]
+    fn deref(&self) -> &Record {
+        // SAFETY: the invariant.
+        unsafe { self.0.as_ref() }
+    }
+}
+
+impl Clone for RecordRef {
+    #[inline]
+    fn clone(&self) -> Self {
+        self.count_one_more();
+        Self(self.0)
+    }
+}
+
+impl Drop for RecordRef {
+    #[inline]
+    fn drop(&mut self) {
+        // SAFETY: the invariant; this reference is not used any more.
+        unsafe { Record::count_less(self.0, 1) };
+    }
+}
+
+/// # Safety
+///
+/// `head` begins a record that [`boxed`](RecordRef::boxed) made, without any reference.
+unsafe fn free_boxed(head: NonNull<Retired>) {
+    // SAFETY: the contract.
+    drop(unsafe { Box::from_raw(head.cast::<Record>().as_ptr()) });
 }
 
 /// State that other threads read and change.
@@ -203,9 +311,21 @@ struct Timing {
 }
 
 impl Record {
-    /// Makes the record of a process that counts as living. `is_home`: the calling thread is the
-    /// executor that it is to run on.
-    pub(crate) fn new(spec: ProcessSpec, living: &ProcessRegistry, is_home: bool) -> Arc<Self> {
+    /// The record of a process that has memory of its own. It counts as living, with one reference.
+    pub(crate) fn new(spec: ProcessSpec, living: &ProcessRegistry) -> Self {
+        Self::within(spec, living, false, 1, free_boxed)
+    }
+
+    /// The record of a process that counts as living, with so many references, in memory that
+    /// `free` frees. `is_home`: the calling thread is the executor that it is to run on.
+    #[inline]
+    pub(crate) fn within(
+        spec: ProcessSpec,
+        living: &ProcessRegistry,
+        is_home: bool,
+        references: u32,
+        free: unsafe fn(NonNull<Retired>),
+    ) -> Self {
         living.enter();
         let shown = Shown {
             joining: WaitList::new(),
@@ -225,7 +345,9 @@ impl Record {
                 longest_poll: AtomicU64::new(0),
             })
         });
-        Arc::new(Self {
+        Self {
+            retired: Retired::new(free),
+            references: AtomicU32::new(references),
             name: spec.name,
             id: spec.id,
             level_and_how: spec.level
@@ -241,8 +363,84 @@ impl Record {
                 BiasedLock::new(shown)
             },
             timing,
-            after: AtomicPtr::new(ptr::null_mut()),
+        }
+    }
+
+    /// Notes that the memory in which it lies is large.
+    pub(crate) fn set_large(&mut self) {
+        self.level_and_how |= How::LARGE;
+    }
+
+    /// What is known of a process that has ended, in memory without the room of its body; `None` if
+    /// that is not large, or there is more to know than is copied.
+    pub(super) fn without_body(&self) -> Option<Self> {
+        let outcome = match self.outcome.load(Ordering::Acquire) {
+            Outcome::COMPLETED | Outcome::SAID => Outcome::COMPLETED,
+            Outcome::CANCELLED => Outcome::CANCELLED,
+            _ => return None,
+        };
+        if !self.is(How::LARGE) || self.timing.is_some() {
+            return None;
+        }
+        Some(Self {
+            retired: Retired::new(free_boxed),
+            name: self.name.clone(),
+            seen: Seen(AtomicPtr::new(self.seen.0.load(Ordering::Relaxed))),
+            timing: None,
+            references: AtomicU32::new(1),
+            id: self.id,
+            level_and_how: self.level_and_how & !How::LARGE,
+            outcome: AtomicU8::new(outcome),
+            cancelled: AtomicBool::new(self.is_cancelled()),
+            fate: AtomicU8::new(self.fate.load(Ordering::Relaxed)),
+            shown: BiasedLock::new(Shown {
+                joining: WaitList::new(),
+                beside: Beside::Nothing,
+            }),
         })
+    }
+
+    /// Counts one more reference, for a caller that has one.
+    #[inline]
+    pub(crate) fn count_one_more(&self) {
+        // Relaxed: code that has a reference may pass it on, and provides the ordering that this
+        // needs itself.
+        if self.references.fetch_add(1, Ordering::Relaxed) > i32::MAX as u32 {
+            // So many were leaked: to wrap would be to free what is owned.
+            std::process::abort();
+        }
+    }
+
+    /// Counts so many references less; the last frees the memory: at once, or off the real-time
+    /// path.
+    ///
+    /// # Safety
+    ///
+    /// They were counted for the caller, which does not use the record any more. The pointer may be
+    /// used for all of the memory that the record lies in.
+    #[inline]
+    pub(crate) unsafe fn count_less(this: NonNull<Self>, count: u32) {
+        // SAFETY: the caller's contract. AcqRel, and no fence, which ThreadSanitizer does not know:
+        // the thread that frees the memory does so after all that others did with it. A thread with
+        // the only references is alone with it: looking costs less than counting.
+        unsafe {
+            let references = &this.as_ref().references;
+            if references.load(Ordering::Acquire) == count
+                || references.fetch_sub(count, Ordering::AcqRel) == count
+            {
+                reclaim::retire(this.cast());
+            }
+        }
+    }
+
+    /// The link of the lists that the record may be in.
+    pub(crate) fn link(&self) -> &AtomicPtr<Retired> {
+        self.retired.link()
+    }
+
+    fn has_ended_in_a_hurry(&self) -> bool {
+        let outcome = self.outcome.load(Ordering::Relaxed);
+        !self.is(How::UNHURRIED) || matches!(outcome, Outcome::CANCELLED | Outcome::PANICKED)
     }
 
     pub(crate) fn id(&self) -> ProcessId {
@@ -489,27 +687,12 @@ impl Record {
         }
     }
 
-    /// Ends a process that has a body which never ran.
-    pub(crate) fn end_unstarted(self: &Arc<Self>, living: &ProcessRegistry) {
-        self.finish(RawExit::Cancelled, living);
-    }
-
-    /// Ends a process that has no body because its construction panicked.
-    pub(crate) fn end_panicked(
-        self: &Arc<Self>,
-        payload: Box<dyn Any + Send>,
-        living: &ProcessRegistry,
-    ) {
-        self.finish(RawExit::Panicked(payload), living);
-    }
-
-    /// Publishes how the process has ended, once: to its waiters, and to the registry that counts
-    /// it.
-    pub(crate) fn finish(self: &Arc<Self>, exit: RawExit, living: &ProcessRegistry) {
+    /// Publishes how the process has ended, once, to its waiters. `false`: it had ended before.
+    pub(crate) fn finish(&self, exit: RawExit) -> bool {
         let mut shown = self.shown.lock();
         if self.has_ended() {
             drop(shown);
-            return;
+            return false;
         }
         events::done(
             self.id.get(),
@@ -519,8 +702,6 @@ impl Record {
                 RawExit::Panicked(_) => events::code::ended::PANICKED,
             },
         );
-        let in_a_hurry =
-            !self.is(How::UNHURRIED) || matches!(exit, RawExit::Cancelled | RawExit::Panicked(_));
         let mut waker = shown.take_waker();
         let outcome = match exit {
             RawExit::Completed => Outcome::COMPLETED,
@@ -556,26 +737,13 @@ impl Record {
                 ready.wake_contained();
             }
             if is_last {
-                return self.tell(in_a_hurry, living);
+                return true;
             }
             shown = self.shown.lock();
         }
         drop(shown);
         drop(waker);
-        self.tell(in_a_hurry, living);
-    }
-
-    /// Reports the end of this process to the registry that counts and lists it.
-    fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &ProcessRegistry) {
-        if !in_a_hurry && living.keep(self, self.is(How::LISTED)) {
-            return;
-        }
-        // In the order of their ends.
-        living.tell_kept();
-        if self.is(How::LISTED) {
-            living.list_ended(self.clone());
-        }
-        living.leave(in_a_hurry);
+        true
     }
 }
 

@@ -1,11 +1,12 @@
 //! The processes and threads of one system: how many processes live, and whether all threads sleep
 //! for good.
 
-use super::record::Record;
+use super::record::{Record, RecordRef};
 use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
 use luna_core::current::Home;
 use luna_core::current::ProcessId;
 use luna_core::path::{self, Call};
+use luna_core::reclaim::Retired;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use std::cell::Cell;
@@ -20,7 +21,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 ///
 /// # Invariants
 ///
-/// `ended` is a chain of records, each of which is owned by its place there; or `CLOSED`.
+/// `ended` is a chain of records, each of which is owned by its place there; or `CLOSED`. A chain
+/// leads along the records' links, whose pointers are those of [`RecordRef`]s.
 pub struct ProcessRegistry {
     count: AtomicUsize,
     changes: Futex,
@@ -33,7 +35,7 @@ pub struct ProcessRegistry {
     /// Whether the next end counts as hurried in any case.
     is_urgent: AtomicBool,
     /// The listed processes that have ended, the last one first.
-    ended: AtomicPtr<Record>,
+    ended: AtomicPtr<Retired>,
     /// The threads that live, in the order of their start. A plain lock: threads take it as they
     /// start and end, off the path.
     threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,
@@ -54,8 +56,8 @@ struct Kept {
     /// Number of processes that have ended and still count as living. The next process made on this
     /// thread takes the place of one of them in the count.
     counted: Cell<usize>,
-    newest: Cell<*mut Record>,
-    oldest: Cell<*mut Record>,
+    newest: Cell<*mut Retired>,
+    oldest: Cell<*mut Retired>,
     listed: Cell<usize>,
 }
 
@@ -81,19 +83,21 @@ impl Kept {
         self.counted.get() >= MOST_KEPT || self.listed.get() >= MOST_KEPT
     }
 
-    fn list(&self, record: Arc<Record>) {
-        let record = Arc::into_raw(record).cast_mut();
-        let before = self.newest.replace(record);
+    fn list(&self, record: RecordRef) {
+        let record = record.into_raw();
+        let before = self.newest.replace(record.as_ptr().cast());
         // SAFETY: it is owned, and in no chain yet.
-        unsafe { (*record).after.store(before, Ordering::Relaxed) };
+        unsafe { record.as_ref() }
+            .link()
+            .store(before, Ordering::Relaxed);
         if before.is_null() {
-            self.oldest.set(record);
+            self.oldest.set(record.as_ptr().cast());
         }
         self.listed.set(self.listed.get() + 1);
     }
 
     /// Takes the chain, which begins at the newest, out.
-    fn take(&self) -> *mut Record {
+    fn take(&self) -> *mut Retired {
         self.listed.set(0);
         self.newest.replace(ptr::null_mut())
     }
@@ -105,7 +109,7 @@ impl Kept {
 pub struct Stillness(Vec<(Home, Stretch)>);
 
 /// The list is closed: ended processes are no longer collected.
-const CLOSED: *mut Record = ptr::without_provenance_mut(1);
+const CLOSED: *mut Retired = ptr::without_provenance_mut(1);
 
 impl ProcessRegistry {
     /// An empty registry.
@@ -241,8 +245,8 @@ impl ProcessRegistry {
     }
 
     /// Lists a process that has ended. O(1).
-    pub(super) fn list_ended(&self, record: Arc<Record>) {
-        let record = Arc::into_raw(record).cast_mut();
+    pub(super) fn list_ended(&self, record: RecordRef) {
+        let record = record.into_raw().as_ptr().cast();
         // SAFETY: it is owned, and not in the chain yet.
         unsafe { self.list_chain(record, record) };
     }
@@ -253,11 +257,11 @@ impl ProcessRegistry {
     ///
     /// It is a chain of records that are owned by their places in it. The caller gives up its
     /// ownership.
-    unsafe fn list_chain(&self, newest: *mut Record, oldest: *mut Record) {
+    unsafe fn list_chain(&self, newest: *mut Retired, oldest: *mut Retired) {
         let mut first = self.ended.load(Ordering::Relaxed);
         while first != CLOSED {
             // SAFETY: the contract: it is owned.
-            unsafe { (*oldest).after.store(first, Ordering::Relaxed) };
+            unsafe { (*oldest).link().store(first, Ordering::Relaxed) };
             // Release: the thread that takes the record sees how the process ended.
             match self.ended.compare_exchange_weak(
                 first,
@@ -270,7 +274,7 @@ impl ProcessRegistry {
             }
         }
         // SAFETY: as above; no other thread has taken it.
-        unsafe { (*oldest).after.store(ptr::null_mut(), Ordering::Relaxed) };
+        unsafe { (*oldest).link().store(ptr::null_mut(), Ordering::Relaxed) };
         drop(Chain::reversed(newest));
     }
 
@@ -307,24 +311,28 @@ impl ProcessRegistry {
         self.change(are_last);
     }
 
-    /// Adds the end of an unhurried process to this thread's batch, if the thread keeps one; O(1).
-    /// `listed`: whether it is to be listed.
+    /// Adds the end of a process to this thread's batch, with its record if that is to be listed;
+    /// O(1). `Err`: it is in a hurry, or the thread keeps no batch.
     #[inline]
-    pub(super) fn keep(&self, record: &Arc<Record>, listed: bool) -> bool {
+    pub(super) fn keep(
+        &self,
+        record: Option<RecordRef>,
+        in_a_hurry: bool,
+    ) -> Result<(), Option<RecordRef>> {
         KEPT.with(|kept| {
             // An announced end is reported at once, and with it all earlier ones, so that the order
             // stays.
-            if !kept.is_of(self) || self.is_urgent.load(Ordering::Relaxed) {
-                return false;
+            if in_a_hurry || !kept.is_of(self) || self.is_urgent.load(Ordering::Relaxed) {
+                return Err(record);
             }
-            if listed {
-                kept.list(record.clone());
+            if let Some(record) = record {
+                kept.list(record);
             }
             kept.counted.set(kept.counted.get() + 1);
             if kept.is_full() || self.watchful.load(Ordering::Relaxed) > 0 {
                 self.tell(kept);
             }
-            true
+            Ok(())
         })
     }
 
@@ -454,28 +462,27 @@ struct Chain(Option<NonNull<Record>>);
 
 impl Chain {
     /// Reverses the chain that begins at `first`. The caller gives up its ownership.
-    fn reversed(first: *mut Record) -> Self {
+    fn reversed(first: *mut Retired) -> Self {
         let mut behind = ptr::null_mut();
-        let mut next = first;
-        while let Some(record) = NonNull::new(next) {
+        let mut next = NonNull::new(first);
+        while let Some(record) = next {
             // SAFETY: a chain's records are owned by it, and this one was given away.
-            let record = unsafe { record.as_ref() };
-            next = record.after.load(Ordering::Relaxed);
-            record.after.store(behind, Ordering::Relaxed);
-            behind = ptr::from_ref(record).cast_mut();
+            let link = unsafe { record.as_ref() }.link();
+            next = NonNull::new(link.load(Ordering::Relaxed));
+            link.store(behind, Ordering::Relaxed);
+            behind = record.as_ptr();
         }
-        Self(NonNull::new(behind))
+        Self(NonNull::new(behind.cast()))
     }
 }
 
 impl Iterator for Chain {
-    type Item = Arc<Record>;
+    type Item = RecordRef;
 
-    fn next(&mut self) -> Option<Arc<Record>> {
-        let record = self.0?;
-        // SAFETY: the invariant: it came from `Arc::into_raw`, and leaves the chain.
-        let record = unsafe { Arc::from_raw(record.as_ptr().cast_const()) };
-        self.0 = NonNull::new(record.after.load(Ordering::Relaxed));
+    fn next(&mut self) -> Option<RecordRef> {
+        // SAFETY: the invariant: it came from a reference, and leaves the chain.
+        let record = unsafe { RecordRef::from_raw(self.0?) };
+        self.0 = NonNull::new(record.link().load(Ordering::Relaxed).cast());
         Some(record)
     }
 }

@@ -1,20 +1,16 @@
-//! The wakers of a task: counted pointers to it.
+//! The wakers of a task: pointers to it, counted in its record.
 
 use super::{Task, ready_elsewhere};
+use crate::process::Record;
 use luna_core::current::{self, Place};
-use luna_core::reclaim;
 use std::ptr::NonNull;
-use std::sync::atomic::Ordering;
 use std::task::{RawWaker, RawWakerVTable, Waker};
 
-/// How many wakers a task begins with.
-pub(super) const FIRST: u32 = 1;
-
-/// The first waker of `task`, which is counted already.
+/// The waker of the process of `task`: it takes over the reference that is counted for the process.
 ///
 /// # Safety
 ///
-/// The task begins with that count, and this is called once.
+/// This is called once.
 pub(super) unsafe fn first(task: NonNull<Task>) -> Waker {
     // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker
     // is counted.
@@ -39,23 +35,8 @@ unsafe fn task(data: *const ()) -> NonNull<Task> {
 
 unsafe fn clone(data: *const ()) -> RawWaker {
     // SAFETY: see above.
-    unsafe { add(task(data)) };
+    unsafe { Task::record(task(data)).as_ref() }.count_one_more();
     RawWaker::new(data, &TABLE)
-}
-
-/// Counts one more reference to the task, as a waker has one.
-///
-/// # Safety
-///
-/// The task is kept by another one.
-pub(super) unsafe fn add(task: NonNull<Task>) {
-    // SAFETY: the caller's contract. Relaxed: code that has a waker may pass it on, and provides
-    // the ordering that this needs itself.
-    let references = unsafe { &task.as_ref().references };
-    if references.fetch_add(1, Ordering::Relaxed) > i32::MAX as u32 {
-        // So many were leaked: to wrap would be to free what is owned.
-        std::process::abort();
-    }
 }
 
 unsafe fn wake(data: *const ()) {
@@ -80,26 +61,6 @@ unsafe fn wake_by_ref(data: *const ()) {
 }
 
 unsafe fn discard(data: *const ()) {
-    // SAFETY: see above.
-    unsafe { remove(task(data)) };
-}
-
-/// Counts one less; the last one frees the task.
-///
-/// # Safety
-///
-/// One reference was counted for the caller, which does not use the task any more.
-pub(super) unsafe fn remove(task: NonNull<Task>) {
-    // SAFETY: the caller's contract; after the last waker nothing uses the task. The task's own
-    // waker is dropped only after its body has ended, and its process.
-    unsafe {
-        // AcqRel, and no fence, which ThreadSanitizer does not know: the thread that frees the task
-        // does so after all that others did with it. A thread with the only waker is alone with it:
-        // looking costs less than counting.
-        let references = &task.as_ref().references;
-        if references.load(Ordering::Acquire) == 1 || references.fetch_sub(1, Ordering::AcqRel) == 1
-        {
-            reclaim::retire(NonNull::new_unchecked(&raw mut (*task.as_ptr()).retired));
-        }
-    }
+    // SAFETY: see above; this one is not used any more.
+    unsafe { Record::count_less(Task::record(task(data)), 1) };
 }

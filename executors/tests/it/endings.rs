@@ -313,10 +313,8 @@ fn announced_and_dropped_or_built_in_the_turn_of_another() {
     let living = Arc::new(ProcessRegistry::new());
     let executor = Executor::start_counted(Attributes::new("announced"), living.clone()).unwrap();
     executor.release();
-    let announced = executor
-        .handle()
-        .announce(ProcessSpec::new("dropped").listed());
-    let dropped = announced.handle();
+    let spec = ProcessSpec::new("dropped").listed();
+    let (announced, dropped) = executor.handle().announce(spec, || async {});
     assert_eq!((living.count(), dropped.exit()), (1, None));
     drop(announced);
     assert_eq!(dropped.wait(), Exit::Cancelled);

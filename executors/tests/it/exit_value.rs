@@ -31,21 +31,24 @@ fn who_ends_on_an_executor_is_heard_afterwards() {
     let token = Arc::new(());
     let executor = Executor::start(Attributes::new("main")).unwrap();
     let start = |name: &'static str, word: Option<Word>| {
-        let announced = executor.handle().announce(ProcessSpec::new(name));
-        let process = announced.handle();
-        let refused = announced.start(move || async { word.unwrap_or(Word(None, [0; 40])) });
-        assert!(refused.is_none());
+        let body = move || async { word.unwrap_or(Word(None, [0; 40])) };
+        let (announced, process) = executor.handle().announce(ProcessSpec::new(name), body);
+        assert!(announced.start().is_none());
         process
     };
     let speaker = start("speaker", Some(word(&token)));
     let silent = start("silent", None);
+    let unheard = start("unheard", Some(word(&token)));
     executor.release();
+    assert_eq!(unheard.wait(), Exit::Completed);
     assert_eq!(speaker.wait(), Exit::Completed);
     assert_eq!(silent.wait(), Exit::Completed);
     assert!(said(&silent).is_none());
     // Also when the executor has gone.
     drop(executor);
-    assert_eq!(Arc::strong_count(&token), 2, "it is kept");
+    assert_eq!(Arc::strong_count(&token), 3, "it is kept");
+    drop(unheard);
+    assert_eq!(Arc::strong_count(&token), 2, "it goes with its process");
     assert!(speaker.take_last_words::<()>().is_none(), "of another type");
     let words = said(&speaker).expect("it was kept");
     assert!(said(&speaker).is_none(), "it is taken once");
@@ -55,16 +58,56 @@ fn who_ends_on_an_executor_is_heard_afterwards() {
 }
 
 #[test]
+fn a_large_body_goes_with_the_handles_that_are_not_kept_for_long() {
+    let token = Arc::new(());
+    let executor = Executor::start(Attributes::new("main")).unwrap();
+    let start = |size: bool, word: Word| {
+        let body = move || async move {
+            if size {
+                let large = std::hint::black_box([1_u8; 4096]);
+                luna_executors::yield_now().await;
+                assert_eq!(large[4095], 1);
+            }
+            word
+        };
+        executor
+            .handle()
+            .announce(ProcessSpec::new("large").level(3), body)
+    };
+    let (announced, mut process) = start(true, word(&token));
+    assert!(announced.start().is_none());
+    process.forget_body();
+    executor.release();
+    assert_eq!(process.wait(), Exit::Completed);
+    let other = process.clone();
+    drop(executor);
+    assert_eq!(Arc::strong_count(&token), 2);
+    process.forget_body();
+    assert_eq!(Arc::strong_count(&token), 2, "the other handle keeps it");
+    let known = |one: &ProcessHandle| {
+        let state = (one.exit(), one.state(), one.polls(), one.priority());
+        (one.name().to_owned(), one.id(), state)
+    };
+    assert_eq!(known(&process), known(&other));
+    assert_eq!((process.polls(), process.wait()), (2, Exit::Completed));
+    drop(other);
+    assert_eq!(
+        Arc::strong_count(&token),
+        1,
+        "it went with the room of its body"
+    );
+}
+
+#[test]
 fn who_is_cancelled_or_panics_says_nothing() {
     let executor = Executor::start(Attributes::new("main")).unwrap();
     let start = |name: &'static str, panics: bool| {
-        let announced = executor.handle().announce(ProcessSpec::new(name));
-        let process = announced.handle();
-        let refused = announced.start(move || async move {
+        let body = move || async move {
             assert!(!panics, "on purpose");
             std::future::pending::<Word>().await
-        });
-        assert!(refused.is_none());
+        };
+        let (announced, process) = executor.handle().announce(ProcessSpec::new(name), body);
+        assert!(announced.start().is_none());
         process
     };
     let (stuck, hasty) = (start("stuck", false), start("hasty", true));

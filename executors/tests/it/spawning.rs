@@ -149,10 +149,11 @@ fn a_body_that_spawns_as_it_is_dropped() {
 fn what_is_refused_is_dropped_where_its_spawner_likes() {
     let _watchdog = watchdog();
     let (executor, drops) = (executor(), Drops::default());
-    let announced = executor.handle().announce(ProcessSpec::new("late"));
-    let (process, token) = (announced.handle(), drops.token());
+    let token = drops.token();
+    let body = move || async move { drop(token) };
+    let (announced, process) = executor.handle().announce(ProcessSpec::new("late"), body);
     executor.stop();
-    let refused = announced.start(move || async move { drop(token) });
+    let refused = announced.start();
     assert_eq!((drops.count(), process.exit()), (0, None));
     drop(refused.expect("the executor has stopped"));
     assert_eq!((drops.count(), process.exit()), (1, Some(Exit::Cancelled)));

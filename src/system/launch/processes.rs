@@ -116,7 +116,7 @@ impl Held {
                 Ok((member, started)) => {
                     self.members.push((id, member));
                     match started {
-                        Started::OnExecutor(pending) => drop(pending.hand_over()),
+                        Started::OnExecutor(announced) => drop(announced.start()),
                         Started::OnThread(thread) => self.threads.push(thread),
                     }
                 }

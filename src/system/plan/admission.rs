@@ -3,7 +3,7 @@
 use super::described::{Place, ProcessPlan};
 use super::running::{Running, Started};
 use super::{Members, Phase, Plan, duplicate};
-use crate::csp::process::{Build, Common, Prepared, clean_up, prepare, start};
+use crate::csp::process::{Build, Common, Prepared, announce, clean_up, prepare};
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
 use luna_core::current::ProcessId;
@@ -132,18 +132,19 @@ impl Plan {
         }
         // The lock is kept from the look at the phase until it is entered: the end cannot come in
         // between.
-        let (mut member, mut announced, frame) =
-            running.announce(number, plan.spec, plan.ledger, None);
+        let announce = |executor: &_, spec, frame| announce(build, executor, spec, frame);
+        let (mut member, mut announced) =
+            running.announce(number, plan.spec, plan.ledger, None, announce);
+        let handle = wanted.then(|| member.handle.clone());
         member.is_late = true;
         member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
-        let handle = wanted.then(|| announced.handle());
         if announced.is_built_here() {
             // The executor is in a process' turn, so it does not end meanwhile.
             drop(members);
-            drop(start(build, announced, frame));
+            drop(announced.start());
         } else {
-            let refused = start(build, announced, frame);
+            let refused = announced.start();
             drop(members);
             drop(refused);
         }
@@ -250,15 +251,15 @@ impl Plan {
         } else {
             // No user code runs there.
             return match running.start(plan) {
-                Ok((member, Started::OnExecutor(mut pending))) => {
+                Ok((member, Started::OnExecutor(mut announced))) => {
                     let handle = member.handle.clone();
                     members.enter_late(id, member, running);
-                    if pending.is_built_here() {
+                    if announced.is_built_here() {
                         // The executor is in a process' turn, so it does not end meanwhile.
                         drop(members);
-                        drop(pending.hand_over());
+                        drop(announced.start());
                     } else {
-                        let refused = pending.hand_over();
+                        let refused = announced.start();
                         drop(members);
                         drop(refused);
                     }

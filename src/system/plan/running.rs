@@ -3,11 +3,11 @@
 use super::described::{Place, ProcessPlan};
 use super::member::{Member, On};
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{Common, Frame, Phases, Prepared, Start, clean_up};
+use crate::csp::process::{Common, Frame, Phases, Prepared, clean_up};
 use crate::error::Error;
 use crate::safety::Ledger;
 use luna_executors::{
-    Announced, ExecutorHandle, OsThread, ProcessSpec, Refused, SimulationHandle, Standstill,
+    Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, SimulationHandle, Standstill,
 };
 use luna_platform::thread::Mode;
 use std::sync::Arc;
@@ -38,29 +38,9 @@ impl NotStarted {
     }
 }
 
-/// A process that is entered, and not handed over to its executor yet.
-pub(crate) struct Pending {
-    announced: Announced,
-    starter: Box<dyn Start>,
-    frame: Frame,
-}
-
-impl Pending {
-    /// Whether handing it over calls what is the user's.
-    pub(super) fn is_built_here(&mut self) -> bool {
-        self.announced.is_built_here()
-    }
-
-    /// What is given is the user's: to be dropped without a lock.
-    #[must_use = "what was refused is dropped without a lock"]
-    pub(crate) fn hand_over(self) -> Option<Refused> {
-        self.starter.on_executor(self.announced, self.frame)
-    }
-}
-
 /// What comes of a process that is started.
 pub(crate) enum Started {
-    OnExecutor(Pending),
+    OnExecutor(Announced),
     OnThread(NamedThread),
 }
 
@@ -80,14 +60,15 @@ impl Running {
         self.simulation.as_ref()?.standstill()
     }
 
-    /// Announces a prepared process on an executor. No user code runs there.
+    /// Announces a prepared process on an executor by `announce`. No user code runs there.
     pub(super) fn announce(
         &self,
         number: usize,
         mut spec: ProcessSpec,
         ledger: Option<Arc<Ledger>>,
         resident: Option<Box<dyn Phases>>,
-    ) -> (Member, Announced, Frame) {
+        announce: impl FnOnce(&ExecutorHandle, ProcessSpec, Frame) -> (Announced, ProcessHandle),
+    ) -> (Member, Announced) {
         let common = &self.common;
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
@@ -100,10 +81,9 @@ impl Running {
             spec = common.tapes.tape(spec);
         }
         let frame = Frame::new(common);
-        let announced = self.executors[number].announce(spec);
-        let on = On::Executor(number);
-        let member = Member::new(announced.handle(), on, ledger, resident);
-        (member, announced, frame)
+        let (announced, handle) = announce(&self.executors[number], spec, frame);
+        let member = Member::new(handle, On::Executor(number), ledger, resident);
+        (member, announced)
     }
 
     /// Starts a prepared process: on a thread, which is held; on an executor once it is handed
@@ -122,14 +102,12 @@ impl Running {
         } = plan;
         let (thread_name, attributes) = match place {
             Place::Executor(number) => {
-                let (mut member, announced, frame) = self.announce(number, spec, ledger, resident);
+                let announce =
+                    |executor: &_, spec, frame| starter.on_executor(executor, spec, frame);
+                let (mut member, announced) =
+                    self.announce(number, spec, ledger, resident, announce);
                 member.shares_name = shares_name;
-                let pending = Pending {
-                    announced,
-                    starter,
-                    frame,
-                };
-                return Ok((member, Started::OnExecutor(pending)));
+                return Ok((member, Started::OnExecutor(announced)));
             }
             Place::Thread { name, attributes } => (name, attributes),
         };
