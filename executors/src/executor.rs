@@ -352,6 +352,8 @@ impl Executor {
     pub fn settle(&self) {
         let shared = &self.handle.shared;
         let announced = shared.arrivals.lock().announced;
+        // Of a held one no attention was asked until now.
+        shared.inbound.ask_attention();
         loop {
             let settled = shared.settled.word().load(Ordering::Acquire);
             // Both count up and wrap, so compare their distance.
@@ -532,7 +534,12 @@ impl Announced {
             arrivals.announced = arrivals.announced.wrapping_add(1);
             arrivals.waiting.push(self.process);
         }
-        shared.inbound.ask_attention();
+        // A held executor looks when it is released, or waited for: waking it for each process
+        // would cost a switch between threads. If it is released meanwhile it has either found the
+        // process, or its phase was set before the lock was taken here.
+        if shared.phase() != Phase::HELD {
+            shared.inbound.ask_attention();
+        }
         None
     }
 }
