@@ -3,8 +3,7 @@
 //!
 //! - [`current`]: the process that this thread polls, how it is woken, and its priority. Only this
 //!   module knows how a process becomes ready.
-//! - [`wait_list`], [`timer_queue`], [`tick_list`]: intrusive lists of waiting operations and
-//!   deadlines.
+//! - [`wait_list`], [`timer_queue`]: intrusive lists of waiting operations, and deadlines.
 //! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
 //! - [`reclaim`], [`arc_cache`], [`latest_slots`], [`byte_ring`]: memory off the real-time path,
 //!   and values that one thread replaces while others read them.
@@ -30,6 +29,5 @@ pub mod path;
 pub mod reclaim;
 pub mod replay_log;
 pub mod spin;
-pub mod tick_list;
 pub mod timer_queue;
 pub mod wait_list;

@@ -194,7 +194,7 @@ fn start_timers(
     loops: usize,
     emergency: &Arc<Emergency>,
 ) -> Result<ManagerThread> {
-    manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS))?;
+    manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS), loops)?;
     let policy = match needs.real_time {
         true => Policy::fifo(TIMER_PRIORITY),
         false => Policy::Other,

@@ -143,7 +143,7 @@ impl System {
     ///     })?;
     /// }
     /// let report = system.run()?;
-    /// assert_eq!(report.timers.unwrap().ticks.len(), 1); // one timer for both
+    /// assert_eq!(report.timers.unwrap().ticks.len(), 1); // one period
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn timers(&mut self, timers: Timers) -> &mut Self {

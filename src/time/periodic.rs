@@ -80,9 +80,7 @@ pub struct Periodic {
     /// Whether that cycle is still under way.
     in_cycle: bool,
     /// Where the loop waits, if the system has a timer manager.
-    slot_of_timer: Option<TimerSlot>,
-    /// Whether its slots are still those that it joined: only then the manager ticks for them.
-    is_on_grid: bool,
+    timer_slot: Option<TimerSlot>,
     /// The parameters of the process that has made it.
     parameters: Option<Arc<Reader>>,
     /// Made in a `pre_run`, and not begun yet.
@@ -166,9 +164,9 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         // The process is not here yet; a current process, if any, is another.
         Some(_) => None,
     };
-    let slot_of_timer = scope
+    let timer_slot = scope
         .manager()
-        .map(|manager| TimerSlot::new(manager.clone(), length));
+        .and_then(|manager| TimerSlot::new(manager, length));
     Ok(Periodic {
         statistics: Some(statistics),
         scope,
@@ -185,8 +183,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         guard: 0,
         began: None,
         in_cycle: false,
-        slot_of_timer,
-        is_on_grid: true,
+        timer_slot,
         parameters,
         prepared,
     })

@@ -6,7 +6,7 @@
 //! removing the first and removing any by O(log n).
 
 use super::Fired;
-use crate::current::WakeHandle;
+use crate::current::{Priority, WakeHandle};
 use luna_platform::clock::Instant;
 use std::ptr::NonNull;
 
@@ -18,13 +18,22 @@ pub(super) struct Node {
     parent: Link,
     left: Link,
     right: Link,
-    /// The number of nodes on the way down to the right.
-    rank: u32,
     pub(super) deadline: Instant,
     /// Of equal deadlines the one armed first comes first.
     sequence: u64,
+    /// None of a deadline that wakes nobody.
     pub(super) wakeup: Option<WakeHandle>,
+    pub(super) label: Label,
+    /// The number of nodes on the way down to the right: no more than bits of their count.
+    rank: u8,
     pub(super) fired: Fired,
+}
+
+/// What the owner of a shared queue knows of a node.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Label {
+    pub(super) number: u32,
+    pub(super) priority: Priority,
 }
 
 impl Node {
@@ -72,6 +81,7 @@ impl Heap {
         place: NonNull<Node>,
         deadline: Instant,
         wakeup: Option<WakeHandle>,
+        label: Label,
     ) {
         self.sequence += 1;
         // SAFETY: the caller promises that there is room for the new node, which is in no heap; by
@@ -81,10 +91,11 @@ impl Heap {
                 parent: None,
                 left: None,
                 right: None,
-                rank: 1,
                 deadline,
                 sequence: self.sequence,
                 wakeup,
+                label,
+                rank: 1,
                 fired: Fired::new(false),
             });
             self.root = merge(self.root, Some(place));
@@ -203,7 +214,7 @@ mod tests {
         *state
     }
 
-    fn check(link: Link, parent: Link) -> (u32, usize) {
+    fn check(link: Link, parent: Link) -> (u8, usize) {
         let Some(node) = link else { return (0, 0) };
         // SAFETY: the test's nodes live in boxes.
         let node_ref = unsafe { node.as_ref() };
@@ -234,7 +245,8 @@ mod tests {
                 if inside[index] {
                     heap.remove(node);
                 } else {
-                    heap.insert(node, Instant::from_nanos(random(&mut state) % 50), None);
+                    let deadline = Instant::from_nanos(random(&mut state) % 50);
+                    heap.insert(node, deadline, None, Label::default());
                 }
             }
             inside[index] = !inside[index];

@@ -1,4 +1,5 @@
-//! The deadline queue of one thread.
+//! The deadline queue of a thread: of an executor, or of the timer manager, whose queue is
+//! [shared](TimerQueue::shared): other threads arm in it too.
 //!
 //! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The
 //! nodes lie in the waiting futures: arming, expiring and cancelling allocate nothing and take
@@ -6,11 +7,14 @@
 //! ([`Attention`]) when a deadline is armed that is earlier than all that the thread provides for.
 
 mod heap;
+mod shared;
+
+pub use shared::{Deadline, Due};
 
 use crate::biased_lock::BiasedLock;
 use crate::current::{self, PendingWake, Renewal, WakeHandle};
 use crate::events;
-use heap::{Heap, Node};
+use heap::{Heap, Label, Node};
 use luna_platform::clock::Instant;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -26,15 +30,20 @@ use std::time::Duration;
 
 /// The armed deadlines of one thread.
 ///
-/// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from
-/// there, hence the lock; as long as none is, the lock is biased to the thread's executor.
+/// Its thread alone expires, and arms unless the queue is shared. A sleep that is dropped on another
+/// thread cancels itself from there, hence the lock; as long as none is, the lock is biased to the
+/// thread's executor.
 pub struct TimerQueue {
     heap: BiasedLock<Heap>,
+    /// Any thread arms in it.
+    is_shared: bool,
+    /// No deadline is armed any more. Written under the lock.
+    is_closed: AtomicBool,
     /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the
     /// lock.
     next: AtomicU64,
     /// The owner checks the queue in time for deadlines from this one on, as nanoseconds. Only the
-    /// owner's thread reads and writes it.
+    /// owner's thread reads and writes it; in a shared queue, the thread that holds the lock.
     provided: AtomicU64,
     attention: Option<std::sync::Arc<dyn Attention>>,
 }
@@ -44,6 +53,14 @@ pub trait Attention: Send + Sync {
     /// The owner has to check its queue before it polls the next process. Called on its own thread,
     /// in the middle of a poll.
     fn ask_look(&self);
+
+    /// The owner has to check its queue at `deadline`, for which it does not provide yet. Called
+    /// under the queue's lock if that is shared, by any thread, and by the owner for what comes
+    /// next.
+    fn ask_look_at(&self, deadline: Instant) {
+        let _ = deadline;
+        self.ask_look();
+    }
 }
 
 impl TimerQueue {
@@ -53,18 +70,24 @@ impl TimerQueue {
         reason = "a queue belongs to a thread: made on purpose, not by default"
     )]
     pub fn new() -> Self {
-        Self::provided_from(Instant::from_nanos(0), None)
+        Self::provided_from(Instant::from_nanos(0), None, false)
     }
 
     /// An empty queue; its owner checks it when notified: for each deadline, until the owner has
     /// [provided](Self::provide) for some.
     pub fn attended(attention: std::sync::Arc<dyn Attention>) -> Self {
-        Self::provided_from(Instant::NEVER, Some(attention))
+        Self::provided_from(Instant::NEVER, Some(attention), false)
     }
 
-    fn provided_from(deadline: Instant, attention: Option<std::sync::Arc<dyn Attention>>) -> Self {
+    fn provided_from(
+        deadline: Instant,
+        attention: Option<std::sync::Arc<dyn Attention>>,
+        is_shared: bool,
+    ) -> Self {
         Self {
             heap: BiasedLock::new(Heap::new()),
+            is_shared,
+            is_closed: AtomicBool::new(false),
             next: AtomicU64::new(u64::MAX),
             provided: AtomicU64::new(deadline.as_nanos()),
             attention,
@@ -98,14 +121,14 @@ impl TimerQueue {
     fn announce(&self, deadline: Instant) {
         if deadline < self.provided() {
             self.provide(deadline);
-            self.ask_look_for_new();
+            self.ask_look_at(deadline);
         }
     }
 
     #[cold]
-    fn ask_look_for_new(&self) {
+    fn ask_look_at(&self, deadline: Instant) {
         if let Some(attention) = &self.attention {
-            attention.ask_look();
+            attention.ask_look_at(deadline);
         }
     }
 
@@ -151,6 +174,27 @@ impl TimerQueue {
         }
     }
 
+    /// Adds a wait, and notifies the owner, this thread, if it has to be.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Heap::insert`].
+    #[inline]
+    unsafe fn arm(&self, node: NonNull<Node>, deadline: Instant, wakeup: WakeHandle) {
+        let mut heap = self.heap.lock();
+        // SAFETY: the caller keeps the contract of `insert`.
+        unsafe { heap.insert(node, deadline, Some(wakeup), Label::default()) };
+        self.publish_next(&heap);
+        drop(heap);
+        self.announce(deadline);
+    }
+
+    /// Whether it belongs to another thread than the calling one, whose deadlines are its own.
+    #[inline]
+    fn is_left_here(self: &Arc<Self>) -> bool {
+        !self.is_shared && current::has_other_timers(self)
+    }
+
     fn publish_next(&self, heap: &Heap) {
         // SAFETY: the caller holds the heap's lock, and a node in it is live.
         let next = heap
@@ -180,6 +224,8 @@ pub struct Sleep {
     deadline: Instant,
     is_relative: bool,
     armed: bool,
+    /// What the owner of a shared queue knows it by.
+    number: u32,
     queue: Option<Arc<TimerQueue>>,
     node: UnsafeCell<MaybeUninit<Node>>,
     _pinned: PhantomPinned,
@@ -211,12 +257,22 @@ impl Sleep {
         Self::new(Instant::from_nanos(0) + time, true)
     }
 
+    /// As [`until`](Self::until), but by the owner of a shared `queue`, which knows the wait by
+    /// `number`. It ends early when the queue is [closed](TimerQueue::close).
+    pub fn by(queue: &Arc<TimerQueue>, number: u32, deadline: Instant) -> Self {
+        let mut sleep = Self::until(deadline);
+        sleep.number = number;
+        sleep.queue = Some(queue.clone());
+        sleep
+    }
+
     #[inline]
     fn new(deadline: Instant, is_relative: bool) -> Self {
         Self {
             deadline,
             is_relative,
             armed: false,
+            number: 0,
             queue: None,
             node: UnsafeCell::new(MaybeUninit::uninit()),
             _pinned: PhantomPinned,
@@ -265,7 +321,7 @@ impl Sleep {
         let Some(queue) = &this.queue else {
             return Armed::Is(Poll::Pending);
         };
-        if current::has_other_timers(queue) {
+        if queue.is_left_here() {
             // A deadline belongs to the thread that polls it: the thread of the other queue may
             // have ended.
             return Armed::NotHere(self.disarm());
@@ -346,7 +402,7 @@ impl Future for Sleep {
             }
             return Poll::Ready(());
         }
-        if this.queue.as_ref().is_none_or(current::has_other_timers) {
+        if this.queue.as_ref().is_none_or(TimerQueue::is_left_here) {
             this.queue = Some(current::timers().expect(
                 "a LUNA timer was awaited on a thread that runs no LUNA process: await it inside luna::run, a process of a \
                  System, or use your runtime's timers",
@@ -354,14 +410,20 @@ impl Future for Sleep {
         }
         if let Some(queue) = &this.queue {
             let wakeup = WakeHandle::of(cx);
-            let mut heap = queue.heap.lock();
             // SAFETY: there is no node in a heap, so only this sleep uses the room for it; it is
             // pinned, and the node leaves the heap before it is freed.
-            unsafe { heap.insert(this.node(), this.deadline, Some(wakeup)) };
-            queue.publish_next(&heap);
-            drop(heap);
-            this.armed = true;
-            queue.announce(this.deadline);
+            this.armed = unsafe {
+                match queue.is_shared {
+                    false => {
+                        queue.arm(this.node(), this.deadline, wakeup);
+                        true
+                    }
+                    true => queue.arm_shared(this.node(), this.deadline, wakeup, this.number),
+                }
+            };
+            if !this.armed {
+                return Poll::Ready(());
+            }
         }
         events::waits_for_other();
         Poll::Pending

@@ -58,8 +58,8 @@ impl TimerManager {
 /// [`Error::Callback`](crate::Error::Callback). Callbacks do not keep a system running, and end
 /// with it: their functions are dropped then, and setting one later does nothing.
 ///
-/// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks,
-/// no allocation, at most two system calls. One may set and cancel itself. Dropping the handle ends
+/// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks
+/// and loops, no allocation, at most one system call. One may set and cancel itself. Dropping the handle ends
 /// the callback, off the path, since it frees the function.
 ///
 /// ```
@@ -158,8 +158,7 @@ impl TimerCallback {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn cancel(&self) -> bool {
-        let engine = self.manager.engine.get();
-        self.manager.callbacks.cancel(self.number, engine)
+        self.manager.callbacks.cancel(self.number)
     }
 
     /// Whether it is set: to a period, or to an instant at which it was not called yet.
@@ -175,8 +174,7 @@ impl TimerCallback {
 
 impl Drop for TimerCallback {
     fn drop(&mut self) {
-        let engine = self.manager.engine.get();
-        self.manager.callbacks.release(self.number, engine);
+        self.manager.callbacks.release(self.number);
     }
 }
 

@@ -1,30 +1,29 @@
-//! The timer manager: one thread above all others that sleeps on one timer of the kernel for each
-//! period, and wakes the loops of a tick in order of priority.
+//! The timer manager: one thread above all others that sleeps until the next deadline, and wakes the
+//! loops that are due in order of priority.
 //!
 //! ```text
-//!   loop, in `next`                    manager's thread
-//!   1 has a timer slot in a group      a sleeps on the alarm: the timers of all groups
-//!     whose ticks come at its slots    b reads the timer: the number of ticks
-//!   2 enters the group's list,   --->  c takes off all loops that are due, under the list's lock
-//!     or sees that its slot            d wakes them, most urgent first, without a lock
-//!     has fired                        e runs the callbacks that are due
+//!   loop, in `next`                        manager's thread
+//!   1 arms its slot in the manager's       a sleeps on the alarm: one timer of the kernel
+//!     queue, and the alarm if that    ---> b takes off all whose slot has come, under the queue's lock
+//!     is the first one                     c wakes them, most urgent first, without a lock
+//!                                          d runs the callbacks that are due
+//!                                          e arms the alarm for the next
 //! ```
 //!
-//! `timer_groups` decides which loops share a timer. `alarm` has the timers, `timer_slot` a loop's
-//! place in a group. `callbacks` are called on the thread itself, `heap` has their deadlines.
-//! `thread` starts and ends the thread, and `handle` is the user's view of it.
-//! [`luna_core::tick_list`] ensures that a tick is never slept through.
+//! The queue is [`luna_core::timer_queue`], as executors have it, but any thread arms in it. `alarm`
+//! is the timer, `timer_slot` a loop's place, `callbacks` what is called on the thread itself,
+//! `tick_counts` what is counted of slots, `thread` the thread's life, `handle` what the user has of
+//! it.
 //!
-//! Locks, in this order: the callbacks', the timer groups', a list's. No more than O(loops of one
-//! group, or log of the callbacks) is done under one, and no user code runs there.
+//! Locks, in this order: the callbacks', the queue's, the counters'. No more than O(log of what is
+//! armed) is done under one, and no user code runs there.
 
 mod alarm;
 mod callbacks;
 mod handle;
-mod heap;
 mod report;
 mod thread;
-mod timer_groups;
+mod tick_counts;
 mod timer_slot;
 
 pub use callbacks::Firing;
@@ -36,11 +35,12 @@ pub(crate) use timer_slot::TimerSlot;
 use crate::error::SetupError;
 use alarm::Alarm;
 use callbacks::Callbacks;
-use luna_core::tick_list::TickList;
+use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
+use luna_platform::sync::Arc as QueueArc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
-use timer_groups::{Place, TimerGroups};
+use tick_counts::TickCounts;
 
 /// What wakes the loops of a system at their slots. Set by
 /// [`System::timers`](crate::System::timers); the loops' code is the same.
@@ -51,28 +51,20 @@ pub enum Timers {
     /// wake-up for all loops of an executor, and no thread in between.
     #[default]
     Executor,
-    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps on one timer
-    /// for each period and wakes the loops of a tick in order of priority, across executors and OS
+    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps until the next
+    /// slot of a loop and wakes the loops of a slot in order of priority, across executors and OS
     /// threads.
     ///
     /// For systems of several threads with loops that are to begin in order and in phase, for
-    /// callbacks ([`TimerManager`]), and for machines with few timers. A wake-up takes one thread
+    /// callbacks ([`TimerManager`]), and for machines with few timers: it takes one. A wake-up takes one thread
     /// switch more than [`Executor`](Self::Executor); `docs/time-sources.md` has the figures. In a
     /// system in which no thread asks for a real-time policy the manager has none either.
     ///
-    /// A loop with a multiple of another's period joins the other's ticks, if they are in phase. A
-    /// loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on the
-    /// common grid, not when it is made, so that all loops of a period are in phase. Loops that
-    /// leave the common grid ([`correct`](crate::Periodic::correct),
-    /// [`Overrun::Rephase`](crate::time::Overrun::Rephase)), and those of a seventeenth period at
-    /// once, take their executor's deadlines. So do delays, [`ticks`](crate::ticks()) and
-    /// [`Timer`](crate::Timer)s.
+    /// A loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on the
+    /// common grid, not when it is made, so that all loops of a period are in phase. Delays,
+    /// [`ticks`](crate::ticks()) and [`Timer`](crate::Timer)s take their executor's deadlines.
     Manager,
 }
-
-/// Number of kernel timers for timer groups: the most periods that are no multiples of each other,
-/// or phases, at a time.
-const BASES: usize = 16;
 
 /// The default room for callbacks.
 pub(crate) const MOST_CALLBACKS: usize = 64;
@@ -86,10 +78,11 @@ pub(crate) struct Manager {
     start: AtomicU64,
 }
 
-/// What needs the kernel's timers.
+/// What needs the kernel's timer.
 struct Engine {
-    alarm: Alarm,
-    timer_groups: TimerGroups,
+    alarm: Arc<Alarm>,
+    queue: QueueArc<TimerQueue>,
+    ticks: TickCounts,
 }
 
 impl Manager {
@@ -102,15 +95,16 @@ impl Manager {
         })
     }
 
-    /// Makes the kernel's timers, and room for `most` callbacks.
-    pub(crate) fn prepare(&self, most: usize) -> Result<(), SetupError> {
-        let alarm = Alarm::new(BASES)?;
+    /// Makes the kernel's timer, and room for `most` callbacks and the periods of `loops` loops.
+    pub(crate) fn prepare(&self, most: usize, loops: usize) -> Result<(), SetupError> {
+        let alarm = Arc::new(Alarm::new()?);
         self.callbacks.close_room(most);
-        let timer_groups = TimerGroups::new(BASES);
+        let queue = QueueArc::new(TimerQueue::shared(alarm.clone()));
         // It is launched once.
         let _ = self.engine.set(Engine {
             alarm,
-            timer_groups,
+            queue,
+            ticks: TickCounts::with_room_for(loops + most),
         });
         Ok(())
     }
@@ -134,20 +128,5 @@ impl Manager {
         let start = Instant::from_nanos(self.start.load(Ordering::Relaxed));
         let since = now.nanos_since(start);
         start.plus_nanos(since - since % period)
-    }
-
-    /// The list of the timer group on which `place` waits for `at`, after it has found its place
-    /// anew if that is needed; none if there is no room. O(1); O(timer groups) and a system call
-    /// where the place is a new one.
-    fn list_for(&self, place: &mut Place, at: Instant) -> Option<&TickList> {
-        let engine = self.engine.get()?;
-        engine.timer_groups.settle(place, at, &engine.alarm);
-        engine.timer_groups.list(place)
-    }
-
-    fn vacate(&self, place: &mut Place) {
-        if let Some(engine) = self.engine.get() {
-            engine.timer_groups.vacate(place, &engine.alarm);
-        }
     }
 }

@@ -1,11 +1,11 @@
 //! The manager's thread.
 
-use super::report::{TickReport, TimersReport};
+use super::report::TimersReport;
 use super::{Engine, Manager};
 use crate::error::{Error, Result};
 use crate::safety::Emergency;
 use luna_core::current;
-use luna_core::tick_list::Due;
+use luna_core::timer_queue::Due;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::shortfall::Shortfall;
@@ -13,7 +13,6 @@ use luna_platform::thread::{self, Attributes, Thread};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
 
 /// The thread, as the system sees it. Dropping it ends it.
 pub(crate) struct ManagerThread {
@@ -47,9 +46,10 @@ impl ManagerThread {
             panic: PiLock::new(None),
         });
         let own = shared.clone();
+        let most_calls = shared.manager.callbacks.room();
         let thread = thread::spawn(
             attributes,
-            move |_| Ok::<_, Infallible>(Due::with_room_for(most_loops)),
+            move |_| Ok::<_, Infallible>(Due::with_room_for(most_loops, most_calls)),
             move |mut due| {
                 if let Some(engine) = own.manager.engine.get() {
                     own.keep_time(engine, &mut due);
@@ -76,34 +76,11 @@ impl ManagerThread {
         self.join();
         let shared = &self.shared;
         let (callbacks, earlier_callbacks) = shared.manager.callbacks.reports();
-        let timer_groups = shared
-            .manager
-            .engine
-            .get()
-            .map(|engine| &engine.timer_groups);
+        let engine = shared.manager.engine.get();
         let report = TimersReport {
             policy: policy.unwrap_or_default(),
-            ticks: timer_groups
-                .into_iter()
-                .flat_map(|timer_groups| timer_groups.used())
-                .map(|base| {
-                    let [period, ticks, missed, latest] = [
-                        &base.counted.period,
-                        &base.counted.ticks,
-                        &base.counted.missed,
-                        &base.counted.longest,
-                    ]
-                    .map(|counter| counter.load(Ordering::Relaxed));
-                    TickReport {
-                        period: Duration::from_nanos(period),
-                        ticks,
-                        missed,
-                        latest: Duration::from_nanos(latest),
-                    }
-                })
-                .collect(),
+            ticks: engine.map_or_else(Vec::new, |engine| engine.ticks.reports()),
             woken: shared.woken.load(Ordering::Relaxed),
-            loops_without_timer: timer_groups.map_or(0, |timer_groups| timer_groups.refused()),
             callbacks,
             earlier_callbacks,
         };
@@ -117,11 +94,11 @@ impl ManagerThread {
         self.shared.is_to_end.store(true, Ordering::Release);
         let manager = &self.shared.manager;
         if let Some(engine) = manager.engine.get() {
-            engine.alarm.wake();
+            engine.queue.ask_look_now();
         }
         // A callback's panic is caught; the thread's own was reported by the panic hook.
         let _ = thread.join();
-        manager.callbacks.end(manager.engine.get());
+        manager.callbacks.end();
     }
 }
 
@@ -141,7 +118,7 @@ impl Drop for End<'_> {
     fn drop(&mut self) {
         current::set_on_path(false);
         // A loop that still waits takes the deadlines of its own thread.
-        self.engine.timer_groups.close();
+        self.engine.queue.close();
         if std::thread::panicking() {
             // A fault of the framework: the manager the system asked for does not keep time any
             // more.
@@ -163,20 +140,22 @@ impl Shared {
         drop(self.panic.lock());
         current::set_on_path(true);
         while !self.is_to_end.load(Ordering::Acquire) {
-            let mut woken = 0;
-            engine.alarm.wait(&mut |number, times| {
+            engine.alarm.wait();
+            let mut is_all = false;
+            while !is_all {
                 let now = Instant::now();
-                let base = engine.timer_groups.base(number);
-                base.counted.expired(times, now);
-                while !base.list.fire(now, due) {
-                    woken += due.wake();
+                let note = |number, slot| engine.ticks.came(number, slot, now);
+                is_all = engine.queue.take_due(now, due, note);
+                self.woken.fetch_add(due.wake() as u64, Ordering::Relaxed);
+                for callback in due.calls.drain(..) {
+                    self.manager
+                        .callbacks
+                        .call(callback as usize, engine, |name, message| {
+                            self.panicked(name, message);
+                        });
                 }
-            });
-            woken += due.wake();
-            self.woken.fetch_add(woken as u64, Ordering::Relaxed);
-            self.manager
-                .callbacks
-                .call_due(engine, |name, message| self.panicked(name, message));
+            }
+            engine.queue.settle();
         }
     }
 

@@ -27,8 +27,8 @@ impl Periodic {
     /// [parameters](crate::Parameter) of the process that has made the loop get the values that
     /// were set last.
     ///
-    /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the
-    /// same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
+    /// Real-time path: yes; O(log n) for n delays of this thread, or waits of the manager's
+    /// thread; no allocation. Cancel-safe: a wait that is dropped leaves the
     /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the
     /// process ends.
     ///
@@ -161,15 +161,11 @@ impl Periodic {
         }
     }
 
-    /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its
-    /// executor's deadline.
-    async fn wait_for_tick(&mut self, at: Instant) -> bool {
-        match &mut self.slot_of_timer {
-            Some(slot_of_timer) if self.is_on_grid => slot_of_timer.wait(at).await,
-            Some(slot_of_timer) => {
-                slot_of_timer.leave();
-                false
-            }
+    /// Waits until the manager wakes the loop at `at`; `false` if it does not: the loop then waits
+    /// by its executor's deadline.
+    async fn wait_for_tick(&self, at: Instant) -> bool {
+        match &self.timer_slot {
+            Some(timer_slot) => timer_slot.wait(at).await,
             None => false,
         }
     }

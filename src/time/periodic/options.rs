@@ -170,7 +170,6 @@ impl Periodic {
         if self.phase.is_none() {
             self.grid.shift_behind(self.number, moved);
         }
-        self.is_on_grid &= moved == 0;
         moved
     }
 

@@ -35,7 +35,6 @@ impl Periodic {
             now,
         ));
         self.grid.shift_behind(self.number, self.trim.nanos());
-        self.is_on_grid = self.trim.nanos() == 0;
     }
 
     /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots
@@ -45,7 +44,6 @@ impl Periodic {
         let first = now - self.period();
         let missed = self.close_grid(self.grid.last_at(first));
         self.begin_grid(Grid::new(first, self.period));
-        self.is_on_grid = false;
         missed
     }
 

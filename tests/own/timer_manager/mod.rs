@@ -56,7 +56,7 @@ fn a_system_without_a_manager_says_so() {
 }
 
 #[test]
-fn periods_that_divide_are_in_phase_on_one_timer_wherever_they_run() {
+fn periods_that_divide_are_in_phase_wherever_they_run() {
     own_process!();
     let slots: Arc<Mutex<BTreeMap<String, Vec<Instant>>>> = Arc::default();
     let mut system = managed("in phase");
@@ -90,31 +90,27 @@ fn periods_that_divide_are_in_phase_on_one_timer_wherever_they_run() {
         }
     }
     let timers = timers(&report);
-    assert_eq!(timers.loops_without_timer, 0);
     assert!(timers.woken > 0);
+    assert_eq!(timers.ticks.len(), 3);
     let fine = timers
         .ticks
         .iter()
         .find(|one| one.period == PERIOD)
         .unwrap();
     assert!(fine.ticks >= 60 && fine.missed < fine.ticks, "{fine:?}");
-    assert!(
-        timers.ticks.iter().all(|one| one.period <= PERIOD * 10),
-        "{timers}"
-    );
     for one in report.loops.values() {
         assert_eq!(one.cycles + one.missed, one.slots_elapsed);
     }
 }
 
 #[test]
-fn loops_that_find_no_timer_run_all_the_same() {
+fn any_number_of_periods_is_served() {
     own_process!();
     let mut system = managed("many periods");
     let main = system.executor("main").build().unwrap();
     const LOOPS: u64 = 20;
     system.max_loops(LOOPS as usize);
-    // No loop goes on before all have a place, or none.
+    // No loop goes on before all wait.
     let everybody = Barrier::new(LOOPS as usize);
     for number in 0..LOOPS {
         let everybody = everybody.clone();
@@ -138,8 +134,8 @@ fn loops_that_find_no_timer_run_all_the_same() {
     }
     let report = system.run().unwrap();
     let timers = timers(&report);
-    assert_eq!(timers.ticks.len(), 16);
-    assert!(timers.loops_without_timer >= LOOPS - 16, "{timers}");
+    assert_eq!(timers.ticks.len(), LOOPS as usize);
+    assert!(timers.ticks.iter().all(|one| one.ticks > 0), "{timers}");
 }
 
 #[test]

