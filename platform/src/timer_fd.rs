@@ -1,7 +1,7 @@
-//! Timers that are files: a thread can sleep on one, and a reactor can watch one.
+//! Timers that are files: a thread can sleep on one that other threads arm, and a reactor can watch
+//! one.
 //!
-//! They follow the clock of [`Instant`](crate::clock::Instant), and deadlines are absolute: a late
-//! reader never shifts the next one.
+//! They follow the clock of [`Instant`](crate::clock::Instant), and deadlines are absolute.
 
 pub use crate::backend::timer_fd::TimerFd;
 
@@ -11,8 +11,6 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TimerError {
-    /// The period is 0.
-    ZeroPeriod,
     /// The kernel refused.
     Kernel {
         /// The call that it refused.
@@ -27,7 +25,6 @@ pub enum TimerError {
 impl fmt::Display for TimerError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            TimerError::ZeroPeriod => f.write_str("a periodic timer needs a period; give it at least 1 ns"),
             TimerError::Kernel { call, message } => write!(f, "{call} failed: {message}; see {call}(2)"),
             TimerError::Unsupported => f.write_str(
                 "timers that are files need Linux: the portable backend has none; run it on Linux, built without `--cfg luna_portable`",

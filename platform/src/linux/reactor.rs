@@ -106,22 +106,6 @@ impl Reactor {
             .map_err(|error| file_refused(fd, error))
     }
 
-    /// As [`register`](Self::register) for reading, but each wait reports the file as long as it
-    /// can be read, without being rearmed: for a file with a reader that empties it each time, such
-    /// as a timer.
-    ///
-    /// # Errors
-    ///
-    /// As for `register`.
-    pub fn register_standing(&self, fd: BorrowedFd<'_>, token: u64) -> Result<(), ReactorError> {
-        if token >= FIRST_RESERVED_TOKEN {
-            return Err(ReactorError::ReservedToken { token });
-        }
-        let standing = EpollEvent::new(EpollFlags::EPOLLIN, token);
-        path::expected(Call::File, || self.epoll.add(fd, standing))
-            .map_err(|error| file_refused(fd, error))
-    }
-
     /// Watches a registered `fd` for one more report, with a token and an interest anew. One that
     /// is ready already is reported by the next wait. One system call, O(log files).
     ///

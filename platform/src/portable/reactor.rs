@@ -39,15 +39,6 @@ impl Reactor {
     /// # Errors
     ///
     /// Cannot be called.
-    pub fn register_standing(&self, _fd: BorrowedFd<'_>, _token: u64) -> Result<(), ReactorError> {
-        match self.never {}
-    }
-
-    /// There is no reactor to register with.
-    ///
-    /// # Errors
-    ///
-    /// Cannot be called.
     pub fn rearm(
         &self,
         _fd: BorrowedFd<'_>,

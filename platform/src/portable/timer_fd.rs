@@ -3,7 +3,6 @@
 use crate::clock::Instant;
 use crate::timer_fd::TimerError;
 use std::convert::Infallible;
-use std::time::Duration;
 
 /// A timer that is a file. This backend has none: [`new`](Self::new) always fails.
 #[derive(Debug)]
@@ -21,39 +20,12 @@ impl TimerFd {
         Err(TimerError::Unsupported)
     }
 
-    /// Fails.
-    ///
-    /// # Errors
-    ///
-    /// Always [`TimerError::Unsupported`].
-    pub fn watched() -> Result<TimerFd, TimerError> {
-        Err(TimerError::Unsupported)
-    }
-
-    /// There is no timer to read.
-    ///
-    /// # Errors
-    ///
-    /// Cannot be called.
-    pub fn take(&self) -> Result<u64, TimerError> {
-        match self.never {}
-    }
-
     /// There is no timer to arm.
     ///
     /// # Errors
     ///
     /// Cannot be called.
     pub fn arm_at(&self, _deadline: Instant) -> Result<(), TimerError> {
-        match self.never {}
-    }
-
-    /// There is no timer to arm.
-    ///
-    /// # Errors
-    ///
-    /// Cannot be called.
-    pub fn arm_periodic(&self, _first: Instant, _period: Duration) -> Result<(), TimerError> {
         match self.never {}
     }
 
@@ -71,16 +43,7 @@ impl TimerFd {
     /// # Errors
     ///
     /// Cannot be called.
-    pub fn wait(&self) -> Result<u64, TimerError> {
-        match self.never {}
-    }
-
-    /// There is no timer to ask.
-    ///
-    /// # Errors
-    ///
-    /// Cannot be called.
-    pub fn expirations(&self) -> Result<u64, TimerError> {
+    pub fn wait(&self) -> Result<(), TimerError> {
         match self.never {}
     }
 }
