@@ -28,6 +28,15 @@ pub(crate) fn has_real_time() -> bool {
     probe.run().unwrap().threads[0].policy == Policy::fifo(1)
 }
 
+/// The core for a test of real-time policies; `None` where they are not given, which is reported.
+pub(crate) fn real_time_core() -> Option<usize> {
+    if !COMPLETE || !has_real_time() {
+        skip("no real-time policies are given here");
+        return None;
+    }
+    Some(luna_platform::thread::available_cores()[0])
+}
+
 /// Where a process can be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Place {

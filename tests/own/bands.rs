@@ -7,26 +7,13 @@
 
 use crate::common;
 use crate::kernel;
-use common::{COMPLETE, SpawnOk, has_real_time, skip, watchdog};
+use common::{SpawnOk, real_time_core};
 use kernel::{own_processor_time, spoilt};
 use luna::prelude::*;
 use luna::{Executor, after, channel};
-use luna_platform::thread::available_cores;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
-
-/// One of these tests at a time, on one core, so that the machine has another one left. `None`:
-/// they cannot run here.
-fn one_core() -> Option<(usize, MutexGuard<'static, ()>)> {
-    static CORE: Mutex<()> = Mutex::new(());
-    if !COMPLETE || !has_real_time() {
-        skip("no real-time policies are given here");
-        return None;
-    }
-    let alone = CORE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    Some((available_cores()[0], alone))
-}
 
 /// An executor at `priority`.
 fn band(system: &mut System, core: usize, name: &str, priority: u8) -> Executor {
@@ -129,9 +116,7 @@ fn long_polls(
 #[test]
 fn a_higher_band_runs_within_a_long_poll_of_a_lower_one() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let mut system = System::new("bands");
     let high = band(&mut system, core, "high", 80);
     let low = band(&mut system, core, "low", 20);
@@ -142,9 +127,7 @@ fn a_higher_band_runs_within_a_long_poll_of_a_lower_one() {
 #[test]
 fn on_one_executor_it_runs_after() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let mut system = System::new("one executor");
     let one = band(&mut system, core, "one", 80);
     let found = long_polls(one.clone(), one, &system, 5, UNSEEN);
@@ -154,9 +137,7 @@ fn on_one_executor_it_runs_after() {
 #[test]
 fn on_executors_of_one_priority_it_runs_after() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let mut system = System::new("equal");
     let high = band(&mut system, core, "high", 50);
     let low = band(&mut system, core, "low", 50);
@@ -170,10 +151,7 @@ fn on_executors_of_one_priority_it_runs_after() {
 fn a_receiver_of_a_higher_band_runs_before_the_senders_next_step() {
     own_process!();
     const STEPS: u64 = 2_000;
-    let _watch = watchdog();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     // On one executor the receiver first runs when the poll is over.
     for in_bands in [true, false] {
         let mut system = System::new("next step");
@@ -227,9 +205,7 @@ fn a_receiver_of_a_higher_band_runs_before_the_senders_next_step() {
 #[test]
 fn three_bands_nest() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let mut system = System::new("nested");
     let [of_low, of_middle] = [(); 2].map(|()| Arc::new(LongPoll::default()));
     let (below, above) = (of_low.clone(), of_middle.clone());
@@ -275,9 +251,7 @@ enum Mapping {
 #[test]
 fn the_problem_of_figure_5_20() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     for (mapping, expected) in [
         (Mapping::Figure, Found::After),
         (Mapping::Equal, Found::After),

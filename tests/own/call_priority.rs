@@ -3,7 +3,7 @@
 
 use crate::common;
 use crate::levels;
-use common::{COMPLETE, SpawnOk, has_real_time, skip, watchdog};
+use common::{SpawnOk, real_time_core};
 use levels::{Log, burner, level, on_one_executor};
 use luna::channel::{Call, Server, call_channel};
 use luna::prelude::*;
@@ -75,7 +75,6 @@ fn nobody_between_client_and_server_runs_before_the_reply() {
 fn two_plain_channels_let_those_between_run() {
     own_process!();
     // What the test above would see without inheritance.
-    let _watch = watchdog();
     let log = Log::default();
     on_one_executor(|process| {
         let (request, requests) = luna::channel::<()>();
@@ -326,19 +325,10 @@ fn of_several_servers_the_last_that_came_is_who_clients_wait_for() {
     });
 }
 
-/// Whether the tests of OS priorities can run here; says so for the calling test.
-fn has_threads_of_priority() -> bool {
-    let has = COMPLETE && has_real_time();
-    if !has {
-        skip("no real-time policies are given here");
-    }
-    has
-}
-
 #[test]
 fn the_servers_thread_is_boosted_and_set_back() {
     own_process!();
-    if !has_threads_of_priority() {
+    if real_time_core().is_none() {
         return;
     }
     for (own, on_thread) in [
@@ -423,7 +413,7 @@ fn the_servers_thread_is_boosted_and_set_back() {
 #[test]
 fn a_call_that_is_answered_elsewhere_sets_its_servers_thread_back() {
     own_process!();
-    if !has_threads_of_priority() {
+    if real_time_core().is_none() {
         return;
     }
     let mut system = System::new("elsewhere");

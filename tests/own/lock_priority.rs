@@ -3,7 +3,7 @@
 
 use crate::common;
 use crate::levels;
-use common::{COMPLETE, SpawnOk, has_real_time, skip};
+use common::{SpawnOk, real_time_core};
 use levels::{Log, burner, level, on_one_executor};
 use luna::prelude::*;
 use luna::sync::Mutex;
@@ -355,15 +355,6 @@ fn branches_of_one_process_do_not_lift_each_other() {
     });
 }
 
-/// Whether there are threads with a priority that can be read back.
-fn has_threads_of_priority() -> bool {
-    let has = COMPLETE && has_real_time();
-    if !has {
-        skip("no real-time policies are given here");
-    }
-    has
-}
-
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Low {
     Executor,
@@ -376,7 +367,7 @@ enum Low {
 #[test]
 fn no_inversion_between_three_threads_of_one_core() {
     own_process!();
-    if !has_threads_of_priority() {
+    if real_time_core().is_none() {
         return;
     }
     for (own, place) in [
@@ -478,7 +469,7 @@ fn no_inversion_between_three_threads_of_one_core() {
 #[test]
 fn a_chain_reaches_across_three_threads() {
     own_process!();
-    if !has_threads_of_priority() {
+    if real_time_core().is_none() {
         return;
     }
     let mut system = System::new("chain");
@@ -535,7 +526,7 @@ fn a_chain_reaches_across_three_threads() {
 #[test]
 fn plain_threads_wait_at_their_own_priority() {
     own_process!();
-    if !has_threads_of_priority() {
+    if real_time_core().is_none() {
         return;
     }
     let order = Mutex::new(Vec::with_capacity(3)).named("order");

@@ -210,6 +210,20 @@ fn a_cycle_in_time_begins_the_count_anew() {
     );
 }
 
+/// The loop `limited` of the process `hog` was late once.
+#[track_caller]
+fn ends_by_overrun_of_hog(system: &System) {
+    let overrun = Error::Overrun {
+        name: "limited".to_owned(),
+        consecutive: 1,
+    };
+    let expected = Error::Process {
+        name: "hog".to_owned(),
+        source: Box::new(overrun),
+    };
+    assert_eq!(system.run().unwrap_err(), expected);
+}
+
 #[test]
 fn the_limit_ends_its_own_process_and_no_other() {
     let _watch = watchdog();
@@ -230,18 +244,7 @@ fn the_limit_ends_its_own_process_and_no_other() {
         Ok(())
     };
     let modest = executor.process("modest").spawn_ok(modest);
-    let overrun = Error::Overrun {
-        name: "limited".to_owned(),
-        consecutive: 1,
-    };
-    let error = system.run().unwrap_err();
-    assert_eq!(
-        error,
-        Error::Process {
-            name: "hog".to_owned(),
-            source: Box::new(overrun)
-        }
-    );
+    ends_by_overrun_of_hog(&system);
     assert_eq!(
         system.process_handle(modest).unwrap().exit(),
         Some(luna::Exit::Completed)
@@ -268,16 +271,5 @@ fn the_limit_ends_a_process_that_would_end_at_the_same_poll() {
         Ok(())
     };
     executor.process("next").spawn_ok(next);
-    let overrun = Error::Overrun {
-        name: "limited".to_owned(),
-        consecutive: 1,
-    };
-    let error = system.run().unwrap_err();
-    assert_eq!(
-        error,
-        Error::Process {
-            name: "hog".to_owned(),
-            source: Box::new(overrun)
-        }
-    );
+    ends_by_overrun_of_hog(&system);
 }

@@ -1,8 +1,8 @@
 //! Call channels: a server works at its client's priority, from when the client waits for it.
 
-use crate::common::SpawnOk;
+use crate::common::{SpawnOk, real_time_core};
 use crate::inversion::between::{BURST, Burner, Control, Waits};
-use crate::inversion::{HIGH, LOW, ROUNDS, one_core};
+use crate::inversion::{HIGH, LOW, ROUNDS};
 use crate::kernel::{as_scheduled, burn, scheduled_priority, thread_id};
 use luna::channel::{Client, call_channel};
 use luna::prelude::*;
@@ -99,9 +99,7 @@ async fn settle(control: &Control, before: Duration) {
 #[test]
 fn a_server_that_waits() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     for place in PLACES {
         let mut stage = Stage::new(core);
         let (client, server) = call_channel::<(), i64>();
@@ -138,9 +136,7 @@ fn a_server_that_waits() {
 #[test]
 fn two_plain_channels_do_not_inherit() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let mut stage = Stage::new(core);
     let (request, requests) = channel::<()>();
     let (reply, replies) = channel::<()>();
@@ -185,9 +181,7 @@ async fn let_go(go: &Sender<()>) {
 #[test]
 fn a_server_that_is_busy_with_anothers_call() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     for place in PLACES {
         let mut stage = Stage::new(core);
         let (client, server) = call_channel::<bool, ()>();
@@ -222,9 +216,7 @@ fn a_server_that_is_busy_with_anothers_call() {
 #[test]
 fn a_server_that_is_between_two_calls() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     for place in PLACES {
         let mut stage = Stage::new(core);
         let (client, server) = call_channel::<bool, ()>();

@@ -1,8 +1,9 @@
 //! The lock: held below, held by a thread that waits for another, and the kernel's data on its
 //! owner.
 
+use crate::common::real_time_core;
 use crate::inversion::between::{BURST, Burner, Waits};
-use crate::inversion::{HIGH, LOW, ROUNDS, one_core, thread};
+use crate::inversion::{HIGH, LOW, ROUNDS, thread};
 use crate::kernel::{as_scheduled, burn, scheduled_priority, thread_id};
 use luna_core::park::Parker;
 use luna_platform::clock::Instant;
@@ -93,9 +94,7 @@ fn waits(core: usize, lock: Arc<Within>, wanted: Arc<Within>, chained: bool) -> 
 #[test]
 fn a_lock_that_is_held_below() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let lock = inheriting();
     Waits::of(&waits(core, lock.clone(), lock, false)).expect_inherited("lock");
     let lock = plain();
@@ -105,9 +104,7 @@ fn a_lock_that_is_held_below() {
 #[test]
 fn a_lock_whose_owner_waits_for_another() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let all = waits(core, inheriting(), inheriting(), true);
     Waits::of(&all).expect_inherited("chain of two locks");
     let all = waits(core, plain(), plain(), true);
@@ -118,9 +115,7 @@ fn a_lock_whose_owner_waits_for_another() {
 #[test]
 fn the_kernel_says_that_the_owner_is_boosted() {
     own_process!();
-    let Some((core, _alone)) = one_core() else {
-        return;
-    };
+    let Some(core) = real_time_core() else { return };
     let lock = Arc::new(PiLock::new(()));
     let goes = Arc::new(Parker::new());
     let (wanted, high_goes) = (lock.clone(), goes.clone());

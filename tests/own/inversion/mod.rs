@@ -8,31 +8,16 @@
 
 mod between;
 mod calls;
-use crate::common;
 mod locks;
 
-use common::{COMPLETE, has_real_time, skip};
 use luna::Policy;
-use luna_platform::thread::{Attributes, Mode, Thread, available_cores, spawn};
+use luna_platform::thread::{Attributes, Mode, Thread, spawn};
 use std::convert::Infallible;
-use std::sync::{Mutex, MutexGuard};
 
 const HIGH: u8 = 80;
 const MIDDLE: u8 = 50;
 const LOW: u8 = 20;
 const ROUNDS: usize = 50;
-
-/// One of these tests at a time, on one core, so that the machine has another one left. `None`:
-/// they cannot run here.
-fn one_core() -> Option<(usize, MutexGuard<'static, ()>)> {
-    static CORE: Mutex<()> = Mutex::new(());
-    if !COMPLETE || !has_real_time() {
-        skip("no real-time policies are given here");
-        return None;
-    }
-    let alone = CORE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    Some((available_cores()[0], alone))
-}
 
 fn thread<T: Send + 'static>(
     name: &str,
