@@ -11,7 +11,7 @@
 //! | [`Limit`], [`RateLimit`] | values too large, or changing too fast | in the same sample |
 //! | [`EndStop`] | motion into an end stop; out of it is allowed | in the same sample |
 //! | [`Range`], [`MaxRate`] | impossible measurements | in the same sample |
-//! | [`Frozen`], [`Noise`], [`Disagreement`] | frozen, noisy, contradicting sensors | in a set time |
+//! | [`Frozen`], [`Noise`], [`Disagreement`] | frozen, noisy, unequal sensors | in a set time |
 //! | [`Blocked`] | output without motion | within a set time |
 //! | [`Timeout`] | set-points that stop coming | at a set time |
 //! | [`Agreement`] | one of two channels that fails | in the same round, or within a set time |
