@@ -125,20 +125,20 @@ pub(crate) fn gave_up() -> Event {
 }
 
 fn enter(cx: &mut Context<'_>) -> Poll<Turn> {
-    current::tape(|log| log.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
+    current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
 }
 
 /// The stamp of a success: as its partner gave it, or else its own.
 pub(crate) fn stamp(of_partner: u64, own: u64) -> u64 {
     match of_partner {
         0 => own,
-        stamp => current::tape(|log| taped::known(log, stamp)).unwrap_or(0),
+        stamp => current::tape(|tape| taped::known(tape, stamp)).unwrap_or(0),
     }
 }
 
 /// A stamp for an operation that gets one in any case.
 pub(crate) fn own_stamp() -> u64 {
-    current::tape(|log| log.stamp(true)).unwrap_or(0)
+    current::tape(|tape| tape.stamp(true)).unwrap_or(0)
 }
 
 /// As [`own_stamp`], of an operation that has met no partner, under the lock where it succeeded.
@@ -148,13 +148,13 @@ pub(crate) fn meeting(lists: &mut WaitQueues) -> u64 {
 
 /// In a replay: whether the other processes have done what comes before the present operation.
 pub(crate) fn settle(cx: &mut Context<'_>) -> Poll<()> {
-    current::tape(|log| log.settle(cx)).unwrap_or(Poll::Ready(()))
+    current::tape(|tape| tape.settle(cx)).unwrap_or(Poll::Ready(()))
 }
 
 /// The replayed operation cannot have its recorded outcome.
 #[cold]
 pub(crate) fn differs<R>(what: &'static str) -> Poll<R> {
-    current::tape(|log| log.differs(what));
+    current::tape(|tape| tape.differs(what));
     Poll::Pending
 }
 
@@ -228,7 +228,7 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
     }
     let own = match before {
         // It may have met a partner that waited.
-        Stage::New => current::tape(|log| log.own_stamp()).unwrap_or(0),
+        Stage::New => current::tape(|tape| tape.own_stamp()).unwrap_or(0),
         _ => 0,
     };
     let output = match polled {
@@ -305,5 +305,5 @@ fn stop<O: GiveUp, S: Future<Output = ()>>(
 /// never polled.
 #[cold]
 pub(crate) fn abandon(is_new: bool) {
-    current::tape(|log| log.abandon(!is_new));
+    current::tape(|tape| tape.abandon(!is_new));
 }

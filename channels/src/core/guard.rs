@@ -14,6 +14,7 @@ use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::sync::atomic::Ordering;
 use std::collections::VecDeque;
+use std::hint::cold_path;
 use std::ops::{Deref, DerefMut};
 use std::ptr::NonNull;
 use std::task::Context;
@@ -172,18 +173,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// Takes a waiting sender's value, and its node out of the list: settled, or held for
     /// rendezvous `ticket`.
     #[inline]
-    fn take_waiting_sender<const TAPED: bool>(
-        &mut self,
-        extended: bool,
-        into_store: bool,
-    ) -> Option<Received<T>> {
+    fn take_waiting_sender(&mut self, extended: bool, into_store: bool) -> Option<Received<T>> {
         // SAFETY: the nodes in the list are senders' waiters, which hold or make their value once.
         unsafe {
             let sender = claim_first::<T>(&mut self.lists.senders, |_| true)?;
             let Some(value) = Waiter::take_or_make(sender) else {
                 return Some(Received::Broken(Waiter::settle(sender, Outcome::Broken)));
             };
-            if TAPED {
+            if self.lists.is_unusual {
                 Waiter::put_order(sender, self.lists.stamp(Stamped::Meeting));
             }
             self.channel.place.tell(|| {
@@ -271,45 +268,12 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ) -> Sent<T> {
         self.lists.sender = LastUser::of(current::user());
         if self.lists.is_unusual {
-            // SAFETY: the contract.
-            return unsafe { self.send_unusually(offered, cx) };
+            cold_path();
+            if self.lists.ending != Ending::Open {
+                return Sent::Ended(self.lists.ending);
+            }
+            self.lists.note_partner();
         }
-        // SAFETY: the contract.
-        unsafe { self.send_as::<S, false>(offered, cx) }
-    }
-
-    /// Sends where the channel has ended, or recorded processes come.
-    ///
-    /// # Safety
-    ///
-    /// As for `send_now`.
-    #[cold]
-    #[inline(never)]
-    pub(crate) unsafe fn send_unusually<S: Source<T>>(
-        &mut self,
-        offered: NonNull<Offered<T, S>>,
-        cx: Option<&Context<'_>>,
-    ) -> Sent<T> {
-        self.lists.sender = LastUser::of(current::user());
-        if self.lists.ending != Ending::Open {
-            return Sent::Ended(self.lists.ending);
-        }
-        self.lists.note_partner();
-        // SAFETY: the contract.
-        unsafe { self.send_as::<S, true>(offered, cx) }
-    }
-
-    /// Sends in an open channel, where recorded processes come or not.
-    ///
-    /// # Safety
-    ///
-    /// As for `send_now`.
-    #[inline(always)]
-    unsafe fn send_as<S: Source<T>, const TAPED: bool>(
-        &mut self,
-        offered: NonNull<Offered<T, S>>,
-        cx: Option<&Context<'_>>,
-    ) -> Sent<T> {
         let buffer = self.channel.buffer();
         // A buffer takes the value from its sender as soon as it has it, and holds no sender: any
         // send finds any receiver there.
@@ -329,7 +293,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                     Some(value) => {
                         receiver.as_ref().put_value(value);
                         self.tell_sent(receiver);
-                        if TAPED {
+                        if self.lists.is_unusual {
                             Waiter::put_order(receiver, self.lists.stamp(Stamped::Meeting));
                         }
                         Sent::Done(Waiter::settle(receiver, Outcome::Done), None)
@@ -343,7 +307,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
         // A replayed sender got through in the record too: the receiver that made room then may
         // take several values at once later.
-        let is_replayed = TAPED && taped::is_replayed();
+        let is_replayed = self.lists.is_unusual && taped::is_replayed();
         let is_full = !is_replayed && self.with_store(|store| store.len() >= buffer.capacity);
         if is_full && buffer.when_full == WhenFull::Wait {
             return Sent::Full;
@@ -352,7 +316,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         let Some(value) = (unsafe { Offered::take(offered) }) else {
             return Sent::Broken(PendingWake::NOBODY);
         };
-        if TAPED {
+        if self.lists.is_unusual {
             let stamp = self.lists.stamp(Stamped::Storing);
             if is_replayed {
                 let stored = self.with_store(|store| store.len());
@@ -430,33 +394,18 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     pub(crate) fn recv_inline(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
         if self.lists.is_unusual {
-            return self.recv_unusually(extended);
+            cold_path();
+            if self.lists.ending == Ending::Poisoned {
+                return Received::Ended(Ending::Poisoned);
+            }
+            self.lists.note_partner();
         }
-        self.recv_as::<false>(extended)
-    }
-
-    /// Receives where the channel has ended, or recorded processes come.
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn recv_unusually(&mut self, extended: bool) -> Received<T> {
-        self.lists.receiver = LastUser::of(current::user());
-        if self.lists.ending == Ending::Poisoned {
-            return Received::Ended(Ending::Poisoned);
-        }
-        self.lists.note_partner();
-        self.recv_as::<true>(extended)
-    }
-
-    /// Receives from a channel that is not poisoned. It may be closed, and recorded processes may
-    /// come.
-    #[inline(always)]
-    fn recv_as<const TAPED: bool>(&mut self, extended: bool) -> Received<T> {
         let capacity = self.channel.capacity();
         if let Some((value, has_room)) = self.with_store(|store| {
             let value = store.pop_front()?;
             Some((value, store.len() < capacity))
         }) {
-            if TAPED {
+            if self.lists.is_unusual {
                 let stamp = self.lists.stamp(Stamped::Taking);
                 if taped::is_replayed() {
                     let stored = self.with_store(|store| store.len());
@@ -467,7 +416,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             place.tell(|| [0, events::current_process()]);
             // A waiting sender moves up.
             let moved_up = if has_room {
-                self.take_waiting_sender::<TAPED>(false, true)
+                self.take_waiting_sender(false, true)
             } else {
                 None
             };
@@ -483,10 +432,9 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             };
             return Received::Done(value, ready, Holding::NOBODY);
         }
-        match self.take_waiting_sender::<TAPED>(extended, false) {
+        match self.take_waiting_sender(extended, false) {
             Some(received) => received,
-            // The end of the channel is tested only there.
-            None if TAPED && self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),
+            None if self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),
             None => Received::Empty,
         }
     }

@@ -184,7 +184,7 @@ impl<T> Sender<T> {
             self.channel().note_logged(true);
             let mut section = self.channel().lock();
             // SAFETY: the node is this call's alone, and holds its value.
-            let sent = unsafe { section.send_unusually(offered, None) };
+            let sent = unsafe { section.send_now(offered, None) };
             section.release();
             sent
         };

@@ -334,7 +334,7 @@ impl<T> Logged for Alternative<'_, T> {
                 // than this alternative lives.
                 let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
                 channel.note_alternative();
-                let Received::Done(value, ready, _) = channel.lock().recv_unusually(false) else {
+                let Received::Done(value, ready, _) = channel.lock().recv_now(false) else {
                     return replay::differs("an `Alternative` finds nothing");
                 };
                 let taken = Taken::new(channel, value, 0);
