@@ -56,7 +56,6 @@ mod source;
 mod stamp;
 mod stream;
 mod taken;
-mod taped;
 mod wait_point;
 mod waiter;
 
@@ -173,8 +172,8 @@ fn completes_later(cx: &mut Context<'_>) -> bool {
 
 #[cold]
 fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
-    if taped::is_replayed() {
-        return taped::is_held_after(cx);
+    if replay::is_replayed() {
+        return replay::is_held_after(cx);
     }
     current::ready_again(cx, Place::Last);
     true
@@ -184,7 +183,7 @@ fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
 /// keep other processes from running either. A replayed one fails when the recorded one did.
 #[cold]
 fn fails_later(cx: &Context<'_>) -> bool {
-    !taped::is_replayed() && gives_way(cx)
+    !replay::is_replayed() && gives_way(cx)
 }
 
 /// Whether an operation that has just completed lets others run before its process continues: more

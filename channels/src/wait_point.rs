@@ -3,7 +3,7 @@
 
 use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
-use crate::taped::{Order, Taped};
+use crate::replay::{Order, Taped};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
 use luna_core::current::{Inheritor, PlainTurn, ProcessId, User};

@@ -7,9 +7,9 @@ use crate::core::{Ending, Received};
 use crate::error::{RecvError, TryRecvError};
 use crate::extended::Mode;
 use crate::recv::{Receiver, RecvOp};
+use crate::replay;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use crate::taped;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use luna_core::current;
 use std::fmt;
@@ -109,7 +109,7 @@ impl<Q, A> Server<Q, A> {
     /// ```
     pub fn try_accept(&self) -> Result<Call<'_, Q, A>, TryRecvError> {
         if current::is_taped() {
-            taped::outside("`try_accept`");
+            replay::outside("`try_accept`");
         }
         let mut section = self.receiver.channel().lock();
         section.note_server();

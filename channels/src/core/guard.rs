@@ -4,8 +4,8 @@ use super::{Channel, Ending};
 use crate::alternative::Entry;
 use crate::buffer::WhenFull;
 use crate::call::boost_to_receiver;
+use crate::replay::{self, Stamped};
 use crate::source::{Offered, Source};
-use crate::taped::{self, Stamped};
 use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::BiasedGuard;
@@ -307,7 +307,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
         // A replayed sender got through in the record too: the receiver that made room then may
         // take several values at once later.
-        let is_replayed = self.lists.is_unusual && taped::is_replayed();
+        let is_replayed = self.lists.is_unusual && replay::is_replayed();
         let is_full = !is_replayed && self.with_store(|store| store.len() >= buffer.capacity);
         if is_full && buffer.when_full == WhenFull::Wait {
             return Sent::Full;
@@ -407,7 +407,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }) {
             if self.lists.is_unusual {
                 let stamp = self.lists.stamp(Stamped::Taking);
-                if taped::is_replayed() {
+                if replay::is_replayed() {
                     let stored = self.with_store(|store| store.len());
                     self.lists.note_taken(stored + 1, stamp);
                 }

@@ -5,7 +5,7 @@ use super::error::{LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
 use crate::inspect::{Stored, register, unregister};
-use crate::taped;
+use crate::replay;
 use luna_core::current::{self, Inheritor};
 use luna_core::reclaim::Retired;
 use luna_platform::clock::Instant;
@@ -155,8 +155,8 @@ impl<T> Mutex<T> {
     pub fn try_lock(&self) -> Result<MutexGuard<'_, T>, TryLockError<'_, T>> {
         let take = || self.core().take(Inheritor::current_or_thread()).is_ok();
         let has_taken = match current::is_taped() {
-            true => taped::call(true, take, |taken| {
-                (!taken).then_some(taped::failure::NOTHING)
+            true => replay::call(true, take, |taken| {
+                (!taken).then_some(replay::failure::NOTHING)
             })
             .unwrap_or_default(),
             false => take(),

@@ -5,7 +5,7 @@ use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::SemaphorePermit;
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
-use crate::taped;
+use crate::replay;
 use crate::wait_point::{LastUser, PlaceApart, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Priority, User};
@@ -137,13 +137,13 @@ impl Semaphore {
         };
         let has_taken = match current::is_taped() {
             // Without a stamp: a replay need not wait for the process that makes room.
-            true => taped::call(
+            true => replay::call(
                 false,
                 || match current::is_replayed() {
                     true => self.shared().take_given(count),
                     false => take(),
                 },
-                |taken| (!taken).then_some(taped::failure::NOTHING),
+                |taken| (!taken).then_some(replay::failure::NOTHING),
             )
             .unwrap_or_default(),
             false => take(),
@@ -241,7 +241,7 @@ impl Semaphore {
             self.shared().permits(&lists, |permits| *permits)
         };
         match current::is_taped() {
-            true => taped::look(look),
+            true => replay::look(look),
             false => look(),
         }
     }
@@ -310,7 +310,7 @@ impl Shared {
     pub(super) fn add(&self, count: u32) {
         let mut lists = self.place.lock();
         self.permits(&lists, |permits| {
-            *permits = match taped::is_replayed() {
+            *permits = match replay::is_replayed() {
                 true => permits.wrapping_add(u64::from(count)),
                 false => permits.saturating_add(u64::from(count)),
             };

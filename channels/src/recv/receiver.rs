@@ -5,9 +5,9 @@ use crate::core::{Channel, Ending, Received, Taken};
 use crate::ended::Ended;
 use crate::error::{RecvError, RecvTimeoutError, TryRecvError};
 use crate::extended::Extending;
+use crate::replay;
 use crate::stamp::Stamp;
 use crate::stream::Incoming;
-use crate::taped;
 use luna_core::current;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
@@ -153,15 +153,15 @@ impl<T> Receiver<T> {
             self.channel().lock().recv_now(false)
         };
         let failure = |received: &Received<T>| match received {
-            Received::Empty => Some(taped::failure::NOTHING),
-            Received::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
-            Received::Ended(_) => Some(taped::failure::CLOSED),
+            Received::Empty => Some(replay::failure::NOTHING),
+            Received::Ended(Ending::Poisoned) => Some(replay::failure::POISONED),
+            Received::Ended(_) => Some(replay::failure::CLOSED),
             _ => None,
         };
-        self.received_at_once(taped::call(true, look, failure).unwrap_or_else(|failure| {
+        self.received_at_once(replay::call(true, look, failure).unwrap_or_else(|failure| {
             match failure {
-                taped::failure::NOTHING => Received::Empty,
-                taped::failure::POISONED => Received::Ended(Ending::Poisoned),
+                replay::failure::NOTHING => Received::Empty,
+                replay::failure::POISONED => Received::Ended(Ending::Poisoned),
                 _ => Received::Ended(Ending::Closed),
             }
         }))
@@ -299,7 +299,7 @@ impl<T> Receiver<T> {
         if current::is_taped() {
             // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
-            let _ = taped::call(true, poison, |()| None);
+            let _ = replay::call(true, poison, |()| None);
         } else {
             self.channel().poison();
         }

@@ -4,9 +4,9 @@ use super::{SendOp, SendTimeout};
 use crate::core::{Channel, Ending, Sent};
 use crate::ended::Ended;
 use crate::error::{SendError, SendTimeoutError, TrySendError};
+use crate::replay;
 use crate::source::{FromSlot, InNode, Made, Offered};
 use crate::stamp::Stamp;
-use crate::taped;
 use luna_core::current;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
@@ -189,14 +189,14 @@ impl<T> Sender<T> {
             sent
         };
         let failure = |sent: &Sent<T>| match sent {
-            Sent::Full => Some(taped::failure::NOTHING),
-            Sent::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
-            Sent::Ended(_) => Some(taped::failure::CLOSED),
+            Sent::Full => Some(replay::failure::NOTHING),
+            Sent::Ended(Ending::Poisoned) => Some(replay::failure::POISONED),
+            Sent::Ended(_) => Some(replay::failure::CLOSED),
             _ => None,
         };
-        let sent = taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
-            taped::failure::NOTHING => Sent::Full,
-            taped::failure::POISONED => Sent::Ended(Ending::Poisoned),
+        let sent = replay::call(true, look, failure).unwrap_or_else(|failure| match failure {
+            replay::failure::NOTHING => Sent::Full,
+            replay::failure::POISONED => Sent::Ended(Ending::Poisoned),
             _ => Sent::Ended(Ending::Closed),
         });
         // SAFETY: it was offered, and this came of it, or it was not touched.
@@ -338,7 +338,7 @@ impl<T> Sender<T> {
         if current::is_taped() {
             // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
-            let _ = taped::call(true, poison, |()| None);
+            let _ = replay::call(true, poison, |()| None);
         } else {
             self.channel().poison();
         }

@@ -1,25 +1,13 @@
-//! What operations record in the [replay log](luna_core::replay_log) of their process, if it is
-//! recorded or replayed.
+//! The order in which recorded processes come to a wait point.
 //!
-//! Operations without a replay log do not pay for it. Whether a process has a replay log is tested
-//! once an operation, where it is known already that the operation is no plain one. Whether
-//! recorded processes come to a wait point is part of a flag that is tested there anyway
-//! ([`WaitQueues::is_unusual`](crate::wait_point::WaitQueues)).
+//! Operations without a replay log do not pay for it: whether recorded processes come is part of a
+//! flag that is tested there anyway ([`WaitQueues::is_unusual`](crate::wait_point::WaitQueues)).
 
 use crate::core::Channel;
 use crate::wait_point::WaitQueues;
 use luna_core::current;
-use luna_core::replay_log::{Event, OUTSIDER, ReplayLog, Turn, What};
-use luna_platform::clock::Instant;
+use luna_core::replay_log::OUTSIDER;
 use std::collections::VecDeque;
-use std::task::Context;
-
-/// How an operation failed, as a number.
-pub(crate) mod failure {
-    pub(crate) const NOTHING: u64 = 0;
-    pub(crate) const CLOSED: u64 = 1;
-    pub(crate) const POISONED: u64 = 2;
-}
 
 /// Kinds of operations with a stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,7 +77,7 @@ impl WaitQueues {
         self.order.has_outsider |= self.taped.is_used() && !current::is_taped();
     }
 
-    /// The stamp of the present event, if it has to have one: see [`ReplayLog::stamp`].
+    /// The stamp of the present event, if it has to have one: see [`ReplayLog::stamp`](luna_core::replay_log::ReplayLog::stamp).
     pub(crate) fn stamp(&mut self, of: Stamped) -> u64 {
         match self.taped.is_used() {
             true => self.stamp_if(self.order.is_ordered, of),
@@ -171,109 +159,8 @@ impl WaitQueues {
 }
 
 /// A partner that a replay log cannot represent.
-pub(crate) const OUTSIDE_PARTNER: &str =
+pub(super) const OUTSIDE_PARTNER: &str =
     "a communication with a thread or a process that is not recorded";
-
-/// Whether the process is replayed, so that timeouts come from the replay log only.
-#[inline]
-pub(crate) fn is_replayed() -> bool {
-    current::is_taped() && current::is_replayed()
-}
-
-/// Whether the process of a completed operation is still held by its replay log.
-pub(crate) fn is_held(cx: &mut Context<'_>) -> bool {
-    current::tape(|tape| tape.hold(cx).is_pending()).unwrap_or_default()
-}
-
-/// A replayed operation has completed without waiting. Returns whether its process is held.
-pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
-    current::tape(|tape| {
-        tape.leave(Event::done(tape.own_stamp()));
-        tape.hold(cx).is_pending()
-    })
-    .unwrap_or_default()
-}
-
-/// The stamp given by a partner; one that is not recorded gives none.
-pub(crate) fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
-    if order == OUTSIDER {
-        tape.outside(OUTSIDE_PARTNER);
-        return 0;
-    }
-    order
-}
-
-/// Records the result of an operation that did not wait.
-pub(crate) fn leave(event: Event) {
-    current::tape(|tape| tape.leave(event));
-}
-
-/// Records that the current process does something that cannot be recorded.
-#[cold]
-pub(crate) fn outside(construct: &'static str) {
-    current::tape(|tape| tape.outside(construct));
-}
-
-/// The time: as it was recorded, in a process with a replay log.
-pub(crate) fn now() -> Instant {
-    if current::is_taped() {
-        return luna_core::replay_log::now();
-    }
-    Instant::now()
-}
-
-/// Performs an operation that does not wait, and records its result; in a replay, performs it as
-/// the replay log says. `None`: it is to fail with the recorded number.
-#[cold]
-pub(crate) fn call<R>(
-    takes: bool,
-    look: impl FnOnce() -> R,
-    failure_of: impl FnOnce(&R) -> Option<u64>,
-) -> Result<R, u64> {
-    match current::tape(|tape| tape.call(takes)) {
-        None => Ok(look()),
-        Some(Turn::Given(Event {
-            what: What::Failed,
-            number,
-            ..
-        })) => {
-            leave(Event::failed(number));
-            Err(number)
-        }
-        Some(turn) => {
-            let came_to = look();
-            let failure = failure_of(&came_to);
-            current::tape(|tape| match failure {
-                Some(_) if turn != Turn::Record => {
-                    tape.differs("an operation at once does not succeed");
-                }
-                Some(number) => tape.leave(Event::failed(number)),
-                // Its effects have the stamp of the lock under which they were made, or this stamp.
-                None => tape.leave(Event::done(match tape.own_stamp() {
-                    0 if takes => tape.stamp(true),
-                    stamp => stamp,
-                })),
-            });
-            Ok(came_to)
-        }
-    }
-}
-
-/// Reads a state that others change: a replay sees what the recorded process saw.
-#[cold]
-pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
-    match current::tape(|tape| tape.call(false)) {
-        Some(Turn::Given(event)) => {
-            leave(Event::new(What::Chosen, event.number, 0));
-            event.number
-        }
-        _ => {
-            let seen = look();
-            leave(Event::new(What::Chosen, seen, 0));
-            seen
-        }
-    }
-}
 
 impl<T> Channel<T> {
     /// As [`note_logged`](Self::note_logged), of an alternative that stays registered: its next

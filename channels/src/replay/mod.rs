@@ -12,9 +12,16 @@
 //!    '--> the recorded failure
 //! ```
 
-use crate::taped::{self, Stamped, is_held, leave};
-pub(crate) use crate::taped::{failure, is_replayed, now};
-use crate::wait_point::WaitQueues;
+mod log;
+mod order;
+
+pub(crate) use log::{
+    abandon, call, differs, failure, is_held_after, is_on, is_replayed, look, meeting, now,
+    outside, own_stamp, settle, stamp,
+};
+pub(crate) use order::{Order, Stamped, Taped};
+
+use log::{enter, is_held, leave};
 use luna_core::current;
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
@@ -124,46 +131,6 @@ pub(crate) fn gave_up() -> Event {
     Event::new(What::TimedOut, 0, 0)
 }
 
-fn enter(cx: &mut Context<'_>) -> Poll<Turn> {
-    current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
-}
-
-/// The stamp of a success: as its partner gave it, or else its own.
-pub(crate) fn stamp(of_partner: u64, own: u64) -> u64 {
-    match of_partner {
-        0 => own,
-        stamp => current::tape(|tape| taped::known(tape, stamp)).unwrap_or(0),
-    }
-}
-
-/// A stamp for an operation that gets one in any case.
-pub(crate) fn own_stamp() -> u64 {
-    current::tape(|tape| tape.stamp(true)).unwrap_or(0)
-}
-
-/// As [`own_stamp`], of an operation that has met no partner, under the lock where it succeeded.
-pub(crate) fn meeting(lists: &mut WaitQueues) -> u64 {
-    lists.stamp_if(true, Stamped::Meeting)
-}
-
-/// In a replay: whether the other processes have done what comes before the present operation.
-pub(crate) fn settle(cx: &mut Context<'_>) -> Poll<()> {
-    current::tape(|tape| tape.settle(cx)).unwrap_or(Poll::Ready(()))
-}
-
-/// The replayed operation cannot have its recorded outcome.
-#[cold]
-pub(crate) fn differs<R>(what: &'static str) -> Poll<R> {
-    current::tape(|tape| tape.differs(what));
-    Poll::Pending
-}
-
-/// Whether the current process has a replay log.
-#[inline(always)]
-pub(crate) fn is_on() -> bool {
-    current::is_taped()
-}
-
 /// Polls an operation as the replay log of its process says, and reports the outcome there.
 #[cold]
 #[inline(never)]
@@ -194,7 +161,7 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
         // The log has the outcome.
         Stage::GaveWay | Stage::Failed(_) | Stage::Over => return operation.poll_unlogged(cx),
         Stage::Elsewhere => {
-            taped::outside("an operation that another process began");
+            outside("an operation that another process began");
             return operation.poll_unlogged(cx);
         }
         Stage::Waits => {}
@@ -299,11 +266,4 @@ fn stop<O: GiveUp, S: Future<Output = ()>>(
         None => {}
     }
     Poll::Ready(outcome)
-}
-
-/// An operation was dropped before it was decided. `is_new`: the log had not let it in, or it was
-/// never polled.
-#[cold]
-pub(crate) fn abandon(is_new: bool) {
-    current::tape(|tape| tape.abandon(!is_new));
 }
