@@ -331,7 +331,10 @@ fn one_that_is_cancelled_or_panics_leaves_nothing_behind() {
         assert!(observer.composition().find("part of the victim").is_none());
         Ok(())
     });
-    assert!(system.run().is_err(), "the run returns the cancellation as an error");
+    assert!(
+        system.run().is_err(),
+        "the run returns the cancellation as an error"
+    );
 
     let mut system = System::new("panics");
     let main = system.executor("main").build().unwrap();

@@ -260,34 +260,17 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         matches!(self.phase, Phase::Listed | Phase::Logged)
     }
 
-    /// Handles all that did not simply end on the fast path.
+    /// Meets what the fast path has found beside a plain partner.
     #[inline(never)]
-    fn poll_away(
-        &mut self,
-        fast_path: FastPath,
-        turn: PlainTurn<'_>,
-        cx: &mut Context<'_>,
-    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+    fn meet_other(&mut self, found: FastPath, turn: PlainTurn<'_>) -> FastPath {
+        let channel = self.receiver.channel();
         // SAFETY: the fast path has just returned this for this receive, whose node is as new.
-        let fast_path = unsafe {
-            let channel = self.receiver.channel();
-            match fast_path {
+        unsafe {
+            match found {
                 FastPath::Store => channel.recv_stored(self.node(), turn),
                 FastPath::More => channel.recv_from_more(self.node()),
                 other => other,
             }
-        };
-        match fast_path {
-            FastPath::Done => self.done(),
-            FastPath::Waits => {
-                self.phase = Phase::Listed;
-                Poll::Pending
-            }
-            FastPath::GaveWay => {
-                self.phase = Phase::GaveWay;
-                Poll::Pending
-            }
-            _ => self.poll_generally(cx),
         }
     }
 
@@ -443,23 +426,27 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
             let channel = this.receiver.channel();
             // SAFETY: a new receive's node holds no value, and no other thread knows it. The future
             // is pinned, and its drop withdraws it.
-            let fast_path = unsafe { channel.recv_fast(this.node(), turn) };
-            // As for a send: the two usual ways alone.
-            if fast_path == FastPath::Waits {
-                this.phase = Phase::Listed;
-                return Poll::Pending;
+            let mut fast_path = unsafe { channel.recv_fast(this.node(), turn) };
+            // As for a send: the two usual ways first.
+            if !matches!(fast_path, FastPath::Done | FastPath::Waits) {
+                cold_path();
+                fast_path = this.meet_other(fast_path, turn);
             }
-            if fast_path == FastPath::Done {
-                return this.done();
+            match fast_path {
+                FastPath::Done => return this.done(),
+                FastPath::Waits => this.phase = Phase::Listed,
+                FastPath::GaveWay => this.phase = Phase::GaveWay,
+                _ => return this.poll_generally(cx),
             }
-            cold_path();
-            return this.poll_away(fast_path, turn, cx);
-        } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            return Poll::Pending;
+        }
+        if this.phase == Phase::Listed
+            && !M::HOLDS
+            && !M::INHERITS
+            && this.outcome() == Outcome::Done
+        {
             this.waits_no_more();
-            if !M::HOLDS && !M::INHERITS {
-                return this.done();
-            }
-            return Poll::Ready(this.settled(Outcome::Done));
+            return this.done();
         }
         cold_path();
         this.poll_generally(cx)

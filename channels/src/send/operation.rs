@@ -316,37 +316,17 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         matches!(self.phase, Phase::Listed | Phase::Logged)
     }
 
-    /// Handles all that did not simply end on the fast path.
+    /// Meets what the fast path has found beside a plain partner.
     #[inline(never)]
-    fn poll_away(
-        &mut self,
-        fast_path: FastPath,
-        turn: PlainTurn<'_>,
-        cx: &mut Context<'_>,
-    ) -> Poll<Result<(), SendError<S::Unsent>>> {
+    fn meet_other(&mut self, found: FastPath, turn: PlainTurn<'_>) -> FastPath {
+        let channel = self.sender.channel();
         // SAFETY: the fast path has just returned this for this send, whose node is as new.
-        let fast_path = unsafe {
-            let channel = self.sender.channel();
-            match fast_path {
+        unsafe {
+            match found {
                 FastPath::Store => channel.store_fast(self.node(), turn),
                 FastPath::More => channel.send_to_more(self.place_of_offer()),
                 other => other,
             }
-        };
-        match fast_path {
-            FastPath::Done => {
-                self.phase = Phase::Over;
-                Poll::Ready(Ok(()))
-            }
-            FastPath::Waits => {
-                self.phase = Phase::Listed;
-                Poll::Pending
-            }
-            FastPath::GaveWay => {
-                self.phase = Phase::GaveWay;
-                Poll::Pending
-            }
-            _ => self.poll_generally(cx),
         }
     }
 
@@ -476,20 +456,25 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
             let channel = this.sender.channel();
             // SAFETY: a new send's node holds its value, and no other thread knows it. The future is
             // pinned, and its drop withdraws it.
-            let fast_path = unsafe { channel.send_fast(this.node(), turn) };
-            // The two usual ways alone: with more the compiler jumps by a table, which a processor
+            let mut fast_path = unsafe { channel.send_fast(this.node(), turn) };
+            // The two usual ways first: with more the compiler jumps by a table, which a processor
             // that has done something else meanwhile cannot foresee.
-            if fast_path == FastPath::Done {
-                this.phase = Phase::Over;
-                return Poll::Ready(Ok(()));
+            if !matches!(fast_path, FastPath::Done | FastPath::Waits) {
+                cold_path();
+                fast_path = this.meet_other(fast_path, turn);
             }
-            if fast_path == FastPath::Waits {
-                this.phase = Phase::Listed;
-                return Poll::Pending;
+            match fast_path {
+                FastPath::Done => {
+                    this.phase = Phase::Over;
+                    return Poll::Ready(Ok(()));
+                }
+                FastPath::Waits => this.phase = Phase::Listed,
+                FastPath::GaveWay => this.phase = Phase::GaveWay,
+                _ => return this.poll_generally(cx),
             }
-            cold_path();
-            return this.poll_away(fast_path, turn, cx);
-        } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            return Poll::Pending;
+        }
+        if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
             this.phase = Phase::Over;
             return Poll::Ready(Ok(()));
