@@ -174,7 +174,8 @@ pub(crate) async fn hold() {
 ///
 /// ```
 /// # luna::run(async {
-/// let bytes = luna::replay::blocking("disk", || std::fs::metadata("/").map_or(0, |about| about.len())).await;
+/// let length = || std::fs::metadata("/").map_or(0, |about| about.len());
+/// let bytes = luna::replay::blocking("disk", length).await;
 /// # let _ = bytes;
 /// # Ok(())
 /// # })?;

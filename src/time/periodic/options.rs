@@ -13,7 +13,8 @@ impl Periodic {
     /// ```
     /// # use std::time::Duration;
     /// # luna::run(async {
-    /// let tick = luna::periodic("integrator", Duration::from_millis(1))?.overrun(luna::time::Overrun::CatchUp);
+    /// let tick = luna::periodic("integrator", Duration::from_millis(1))?;
+    /// let tick = tick.overrun(luna::time::Overrun::CatchUp);
     /// # drop(tick); Ok(()) })?;
     /// # Ok::<(), luna::Error>(())
     /// ```
