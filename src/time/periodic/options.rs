@@ -55,8 +55,8 @@ impl Periodic {
     /// Loops of one period with different phases thus keep their distance exactly, on whichever
     /// executors they run, and a slot has the same number in all of them. The loop joins at its
     /// first [`next`](Self::next): slots before that are not missed, and the first
-    /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a
-    /// loop's grid begins when the loop is made, or with
+    /// [`number`](crate::time::Cycle::number) of one that starts late is that of the grid. Without
+    /// a phase, a loop's grid begins when the loop is made, or with
     /// [`Timers::Manager`](crate::time::Timers::Manager) at the slot of phase 0 that lasts then.
     /// O(1).
     ///
