@@ -5,7 +5,7 @@
 //! use luna::realtime::{off_path, on_path};
 //!
 //! luna::run(async {
-//!     assert!(on_path());
+//!     assert!(!off_path(on_path));
 //!     let room = off_path(|| Vec::<u64>::with_capacity(1000)); // allocates on purpose
 //!     assert!(room.capacity() >= 1000);
 //!     Ok(())
