@@ -191,8 +191,8 @@ impl TimerQueue {
 
     /// Whether it belongs to another thread than the calling one, whose deadlines are its own.
     #[inline]
-    fn is_left_here(self: &Arc<Self>) -> bool {
-        !self.is_shared && current::has_other_timers(self)
+    fn is_left_here(queue: &Arc<Self>) -> bool {
+        !queue.is_shared && current::has_other_timers(queue)
     }
 
     fn publish_next(&self, heap: &Heap) {
@@ -321,7 +321,7 @@ impl Sleep {
         let Some(queue) = &this.queue else {
             return Armed::Is(Poll::Pending);
         };
-        if queue.is_left_here() {
+        if TimerQueue::is_left_here(queue) {
             // A deadline belongs to the thread that polls it: the thread of the other queue may
             // have ended.
             return Armed::NotHere(self.disarm());

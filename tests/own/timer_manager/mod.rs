@@ -97,7 +97,8 @@ fn periods_that_divide_are_in_phase_wherever_they_run() {
         .iter()
         .find(|one| one.period == PERIOD)
         .unwrap();
-    assert!(fine.ticks >= 60 && fine.missed < fine.ticks, "{fine:?}");
+    // A cycle that is late does not wait for its slot.
+    assert!(fine.ticks >= 30 && fine.missed < fine.ticks, "{fine:?}");
     for one in report.loops.values() {
         assert_eq!(one.cycles + one.missed, one.slots_elapsed);
     }
