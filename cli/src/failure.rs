@@ -4,14 +4,14 @@ use luna::error::SetupError;
 use luna::replay::RecordError;
 use luna_jiwy::joystick;
 use luna_platform::facts::parse::write_core_list;
-use std::fmt;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
 /// What went wrong.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
     /// The joystick's recording cannot be used.
+    #[error("joystick recording {}: {error}", .path.display())]
     Joystick {
         /// Of the recording.
         path: PathBuf,
@@ -19,6 +19,7 @@ pub(crate) enum Failure {
         error: joystick::Error,
     },
     /// A recording of a run cannot be replayed.
+    #[error("--replay {}: {error}", .path.display())]
     Recording {
         /// Of the recording.
         path: PathBuf,
@@ -26,6 +27,7 @@ pub(crate) enum Failure {
         error: Box<RecordError>,
     },
     /// The histogram cannot be written.
+    #[error("histogram {}: {error}", .path.display())]
     Histogram {
         /// Of the histogram.
         path: PathBuf,
@@ -33,11 +35,13 @@ pub(crate) enum Failure {
         error: std::io::Error,
     },
     /// The folder with a machine's files is none.
+    #[error("--root {}: there is no such folder", .path.display())]
     Root {
         /// As given.
         path: PathBuf,
     },
     /// The machine has no such core, or it is switched off.
+    #[error("--core {core}: the machine has the cores {}", write_core_list(.online))]
     Core {
         /// As given.
         core: usize,
@@ -45,8 +49,10 @@ pub(crate) enum Failure {
         online: Vec<usize>,
     },
     /// The card cannot be had.
+    #[error("card: {0}")]
     Card(Box<dyn std::error::Error + Send + Sync>),
     /// A recording cannot be read at all.
+    #[error("{}: {error}", .path.display())]
     Log {
         /// Of the recording.
         path: PathBuf,
@@ -54,6 +60,7 @@ pub(crate) enum Failure {
         error: String,
     },
     /// What a recording is converted to cannot be written.
+    #[error("{}: {error}", .path.display())]
     Converted {
         /// Of the output.
         path: PathBuf,
@@ -61,6 +68,7 @@ pub(crate) enum Failure {
         error: String,
     },
     /// The address cannot be listened on.
+    #[error("--listen {address}: {error}")]
     Listen {
         /// As given.
         address: String,
@@ -68,6 +76,7 @@ pub(crate) enum Failure {
         error: std::io::Error,
     },
     /// The scope cannot be served.
+    #[error("scope {address}: {error}")]
     Scope {
         /// Where.
         address: SocketAddr,
@@ -75,8 +84,10 @@ pub(crate) enum Failure {
         error: std::io::Error,
     },
     /// The system could not be set up, or ended with an error.
+    #[error(transparent)]
     Luna(luna::Error),
     /// Standard output is closed.
+    #[error("standard output: {0}")]
     Output(std::io::Error),
 }
 
@@ -106,31 +117,3 @@ impl Failure {
         }
     }
 }
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Joystick { path, error } => {
-                write!(f, "joystick recording {}: {error}", path.display())
-            }
-            Self::Recording { path, error } => write!(f, "--replay {}: {error}", path.display()),
-            Self::Histogram { path, error } => write!(f, "histogram {}: {error}", path.display()),
-            Self::Log { path, error } | Self::Converted { path, error } => {
-                write!(f, "{}: {error}", path.display())
-            }
-            Self::Listen { address, error } => write!(f, "--listen {address}: {error}"),
-            Self::Root { path } => write!(f, "--root {}: there is no such folder", path.display()),
-            Self::Core { core, online } => write!(
-                f,
-                "--core {core}: the machine has the cores {}",
-                write_core_list(online)
-            ),
-            Self::Scope { address, error } => write!(f, "scope {address}: {error}"),
-            Self::Card(error) => write!(f, "card: {error}"),
-            Self::Luna(error) => error.fmt(f),
-            Self::Output(error) => write!(f, "standard output: {error}"),
-        }
-    }
-}
-
-impl std::error::Error for Failure {}

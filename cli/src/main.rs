@@ -4,6 +4,7 @@ mod alloc;
 mod args;
 mod beside;
 mod card;
+mod columns;
 mod convert;
 mod demo;
 mod doctor;

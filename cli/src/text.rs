@@ -1,7 +1,7 @@
 //! What a command found: as text for people.
 
-use crate::histogram_text;
 use crate::output::{Axis, Measurement};
+use crate::{columns, histogram_text};
 use std::fmt::{self, Write};
 
 /// A count with its noun: `1 signal`, `2 signals`.
@@ -38,15 +38,15 @@ pub(crate) fn header(measurement: &Measurement) -> String {
 
 /// A line for each axis, with `-` where nothing was measured.
 pub(crate) fn tracking(axes: &[Axis]) -> String {
-    let mut text = format!("{:<16}{:>9}{:>9}\n", "tracking error", "rms", "max");
-    for axis in axes {
+    let head = ["tracking error", "rms", "max"].map(str::to_owned);
+    let rows = axes.iter().map(|axis| {
         let [rms, max] = match axis.tracking_error_deg {
             Some(error) => [error.rms, error.max].map(|error| format!("{error:.2}°")),
             None => ["-", "-"].map(str::to_owned),
         };
-        let _ = writeln!(text, "{:<16}{rms:>9}{max:>9}", axis.name);
-    }
-    text
+        [axis.name.to_owned(), rms, max]
+    });
+    columns::of_numbers(std::iter::once(head).chain(rows))
 }
 
 /// The wake-up latency of a loop, given as (ns, count).
@@ -162,10 +162,10 @@ mod tests {
         ];
         assert_eq!(
             tracking(&axes),
-            "tracking error        rms      max\n\
-             pan                 1.23°    2.47°\n\
-             tilt               10.00°   20.00°\n\
-             zoom                    -        -\n"
+            "tracking error     rms     max\n\
+             pan              1.23°   2.47°\n\
+             tilt            10.00°  20.00°\n\
+             zoom                 -       -\n"
         );
     }
 }

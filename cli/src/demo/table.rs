@@ -1,6 +1,7 @@
 //! Table 4 of the LUNA paper (the thesis' appendix I): how well a robot's loop keeps its time, and
 //! how long a cycle takes. This run's row beside the paper's.
 
+use crate::columns;
 use luna::Report;
 use luna_jiwy::network::{self, LOOP};
 use serde::Serialize;
@@ -125,10 +126,6 @@ const PAPER: [PaperRow; 9] = [
 /// The run's row above those of the paper at its rate, and what its columns are. `took` is the real
 /// duration of the run: on a virtual clock nothing else is shown.
 pub(super) fn text(row: &Row, is_virtual: bool, took: std::time::Duration) -> String {
-    let mut text = format!(
-        "{:<26}{:>9} | {:>8} {:>8} {:>8} {:>8} | {:>8} | {:>8}\n",
-        "table 4", "rate, Hz", "mean, ms", "min", "max", "sd, us", "work, us", "switches"
-    );
     let Row {
         cycle_ms,
         processing_us,
@@ -139,27 +136,37 @@ pub(super) fn text(row: &Row, is_virtual: bool, took: std::time::Duration) -> St
         true => "-".to_owned(),
         false => format!("{:.1}", processing_us.mean),
     };
-    let _ = writeln!(
-        text,
-        "{:<26}{:>9} | {:>8.4} {:>8.4} {:>8.4} {:>8.1} | {work:>8} | {:>8.1}",
-        "this run",
-        row.rate_hz,
-        cycle_ms.mean,
-        cycle_ms.min,
-        cycle_ms.max,
-        row.stddev_us,
-        switches.control
-    );
+    let head = [
+        "table 4", "rate, Hz", "mean, ms", "min", "max", "sd, us", "work, us", "switches",
+    ];
+    let this_run = [
+        "this run".to_owned(),
+        row.rate_hz.to_string(),
+        format!("{:.4}", cycle_ms.mean),
+        format!("{:.4}", cycle_ms.min),
+        format!("{:.4}", cycle_ms.max),
+        format!("{:.1}", row.stddev_us),
+        work,
+        format!("{:.1}", switches.control),
+    ];
     // The rate that its timer could keep is the same to it.
-    let same_rate = |rate: f64| rate.round() == row.rate_hz;
-    for (who, rate, [mean, min, max], stddev, work) in PAPER {
-        if same_rate(rate) {
-            let _ = writeln!(
-                text,
-                "paper: {who:<19}{rate:>9} | {mean:>8.2} {min:>8.2} {max:>8.2} {stddev:>8.1} | {work:>8.1} | about 50"
-            );
-        }
-    }
+    let of_paper = PAPER
+        .iter()
+        .filter(|(_, rate, ..)| rate.round() == row.rate_hz);
+    let of_paper = of_paper.map(|(who, rate, [mean, min, max], stddev, work)| {
+        [
+            format!("paper: {who}"),
+            rate.to_string(),
+            format!("{mean:.2}"),
+            format!("{min:.2}"),
+            format!("{max:.2}"),
+            format!("{stddev:.1}"),
+            format!("{work:.1}"),
+            "about 50".to_owned(),
+        ]
+    });
+    let rows = [head.map(str::to_owned), this_run];
+    let mut text = columns::of_numbers(rows.into_iter().chain(of_paper));
     let _ = if is_virtual {
         writeln!(
             text,
@@ -216,9 +223,9 @@ mod tests {
         assert_eq!(
             lines[..3],
             [
-                "table 4                    rate, Hz | mean, ms      min      max   sd, us | work, us | switches",
-                "this run                       1000 |   1.0000   0.9500   1.2500      3.2 |      4.5 |     90.0",
-                "paper: LUNA, user threads      1000 |     1.00     0.80     2.01     35.8 |     89.3 | about 50",
+                "table 4                    rate, Hz  mean, ms     min     max  sd, us  work, us  switches",
+                "this run                       1000    1.0000  0.9500  1.2500     3.2       4.5      90.0",
+                "paper: LUNA, user threads      1000      1.00    0.80    2.01    35.8      89.3  about 50",
             ]
         );
         assert_eq!(lines.len(), 9);
@@ -251,7 +258,7 @@ mod tests {
             ..row_at(1000.0)
         };
         let text = text(&row, true, Duration::from_millis(300));
-        assert!(text.contains("     3.2 |        - |     90.0\n"), "{text}");
+        assert!(text.contains("     3.2         -      90.0\n"), "{text}");
         assert!(
             text.ends_with("the machine took 5.00 us a cycle, for 100.0 switches among all processes on one thread\n"),
             "{text}"

@@ -6,6 +6,7 @@ use super::diagnosis::Diagnosis;
 use super::finding::{Check, Verdict};
 use super::machine::Machine;
 use super::{checks, look, table};
+use crate::columns::WIDTH;
 use luna_platform::facts::cpu_time::cpu_time;
 use luna_platform::facts::{Source, Unread, UnreadReason};
 use std::collections::{BTreeMap, HashSet};
@@ -263,7 +264,7 @@ fn the_table_keeps_to_its_width_and_leaves_nothing_out() {
         for explain in [false, true] {
             let table = table::draw(&diagnosis, explain);
             for line in table.lines() {
-                assert!(line.chars().count() <= table::WIDTH, "{name}: {line}");
+                assert!(line.chars().count() <= usize::from(WIDTH), "{name}: {line}");
             }
             let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
             let flat = words(&table);
@@ -372,7 +373,7 @@ fn broken_files_break_nothing() {
             assert!(
                 table
                     .lines()
-                    .all(|line| line.chars().count() <= table::WIDTH)
+                    .all(|line| line.chars().count() <= usize::from(WIDTH))
             );
             for (path, text) in &chosen {
                 unpacked.write(path, text.as_bytes());

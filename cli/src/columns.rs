@@ -1,0 +1,42 @@
+//! Text in columns, without borders.
+
+use comfy_table::presets::NOTHING;
+use comfy_table::{CellAlignment, ColumnConstraint, Table, Width};
+
+/// No line of a text is longer.
+pub(crate) const WIDTH: u16 = 110;
+
+/// Rows of numbers below each other. The first column is text.
+pub(crate) fn of_numbers<const N: usize>(rows: impl IntoIterator<Item = [String; N]>) -> String {
+    let mut table = Table::new();
+    table.load_style(NOTHING).add_rows(rows);
+    for (number, column) in table.column_iter_mut().enumerate() {
+        column.set_padding((if number == 0 { 0 } else { 2 }, 0));
+        if number > 0 {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    lines(&table)
+}
+
+/// Rows of texts, which go on below their first word. The last column has the rest of [`WIDTH`].
+pub(crate) fn of_texts<const N: usize>(
+    widths: [u16; N],
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> String {
+    let mut table = Table::new();
+    table.load_style(NOTHING).add_rows(rows);
+    let rest = WIDTH - widths.iter().sum::<u16>();
+    for (column, width) in table
+        .column_iter_mut()
+        .zip(widths.into_iter().chain([rest]))
+    {
+        column.set_padding((0, 0));
+        column.set_constraint(ColumnConstraint::Absolute(Width::Fixed(width)));
+    }
+    lines(&table)
+}
+
+fn lines(table: &Table) -> String {
+    table.trim_fmt() + "\n"
+}
