@@ -1,11 +1,10 @@
 //! Delays, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
-use crate::replay::{self, Logged, Stage};
+use crate::replay;
 use crate::select_state::SelectState;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use luna_core::current::PendingWake;
-use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::future::Future;
@@ -85,44 +84,12 @@ impl Future for After {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         if replay::is_on() {
             // SAFETY: nothing is moved.
-            return replay::poll(unsafe { self.get_unchecked_mut() }, cx);
+            let Self { sleep, has_come } = unsafe { self.get_unchecked_mut() };
+            // SAFETY: the sleep is pinned with the whole.
+            let mut sleep = unsafe { Pin::new_unchecked(sleep) };
+            return replay::poll_delay(has_come, |cx| sleep.as_mut().poll(cx), cx);
         }
         self.sleep().poll(cx)
-    }
-}
-
-/// A replayed one does not wait for the time.
-impl Logged for After {
-    type Output = ();
-
-    const KEEPS: bool = true;
-
-    fn stage(&self) -> Stage {
-        match self.has_come {
-            true => Stage::GaveWay,
-            false => Stage::New,
-        }
-    }
-
-    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
-        self.has_come = turn != Turn::Record;
-        Poll::Ready(())
-    }
-
-    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<()> {
-        match self.has_come {
-            true => Poll::Ready(()),
-            // SAFETY: what is polled is pinned.
-            false => unsafe { Pin::new_unchecked(self) }.sleep().poll(cx),
-        }
-    }
-
-    unsafe fn success(&self, _: Option<&()>, _: u64) -> Event {
-        Event::done(0)
-    }
-
-    fn keep(&mut self, (): ()) {
-        self.has_come = true;
     }
 }
 

@@ -1,12 +1,11 @@
 //! Deadlines that are looked up when they come, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
-use crate::replay::{self, Logged, Stage};
+use crate::replay;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use luna_core::current::{self, PendingWake};
-use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::fmt;
@@ -110,9 +109,11 @@ impl<D: Due> Future for When<D> {
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
         if replay::is_on() {
+            let mut has_come = self.has_come;
+            let polled = replay::poll_delay(&mut has_come, |cx| self.as_mut().poll_due(cx), cx);
             // SAFETY: nothing is moved.
-            let this = unsafe { self.as_mut().get_unchecked_mut() };
-            return replay::poll(this, cx).map(|()| self.serve());
+            unsafe { self.as_mut().get_unchecked_mut() }.has_come = has_come;
+            return polled.map(|()| self.serve());
         }
         if self.as_mut().poll_due(cx).is_pending() {
             return Poll::Pending;
@@ -123,41 +124,6 @@ impl<D: Due> Future for When<D> {
             return Poll::Pending;
         }
         Poll::Ready(self.serve())
-    }
-}
-
-/// A replayed one does not wait for the time.
-impl<D: Due> Logged for When<D> {
-    type Output = ();
-
-    const KEEPS: bool = true;
-
-    fn stage(&self) -> Stage {
-        match self.has_come {
-            true => Stage::GaveWay,
-            false => Stage::New,
-        }
-    }
-
-    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
-        self.has_come = turn != Turn::Record;
-        Poll::Ready(())
-    }
-
-    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<()> {
-        match self.has_come {
-            true => Poll::Ready(()),
-            // SAFETY: what is polled is pinned.
-            false => unsafe { Pin::new_unchecked(self) }.poll_due(cx),
-        }
-    }
-
-    unsafe fn success(&self, _: Option<&()>, _: u64) -> Event {
-        Event::done(0)
-    }
-
-    fn keep(&mut self, (): ()) {
-        self.has_come = true;
     }
 }
 

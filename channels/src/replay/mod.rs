@@ -161,7 +161,7 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
         // The log has the outcome.
         Stage::GaveWay | Stage::Failed(_) | Stage::Over => return operation.poll_unlogged(cx),
         Stage::Elsewhere => {
-            outside("an operation that another process began");
+            outside("an operation that began in no recorded process");
             return operation.poll_unlogged(cx);
         }
         Stage::Waits => {}
@@ -236,6 +236,56 @@ pub(crate) fn poll_until<O: GiveUp, S: Future<Output = ()>>(
         Poll::Ready(()) => Poll::Ready(operation.give_up()),
         Poll::Pending => Poll::Pending,
     }
+}
+
+/// A delay, and whether it has come by the log.
+struct Delay<'a, P> {
+    has_come: &'a mut bool,
+    poll: P,
+}
+
+impl<P: FnMut(&mut Context<'_>) -> Poll<()>> Logged for Delay<'_, P> {
+    type Output = ();
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.has_come {
+            true => Stage::GaveWay,
+            false => Stage::New,
+        }
+    }
+
+    /// A replayed one does not wait for the time.
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        *self.has_come = turn != Turn::Record;
+        Poll::Ready(())
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<()> {
+        match self.has_come {
+            true => Poll::Ready(()),
+            false => (self.poll)(cx),
+        }
+    }
+
+    unsafe fn success(&self, _: Option<&()>, _: u64) -> Event {
+        Event::done(0)
+    }
+
+    fn keep(&mut self, (): ()) {
+        *self.has_come = true;
+    }
+}
+
+/// Polls a delay as the replay log says. `has_come` belongs to it, and is at first `false`.
+#[cold]
+pub(crate) fn poll_delay(
+    has_come: &mut bool,
+    poll: impl FnMut(&mut Context<'_>) -> Poll<()>,
+    cx: &mut Context<'_>,
+) -> Poll<()> {
+    self::poll(&mut Delay { has_come, poll }, cx)
 }
 
 /// Lets an operation that is not decided give up, as the replay log says: a replayed one gives up
