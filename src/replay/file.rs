@@ -5,7 +5,7 @@ use super::error::RecordError;
 use std::io::Write;
 
 pub(super) const VERSION: u16 = 2;
-const MAGIC: &[u8; 8] = b"LUNAREC\n";
+const MAGIC: &[u8; 8] = b"LUNAREPL";
 /// Magic, version, their checksum.
 const HEAD: usize = 14;
 /// Length and checksum of a block.
