@@ -114,7 +114,7 @@ fn demo_that_ends_before_the_calibration_has_no_tracking_error() {
     let table = demo(&[]);
     let table = text(&table);
     for axis in ["pan", "tilt"] {
-        let line = format!("{axis:<16}        -        -");
+        let line = format!("{axis:<14}    -    -");
         assert!(table.lines().any(|one| one == line), "{table}");
     }
     let demo: Value = serde_json::from_slice(&demo(&["--json"])).expect("one JSON object");
