@@ -13,12 +13,10 @@
 use super::Shared;
 use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
-use luna_core::biased_lock::InsideGuard;
-use luna_core::current::{self, PlainPendingWake, Process};
-use std::hint::cold_path;
+use luna_core::biased_lock::{InsideGuard, Refused};
+use luna_core::current::{self, PlainPendingWake, PlainTurn};
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
-use std::task::Context;
 
 /// The most parties that are released in one lock section.
 const TOGETHER: usize = 16;
@@ -47,16 +45,17 @@ impl Shared {
     /// `node` is a party's that is not listed. No other thread accesses it, and it stays where it
     /// is until it is settled or taken back.
     #[inline(never)]
-    pub(super) unsafe fn come_fast(&self, node: NonNull<Waiter<()>>, cx: &Context<'_>) -> Arrival {
-        let Some(process) = current::unrecorded_turn(cx) else {
-            cold_path();
-            return Arrival::SlowPath;
-        };
-        // SAFETY: this is the thread of the process' executor.
-        let Some(mut lists) = (unsafe { self.place.lock_if_favoured(process.home_number()) })
-        else {
-            cold_path();
-            return Arrival::SlowPath;
+    pub(super) unsafe fn come_fast(
+        &self,
+        node: NonNull<Waiter<()>>,
+        turn: PlainTurn<'_>,
+    ) -> Arrival {
+        let process = turn.process();
+        // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
+        let mut lists = match unsafe { self.place.enter(turn) } {
+            Ok(lists) => lists,
+            Err(Refused::NotBiased) => return Arrival::SlowPath,
+            Err(Refused::Revoked) => return self.revoked(),
         };
         // SAFETY: the lists are this barrier's, and the lock is held. The node is in none of them,
         // and stays where it is.
@@ -83,8 +82,14 @@ impl Shared {
             }
             let WaitQueues { senders, held, .. } = &mut *lists;
             held.append(senders);
-            self.release_plain(lists, process)
+            self.release_plain(lists, turn)
         }
+    }
+
+    #[cold]
+    fn revoked(&self) -> Arrival {
+        self.place.after_revocation();
+        Arrival::SlowPath
     }
 
     /// Releases members of completed rounds, as long as they were listed here; then the process
@@ -92,12 +97,12 @@ impl Shared {
     ///
     /// # Safety
     ///
-    /// `lists` are this barrier's. `process` is the current one, in a plain turn.
+    /// `lists` are this barrier's.
     #[inline]
     unsafe fn release_plain<'a>(
         &'a self,
         mut lists: InsideGuard<'a, WaitQueues>,
-        process: &Process,
+        turn: PlainTurn<'_>,
     ) -> Arrival {
         let mut pending = [const { MaybeUninit::<PlainPendingWake>::uninit() }; TOGETHER];
         // SAFETY: this is the thread of the process' executor, which the lock is biased to while it
@@ -122,12 +127,12 @@ impl Shared {
                     ready.assume_init_read().wake();
                 }
                 if is_last {
-                    return match current::gives_way(process) {
+                    return match !turn.goes_on() && current::gives_way(turn.process()) {
                         true => Arrival::GaveWay,
                         false => Arrival::Done,
                     };
                 }
-                match self.place.lock_if_favoured(process.home_number()) {
+                match self.place.lock_if_favoured(turn.home_number()) {
                     Some(again) if count > 0 => lists = again,
                     _ => return Arrival::Completes,
                 }

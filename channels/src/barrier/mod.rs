@@ -4,7 +4,8 @@
 //! all waiting parties to the list of those to release, both in O(1). Then it releases them one by
 //! one, each in a lock section of its own: the most urgent first, then those that offered the
 //! barrier in alternatives. A party that is polled before its turn sees by the round's number that
-//! it may go, and takes itself off.
+//! it may go, and takes itself off. Among parties of one executor the same is done by plain stores,
+//! and the parties are released in sections of a bounded number: see `fast_path`.
 //!
 //! An alternative that offers the barrier is a party that may change its mind. The last party
 //! therefore takes the commit locks of all such parties, in the order of the addresses of their
@@ -125,6 +126,7 @@ impl Barrier {
         }
     }
 
+    #[inline]
     fn shared(&self) -> &Shared {
         // SAFETY: this handle keeps it alive.
         unsafe { self.shared.as_ref() }

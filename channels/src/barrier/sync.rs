@@ -7,7 +7,7 @@ use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
+use luna_core::current::{self, PendingWake, PlainTurn, Renewal, WakeHandle};
 use luna_platform::sync::atomic::Ordering;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -60,6 +60,7 @@ unsafe impl Send for SyncOp<'_> {}
 unsafe impl Sync for SyncOp<'_> {}
 
 impl<'a> SyncOp<'a> {
+    #[inline]
     pub(super) fn new(barrier: &'a Barrier) -> Self {
         SyncOp {
             barrier,
@@ -69,16 +70,19 @@ impl<'a> SyncOp<'a> {
         }
     }
 
+    #[inline]
     fn shared(&self) -> &'a Shared {
         self.barrier.shared()
     }
 
+    #[inline]
     fn node(&self) -> NonNull<Waiter<()>> {
         // SAFETY: a cell's address is never null.
         unsafe { NonNull::new_unchecked(self.node.get()) }
     }
 
     /// The outcome of a listed party.
+    #[inline]
     fn outcome(&self) -> Outcome {
         // SAFETY: the node lies in this future, and was begun before it was listed.
         unsafe { Waiter::outcome(self.node()) }
@@ -271,9 +275,11 @@ impl Future for SyncOp<'_> {
         let mut arrival = Arrival::SlowPath;
         match this.phase {
             Phase::New => {
-                // SAFETY: a new node is known to its future alone, which is pinned; its drop takes
-                // the node off.
-                arrival = unsafe { this.shared().come_fast(this.node(), cx) };
+                if let Some(turn) = PlainTurn::of(cx) {
+                    // SAFETY: a new node is known to its future alone, which is pinned; its drop
+                    // takes the node off.
+                    arrival = unsafe { this.shared().come_fast(this.node(), turn) };
+                }
                 match arrival {
                     Arrival::Waits => {
                         this.phase = Phase::Listed;
