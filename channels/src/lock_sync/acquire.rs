@@ -9,7 +9,6 @@ use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Inheritor, Renewal};
 use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
-use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -237,10 +236,10 @@ pub struct AcquireTimeout<'a> {
 }
 
 impl<'a> AcquireTimeout<'a> {
-    pub(super) fn new(semaphore: &'a Semaphore, deadline: Instant) -> Self {
+    pub(super) fn new(semaphore: &'a Semaphore, sleep: Sleep) -> Self {
         AcquireTimeout {
             acquire: semaphore.acquire(),
-            sleep: Sleep::until(deadline),
+            sleep,
         }
     }
 }

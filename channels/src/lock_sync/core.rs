@@ -7,7 +7,10 @@ use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind};
 use crate::wait_point::{LastUser, PlaceApart, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Inheritor, PendingWake, Priority, Renewal, User, WakeHandle};
+use luna_core::biased_lock::Refused;
+use luna_core::current::{
+    self, Inheritor, PendingWake, PlainTurn, Priority, Process, Renewal, User, WakeHandle,
+};
 use luna_core::reclaim::{self, Retired};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -135,6 +138,7 @@ impl Core {
     }
 
     /// Whether the former holder died while it held the mutex. Asked by the holder.
+    #[inline]
     pub(super) fn has_died(&self) -> bool {
         // Relaxed: the lock, or the outcome of a node, came in between.
         self.has_died.load(std::sync::atomic::Ordering::Relaxed)
@@ -144,6 +148,34 @@ impl Core {
     pub(super) fn set_died(&self, has_died: bool) {
         self.has_died
             .store(has_died, std::sync::atomic::Ordering::Relaxed);
+    }
+
+    /// Locks it for the current process, if it is free, its wait point's lock is biased to this
+    /// executor, and no other process is to run first. `false`: it is not so, and no state has
+    /// changed. O(1), without atomic read-modify-writes.
+    #[inline(never)]
+    pub(super) fn take_fast(&self, turn: PlainTurn<'_>) -> bool {
+        // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
+        let mut lists = match unsafe { self.place.enter(turn) } {
+            Ok(lists) => lists,
+            Err(Refused::NotBiased) => return false,
+            Err(Refused::Revoked) => {
+                self.place.after_revocation();
+                return false;
+            }
+        };
+        let is_taken = self.state(&lists, |state| {
+            let is_taken = !state.is_held && turn.goes_on();
+            if is_taken {
+                state.is_held = true;
+                state.inheritor = Inheritor::current();
+            }
+            is_taken
+        });
+        if is_taken {
+            lists.receiver = LastUser::process(turn.process().id());
+        }
+        is_taken
     }
 
     /// Locks it for the caller, if it is free; else gives the inheritor back.
@@ -270,6 +302,39 @@ impl Core {
     /// Ceases to hold it: the first waiter holds it from now on. `died`: the holder left it in the
     /// middle.
     pub(super) fn unlock(&self, died: bool) {
+        if died || !self.unlock_fast() {
+            self.unlock_slow(died);
+        }
+    }
+
+    /// As [`unlock`](Self::unlock), if no entry waits and the wait point's lock is biased to this
+    /// executor. `false`: it is not so, and no state has changed. O(1), without atomic
+    /// read-modify-writes.
+    fn unlock_fast(&self) -> bool {
+        let Some(home) = current::process(|process| process.map(Process::home_number)) else {
+            return false;
+        };
+        // SAFETY: the current process is polled on the thread of its executor.
+        let Some(mut lists) = (unsafe { self.place.lock_if_favoured(home) }) else {
+            return false;
+        };
+        if !lists.senders.is_empty() {
+            return false;
+        }
+        let former = self.state(&lists, |state| {
+            state.is_held = false;
+            state.inheritor.take()
+        });
+        lists.receiver = LastUser::NOBODY;
+        drop(lists);
+        if let Some(inheritor) = former {
+            give_back(Some(inheritor));
+        }
+        true
+    }
+
+    #[inline(never)]
+    fn unlock_slow(&self, died: bool) {
         let mut lists = self.place.lock();
         if died {
             self.set_died(true);

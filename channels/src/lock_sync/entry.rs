@@ -50,6 +50,7 @@ pub(super) struct Entry {
 }
 
 impl Entry {
+    #[inline]
     pub(super) fn new() -> Self {
         Self {
             waiter: Waiter::empty(),

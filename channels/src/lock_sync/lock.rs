@@ -8,7 +8,6 @@ use crate::replay::{self, GiveUp, Logged, Stage};
 use luna_core::current::{self, Inheritor, Renewal};
 use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
-use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -173,14 +172,32 @@ impl<'a, T> LockOp<'a, T> {
 impl<'a, T> Future for LockOp<'a, T> {
     type Output = Result<MutexGuard<'a, T>, LockError<'a, T>>;
 
+    #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed entry stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
+        if this.phase == Phase::New
+            && let Some(turn) = current::PlainTurn::of(cx)
+            && this.mutex.core().take_fast(turn)
+        {
+            return Poll::Ready(this.locked());
+        }
+        this.poll_slow(cx)
+    }
+}
+
+impl<'a, T> LockOp<'a, T> {
+    /// Polls wherever the process is, and whatever it waits with.
+    #[inline(never)]
+    fn poll_slow(
+        &mut self,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<MutexGuard<'a, T>, LockError<'a, T>>> {
         let polled = match replay::is_on() {
-            true => replay::poll(this, cx),
-            false => this.poll_without_log(cx),
+            true => replay::poll(self, cx),
+            false => self.poll_without_log(cx),
         };
-        polled.map(|polled| polled.and_then(|()| this.locked()))
+        polled.map(|polled| polled.and_then(|()| self.locked()))
     }
 }
 
@@ -223,10 +240,10 @@ pub struct LockTimeout<'a, T> {
 }
 
 impl<'a, T> LockTimeout<'a, T> {
-    pub(super) fn new(mutex: &'a Mutex<T>, deadline: Instant) -> Self {
+    pub(super) fn new(mutex: &'a Mutex<T>, sleep: Sleep) -> Self {
         LockTimeout {
             lock: mutex.lock(),
-            sleep: Sleep::until(deadline),
+            sleep,
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::inspect::{Stored, register, unregister};
 use crate::replay;
 use luna_core::current::{self, Inheritor};
 use luna_core::reclaim::Retired;
+use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -186,12 +187,12 @@ impl<T> Mutex<T> {
     /// # }).unwrap();
     /// ```
     pub fn lock_timeout(&self, timeout: Duration) -> LockTimeout<'_, T> {
-        self.lock_deadline(Instant::now() + timeout)
+        LockTimeout::new(self, Sleep::after(timeout))
     }
 
     /// Like [`lock_timeout`](Self::lock_timeout), until an absolute deadline.
     pub fn lock_deadline(&self, deadline: Instant) -> LockTimeout<'_, T> {
-        LockTimeout::new(self, deadline)
+        LockTimeout::new(self, Sleep::until(deadline))
     }
 
     /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes.

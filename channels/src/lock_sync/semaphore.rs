@@ -10,6 +10,7 @@ use crate::wait_point::{LastUser, PlaceApart, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Priority, User};
 use luna_core::reclaim::{self, Retired};
+use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -167,12 +168,12 @@ impl Semaphore {
     /// # }).unwrap();
     /// ```
     pub fn acquire_timeout(&self, timeout: Duration) -> AcquireTimeout<'_> {
-        self.acquire_deadline(Instant::now() + timeout)
+        AcquireTimeout::new(self, Sleep::after(timeout))
     }
 
     /// Like [`acquire_timeout`](Self::acquire_timeout), until an absolute deadline.
     pub fn acquire_deadline(&self, deadline: Instant) -> AcquireTimeout<'_> {
-        AcquireTimeout::new(self, deadline)
+        AcquireTimeout::new(self, Sleep::until(deadline))
     }
 
     /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread

@@ -82,6 +82,49 @@ fn a_holder_may_wait_and_its_executor_goes_on() {
     assert_eq!(*mutex.try_lock().unwrap(), ["holder", "next"]);
 }
 
+/// One executor alone uses it for long; then a process of the same executor waits for it, then a
+/// thread.
+#[test]
+fn a_mutex_of_one_executor_is_handed_over_there_and_to_a_thread() {
+    const ALONE: u32 = 100;
+    const TOGETHER: u32 = 200;
+    let mutex = Mutex::new(0);
+    let executor = Executor::start(Attributes::new("owner")).unwrap();
+    let (says, hears) = mpsc::channel();
+    let processes: Vec<_> = [5, 6]
+        .into_iter()
+        .map(|level| {
+            let (mutex, says) = (mutex.clone(), says.clone());
+            let spec = ProcessSpec::new("process").level(level);
+            executor.spawn(spec, move || async move {
+                for round in 0..ALONE {
+                    let mut count = mutex.lock().await.unwrap();
+                    // Every other time the other process waits for it.
+                    if round % 2 == 0 {
+                        yield_now().await;
+                    }
+                    *count += 1;
+                }
+                says.send(()).unwrap();
+                for _ in 0..TOGETHER {
+                    let mut count = mutex.lock().await.unwrap();
+                    yield_now().await;
+                    *count += 1;
+                }
+            })
+        })
+        .collect();
+    executor.release();
+    hears.recv().unwrap();
+    for _ in 0..TOGETHER {
+        *mutex.blocking_lock().unwrap() += 1;
+    }
+    for process in processes {
+        assert_eq!(process.wait(), Exit::Completed);
+    }
+    assert_eq!(*mutex.try_lock().unwrap(), 2 * ALONE + 3 * TOGETHER);
+}
+
 #[test]
 fn it_is_handed_over_by_priority_then_by_arrival() {
     let _watchdog = Watchdog::new();
