@@ -49,11 +49,11 @@ const VARIABLE: &str = "LUNA_GUARDIAN";
 /// device open, or opens it then.
 ///
 /// If it ends while the system runs, that is a warning
-/// ([`Cause::GuardianLost`](crate::safety::Cause::GuardianLost)), and an emergency of a
+/// ([`Cause::GuardianLost`](super::Cause::GuardianLost)), and an emergency of a
 /// [`strict`](crate::System::strict) system.
 ///
 /// [`Guardian::this_program`] starts this program once more, which calls
-/// [`guard`](crate::safety::guard()) first thing in `main`; [`Guardian::command`] another one, a
+/// [`guard`](super::guard()) first thing in `main`; [`Guardian::command`] another one, a
 /// shell's line at its simplest:
 ///
 /// ```

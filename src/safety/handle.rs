@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// A system's safety state, to be read and changed from anywhere: from
 /// [`System::safety`](crate::System::safety), and in a process from
-/// [`safety::current`](current). Cloning it is cheap, and it may outlive the system.
+/// [`current`]. Cloning it is cheap, and it may outlive the system.
 ///
 /// ```
 /// use luna::prelude::*;

@@ -120,7 +120,7 @@ impl fmt::Display for SafetyEvent {
     }
 }
 
-/// How safe a system was at one instant, from its [handle](crate::safety::Safety).
+/// How safe a system was at one instant, from its [handle](super::Safety).
 #[derive(Debug, Clone, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyState {

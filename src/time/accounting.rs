@@ -9,7 +9,7 @@ use std::time::Duration;
 /// all its processes.
 ///
 /// Part of [`LateCycle`](crate::report::LateCycle) and
-/// [`BudgetOverrun`](crate::safety::BudgetOverrun); `docs/budgets.md` has an example.
+/// `BudgetOverrun`; `docs/budgets.md` has an example.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct UsageSince {

@@ -20,8 +20,8 @@ use std::sync::Arc;
 ///
 /// # Invariants
 ///
-/// The last byte is that of `short`: the length of its text, of at most [`SHORT`] bytes; or
-/// [`LONG`], and then `long` is valid.
+/// The last byte is that of `short`: the length of its text, of at most `SHORT` bytes; or
+/// `LONG`, and then `long` is valid.
 pub struct Name(Text);
 
 #[repr(C)]

@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// # Invariants
 ///
 /// `ended` is a chain of records, each of which is owned by its place there; or `CLOSED`. A chain
-/// leads along the records' links, whose pointers are those of [`RecordRef`]s.
+/// leads along the records' links, whose pointers are those of `RecordRef`s.
 pub struct ProcessRegistry {
     count: AtomicUsize,
     changes: Futex,
