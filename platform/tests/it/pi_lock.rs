@@ -163,7 +163,12 @@ mod linux {
             .join()
             .unwrap();
         let panic = catch_unwind(AssertUnwindSafe(|| drop(lock.lock()))).unwrap_err();
-        assert!(panic.downcast_ref::<&str>().unwrap().contains("died"));
+        assert!(
+            panic
+                .downcast_ref::<&str>()
+                .unwrap()
+                .contains("ended while it held")
+        );
     }
 
     /// The ordinary thread loses its core to the real-time one at any point, inside or outside the
