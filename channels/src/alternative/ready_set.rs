@@ -161,20 +161,32 @@ impl ReadySet {
 
     /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many
     /// calls.
+    #[inline]
     pub(super) fn put_behind(&mut self, member: usize) {
         let is_ready = self.ready.contains(self.position[member]);
-        self.choose(member, is_ready);
-    }
-
-    /// As [`put_behind`](Self::put_behind), and returns whether it is ready.
-    #[inline]
-    pub(super) fn choose(&mut self, member: usize, is_ready: bool) {
-        self.clear(member);
-        self.at[self.position[member] as usize] = NONE;
-        self.put_last(member);
+        if is_ready {
+            self.clear(member);
+        }
+        self.move_last(member);
         if is_ready {
             self.set(member);
         }
+    }
+
+    /// As [`put_behind`](Self::put_behind), for a member that is ready until now.
+    #[inline]
+    pub(super) fn choose(&mut self, member: usize, stays_ready: bool) {
+        self.clear(member);
+        self.move_last(member);
+        if stays_ready {
+            self.set(member);
+        }
+    }
+
+    #[inline]
+    fn move_last(&mut self, member: usize) {
+        self.at[self.position[member] as usize] = NONE;
+        self.put_last(member);
     }
 
     #[inline]
@@ -188,13 +200,16 @@ impl ReadySet {
     }
 
     /// Moves all members to the front, in their order.
+    #[cold]
+    #[inline(never)]
     fn compact(&mut self) {
         let mut to = 0;
         for from in 0..self.at.len() {
-            let member = std::mem::replace(&mut self.at[from], NONE);
+            let member = self.at[from];
             if member == NONE {
                 continue;
             }
+            self.at[from] = NONE;
             let is_ready = self.ready.contains(from as u32);
             self.ready.remove(from as u32);
             self.at[to as usize] = member;

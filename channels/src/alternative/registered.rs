@@ -349,6 +349,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     /// Notes the entries that were on the stack. O(their number).
+    #[inline]
     fn note_ready(&mut self, taken: *mut Entry<T>) {
         let mut next = taken;
         while let Some(entry) = NonNull::new(next) {
@@ -365,6 +366,7 @@ impl<'a, T> Alternative<'a, T> {
         }
     }
 
+    #[inline]
     fn note_choice(&mut self, index: usize) {
         if self.is_fair {
             self.ready.put_behind(index);
@@ -372,6 +374,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     /// Hands on what an entry holds.
+    #[inline]
     fn take_held(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
         // SAFETY: the selection was chosen through this entry, so it was claimed; its settled value
