@@ -72,6 +72,10 @@ pub struct SelectState {
 }
 
 impl SelectState {
+    /// Whether one that is not open has anything to drop.
+    pub(crate) const HAS_DROP: bool = std::mem::needs_drop::<BiasedLock<()>>();
+
+    #[inline]
     pub(crate) fn new() -> Self {
         Self {
             state: AtomicU32::new(CLOSED),
@@ -117,21 +121,25 @@ impl SelectState {
         self.state.store(OPEN, Ordering::Release);
     }
 
-    /// As [`open`](Self::open), for the process in its plain turn, where all wait points are biased
-    /// to its executor: from now on the commit lock is too.
+    /// An [open](Self::open) one, for the process in its plain turn, where all wait points are
+    /// biased to its executor: the commit lock is too.
     ///
     /// # Safety
     ///
-    /// As for `open`; and the select state was never opened, no other thread knows it, this thread
-    /// is the executor of `process`, and a wait point's lock is biased to it.
-    #[inline]
-    pub(crate) unsafe fn open_fast(&self, process: &Process) {
-        // SAFETY: the contract.
-        unsafe { self.gate.favour_from_the_start(process.home_number()) };
-        self.gated.store(true, Ordering::Relaxed);
-        // SAFETY: the commit lock is biased to this executor, and no other thread knows the select
-        // state.
-        unsafe { self.open_plainly(process) };
+    /// This thread is the executor of `process`, which was given by `current::plain_turn` in this
+    /// turn; and a wait point's lock is biased to it.
+    #[inline(always)]
+    pub(crate) unsafe fn opened_fast(process: &Process) -> Self {
+        Self {
+            state: AtomicU32::new(OPEN),
+            gated: AtomicBool::new(true),
+            has_plain_wakeup: AtomicBool::new(true),
+            // SAFETY: by the contract it is the current process, in a plain turn.
+            wakeup: UnsafeCell::new(Some(unsafe { WakeHandle::of_plain_turn(process) })),
+            // SAFETY: the contract; nobody knows this one yet.
+            gate: unsafe { BiasedLock::biased_to(process.home_number(), ()) },
+            ..Self::new()
+        }
     }
 
     /// Makes claims need the commit lock, for good: for a select state that others may close.
@@ -254,11 +262,16 @@ impl SelectState {
     }
 
     /// Whether a delay that is preferred to `guard` has passed.
-    #[inline]
+    #[inline(always)]
     fn is_late(&self, guard: u32) -> bool {
         let late_from = self.late_from.load(Ordering::Relaxed);
-        late_from != u64::MAX
-            && guard >= self.first_late.load(Ordering::Relaxed)
+        late_from != u64::MAX && self.is_past(late_from, guard)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn is_past(&self, late_from: u64, guard: u32) -> bool {
+        guard >= self.first_late.load(Ordering::Relaxed)
             && self.clock.load(Ordering::Relaxed) == Clock::number_here()
             && Instant::now().as_nanos() >= late_from
     }

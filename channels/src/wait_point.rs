@@ -27,8 +27,8 @@ pub(crate) type Mover = unsafe fn(NonNull<Waiter<()>>, NonNull<Waiter<()>>);
 /// What waits at a wait point, as one word that the fast path decides by.
 ///
 /// One plain operation may wait outside of the queues: it is *alone*, and its node has a wake handle
-/// and nothing else. Before anything else is done here, the slow path [lists](WaitQueues::list_alone)
-/// it.
+/// and nothing else. So may one that is a guard of an alternative; its node is complete. Before
+/// anything else is done here, the slow path [lists](WaitQueues::list_alone) it.
 ///
 /// ```text
 ///   IDLE or STORE <---> alone, sender or receiver
@@ -54,6 +54,8 @@ impl Waiting {
     pub(crate) const QUEUES: Waiting = Waiting::special(3);
     const SENDER: usize = 1;
     const RECEIVER: usize = 2;
+    /// Beside the side: it is a guard.
+    const GUARD: usize = 4;
     /// The bits in which a node's address is 0.
     const TAG: usize = 7;
 
@@ -86,6 +88,22 @@ impl Waiting {
             .map_addr(|word| word.wrapping_sub(Self::tag(is_sender)));
         // SAFETY: no special number is a tag alone, so what has all bits of the tag clear here is
         // the address of a node.
+        (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
+    }
+
+    /// The guard with this node waits alone.
+    #[inline(always)]
+    pub(crate) fn alone_guard(node: NonNull<WaitNode>, is_sender: bool) -> Self {
+        let tag = Self::GUARD | Self::tag(is_sender);
+        Self(node.as_ptr().map_addr(|address| address | tag))
+    }
+
+    /// The node of the guard of this side that waits alone.
+    #[inline(always)]
+    pub(crate) fn guard(self, is_sender: bool) -> Option<NonNull<WaitNode>> {
+        let tag = Self::GUARD | Self::tag(is_sender);
+        let node = self.0.map_addr(|word| word.wrapping_sub(tag));
+        // SAFETY: as for `one`: no special number is such a tag.
         (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
     }
 
@@ -222,8 +240,25 @@ impl WaitQueues {
                     list.insert_alone(node);
                 }
             }
+            if let Some(node) = self.waiting.guard(is_sender) {
+                let list = match is_sender {
+                    true => &mut self.senders,
+                    false => &mut self.receivers,
+                };
+                // SAFETY: as for an operation that is no guard; a guard's node is complete.
+                unsafe { list.insert_alone(node) };
+            }
         }
         self.waiting = Waiting::QUEUES;
+    }
+
+    /// The queue of the operations that a send waits for, if `SEND`, or a receive.
+    #[inline(always)]
+    pub(crate) fn waiting_for<const SEND: bool>(&mut self) -> &mut WaitList {
+        match SEND {
+            true => &mut self.receivers,
+            false => &mut self.senders,
+        }
     }
 
     /// Whether it is plain and has no buffer.
@@ -300,7 +335,7 @@ impl LastUser {
 /// one line only.
 #[derive(Debug)]
 #[repr(C)]
-pub struct WaitPoint {
+pub(crate) struct WaitPoint {
     /// On one line with the lock.
     pub(crate) hand_off_slots: HandOffSlots,
     lock: BiasedLock<WaitQueues>,
@@ -469,18 +504,25 @@ impl WaitPoint {
         self.lock.after_revocation();
     }
 
-    /// Locks for the executor that owns the bias, if it does not hold the lock already: see
-    /// [`BiasedLock::lock_if_free`].
+    /// As [`enter`](Self::enter), whatever refuses it.
     ///
     /// # Safety
     ///
-    /// This thread is the executor of that number.
+    /// As there.
     #[inline(always)]
-    pub(crate) unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
+    pub(crate) unsafe fn try_enter(
+        &self,
+        turn: PlainTurn<'_>,
+    ) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
-        let mut lists = unsafe { self.lock.lock_if_free(home) }?;
-        lists.list_alone();
-        Some(lists)
+        unsafe { self.lock.try_enter(turn) }
+    }
+
+    /// As [`enter`](Self::enter), if this thread does not hold the lock already: see
+    /// [`BiasedLock::enter_if_free`].
+    #[inline(always)]
+    pub(crate) fn enter_if_free(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, WaitQueues>> {
+        self.lock.enter_if_free(turn)
     }
 
     /// The guard that was kept: see [`BiasedLock::kept`].

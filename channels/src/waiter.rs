@@ -2,7 +2,9 @@
 
 use crate::select_state::SelectState;
 use crate::wait_point::Mover;
-use luna_core::current::{self, PendingWake, PlainPendingWake, Process, User, WakeHandle};
+use luna_core::current::{
+    self, PendingWake, PlainPendingWake, Priority, Process, User, WakeHandle,
+};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
@@ -43,6 +45,9 @@ enum Begun {
     Plainly,
     /// As `Plainly`, but its wake handle may have been replaced since.
     PlainlyAndChanged,
+    /// As a plain operation's that is a guard of an alternative: without a wake handle, but with a
+    /// select state.
+    AsGuard,
 }
 
 /// The part of a node by which others find it. The fields that all of them touch come first.
@@ -59,7 +64,7 @@ pub(crate) struct Link {
     /// A settled extended receiver's, and a held sender's: number of the rendezvous.
     pub(crate) ticket: u32,
     /// An alternative's: its select state, and the number of this guard. There if it was begun in
-    /// full. Before the value, since code that looks at it may not know the type of the value.
+    /// full or as a guard. Before the value, since code that looks at it may not know the type of the value.
     selection: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
 }
 
@@ -270,8 +275,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares the node of guard `number` of an alternative for being listed where no other node
-    /// is, for the process in its plain turn.
+    /// Prepares the node of a plain operation that is guard `number` of an alternative of `user` for
+    /// being listed. The type of the value does not matter.
     ///
     /// # Safety
     ///
@@ -279,29 +284,32 @@ impl<T> Waiter<T> {
     #[inline(always)]
     pub(crate) unsafe fn begin_guard(
         node: NonNull<Waiter<T>>,
-        process: &Process,
+        (user, priority): (User, Priority),
         selection: NonNull<SelectState>,
         number: u32,
     ) {
-        let wait = WaitNode::without_wakeup(User::Process(process.id()), process.priority());
+        let wait = WaitNode::without_wakeup(user, priority);
         // SAFETY: the contract.
         unsafe {
-            (*node.as_ptr())
-                .link
-                .write(Link::in_full(wait, Some((selection, number))));
-            (*node.as_ptr()).seldom.make.write(None);
+            (*node.as_ptr()).link.write(Link {
+                begun: Begun::AsGuard,
+                ..Link::in_full(wait, Some((selection, number)))
+            });
         }
     }
 
-    /// Whether the operation was listed by [`begin_plain`](Self::begin_plain).
+    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find a wake handle.
     ///
     /// # Safety
     ///
-    /// `node` is listed, and the lock is held that guards it.
+    /// As there.
     #[inline(always)]
-    pub(crate) unsafe fn is_plain(node: NonNull<Waiter<T>>) -> bool {
+    pub(crate) unsafe fn has_plain_wakeup(node: NonNull<Waiter<T>>) -> bool {
         // SAFETY: the contract.
-        unsafe { (*Self::link(node)).begun == Begun::Plainly }
+        unsafe {
+            let link = Self::link(node);
+            (*link).begun == Begun::Plainly && WakeHandle::is_plain((*link).wait.wakeup_mut())
+        }
     }
 
     /// Takes the wake handle of an operation that was listed by [`begin_plain`](Self::begin_plain).
@@ -399,8 +407,8 @@ impl<T> Waiter<T> {
         unsafe {
             let link = Self::link(node);
             match (*link).begun {
-                Begun::InFull => (*link).selection.assume_init(),
-                _ => None,
+                Begun::InFull | Begun::AsGuard => (*link).selection.assume_init(),
+                Begun::Plainly | Begun::PlainlyAndChanged => None,
             }
         }
     }

@@ -263,20 +263,34 @@ impl<T> BiasedLock<T> {
         self.inside.leave_revoked();
     }
 
-    /// As [`lock_if_favoured`](Self::lock_if_favoured), for callers that take several such locks at
-    /// once, two of which may be the same: `None` also if this thread holds the lock already.
+    /// As [`enter_if_favoured`](Self::enter_if_favoured), whatever refuses it.
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor `home`.
+    /// As there.
     #[inline(always)]
-    pub unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, T>> {
-        if self.favoured.load(Ordering::Acquire) != home || self.inside.is_entered() {
+    pub unsafe fn try_enter(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
+        // SAFETY: the contract is the same.
+        match unsafe { self.enter_if_favoured(turn) } {
+            Ok(inside) => Some(inside),
+            Err(Refused::NotBiased) => None,
+            Err(Refused::Revoked) => {
+                self.after_revocation();
+                None
+            }
+        }
+    }
+
+    /// As [`try_enter`](Self::try_enter), for callers that take several such locks at once, two of
+    /// which may be the same: `None` also if this thread holds the lock already.
+    #[inline(always)]
+    pub fn enter_if_free(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
+        let is_biased = self.favoured.load(Ordering::Acquire) == turn.home_number();
+        if !is_biased || self.inside.is_entered() {
             return None;
         }
-        // SAFETY: the caller promises that this thread is that of `home`, which is all that is
-        // required.
-        unsafe { self.lock_if_favoured(home) }
+        // SAFETY: the lock is biased to this thread, so the thread would be the one inside.
+        unsafe { self.try_enter(turn) }
     }
 
     /// The guard that was [kept](InsideGuard::keep).
@@ -294,18 +308,19 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// Biases the lock to `home` before its first use. For a lock that is made for a thing with
-    /// other locks that have the same bias already.
+    /// An unlocked lock around `value`, biased to `home` from the start. For a lock that is made for
+    /// a thing with other locks that have the same bias already.
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor `home`, no other thread knows the lock or has
-    /// used it, and some other lock is biased to that executor.
-    #[inline]
-    pub unsafe fn favour_from_the_start(&self, home: u64) {
-        // Another lock is biased, so the heavy fence is available. Relaxed: handing the lock to
-        // another thread publishes this store.
-        self.favoured.store(home, Ordering::Relaxed);
+    /// The calling thread is that of the executor `home`, and some other lock is biased to that
+    /// executor: so the heavy fence is available.
+    #[inline(always)]
+    pub unsafe fn biased_to(home: u64, value: T) -> Self {
+        Self {
+            favoured: AtomicU64::new(home),
+            ..Self::new(value)
+        }
     }
 
     /// Locks as [`lock`](Self::lock) does, for an occasional inspection: a bias is restored

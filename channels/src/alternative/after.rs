@@ -1,9 +1,9 @@
 //! Delays, as guards and alone.
 
-use super::guard::{Attempt, Guard, RawGuard};
+use super::guard::{Attempt, Guard, RawGuard, Terms};
 use crate::replay;
 use crate::select_state::SelectState;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::WaitQueues;
 use luna_core::current::PendingWake;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
@@ -94,12 +94,11 @@ impl Future for After {
 }
 
 impl RawGuard for After {
-    fn place(&self) -> Option<NonNull<WaitPoint>> {
-        None
-    }
-
-    fn deadline(&self) -> Option<Instant> {
-        Some(self.sleep.deadline())
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            deadline: Some(self.sleep.deadline()),
+            ..Terms::default()
+        }
     }
 
     unsafe fn attempt(

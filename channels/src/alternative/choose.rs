@@ -24,8 +24,10 @@ pub(super) struct Locks<'a>(
 impl Locks<'_> {
     /// Locks all wait points of `open`, each once. O(n) locks.
     pub(super) fn take(open: &Open<'_>) -> Self {
-        let mut places: ArrayVec<NonNull<WaitPoint>, MOST_GUARDS> =
-            open.iter().filter_map(|(_, guard)| guard.place()).collect();
+        let mut places: ArrayVec<NonNull<WaitPoint>, MOST_GUARDS> = open
+            .iter()
+            .filter_map(|(_, guard)| guard.terms().place)
+            .collect();
         places.sort_unstable_by_key(|&place| order(place));
         let mut locks = ArrayVec::new();
         for place in places {
@@ -95,7 +97,7 @@ pub(super) unsafe fn choose(
     }
     for &index in &preference {
         let (number, guard) = &mut open[index];
-        let lists = locks.lists(guard.place());
+        let lists = locks.lists(guard.terms().place);
         // SAFETY: the lists are those of its wait point; by the contract the guard is new.
         if let Attempt::Ready(ready) = unsafe { guard.as_mut().attempt(lists, cx) } {
             return Choice::Made(*number, ready);
@@ -104,13 +106,13 @@ pub(super) unsafe fn choose(
     let Some(wakeup) = wakeup.take() else {
         return Choice::None;
     };
-    let several = open.iter().any(|(_, guard)| guard.claims_several());
+    let several = open.iter().any(|(_, guard)| guard.terms().claims_several);
     // SAFETY: by the contract this is the owner, and the select state is closed.
     unsafe { selection.open(wakeup, several, limit(open, fair)) };
     // In this order too: a partner finds the preferred one of two guards of one channel.
     for index in preference {
         let (number, guard) = &mut open[index];
-        if let Some(lists) = locks.lists(guard.place()) {
+        if let Some(lists) = locks.lists(guard.terms().place) {
             // SAFETY: as above.
             unsafe {
                 guard
@@ -129,7 +131,7 @@ pub(super) unsafe fn choose(
 fn limit(open: &Open<'_>, fair: bool) -> Option<(Instant, u32)> {
     let delays = open
         .iter()
-        .filter_map(|(number, guard)| Some((guard.deadline()?, *number)));
+        .filter_map(|(number, guard)| Some((guard.terms().deadline?, *number)));
     // A fair alternative prefers a delay to all else: it was never chosen.
     delays
         .min()
@@ -139,14 +141,14 @@ fn limit(open: &Open<'_>, fair: bool) -> Option<(Instant, u32)> {
 /// Stamp of the last choice of a guard's end. A guard without memory (a time that has come) counts
 /// as never chosen.
 fn stamp(open: &Open<'_>, index: usize) -> u64 {
-    open[index].1.stamp().map_or(0, |stamp| stamp.get())
+    open[index].1.terms().stamp.map_or(0, |stamp| stamp.get())
 }
 
 /// Notes that guard `number` was chosen.
 pub(super) fn note_choice(open: &Open<'_>, number: u32) {
     let greatest = (0..open.len()).map(|index| stamp(open, index)).max();
     let chosen = open.iter().find(|(other, _)| *other == number);
-    if let Some(stamp) = chosen.and_then(|(_, guard)| guard.stamp()) {
+    if let Some(stamp) = chosen.and_then(|(_, guard)| guard.terms().stamp) {
         stamp.choose(greatest.unwrap_or(0));
     }
 }

@@ -1,9 +1,11 @@
 //! What an alternative may offer.
 
+use super::fast_path::Plain;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
-use luna_core::current::{PendingWake, PlainPendingWake, Process};
+use luna_core::current::PendingWake;
+use luna_core::wait_list::WaitNode;
 use luna_platform::clock::Instant;
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -35,6 +37,10 @@ pub trait Guard: RawGuard {
     #[doc(hidden)]
     type Seed;
 
+    /// Whether it is [plain](Self::plain).
+    #[doc(hidden)]
+    const PLAIN: bool = false;
+
     /// Takes a new guard for its seed.
     #[doc(hidden)]
     fn into_seed(self) -> Self::Seed;
@@ -42,6 +48,33 @@ pub trait Guard: RawGuard {
     /// Makes the guard that the seed was.
     #[doc(hidden)]
     fn from_seed(seed: Self::Seed) -> Self;
+
+    /// Whether the guard can happen at all. Asked only while it is new.
+    #[doc(hidden)]
+    #[inline(always)]
+    fn is_open(&self) -> bool {
+        true
+    }
+
+    /// What the fast path needs of it, if it supports that: a send or receive without a closure and
+    /// without inheritance.
+    #[doc(hidden)]
+    fn plain(&self) -> Plain<'_> {
+        unreachable!("a guard without a fast path")
+    }
+
+    /// The fast path has listed it.
+    #[doc(hidden)]
+    fn note_listed(self: Pin<&mut Self>) {}
+
+    /// Moves the value between it and a partner on the fast path: it is over.
+    ///
+    /// # Safety
+    ///
+    /// It is plain and new. `partner` is the node of a waiting plain operation at the other side of
+    /// its channel, the lock of which is held by this thread.
+    #[doc(hidden)]
+    unsafe fn meet(self: Pin<&mut Self>, _partner: NonNull<WaitNode>) {}
 
     /// Takes the guard's output.
     ///
@@ -62,42 +95,38 @@ pub enum Attempt {
     Ready(PendingWake),
 }
 
-/// Result of a look at a guard on the fast path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Look {
-    /// It cannot be had that way: the place is not locked.
-    No,
-    /// It would have to wait. The place stays locked.
-    NotReady,
-    /// It can happen. The place stays locked.
-    Ready,
+/// What an alternative considers of a guard.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Terms<'a> {
+    /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
+    pub(crate) place: Option<NonNull<WaitPoint>>,
+    /// When its end was last chosen.
+    pub(crate) stamp: Option<&'a Stamp>,
+    /// From when on it is ready, if that is known for certain: for a delay.
+    pub(crate) deadline: Option<Instant>,
+    /// Whether a partner may claim several alternatives at once to make it happen.
+    pub(crate) claims_several: bool,
+    /// Whether it has an error to return.
+    pub(crate) can_fail: bool,
+}
+
+impl<'a> Terms<'a> {
+    /// Of an operation at `place`, through an end with this stamp.
+    #[inline(always)]
+    pub(crate) fn at(place: &WaitPoint, stamp: &'a Stamp) -> Self {
+        Self {
+            place: Some(NonNull::from(place)),
+            stamp: Some(stamp),
+            ..Self::default()
+        }
+    }
 }
 
 /// The steps of an alternative that do not depend on the guard's output. They are unsafe to call,
 /// since `Guard` brings them wherever it is a bound: an alternative calls them in their order.
 pub trait RawGuard {
-    /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
-    fn place(&self) -> Option<NonNull<WaitPoint>>;
-
-    /// Whether the guard can happen at all. Asked only while it is new.
-    fn is_open(&self) -> bool {
-        true
-    }
-
-    /// When its end was last chosen.
-    fn stamp(&self) -> Option<&Stamp> {
-        None
-    }
-
-    /// From when on it is ready, if that is known for certain: for a delay.
-    fn deadline(&self) -> Option<Instant> {
-        None
-    }
-
-    /// Whether a partner may claim several alternatives at once to make it happen.
-    fn claims_several(&self) -> bool {
-        false
-    }
+    /// What is to be considered. The same in all calls.
+    fn terms(&self) -> Terms<'_>;
 
     /// Makes the guard happen at once, if possible. O(1) for channels.
     ///
@@ -156,70 +185,6 @@ pub trait RawGuard {
     /// As for `withdraw`.
     unsafe fn poll_time(self: Pin<&mut Self>, _cx: &mut Context<'_>) -> Poll<()> {
         Poll::Pending
-    }
-
-    /// Locks the guard's wait point if it is biased to this executor, and reports whether the guard
-    /// can happen. Unless the answer is [`No`](Look::No), the lock is kept until
-    /// [`leave_home`](Self::leave_home), [`take_fast`](Self::take_fast) or
-    /// [`list_fast`](Self::list_fast). This is the fast path of the common kinds of guards. Support
-    /// is optional.
-    ///
-    /// # Safety
-    ///
-    /// As for `attempt`; and this thread is the executor of that number.
-    unsafe fn look_fast(self: Pin<&mut Self>, _home: u64) -> Look {
-        Look::No
-    }
-
-    /// Releases the wait point's lock.
-    ///
-    /// # Safety
-    ///
-    /// The look on this executor has kept the lock.
-    unsafe fn leave_home(self: Pin<&mut Self>, _home: u64) {}
-
-    /// Makes the guard happen, and releases the lock. Returns the process to wake.
-    ///
-    /// # Safety
-    ///
-    /// The look has kept the lock, and said that the guard is ready. `process` has its plain turn.
-    unsafe fn take_fast(self: Pin<&mut Self>, _process: &Process) -> Option<PlainPendingWake> {
-        None
-    }
-
-    /// Lists the guard as number `guard` of `selection`, and releases the lock.
-    ///
-    /// # Safety
-    ///
-    /// The look has kept the lock, and said that the guard is not ready. `process` has its plain
-    /// turn. `selection` outlives the guard's being listed.
-    unsafe fn list_fast(
-        self: Pin<&mut Self>,
-        _process: &Process,
-        _selection: NonNull<SelectState>,
-        _guard: u32,
-    ) {
-    }
-
-    /// As [`withdraw`](Self::withdraw), wherever the guard was listed.
-    ///
-    /// # Safety
-    ///
-    /// As for `withdraw`; and this thread is the executor of that number.
-    unsafe fn withdraw_fast(self: Pin<&mut Self>, _home: u64) {
-        // SAFETY: the contract.
-        unsafe { self.withdraw() };
-    }
-
-    /// Whether the guard, which was chosen, is over, so that [`output`](Guard::output) can be
-    /// called at once.
-    fn is_over(&self) -> bool {
-        false
-    }
-
-    /// Whether the guard has an error to return.
-    fn can_fail(&self) -> bool {
-        false
     }
 
     /// Makes the guard fail as poisoned. Returns whether it can.

@@ -1,10 +1,9 @@
 //! The guards of one alternative, as a list with static types.
 
-use super::guard::{Guard, Look, RawGuard};
-use crate::select_state::SelectState;
-use crate::stamp::Stamp;
+use super::fast_path::Visit;
+use super::guard::{Guard, RawGuard};
 use arrayvec::ArrayVec;
-use luna_core::current::{PlainPendingWake, Process};
+use luna_core::wait_list::WaitNode;
 use std::pin::Pin;
 use std::ptr::NonNull;
 
@@ -12,7 +11,7 @@ use std::ptr::NonNull;
 /// which also costs less for many.
 pub(super) const MOST_GUARDS: usize = 32;
 
-/// The guards with a true precondition, and their numbers in the order written.
+/// The open guards, and their numbers in the order written.
 pub(super) type Open<'a> = ArrayVec<(u32, Pin<&'a mut (dyn RawGuard + 'a)>), MOST_GUARDS>;
 
 /// Output of the first guard, or of one of the rest.
@@ -90,13 +89,17 @@ impl<G: Guard, R: Seeds> Seeds for Cons<Seed<G>, R> {
         // Each where it is to stay: a whole that is made and then moved is copied once for each of
         // its parts. SAFETY: the contract.
         unsafe {
-            (&raw mut (*place).0).write(self.0.map(|seed| G::from_seed(seed.0)));
+            let guard = &raw mut (*place).0;
+            guard.write(self.0.map(|seed| G::from_seed(seed.0)));
+            if (*guard).as_ref().is_some_and(|guard| !guard.is_open()) {
+                *guard = None;
+            }
             self.1.grow(&raw mut (*place).1);
         }
     }
 }
 
-/// A list of guards.
+/// A list of guards, in the order written. `number` is that of the first.
 pub trait Guards {
     /// Output of the chosen guard.
     type Output;
@@ -106,146 +109,31 @@ pub trait Guards {
     const DROPS: bool;
     /// Whether `skip` stands at the end.
     const SKIP: bool;
+    /// Whether all of them can take the fast path.
+    const PLAIN: bool;
 
-    /// Adds the guards that can happen; the others go when this is called for the `first` time,
-    /// before any is listed.
-    fn collect<'a>(self: Pin<&'a mut Self>, first: bool, number: u32, into: &mut Collected<'a>);
+    /// Adds the open guards.
+    fn collect<'a>(self: Pin<&'a mut Self>, number: u32, into: &mut Collected<'a>);
 
-    /// Looks at the guards that can happen, the first of which has this number; the others go.
-    /// `false` if one of them cannot be had that way.
+    /// Goes to the open guards, until told not to. Only for a [plain](Self::PLAIN) list.
+    fn each(&self, number: u32, step: &mut impl Visit);
+
+    /// The open guards are listed by the fast path from now on.
+    fn note_listed(self: Pin<&mut Self>);
+
+    /// Moves the value between guard `index` and its partner.
     ///
     /// # Safety
     ///
-    /// All guards are new, and this thread is the executor in `looks`.
-    unsafe fn look_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
+    /// As for [`Guard::meet`].
+    unsafe fn meet(self: Pin<&mut Self>, index: u32, partner: NonNull<WaitNode>);
 
-    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number
-    /// `end`; the first has this number. Puts the processes to wake into `ready`.
-    ///
-    /// # Safety
-    ///
-    /// The looks up to there have kept the locks, and said that the chosen guard is ready.
-    /// `process` has its plain turn.
-    unsafe fn leave_home(
-        self: Pin<&mut Self>,
-        number: u32,
-        end: u32,
-        chosen: u32,
-        process: &Process,
-        ready: &mut Option<PlainPendingWake>,
-    );
-
-    /// Lists the guards, the first of which has this number, and releases the locks.
-    ///
-    /// # Safety
-    ///
-    /// The looks have kept the locks, and said of none that it is ready. `process` has its plain
-    /// turn. `selection` outlives the guards' being listed.
-    unsafe fn list_fast(
-        self: Pin<&mut Self>,
-        number: u32,
-        process: &Process,
-        selection: NonNull<SelectState>,
-    );
-
-    /// Takes the guards off their lists that were not chosen, and notes in `looks` what was; the
-    /// first has this number.
-    ///
-    /// # Safety
-    ///
-    /// The guards were listed, this thread is the executor in `looks`, and `looks` has the number
-    /// of the chosen guard.
-    unsafe fn withdraw_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks);
-
-    /// What guard `index` gives, or `skip` if that many it has.
+    /// The output of guard `index`, or of `skip` if that is their number.
     ///
     /// # Safety
     ///
     /// That guard was chosen and is over, and this is called once.
     unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output;
-}
-
-/// Result of the looks at guards on the fast path.
-#[derive(Debug)]
-pub struct Looks {
-    pub(super) home: u64,
-    pub(super) is_fair: bool,
-    /// The guard to choose; [`NONE`](Looks::NONE) if none can happen.
-    pub(super) chosen: u32,
-    /// When its end was last chosen.
-    stamp: u64,
-    /// Where that is noted.
-    stamped: Option<NonNull<Stamp>>,
-    /// When an end was last chosen.
-    greatest: u64,
-    /// One more than the number of the last guard with a locked wait point.
-    pub(super) end: u32,
-    /// Whether the chosen guard is over.
-    pub(super) is_over: bool,
-}
-
-impl Looks {
-    pub(super) const NONE: u32 = u32::MAX;
-
-    #[inline]
-    pub(super) fn new(home: u64, is_fair: bool, chosen: u32) -> Self {
-        Self {
-            home,
-            is_fair,
-            chosen,
-            stamp: u64::MAX,
-            stamped: None,
-            greatest: 0,
-            end: 0,
-            is_over: false,
-        }
-    }
-
-    /// Notes a guard: whether it can happen, and when its end was last chosen. `true` if no other
-    /// need be looked at.
-    #[inline]
-    fn note(&mut self, number: u32, is_ready: bool, end: Option<&Stamp>) -> bool {
-        self.end = number + 1;
-        if !self.is_fair {
-            if is_ready {
-                self.chosen = number;
-            }
-            return is_ready;
-        }
-        let stamp = end.map_or(0, Stamp::get);
-        self.greatest = self.greatest.max(stamp);
-        // Of two that were never chosen, the first.
-        if is_ready && stamp < self.stamp {
-            self.chosen = number;
-            self.stamp = stamp;
-            self.stamped = end.map(NonNull::from);
-        }
-        false
-    }
-
-    /// Notes a guard that was listed.
-    #[inline]
-    fn note_listed(&mut self, is_chosen: bool, end: Option<&Stamp>) {
-        if self.is_fair {
-            self.greatest = self.greatest.max(end.map_or(0, Stamp::get));
-            if is_chosen {
-                self.stamped = end.map(NonNull::from);
-            }
-        }
-    }
-
-    /// Notes that the chosen guard was chosen.
-    ///
-    /// # Safety
-    ///
-    /// The guards are still there.
-    #[inline]
-    pub(super) unsafe fn stamp(&self) {
-        if let Some(stamp) = self.stamped {
-            // SAFETY: it lies in an end that the guard borrows.
-            unsafe { stamp.as_ref() }.choose(self.greatest);
-        }
-    }
 }
 
 /// What [`Guards::collect`] fills.
@@ -258,82 +146,52 @@ impl std::fmt::Debug for Collected<'_> {
     }
 }
 
-impl Guards for Nil {
-    type Output = Never;
-    const LEN: usize = 0;
-    const DROPS: bool = false;
-    const SKIP: bool = false;
+/// The end of a list, with or without `skip`.
+macro_rules! end_of_list {
+    ($end:ty, $output:ty, $skip:expr, $result:expr) => {
+        impl Guards for $end {
+            type Output = $output;
+            const LEN: usize = 0;
+            const DROPS: bool = false;
+            const SKIP: bool = $skip;
+            const PLAIN: bool = true;
 
-    fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
+            #[inline(always)]
+            fn collect<'a>(self: Pin<&'a mut Self>, _: u32, _: &mut Collected<'a>) {}
 
-    #[inline]
-    unsafe fn look_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
-        true
-    }
+            #[inline(always)]
+            fn each(&self, _: u32, _: &mut impl Visit) {}
 
-    #[inline]
-    unsafe fn leave_home(
-        self: Pin<&mut Self>,
-        _: u32,
-        _: u32,
-        _: u32,
-        _: &Process,
-        _: &mut Option<PlainPendingWake>,
-    ) {
-    }
+            #[inline(always)]
+            fn note_listed(self: Pin<&mut Self>) {}
 
-    #[inline]
-    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<SelectState>) {}
+            #[inline(always)]
+            unsafe fn meet(self: Pin<&mut Self>, _: u32, _: NonNull<WaitNode>) {}
 
-    #[inline]
-    unsafe fn withdraw_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
-
-    unsafe fn output(self: Pin<&mut Self>, _: u32) -> Never {
-        unreachable!("an alternative has chosen a guard that it does not have")
-    }
+            #[inline(always)]
+            unsafe fn output(self: Pin<&mut Self>, _: u32) -> $output {
+                $result
+            }
+        }
+    };
 }
 
-impl Guards for Skip {
-    type Output = ();
-    const LEN: usize = 0;
-    const DROPS: bool = false;
-    const SKIP: bool = true;
-
-    fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
-
-    #[inline]
-    unsafe fn look_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
-        true
-    }
-
-    #[inline]
-    unsafe fn leave_home(
-        self: Pin<&mut Self>,
-        _: u32,
-        _: u32,
-        _: u32,
-        _: &Process,
-        _: &mut Option<PlainPendingWake>,
-    ) {
-    }
-
-    #[inline]
-    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<SelectState>) {}
-
-    #[inline]
-    unsafe fn withdraw_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
-
-    unsafe fn output(self: Pin<&mut Self>, _: u32) {}
-}
+end_of_list!(
+    Nil,
+    Never,
+    false,
+    unreachable!("an alternative has chosen a guard that it does not have")
+);
+end_of_list!(Skip, (), true, ());
 
 impl<G, R> Cons<G, R> {
-    #[inline]
-    fn parts(self: Pin<&mut Self>) -> (Pin<&mut Option<G>>, Pin<&mut R>) {
+    #[inline(always)]
+    fn parts(self: Pin<&mut Self>) -> (Option<Pin<&mut G>>, Pin<&mut R>) {
         // SAFETY: both fields are pinned with the whole.
         unsafe {
             let this = self.get_unchecked_mut();
             (
-                Pin::new_unchecked(&mut this.0),
+                Pin::new_unchecked(&mut this.0).as_pin_mut(),
                 Pin::new_unchecked(&mut this.1),
             )
         }
@@ -345,110 +203,53 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
     const LEN: usize = R::LEN + 1;
     const DROPS: bool = G::DROPS || R::DROPS;
     const SKIP: bool = R::SKIP;
+    const PLAIN: bool = G::PLAIN && R::PLAIN;
 
     #[inline]
-    fn collect<'a>(self: Pin<&'a mut Self>, first: bool, number: u32, into: &mut Collected<'a>) {
-        let (mut guard, rest) = self.parts();
-        if first
-            && guard
-                .as_ref()
-                .as_pin_ref()
-                .is_some_and(|guard| !guard.is_open())
-        {
-            guard.set(None);
-        }
-        if let Some(guard) = guard.as_pin_mut() {
+    fn collect<'a>(self: Pin<&'a mut Self>, number: u32, into: &mut Collected<'a>) {
+        let (first, rest) = self.parts();
+        if let Some(guard) = first {
             into.0.push((number, guard));
         }
-        rest.collect(first, number + 1, into);
+        rest.collect(number + 1, into);
     }
 
-    #[inline]
-    unsafe fn look_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool {
-        let (mut first, rest) = self.parts();
-        if let Some(mut guard) = first.as_mut().as_pin_mut() {
-            if guard.is_open() {
-                // SAFETY: the contract.
-                let look = unsafe { guard.as_mut().look_fast(looks.home) };
-                if look == Look::No {
-                    return false;
-                }
-                if looks.note(number, look == Look::Ready, guard.stamp()) {
-                    return true;
-                }
-            } else {
-                first.set(None);
-            }
-        }
-        // SAFETY: the contract.
-        unsafe { rest.look_fast(number + 1, looks) }
-    }
-
-    #[inline]
-    unsafe fn leave_home(
-        self: Pin<&mut Self>,
-        number: u32,
-        end: u32,
-        chosen: u32,
-        process: &Process,
-        ready: &mut Option<PlainPendingWake>,
-    ) {
-        if number == end {
+    #[inline(always)]
+    fn each(&self, number: u32, step: &mut impl Visit) {
+        if let Some(first) = &self.0
+            && !step.visit(number, first.plain())
+        {
             return;
         }
+        self.1.each(number + 1, step);
+    }
+
+    #[inline(always)]
+    fn note_listed(self: Pin<&mut Self>) {
+        let (first, rest) = self.parts();
+        if let Some(first) = first {
+            first.note_listed();
+        }
+        rest.note_listed();
+    }
+
+    #[inline(always)]
+    unsafe fn meet(self: Pin<&mut Self>, index: u32, partner: NonNull<WaitNode>) {
         let (first, rest) = self.parts();
         // SAFETY: the contract.
         unsafe {
-            if let Some(first) = first.as_pin_mut() {
-                if number == chosen {
-                    *ready = first.take_fast(process);
-                } else {
-                    first.leave_home(process.home_number());
-                }
+            match (index.checked_sub(1), first) {
+                (None, Some(first)) => first.meet(partner),
+                (None, None) => {}
+                (Some(index), _) => rest.meet(index, partner),
             }
-            rest.leave_home(number + 1, end, chosen, process, ready);
         }
     }
 
-    #[inline]
-    unsafe fn list_fast(
-        self: Pin<&mut Self>,
-        number: u32,
-        process: &Process,
-        selection: NonNull<SelectState>,
-    ) {
-        let (first, rest) = self.parts();
-        // SAFETY: the contract.
-        unsafe {
-            if let Some(first) = first.as_pin_mut() {
-                first.list_fast(process, selection, number);
-            }
-            rest.list_fast(number + 1, process, selection);
-        }
-    }
-
-    #[inline]
-    unsafe fn withdraw_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) {
-        let (first, rest) = self.parts();
-        // SAFETY: the contract.
-        unsafe {
-            if let Some(mut first) = first.as_pin_mut() {
-                let is_chosen = number == looks.chosen;
-                if is_chosen {
-                    looks.is_over = first.is_over();
-                } else {
-                    first.as_mut().withdraw_fast(looks.home);
-                }
-                looks.note_listed(is_chosen, first.stamp());
-            }
-            rest.withdraw_fast(number + 1, looks);
-        }
-    }
-
-    #[inline]
+    #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output {
         let (first, rest) = self.parts();
-        match (index.checked_sub(1), first.as_pin_mut()) {
+        match (index.checked_sub(1), first) {
             // SAFETY: the contract.
             (None, Some(first)) => Either::L(unsafe { first.output() }),
             (None, None) => unreachable!("an alternative has chosen a guard that is not open"),

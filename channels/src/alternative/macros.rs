@@ -137,8 +137,7 @@ macro_rules! __alternative {
     // The guards live and die in the first statement; bodies run after it.
     (@emit $fair:tt [$($branches:tt)*] [$($skip:tt)*]) => {{
         let conditions = $crate::__alternative!(@conditions $($branches)*);
-        let chosen = $crate::__private::select(
-            $fair,
+        let chosen = $crate::__private::select::<$fair, _>(
             $crate::__alternative!(@guards [conditions] [$($skip)*] $($branches)*),
         )
         .await;

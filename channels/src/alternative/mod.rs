@@ -2,6 +2,7 @@
 
 mod after;
 mod choose;
+mod fast_path;
 mod guard;
 mod list;
 mod macros;
@@ -12,8 +13,9 @@ mod stop;
 mod when;
 
 pub use after::{After, after, at};
+pub(crate) use fast_path::{Commit, Plain, commit, take_first};
 pub use guard::Guard;
-pub(crate) use guard::{Attempt, Look, RawGuard};
+pub(crate) use guard::{Attempt, RawGuard, Terms};
 pub use list::{Cons, Either, Guards, Never, Nil, Seed, Seeds, Skip, guard};
 pub(crate) use registered::Entry;
 pub use registered::{Alternative, AlternativeRecv};

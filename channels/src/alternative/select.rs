@@ -1,19 +1,21 @@
 //! The future of an alternative.
 
 use super::choose::{Choice, Locks, choose, note_choice};
+use super::fast_path::{Listing, Looks, Withdrawing};
 use super::guard::RawGuard;
-use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
+use super::list::{Collected, Guards, MOST_GUARDS, Open, Seeds};
 use super::stop::Stop;
+use crate::core::{FastPath, part_from};
 use crate::finally::Finally;
 use crate::replay::{self, Logged, Stage};
 use crate::select_state::SelectState;
-use luna_core::current::{self, Process, WakeHandle};
+use luna_core::current::{self, PlainTurn, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
-use std::mem::MaybeUninit;
+use std::mem::{ManuallyDrop, MaybeUninit};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll, RawWakerVTable};
@@ -23,6 +25,9 @@ type Identity = (*const (), *const RawWakerVTable);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
+    /// Not polled yet.
+    Seeds,
+    /// The guards are there, and nothing has happened.
     New,
     /// The guards are listed, and the selection was opened.
     Listed,
@@ -39,30 +44,31 @@ enum State {
 ///
 /// # Invariants
 ///
-/// `seeds` is there until the first poll, and `guards` from then on; then it is pinned. In
-/// `Listed`, and until their drop afterwards, guards may be listed and lead to `selection`, which
-/// is dropped after them.
+/// `seeds` is there in `Seeds`, and `guards` from then on; then it is pinned. In `Listed`, and until
+/// their drop afterwards, guards may be listed and lead to `selection`, which is there if
+/// `has_selection`. Unless it is open, it has nothing to be dropped but its locks. In `Over`, `stop`
+/// is not listed.
 #[must_use = "an alternative does nothing unless awaited"]
-pub struct Select<S: Seeds> {
-    seeds: Option<S>,
+pub struct Select<const FAIR: bool, S: Seeds> {
+    seeds: MaybeUninit<S>,
     guards: MaybeUninit<S::Guards>,
-    selection: SelectState,
-    fair: bool,
+    selection: MaybeUninit<SelectState>,
+    has_selection: bool,
     state: State,
     polled_by: Identity,
-    stop: Stop,
+    stop: ManuallyDrop<Stop>,
     _pinned: PhantomPinned,
 }
 
 // SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is
 // only compared.
-unsafe impl<S: Seeds<Guards: Send> + Send> Send for Select<S> {}
+unsafe impl<const FAIR: bool, S: Seeds<Guards: Send> + Send> Send for Select<FAIR, S> {}
 // SAFETY: `&Select` gives access to nothing.
-unsafe impl<S: Seeds<Guards: Sync> + Sync> Sync for Select<S> {}
+unsafe impl<const FAIR: bool, S: Seeds<Guards: Sync> + Sync> Sync for Select<FAIR, S> {}
 
-/// An alternative among the guards of `seeds`; `fair`, or in the order written.
+/// An alternative among the guards of `seeds`: fair, or in the order written.
 #[inline(always)]
-pub fn select<S: Seeds>(fair: bool, seeds: S) -> Select<S> {
+pub fn select<const FAIR: bool, S: Seeds>(seeds: S) -> Select<FAIR, S> {
     const {
         assert!(
             S::Guards::LEN <= MOST_GUARDS,
@@ -70,13 +76,13 @@ pub fn select<S: Seeds>(fair: bool, seeds: S) -> Select<S> {
         )
     };
     Select {
-        seeds: Some(seeds),
+        seeds: MaybeUninit::new(seeds),
         guards: MaybeUninit::uninit(),
-        selection: SelectState::new(),
-        fair,
-        state: State::New,
+        selection: MaybeUninit::uninit(),
+        has_selection: false,
+        state: State::Seeds,
         polled_by: (std::ptr::null(), std::ptr::null()),
-        stop: Stop::new(),
+        stop: ManuallyDrop::new(Stop::new()),
         _pinned: PhantomPinned,
     }
 }
@@ -85,17 +91,33 @@ fn identity(cx: &Context<'_>) -> Identity {
     (cx.waker().data(), cx.waker().vtable())
 }
 
-impl<S: Seeds> Future for Select<S> {
+impl<const FAIR: bool, S: Seeds> Future for Select<FAIR, S> {
     type Output = Outputs<S>;
 
     #[inline]
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
-        self.as_mut().grow();
-        if matches!(self.state, State::New | State::Listed)
-            && let Some(process) = current::plain_turn(cx)
-            && let Some(polled) = self.as_mut().poll_fast(process, cx)
+        if self.state == State::Seeds {
+            // SAFETY: in `Seeds` they are there, and not pinned; the guards are not there yet.
+            unsafe {
+                let this = self.as_mut().get_unchecked_mut();
+                this.state = State::New;
+                this.seeds.assume_init_read().grow(this.guards.as_mut_ptr());
+            }
+        }
+        if S::Guards::PLAIN
+            && let State::New | State::Listed = self.state
+            && let Some(turn) = PlainTurn::of(cx)
         {
-            return polled;
+            // SAFETY: the guards are plain; their state is looked at here.
+            let polled = unsafe {
+                match self.state {
+                    State::Listed => self.as_mut().finish_fast(turn),
+                    _ => self.as_mut().begin_fast(turn, cx),
+                }
+            };
+            if let Some(polled) = polled {
+                return polled;
+            }
         }
         self.poll_generally(cx)
     }
@@ -103,92 +125,96 @@ impl<S: Seeds> Future for Select<S> {
 
 type Outputs<S> = <<S as Seeds>::Guards as Guards>::Output;
 
-impl<S: Seeds> Select<S> {
-    /// Makes the guards, if this is the first poll.
-    #[inline(always)]
-    fn grow(self: Pin<&mut Self>) {
-        // SAFETY: the seeds are not pinned, and the guards are not there yet.
-        unsafe {
-            let this = self.get_unchecked_mut();
-            if let Some(seeds) = this.seeds.take() {
-                seeds.grow(this.guards.as_mut_ptr());
-            }
-        }
-    }
-
-    /// Polls a new or listed alternative in the plain turn of `process`, if its guards are
-    /// operations on plain channels with locks biased to the process' executor. `None`: take the
-    /// slow path.
+impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
+    /// Chooses a ready guard, or lists all, on the [fast path](super::fast_path). `None`: take the
+    /// slow path; nothing has happened.
     ///
-    /// It is decided as in [`choose`]: under the locks of all wait points of the inspected guards.
-    /// They are not taken in an order, and need not be. A thread that wants a lock which this
-    /// thread is inside waits until it is left, and this thread waits for no other in between.
-    #[inline]
-    fn poll_fast(
+    /// # Safety
+    ///
+    /// The guards are plain, and nothing has happened.
+    #[inline(always)]
+    unsafe fn begin_fast(
         self: Pin<&mut Self>,
-        process: &Process,
+        turn: PlainTurn<'_>,
         cx: &Context<'_>,
     ) -> Option<Poll<Outputs<S>>> {
         // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
-        let home = process.home_number();
-        if this.state == State::Listed {
-            let number = this.selection.chosen()?;
-            let mut looks = Looks::new(home, this.fair, number);
-            // SAFETY: the guards were listed, and this is the thread of the process' executor. The
-            // chosen one is not withdrawn.
-            unsafe {
-                guards.as_mut().withdraw_fast(0, &mut looks);
-                looks.stamp();
-            }
-            this.state = State::Chosen(number);
-            if !looks.is_over {
-                return None;
-            }
-            this.state = State::Over;
-            tell(guards.as_mut(), number);
-            // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
-            return Some(Poll::Ready(unsafe { guards.output(number) }));
+        let mut looks = Looks::new(turn, FAIR);
+        guards.each(0, &mut looks);
+        if looks.ready.is_none() && !looks.is_refused && !S::Guards::SKIP {
+            // Before another thread can find a node that leads to it.
+            // SAFETY: by the contract, and a wait point is locked by its bias.
+            let selection = this
+                .selection
+                .write(unsafe { SelectState::opened_fast(turn.process()) });
+            let selection = NonNull::from(selection);
+            this.has_selection = true;
+            // SAFETY: none is ready; the guards are pinned, and go before the selection.
+            guards.each(0, &mut unsafe { Listing::of(turn.process(), selection) });
+            guards.note_listed();
+            this.state = State::Listed;
+            this.polled_by = identity(cx);
+            return Some(Poll::Pending);
         }
-        let mut looks = Looks::new(home, this.fair, Looks::NONE);
-        // SAFETY: the guards are new, and this is the thread of the process' executor. Nothing
-        // between the looks and the leaving can panic or call user code.
-        unsafe {
-            let is_all = guards.as_mut().look_fast(0, &mut looks);
-            let mut ready = None;
-            if !is_all || looks.end == 0 {
-                guards.leave_home(0, looks.end, Looks::NONE, process, &mut ready);
-                return None;
-            }
-            let number = if looks.chosen != Looks::NONE || S::Guards::SKIP {
-                let (guards, chosen) = (guards.as_mut(), looks.chosen);
-                guards.leave_home(0, looks.end, chosen, process, &mut ready);
-                if let Some(ready) = ready {
-                    ready.wake();
+        guards.each(0, &mut looks.leaving());
+        if looks.is_refused {
+            return None;
+        }
+        // SAFETY: a chosen guard's look has kept its lock, and found this partner; a channel and
+        // its ends outlive its guards. The process is in its plain turn.
+        let (number, gives_way) = unsafe {
+            looks.stamp();
+            match looks.ready {
+                Some(ready) => {
+                    guards.as_mut().meet(ready.number, ready.partner);
+                    let parted =
+                        part_from(ready.place.as_ref(), ready.partner, ready.of_sender, turn);
+                    (ready.number, parted == FastPath::GaveWay)
                 }
-                looks.stamp();
-                chosen.min(S::Guards::LEN as u32)
-            } else {
-                // Before another thread can find a node that leads to it.
-                this.selection.open_fast(process);
-                guards
-                    .as_mut()
-                    .list_fast(0, process, NonNull::from(&this.selection));
-                this.state = State::Listed;
-                this.polled_by = identity(cx);
-                events::waits_for_several();
-                return Some(Poll::Pending);
-            };
-            if current::gives_way(process) {
-                this.state = State::GaveWay(number);
-                return Some(Poll::Pending);
+                None => (S::Guards::LEN as u32, current::gives_way(turn.process())),
             }
-            this.state = State::Over;
-            tell(guards.as_mut(), number);
-            Some(Poll::Ready(guards.output(number)))
+        };
+        if gives_way {
+            this.state = State::GaveWay(number);
+            return Some(Poll::Pending);
         }
+        this.state = State::Over;
+        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
+        Some(Poll::Ready(unsafe { guards.output(number) }))
+    }
+
+    /// Takes the result of a partner's commit, and withdraws the other guards. `None`: take the
+    /// slow path.
+    ///
+    /// # Safety
+    ///
+    /// The guards are plain and listed.
+    #[inline(always)]
+    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
+        // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: as above; both are there since the guards were listed.
+        let (guards, selection) = unsafe {
+            (
+                Pin::new_unchecked(this.guards.assume_init_mut()),
+                this.selection.assume_init_ref(),
+            )
+        };
+        let chosen = selection.chosen()?;
+        let mut others = Withdrawing::but(chosen, turn, FAIR);
+        guards.each(0, &mut others);
+        // SAFETY: the guards are there.
+        unsafe { others.stamp() };
+        this.state = State::Chosen(chosen);
+        if !others.is_over {
+            return None;
+        }
+        this.state = State::Over;
+        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
+        Some(Poll::Ready(unsafe { guards.output(chosen) }))
     }
 
     /// Polls wherever the process is, and whatever is offered.
@@ -200,8 +226,7 @@ impl<S: Seeds> Select<S> {
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let polled = {
             let mut collected = Collected::default();
-            let first = this.state == State::New;
-            guards.as_mut().collect(first, 0, &mut collected);
+            guards.as_mut().collect(0, &mut collected);
             let Collected(open) = collected;
             if open.is_empty() && !S::Guards::SKIP && this.state != State::Over {
                 // SAFETY: the alternative is pinned.
@@ -209,8 +234,9 @@ impl<S: Seeds> Select<S> {
             }
             let mut alternative = Polled {
                 open,
-                selection: &this.selection,
-                fair: this.fair,
+                selection: NonNull::from(&mut this.selection).cast(),
+                has_selection: &mut this.has_selection,
+                fair: FAIR,
                 state: &mut this.state,
                 polled_by: &mut this.polled_by,
                 skip: S::Guards::SKIP.then_some(S::Guards::LEN as u32),
@@ -243,9 +269,9 @@ fn tell<G: Guards>(guards: Pin<&mut G>, number: u32) {
 #[cold]
 fn tell_choice<G: Guards>(guards: Pin<&mut G>, number: u32) {
     let mut collected = Collected::default();
-    guards.collect(false, 0, &mut collected);
+    guards.collect(0, &mut collected);
     let chosen = collected.0.iter().find(|(other, _)| *other == number);
-    let place = chosen.and_then(|(_, guard)| guard.place());
+    let place = chosen.and_then(|(_, guard)| guard.terms().place);
     // SAFETY: a place outlives its guards.
     let place = place.map_or(0, |place| unsafe { place.as_ref() }.identity.number());
     let process = events::current_process() as u32;
@@ -266,7 +292,9 @@ fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {
 /// One poll of an alternative, whatever the types of its guards.
 struct Polled<'a> {
     open: Open<'a>,
-    selection: &'a SelectState,
+    /// Of the alternative around it; there if `has_selection`.
+    selection: NonNull<SelectState>,
+    has_selection: &'a mut bool,
     fair: bool,
     state: &'a mut State,
     polled_by: &'a mut Identity,
@@ -274,7 +302,7 @@ struct Polled<'a> {
     skip: Option<u32>,
 }
 
-impl Polled<'_> {
+impl<'a> Polled<'a> {
     /// Which guard has happened and is over.
     fn poll(&mut self, cx: &mut Context<'_>) -> Poll<u32> {
         let skip = self.skip;
@@ -311,7 +339,7 @@ impl Polled<'_> {
                 *self.state = State::Chosen(number);
                 self.poll_chosen(number, cx)
             }
-            State::Over => panic!("an alternative was polled after it was over"),
+            State::Seeds | State::Over => panic!("an alternative was polled after it was over"),
         }
     }
 
@@ -319,9 +347,20 @@ impl Polled<'_> {
     fn first_look(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<Option<u32>> {
         // Made before the locks are taken; dropped last, if a guard is chosen.
         let mut wakeup = skip.is_none().then(|| WakeHandle::of(cx));
+        // SAFETY: it is room for one in the alternative.
+        unsafe { self.selection.write(SelectState::new()) };
+        *self.has_selection = true;
         // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and
         // outlives its guards.
-        let choice = unsafe { choose(&mut self.open, self.selection, self.fair, &mut wakeup, cx) };
+        let choice = unsafe {
+            choose(
+                &mut self.open,
+                self.selection.as_ref(),
+                self.fair,
+                &mut wakeup,
+                cx,
+            )
+        };
         match (choice, skip) {
             (Choice::Made(number, ready), _) => {
                 // Before a foreign waker can panic.
@@ -341,11 +380,18 @@ impl Polled<'_> {
         }
     }
 
+    /// The select state of one that was listed.
+    fn selection(&self) -> &'a SelectState {
+        debug_assert!(*self.has_selection);
+        // SAFETY: it is there, and pinned with the alternative.
+        unsafe { self.selection.as_ref() }
+    }
+
     fn poll_listed(&mut self, cx: &mut Context<'_>) -> Poll<u32> {
         let mut _former = None;
         if current::branch_failed() && (self.can_fail() || self.is_stuck()) {
             // A partner that was faster has communicated: that stays so.
-            let closed = self.selection.close();
+            let closed = self.selection().close();
             if closed.is_some() || *self.state == State::Failed {
                 *self.state = State::Failed;
                 self.withdraw_but(None);
@@ -356,23 +402,24 @@ impl Polled<'_> {
                 return Poll::Pending;
             }
         }
-        if self.selection.chosen().is_none() {
+        let selection = self.selection();
+        if selection.chosen().is_none() {
             for (number, guard) in self.open.iter_mut() {
-                if guard.place().is_none()
+                if guard.terms().place.is_none()
                     // SAFETY: this is the guard's alternative.
                     && unsafe { guard.as_mut().poll_time(cx) }.is_ready()
                 {
                     // Committed here, by a partner or by this claim; this process need not be
                     // woken.
-                    _former = self.selection.claim_own(*number);
+                    _former = selection.claim_own(*number);
                     break;
                 }
             }
         }
-        if self.selection.chosen().is_none() && *self.polled_by != identity(cx) {
+        if self.selection().chosen().is_none() && *self.polled_by != identity(cx) {
             self.rewake(cx);
         }
-        match self.selection.chosen() {
+        match self.selection().chosen() {
             None => Poll::Pending,
             Some(number) => {
                 self.withdraw_but(Some(number));
@@ -390,11 +437,11 @@ impl Polled<'_> {
         let wakeup = WakeHandle::of(cx);
         let _former;
         let _locks = Locks::take(&self.open);
-        if self.selection.chosen().is_some() {
+        if self.selection().chosen().is_some() {
             return;
         }
         // SAFETY: with all locks held no thread can claim the select state.
-        _former = unsafe { self.selection.replace_wakeup(wakeup) };
+        _former = unsafe { self.selection().replace_wakeup(wakeup) };
         *self.polled_by = identity(cx);
     }
 
@@ -418,14 +465,18 @@ impl Polled<'_> {
     }
 
     fn can_fail(&self) -> bool {
-        self.open.iter().any(|(_, guard)| guard.can_fail())
+        self.open.iter().any(|(_, guard)| guard.terms().can_fail)
     }
 
     /// Whether it waits for a partner, or for nothing at all, and has no error to return if the
     /// partner never comes.
     fn is_stuck(&self) -> bool {
         !self.can_fail()
-            && (self.open.is_empty() || self.open.iter().any(|(_, guard)| guard.place().is_some()))
+            && (self.open.is_empty()
+                || self
+                    .open
+                    .iter()
+                    .any(|(_, guard)| guard.terms().place.is_some()))
     }
 
     /// A sibling in a parallel construct has failed: the first guard that can fail does, as
@@ -457,7 +508,7 @@ impl Logged for Polled<'_> {
         match *self.state {
             State::New | State::Listed => Stage::New,
             State::Chosen(_) | State::GaveWay(_) => Stage::GaveWay,
-            State::Failed | State::Over => Stage::Over,
+            State::Seeds | State::Failed | State::Over => Stage::Over,
         }
     }
 
@@ -468,7 +519,7 @@ impl Logged for Polled<'_> {
             Turn::Given(event) if event.what == What::Chosen => {
                 let choice = u32::try_from(event.number).unwrap_or(u32::MAX);
                 self.open.retain(|(number, _)| *number == choice);
-                match self.open.first().map(|(_, guard)| guard.place()) {
+                match self.open.first().map(|(_, guard)| guard.terms().place) {
                     // The time had come, or none was ready: there is no partner to wait for.
                     Some(None) => *self.state = State::Chosen(choice),
                     None if self.skip == Some(choice) => *self.state = State::Chosen(choice),
@@ -505,32 +556,64 @@ impl Logged for Polled<'_> {
     }
 }
 
-impl<S: Seeds> Drop for Select<S> {
-    #[inline]
+impl<const FAIR: bool, S: Seeds> Drop for Select<FAIR, S> {
+    #[inline(always)]
     fn drop(&mut self) {
-        // Dropped when no node leads here any more.
-        let _former;
-        if self.state == State::New {
-            replay::abandon(true);
+        if self.state != State::Over {
+            self.drop_unfinished();
+            return;
         }
-        if self.state == State::Listed {
-            replay::abandon(false);
-            // From here on no thread can claim it; the guards then take themselves off their lists.
-            // A guard that was chosen already keeps its result, and handles it as any operation
-            // that is dropped.
-            _former = self.selection.close();
-        }
-        if self.seeds.is_none() && (S::Guards::DROPS || self.state != State::Over) {
-            // SAFETY: they are there, and this is where they go, before the selection.
-            unsafe { self.guards.assume_init_drop() };
+        // SAFETY: they are there after the first poll. No node leads to the selection any more.
+        unsafe {
+            if S::Guards::DROPS {
+                self.guards.assume_init_drop();
+            }
+            if SelectState::HAS_DROP && self.has_selection {
+                self.selection.assume_init_drop();
+            }
         }
     }
 }
 
-impl<S: Seeds> fmt::Debug for Select<S> {
+impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
+    #[cold]
+    fn drop_unfinished(&mut self) {
+        // Dropped when no node leads here any more.
+        let _former;
+        match self.state {
+            State::Seeds => {
+                replay::abandon(true);
+                // SAFETY: in this state they are there.
+                return unsafe { self.seeds.assume_init_drop() };
+            }
+            State::New => replay::abandon(true),
+            State::Listed => {
+                replay::abandon(false);
+                // From here on no thread can claim it; the guards then take themselves off their
+                // lists. A guard that was chosen already keeps its result, and handles it as any
+                // operation that is dropped. SAFETY: in this state it is there.
+                _former = unsafe { self.selection.assume_init_ref() }.close();
+            }
+            _ => {}
+        }
+        // SAFETY: each is dropped once, and the guards are there after the first poll. Their
+        // select state outlives them.
+        unsafe {
+            let _stop = Finally::new(|| ManuallyDrop::drop(&mut self.stop));
+            let _selection = Finally::new(|| {
+                if self.has_selection {
+                    self.selection.assume_init_drop();
+                }
+            });
+            self.guards.assume_init_drop();
+        }
+    }
+}
+
+impl<const FAIR: bool, S: Seeds> fmt::Debug for Select<FAIR, S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Select")
-            .field("fair", &self.fair)
+            .field("fair", &FAIR)
             .field("state", &self.state)
             .finish_non_exhaustive()
     }

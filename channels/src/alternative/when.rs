@@ -1,10 +1,10 @@
 //! Deadlines that are looked up when they come, as guards and alone.
 
-use super::guard::{Attempt, Guard, RawGuard};
+use super::guard::{Attempt, Guard, RawGuard, Terms};
 use crate::replay;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::WaitQueues;
 use luna_core::current::{self, PendingWake};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
@@ -128,12 +128,11 @@ impl<D: Due> Future for When<D> {
 }
 
 impl<D: Due> RawGuard for When<D> {
-    fn place(&self) -> Option<NonNull<WaitPoint>> {
-        None
-    }
-
-    fn stamp(&self) -> Option<&Stamp> {
-        self.due.stamp()
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            stamp: self.due.stamp(),
+            ..Terms::default()
+        }
     }
 
     unsafe fn attempt(

@@ -2,10 +2,9 @@
 
 use super::fast_path::Arrival;
 use super::{Barrier, Shared};
-use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::select_state::SelectState;
-use crate::stamp::Stamp;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, PendingWake, PlainTurn, Renewal, WakeHandle};
 use luna_platform::sync::atomic::Ordering;
@@ -303,16 +302,11 @@ impl Future for SyncOp<'_> {
 }
 
 impl RawGuard for SyncOp<'_> {
-    fn place(&self) -> Option<NonNull<WaitPoint>> {
-        Some(NonNull::from(&*self.shared().place))
-    }
-
-    fn stamp(&self) -> Option<&Stamp> {
-        Some(&self.barrier.chosen)
-    }
-
-    fn claims_several(&self) -> bool {
-        true
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            claims_several: true,
+            ..Terms::at(&self.shared().place, &self.barrier.chosen)
+        }
     }
 
     unsafe fn attempt(

@@ -1,13 +1,12 @@
 //! The calling end.
 
 use super::{CallError, Message};
-use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::error::SendError;
 use crate::select_state::SelectState;
 use crate::send::{SendOp, Sender};
 use crate::source::Offered;
-use crate::stamp::Stamp;
-use crate::wait_point::{Ending, WaitPoint, WaitQueues};
+use crate::wait_point::{Ending, WaitQueues};
 use luna_core::current;
 use std::fmt;
 use std::future::Future;
@@ -218,12 +217,11 @@ impl<Q, A> Future for CallOp<'_, Q, A> {
 }
 
 impl<Q, A> RawGuard for CallOp<'_, Q, A> {
-    fn place(&self) -> Option<NonNull<WaitPoint>> {
-        self.send.place()
-    }
-
-    fn stamp(&self) -> Option<&Stamp> {
-        self.send.stamp()
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            can_fail: false,
+            ..self.send.terms()
+        }
     }
 
     unsafe fn attempt(

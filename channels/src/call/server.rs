@@ -2,15 +2,14 @@
 
 use super::serving::Serving;
 use super::{Call, Message};
-use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::core::{Ending, Received};
 use crate::error::{RecvError, TryRecvError};
 use crate::extended::Mode;
 use crate::recv::{Receiver, RecvOp};
 use crate::replay;
 use crate::select_state::SelectState;
-use crate::stamp::Stamp;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::WaitQueues;
 use luna_core::current;
 use std::fmt;
 use std::future::Future;
@@ -236,12 +235,11 @@ impl<'a, Q, A> Future for AcceptOp<'a, Q, A> {
 }
 
 impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
-    fn place(&self) -> Option<NonNull<WaitPoint>> {
-        self.recv.place()
-    }
-
-    fn stamp(&self) -> Option<&Stamp> {
-        self.recv.stamp()
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            can_fail: false,
+            ..self.recv.terms()
+        }
     }
 
     unsafe fn attempt(

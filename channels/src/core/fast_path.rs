@@ -24,6 +24,7 @@
 //! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
 
 use super::Channel;
+use crate::alternative::{Commit, commit, take_first};
 use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, Mover, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
@@ -46,7 +47,7 @@ pub(crate) enum FastPath {
     No,
     /// There is a buffer. The lock is kept.
     Store,
-    /// An alternative may be met. The lock is kept.
+    /// An alternative is registered. The lock is kept.
     More,
 }
 
@@ -142,8 +143,26 @@ unsafe fn part<const SEND: bool>(
     // thread has taken it, since the lock is held.
     unsafe {
         let ready = WaitNode::take_alone(partner.as_ptr());
-        note_user::<SEND>(&mut lists, turn.process());
         lists.set_nothing_waits();
+        depart::<SEND>(place, lists, (partner, ready), turn)
+    }
+}
+
+/// As the rest of [`part`], for a partner that does not wait any more, with its wake.
+///
+/// # Safety
+///
+/// As there.
+#[inline(always)]
+unsafe fn depart<const SEND: bool>(
+    place: &WaitPoint,
+    mut lists: InsideGuard<'_, WaitQueues>,
+    (partner, ready): (NonNull<WaitNode>, PlainPendingWake),
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        note_user::<SEND>(&mut lists, turn.process());
         Waiter::<()>::settle_plain(partner.cast());
         if !lists.leave() {
             return part_revoked(place, ready, turn);
@@ -242,7 +261,31 @@ unsafe fn meet_otherwise<const SEND: bool>(
     // SAFETY: the contract; the lock was kept.
     unsafe {
         let mut lists = place.kept(turn.home_number());
-        if lists.leave_queues() {
+        let mut nothing_waits = lists.leave_queues();
+        if let Some(guard) = lists.waiting.guard(!SEND) {
+            match commit(guard, turn) {
+                Commit::Chosen(ready) => {
+                    lists.set_nothing_waits();
+                    return give::<SEND>(place, lists, node, (guard, ready), turn);
+                }
+                Commit::Stale => {
+                    lists.set_nothing_waits();
+                    Waiter::<()>::settle_stale(guard.cast());
+                    nothing_waits = true;
+                }
+                Commit::No => return FastPath::No,
+            }
+        } else if lists.waiting == Waiting::QUEUES
+            && lists.is_plain_rendezvous()
+            && !lists.is_storing
+        {
+            match take_first(lists.waiting_for::<SEND>(), turn) {
+                Some(Some(partner)) => return give::<SEND>(place, lists, node, partner, turn),
+                Some(None) => nothing_waits = lists.leave_queues(),
+                None => return FastPath::No,
+            }
+        }
+        if nothing_waits {
             drop(lists);
             return match SEND {
                 true => send(place, node, turn),
@@ -257,12 +300,82 @@ unsafe fn meet_otherwise<const SEND: bool>(
             lists.keep();
             return FastPath::Store;
         }
-        let may_meet_guard = lists.is_plain_rendezvous() && !lists.is_storing;
-        if may_meet_guard || SEND && lists.is_plain_but_registered {
+        if SEND && lists.is_plain_but_registered {
             lists.keep();
             return FastPath::More;
         }
         FastPath::No
+    }
+}
+
+/// Moves the value between the operation with this node and a partner that does not wait any more,
+/// and lets the partner go.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lock is held, and the partner waited for an operation of this side.
+#[inline(always)]
+unsafe fn give<const SEND: bool>(
+    place: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
+    node: NonNull<Waiter<()>>,
+    partner: (NonNull<WaitNode>, PlainPendingWake),
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the contract: a waiting sender holds its value, a waiting receiver holds none.
+    unsafe {
+        let (from, to) = match SEND {
+            true => (node, partner.0.cast()),
+            false => (partner.0.cast(), node),
+        };
+        match lists.mover {
+            Some(mover) => mover(from, to),
+            None => Waiter::move_word(from, to),
+        }
+        depart::<SEND>(place, lists, partner, turn)
+    }
+}
+
+/// Lets a partner go that an alternative has met, after the value was moved. The lock was kept.
+///
+/// # Safety
+///
+/// The partner waits alone, or is the first of its queue and a plain operation.
+#[inline(always)]
+pub(crate) unsafe fn part_from(
+    place: &WaitPoint,
+    partner: NonNull<WaitNode>,
+    by_sender: bool,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        match by_sender {
+            true => part_kept::<true>(place, partner, turn),
+            false => part_kept::<false>(place, partner, turn),
+        }
+    }
+}
+
+/// # Safety
+///
+/// As for [`part_from`].
+#[inline(never)]
+unsafe fn part_kept<const SEND: bool>(
+    place: &WaitPoint,
+    partner: NonNull<WaitNode>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        let mut lists = place.kept(turn.home_number());
+        if lists.waiting.one(!SEND).is_some() {
+            return part::<SEND>(place, lists, partner, turn);
+        }
+        match take_first(lists.waiting_for::<SEND>(), turn) {
+            Some(Some(partner)) => depart::<SEND>(place, lists, partner, turn),
+            _ => unreachable!("the first of a queue has changed under the lock"),
+        }
     }
 }
 
@@ -307,7 +420,7 @@ impl<T> Channel<T> {
         unsafe { send(&self.place, node.cast(), turn) }
     }
 
-    /// Sends to an alternative, or lists the sender.
+    /// Sends to a registered alternative, or lists the sender.
     ///
     /// # Safety
     ///
@@ -321,10 +434,7 @@ impl<T> Channel<T> {
         unsafe {
             let process = current::this_process();
             let lists = self.place.kept(process.home_number());
-            match lists.is_plain_but_registered {
-                true => self.send_to_registered(lists, offered, process),
-                false => self.send_to_guard(lists, offered, process),
-            }
+            self.send_to_registered(lists, offered, process)
         }
     }
 
@@ -366,8 +476,7 @@ impl<T> Channel<T> {
     }
 
     /// Receives into the node, or lets the receiver wait. O(1), without atomic read-modify-writes.
-    /// If the result is `Store` or `More`, [`recv_stored`](Self::recv_stored) or
-    /// [`recv_from_more`](Self::recv_from_more) is to be called at once.
+    /// If the result is `Store`, [`recv_stored`](Self::recv_stored) is to be called at once.
     ///
     /// # Safety
     ///
@@ -381,21 +490,6 @@ impl<T> Channel<T> {
     ) -> FastPath {
         // SAFETY: the contract.
         unsafe { recv(&self.place, node.cast(), turn) }
-    }
-
-    /// Receives from an alternative, or lists the receiver.
-    ///
-    /// # Safety
-    ///
-    /// As for [`recv_fast`](Self::recv_fast), which was called just before and has returned
-    /// `More`.
-    pub(crate) unsafe fn recv_from_more(&self, node: NonNull<Waiter<T>>) -> FastPath {
-        // SAFETY: the contract: this is a process' plain turn, and its executor has the lock.
-        unsafe {
-            let process = current::this_process();
-            let lists = self.place.kept(process.home_number());
-            self.recv_from_guard(lists, node, process)
-        }
     }
 
     /// Receives a stored value, and a waiting sender moves up; or lets the receiver wait.
@@ -452,32 +546,6 @@ impl<T> Channel<T> {
             ready.wake();
             FastPath::done(process)
         }
-    }
-}
-
-/// Gives the value of `offered` to the first waiting receiver, if that is a plain operation's. The
-/// caller wakes it when the lock is released. `None`: no state changed.
-///
-/// # Safety
-///
-/// `first` is the first of the receivers, in a channel of values of this type; this executor holds
-/// its lock. `offered` holds a value, and no other thread accesses it.
-#[inline(always)]
-pub(super) unsafe fn give_to_first<T>(
-    lists: &mut WaitQueues,
-    first: NonNull<WaitNode>,
-    offered: NonNull<Waiter<T>>,
-    process: &Process,
-) -> Option<PlainPendingWake> {
-    // SAFETY: the contract; a listed receiver's node holds no value.
-    unsafe {
-        let receiver = first.cast::<Waiter<T>>();
-        let ready = Waiter::take_plain_wakeup(receiver)?;
-        note_user::<true>(lists, process);
-        lists.receivers.remove_first(first);
-        Waiter::put_value_of(receiver, Waiter::take_value_of(offered));
-        Waiter::settle_plain(receiver);
-        Some(ready)
     }
 }
 

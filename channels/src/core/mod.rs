@@ -17,12 +17,12 @@
 //! [`SelectState`](crate::select_state::SelectState) first. If the alternative has chosen another
 //! guard, the node is taken off the list and passed over: each such node costs one step, once.
 
-mod fast_alternatives;
 mod fast_path;
 mod guard;
 mod hand_off;
+mod registered;
 
-pub(crate) use fast_path::FastPath;
+pub(crate) use fast_path::{FastPath, part_from};
 pub(crate) use guard::{ChannelGuard, Locked, Received, Sent};
 pub(crate) use hand_off::HandOff;
 

@@ -2,27 +2,27 @@
 
 use super::Receiver;
 use super::operation::{Phase, RecvOp};
-use crate::alternative::{Attempt, Guard, Look, RawGuard};
+use crate::alternative::{Attempt, Guard, Plain, RawGuard, Terms};
 use crate::core::{Ending, Received};
 use crate::error::RecvError;
 use crate::extended::Mode;
 use crate::select_state::SelectState;
-use crate::stamp::Stamp;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, PendingWake, PlainPendingWake, Process};
+use luna_core::current::{self, PendingWake};
+use luna_core::wait_list::WaitNode;
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
 impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
-    fn place(&self) -> Option<NonNull<WaitPoint>> {
-        Some(NonNull::from(self.receiver.channel().place()))
-    }
-
-    fn stamp(&self) -> Option<&Stamp> {
-        Some(&self.receiver.chosen)
+    #[inline]
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            can_fail: true,
+            ..Terms::at(self.receiver.channel().place(), &self.receiver.chosen)
+        }
     }
 
     unsafe fn attempt(
@@ -84,62 +84,6 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         }
     }
 
-    #[inline]
-    unsafe fn look_fast(self: Pin<&mut Self>, home: u64) -> Look {
-        if M::HOLDS || M::INHERITS {
-            return Look::No;
-        }
-        // SAFETY: the contract.
-        unsafe { self.receiver.channel().look_for_sender(home) }
-    }
-
-    #[inline]
-    unsafe fn leave_home(self: Pin<&mut Self>, home: u64) {
-        // SAFETY: the contract.
-        unsafe { self.receiver.channel().leave_home(home) };
-    }
-
-    #[inline]
-    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: a new receive's node holds no value, and is known to its future
-        // alone.
-        let ready = unsafe { this.receiver.channel().take_sender(this.node(), process) };
-        this.phase = Phase::Settled(Outcome::Done);
-        ready
-    }
-
-    #[inline]
-    unsafe fn list_fast(
-        self: Pin<&mut Self>,
-        process: &Process,
-        selection: NonNull<SelectState>,
-        guard: u32,
-    ) {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
-        M::waits(this.note());
-        let (node, channel) = (this.node(), this.receiver.channel());
-        // SAFETY: the contract: the node is new, and is withdrawn before it goes.
-        unsafe { channel.list_guard(node, false, (selection, guard), process) };
-        this.phase = Phase::Listed;
-    }
-
-    #[inline]
-    unsafe fn withdraw_fast(self: Pin<&mut Self>, home: u64) {
-        if self.phase == Phase::Listed {
-            let channel = self.receiver.channel();
-            // SAFETY: the node was listed on the receivers' side.
-            unsafe { channel.withdraw_guard(self.node(), false, home) };
-        }
-    }
-
-    #[inline]
-    fn is_over(&self) -> bool {
-        self.outcome() == Outcome::Done
-    }
-
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         let receiver = self.receiver;
         let mut outcome = self.outcome();
@@ -170,10 +114,6 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         }
     }
 
-    fn can_fail(&self) -> bool {
-        true
-    }
-
     unsafe fn fail(self: Pin<&mut Self>) -> bool {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -185,6 +125,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
 impl<'a, T, M: Mode> Guard for RecvOp<'a, T, M> {
     type Output = Result<M::Received<'a, T>, RecvError>;
     type Seed = &'a Receiver<T>;
+    const PLAIN: bool = !M::HOLDS && !M::INHERITS;
     // The value that it may hold was taken, or never came.
     const DROPS: bool = std::mem::needs_drop::<M::Note>();
 
@@ -199,6 +140,34 @@ impl<'a, T, M: Mode> Guard for RecvOp<'a, T, M> {
         RecvOp::new(seed)
     }
 
+    #[inline(always)]
+    fn plain(&self) -> Plain<'_> {
+        Plain {
+            place: self.receiver.channel().place(),
+            node: self.node().cast(),
+            of_sender: false,
+            stamp: &self.receiver.chosen,
+        }
+    }
+
+    #[inline(always)]
+    fn note_listed(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        unsafe { self.get_unchecked_mut() }.phase = Phase::Listed;
+    }
+
+    #[inline(always)]
+    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
+        // SAFETY: nothing is moved. By the contract the partner is a plain sender's node of this
+        // channel, which holds its value; that of a new receive holds none.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            Waiter::put_value_of(this.node(), Waiter::take_value_of(partner.cast()));
+            this.phase = Phase::Settled(Outcome::Done);
+        }
+    }
+
+    #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };

@@ -268,7 +268,6 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         unsafe {
             match found {
                 FastPath::Store => channel.recv_stored(self.node(), turn),
-                FastPath::More => channel.recv_from_more(self.node()),
                 other => other,
             }
         }

@@ -1,31 +1,26 @@
 //! A send as a guard of an alternative.
 
 use super::operation::{Phase, SendOp};
-use crate::alternative::{Attempt, Guard, Look, RawGuard};
+use crate::alternative::{Attempt, Guard, Plain, RawGuard, Terms};
 use crate::core::{Ending, Sent};
 use crate::error::SendError;
 use crate::select_state::SelectState;
 use crate::source::Source;
-use crate::stamp::Stamp;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, PendingWake, PlainPendingWake, Process};
+use luna_core::current::{self, PendingWake};
+use luna_core::wait_list::WaitNode;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
 impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
-    fn place(&self) -> Option<NonNull<WaitPoint>> {
-        Some(NonNull::from(self.sender.channel().place()))
-    }
-
-    fn is_open(&self) -> bool {
-        // SAFETY: called for a new send; only its future knows its node.
-        unsafe { &*self.offered.get() }.source.is_open()
-    }
-
-    fn stamp(&self) -> Option<&Stamp> {
-        Some(&self.sender.chosen)
+    #[inline]
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            can_fail: true,
+            ..Terms::at(self.sender.channel().place(), &self.sender.chosen)
+        }
     }
 
     unsafe fn attempt(
@@ -91,61 +86,6 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         }
     }
 
-    #[inline]
-    unsafe fn look_fast(self: Pin<&mut Self>, home: u64) -> Look {
-        if S::MAKE.is_some() {
-            return Look::No;
-        }
-        // SAFETY: the contract.
-        unsafe { self.sender.channel().look_for_receiver(home) }
-    }
-
-    #[inline]
-    unsafe fn leave_home(self: Pin<&mut Self>, home: u64) {
-        // SAFETY: the contract.
-        unsafe { self.sender.channel().leave_home(home) };
-    }
-
-    #[inline]
-    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: a new send's node holds its value, since none is made, and is known
-        // to its future alone.
-        let ready = unsafe { this.sender.channel().take_receiver(this.node(), process) };
-        this.phase = Phase::Settled(Outcome::Done);
-        ready
-    }
-
-    #[inline]
-    unsafe fn list_fast(
-        self: Pin<&mut Self>,
-        process: &Process,
-        selection: NonNull<SelectState>,
-        guard: u32,
-    ) {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
-        let (node, channel) = (this.node(), this.sender.channel());
-        // SAFETY: the contract: the node is new, holds its value, and is withdrawn before it goes.
-        unsafe { channel.list_guard(node, true, (selection, guard), process) };
-        this.phase = Phase::Listed;
-    }
-
-    #[inline]
-    unsafe fn withdraw_fast(self: Pin<&mut Self>, home: u64) {
-        if self.phase == Phase::Listed {
-            let channel = self.sender.channel();
-            // SAFETY: the node was listed on the senders' side.
-            unsafe { channel.withdraw_guard(self.node(), true, home) };
-        }
-    }
-
-    #[inline]
-    fn is_over(&self) -> bool {
-        matches!(self.phase, Phase::Listed | Phase::Settled(_)) && self.outcome() == Outcome::Done
-    }
-
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -190,10 +130,6 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         }
     }
 
-    fn can_fail(&self) -> bool {
-        true
-    }
-
     unsafe fn fail(self: Pin<&mut Self>) -> bool {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -205,6 +141,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
 impl<T, S: Source<T>> Guard for SendOp<'_, T, S> {
     type Output = Result<(), SendError<S::Unsent>>;
     type Seed = Self;
+    const PLAIN: bool = S::MAKE.is_none();
 
     #[inline]
     fn into_seed(self) -> Self {
@@ -216,6 +153,40 @@ impl<T, S: Source<T>> Guard for SendOp<'_, T, S> {
         seed
     }
 
+    #[inline]
+    fn is_open(&self) -> bool {
+        // SAFETY: called for a new send; only its future knows its node.
+        unsafe { &*self.offered.get() }.source.is_open()
+    }
+
+    #[inline(always)]
+    fn plain(&self) -> Plain<'_> {
+        Plain {
+            place: self.sender.channel().place(),
+            node: self.node().cast(),
+            of_sender: true,
+            stamp: &self.sender.chosen,
+        }
+    }
+
+    #[inline(always)]
+    fn note_listed(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        unsafe { self.get_unchecked_mut() }.phase = Phase::Listed;
+    }
+
+    #[inline(always)]
+    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
+        // SAFETY: nothing is moved. A plain and new send's node holds its value; by the contract
+        // the partner is a plain receiver's node of this channel, which holds none.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            Waiter::put_value_of(partner.cast(), Waiter::take_value_of(this.node()));
+            this.phase = Phase::Settled(Outcome::Done);
+        }
+    }
+
+    #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };

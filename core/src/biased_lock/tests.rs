@@ -158,11 +158,11 @@ mod running {
         let home = current::home_number();
         // SAFETY: this thread is the executor's, and the kept guard is taken again.
         unsafe {
-            lock.lock_if_free(home).unwrap().keep();
-            assert!(lock.lock_if_free(home).is_none());
+            lock.lock_if_favoured(home).unwrap().keep();
+            assert!(lock.inside.is_entered());
             *lock.kept(home) += 1;
-            assert!(lock.lock_if_free(home).is_some());
-            assert!(lock.lock_if_free(home + 1).is_none());
+            assert!(!lock.inside.is_entered());
+            assert!(lock.lock_if_favoured(home + 1).is_none());
         }
     }
 
@@ -172,14 +172,11 @@ mod running {
         if !earn(&BiasedLock::new(0)) {
             return;
         }
-        let lock = BiasedLock::new(0);
         let home = current::home_number();
-        // SAFETY: this thread is the executor's, another lock is biased to it, and no other thread
-        // knows this one.
-        unsafe {
-            lock.favour_from_the_start(home);
-            *lock.lock_if_favoured(home).unwrap() += 1;
-        }
+        // SAFETY: this thread is the executor's, and another lock is biased to it.
+        let lock = unsafe { BiasedLock::biased_to(home, 0) };
+        // SAFETY: as above.
+        unsafe { *lock.lock_if_favoured(home).unwrap() += 1 };
         let done = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {

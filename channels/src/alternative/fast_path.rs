@@ -1,0 +1,472 @@
+//! Fast path of alternatives, independent of the types of values: all guards are plain operations,
+//! and the locks of all their wait points are biased to this executor.
+//!
+//! The decision is made as in [`choose`](super::choose): under the locks of all wait points that
+//! are looked at. They are taken by plain stores and in no particular order: a thread that wants a
+//! lock which this thread is inside waits until it is left, and this thread waits for no other in
+//! between.
+//!
+//! ```text
+//!   owner:    look at each --one is ready--> leave the others, move the value, let the partner go
+//!                 |
+//!                 '--none--> open the select state, list each guard and leave its wait point
+//!   partner:  finds a guard: commits its select state, moves the value, settles the guard
+//!   owner:    withdraws the other guards
+//! ```
+//!
+//! Where nothing else waits, a guard waits alone, outside of the queues: see
+//! [`Waiting`](crate::wait_point::Waiting).
+
+use crate::select_state::SelectState;
+use crate::stamp::Stamp;
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
+use crate::waiter::{Outcome, Waiter};
+use luna_core::biased_lock::InsideGuard;
+use luna_core::current::{PlainPendingWake, PlainTurn, Priority, Process, User};
+use luna_core::wait_list::{WaitList, WaitNode};
+use std::ptr::NonNull;
+
+/// A guard on the fast path: a plain send or receive, of which the value does not matter.
+#[derive(Debug, Clone, Copy)]
+pub struct Plain<'a> {
+    pub(crate) place: &'a WaitPoint,
+    /// The first field of the guard's waiter.
+    pub(crate) node: NonNull<WaitNode>,
+    pub(crate) of_sender: bool,
+    /// Stamp of its end.
+    pub(crate) stamp: &'a Stamp,
+}
+
+/// A step on each guard of a list. The guards are those of one alternative, and this is the plain
+/// turn of its process.
+pub trait Visit {
+    /// Goes to a guard. Returns whether to go on to the next one.
+    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool;
+}
+
+/// The ends among which a fair alternative chooses the least recently chosen one.
+#[derive(Debug)]
+struct Ends {
+    is_fair: bool,
+    /// When an end was last chosen.
+    greatest: u64,
+    chosen: Option<NonNull<Stamp>>,
+}
+
+impl Ends {
+    fn new(is_fair: bool) -> Self {
+        Self {
+            is_fair,
+            greatest: 0,
+            chosen: None,
+        }
+    }
+
+    /// Notes an end; returns when it was last chosen.
+    #[inline(always)]
+    fn note(&mut self, stamp: &Stamp) -> u64 {
+        if !self.is_fair {
+            return 0;
+        }
+        let stamp = stamp.get();
+        self.greatest = self.greatest.max(stamp);
+        stamp
+    }
+
+    /// Gives the chosen end its new stamp.
+    ///
+    /// # Safety
+    ///
+    /// The guards are still there.
+    #[inline(always)]
+    unsafe fn stamp(&self) {
+        if let Some(stamp) = self.chosen
+            && self.is_fair
+        {
+            // SAFETY: it lies in an end that the guard borrows.
+            unsafe { stamp.as_ref() }.choose(self.greatest);
+        }
+    }
+}
+
+/// The guard to choose.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ready {
+    pub(super) number: u32,
+    pub(super) partner: NonNull<WaitNode>,
+    pub(super) place: NonNull<WaitPoint>,
+    pub(super) of_sender: bool,
+}
+
+/// Looks at new guards, and keeps the locks of those that it has seen.
+#[derive(Debug)]
+pub(super) struct Looks<'a> {
+    turn: PlainTurn<'a>,
+    pub(super) ready: Option<Ready>,
+    /// When the end of `ready` was last chosen.
+    least: u64,
+    ends: Ends,
+    /// One more than the number of the last guard with a locked wait point.
+    end: u32,
+    /// The fast path is unavailable: no guard is there, or one cannot take it.
+    pub(super) is_refused: bool,
+}
+
+impl<'a> Looks<'a> {
+    #[inline(always)]
+    pub(super) fn new(turn: PlainTurn<'a>, is_fair: bool) -> Self {
+        Self {
+            turn,
+            ready: None,
+            least: u64::MAX,
+            ends: Ends::new(is_fair),
+            end: 0,
+            is_refused: true,
+        }
+    }
+
+    /// See [`Ends::stamp`].
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(super) unsafe fn stamp(&self) {
+        // SAFETY: the contract.
+        unsafe { self.ends.stamp() };
+    }
+
+    /// What releases the locks, but for the lock of the guard that is ready.
+    #[inline(always)]
+    pub(super) fn leaving(&self) -> Leaving {
+        Leaving {
+            home: self.turn.home_number(),
+            end: self.end,
+            kept: match (&self.ready, self.is_refused) {
+                (Some(ready), false) => ready.number,
+                _ => u32::MAX,
+            },
+        }
+    }
+}
+
+impl Visit for Looks<'_> {
+    #[inline(always)]
+    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+        let Some(lists) = guard.place.enter_if_free(self.turn) else {
+            self.is_refused = true;
+            return false;
+        };
+        let partner = match lists.waiting.one(!guard.of_sender) {
+            None if !lists.waiting.is_idle() => {
+                // SAFETY: the lock is held.
+                let Some(found) = (unsafe { look_at_queues(lists, guard.of_sender) }) else {
+                    self.is_refused = true;
+                    return false;
+                };
+                found
+            }
+            partner => {
+                lists.keep();
+                partner
+            }
+        };
+        self.is_refused = false;
+        self.end = number + 1;
+        let stamp = self.ends.note(guard.stamp);
+        // Of two that were never chosen, the first.
+        if let Some(partner) = partner
+            && stamp < self.least
+        {
+            self.least = stamp;
+            self.ends.chosen = Some(NonNull::from(guard.stamp));
+            self.ready = Some(Ready {
+                number,
+                partner,
+                place: NonNull::from(guard.place),
+                of_sender: guard.of_sender,
+            });
+            return self.ends.is_fair;
+        }
+        true
+    }
+}
+
+/// Looks for a partner where neither nothing nor a partner waits alone. `None`: fast path
+/// unavailable, and the lock is released. Else it is kept.
+///
+/// # Safety
+///
+/// The lists are those of a wait point.
+#[cold]
+#[inline(never)]
+unsafe fn look_at_queues(
+    mut lists: InsideGuard<'_, WaitQueues>,
+    of_sender: bool,
+) -> Option<Option<NonNull<WaitNode>>> {
+    // A guard of another alternative on the other side is left to the slow path.
+    if !lists.leave_queues()
+        && (!lists.is_plain_rendezvous()
+            || lists.is_storing
+            || lists.waiting.guard(!of_sender).is_some())
+    {
+        return None;
+    }
+    let partner = match of_sender {
+        true => lists.receivers.first(),
+        false => lists.senders.first(),
+    };
+    // SAFETY: under the lock the nodes in the queues are accessible.
+    if partner.is_some_and(|first| !unsafe { Waiter::<()>::has_plain_wakeup(first.cast()) }) {
+        return None;
+    }
+    lists.keep();
+    Some(partner)
+}
+
+/// Releases the locks that [`Looks`] have kept, but for one.
+#[derive(Debug)]
+pub(super) struct Leaving {
+    home: u64,
+    end: u32,
+    kept: u32,
+}
+
+impl Visit for Leaving {
+    #[inline(always)]
+    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+        if number != self.end && number != self.kept {
+            // SAFETY: the look has kept the lock, on this thread.
+            drop(unsafe { guard.place.kept(self.home) });
+        }
+        number != self.end
+    }
+}
+
+/// Lists the guards, none of which is ready, and releases the locks that [`Looks`] have kept.
+#[derive(Debug)]
+pub(super) struct Listing {
+    home: u64,
+    by: (User, Priority),
+    selection: NonNull<SelectState>,
+}
+
+impl Listing {
+    /// # Safety
+    ///
+    /// The guards are pinned, hold their values if they are senders', and withdraw their nodes
+    /// before they and the select state go.
+    #[inline(always)]
+    pub(super) unsafe fn of(process: &Process, selection: NonNull<SelectState>) -> Self {
+        Self {
+            home: process.home_number(),
+            by: (User::Process(process.id()), process.priority()),
+            selection,
+        }
+    }
+}
+
+impl Visit for Listing {
+    #[inline(always)]
+    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+        let (node, of_sender) = (guard.node, guard.of_sender);
+        // SAFETY: the look has kept the lock, on this thread. The node is new, so no other thread
+        // knows it.
+        unsafe {
+            let mut lists = guard.place.kept(self.home);
+            Waiter::<()>::begin_guard(node.cast(), self.by, self.selection, number);
+            match of_sender {
+                true => lists.sender = LastUser::of(self.by.0),
+                false => lists.receiver = LastUser::of(self.by.0),
+            }
+            match lists.waiting.is_idle() {
+                true => lists.waiting = Waiting::alone_guard(node, of_sender),
+                false => list_in_queue(&mut lists, node, self.by.1, of_sender),
+            }
+        }
+        true
+    }
+}
+
+/// Lists a guard where others of its side wait.
+///
+/// # Safety
+///
+/// The node is not listed, and complete. It is taken off before it goes.
+#[cold]
+#[inline(never)]
+unsafe fn list_in_queue(
+    lists: &mut WaitQueues,
+    node: NonNull<WaitNode>,
+    priority: Priority,
+    of_sender: bool,
+) {
+    lists.list_alone();
+    // SAFETY: the contract.
+    unsafe {
+        match of_sender {
+            true => lists.senders.insert(node, priority, None),
+            false => lists.receivers.insert(node, priority, None),
+        }
+    }
+}
+
+/// Withdraws the guards that were listed and not chosen.
+#[derive(Debug)]
+pub(super) struct Withdrawing<'a> {
+    turn: PlainTurn<'a>,
+    chosen: u32,
+    ends: Ends,
+    /// Whether the chosen guard is over.
+    pub(super) is_over: bool,
+}
+
+impl<'a> Withdrawing<'a> {
+    #[inline(always)]
+    pub(super) fn but(chosen: u32, turn: PlainTurn<'a>, is_fair: bool) -> Self {
+        Self {
+            turn,
+            chosen,
+            ends: Ends::new(is_fair),
+            is_over: false,
+        }
+    }
+
+    /// See [`Ends::stamp`].
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(super) unsafe fn stamp(&self) {
+        // SAFETY: the contract.
+        unsafe { self.ends.stamp() };
+    }
+}
+
+impl Visit for Withdrawing<'_> {
+    #[inline(always)]
+    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+        self.ends.note(guard.stamp);
+        let node = guard.node.cast::<Waiter<()>>();
+        // SAFETY: the node was begun when it was listed. This thread holds no other lock of a wait
+        // point, and under the lock a waiting node is listed.
+        unsafe {
+            let outcome = Waiter::outcome(node);
+            if number == self.chosen {
+                self.ends.chosen = Some(NonNull::from(guard.stamp));
+                self.is_over = outcome == Outcome::Done;
+            } else if outcome == Outcome::Waiting {
+                match guard.place.try_enter(self.turn) {
+                    Some(mut lists)
+                        if lists.waiting == Waiting::alone_guard(guard.node, guard.of_sender) =>
+                    {
+                        lists.set_nothing_waits();
+                        Waiter::settle_stale(node);
+                    }
+                    lists => {
+                        drop(lists);
+                        withdraw_queued(guard);
+                    }
+                }
+            }
+        }
+        true
+    }
+}
+
+/// Withdraws a guard that may be in a queue, if it still waits.
+///
+/// # Safety
+///
+/// It was listed, and this is its owner.
+#[cold]
+#[inline(never)]
+unsafe fn withdraw_queued(guard: Plain<'_>) {
+    let node = guard.node.cast::<Waiter<()>>();
+    // No server is boosted by waiters here: clients' calls are no plain operations.
+    let mut lists = guard.place.lock_lists();
+    // SAFETY: the contract; under the lock a waiting node is listed.
+    unsafe {
+        if Waiter::outcome(node) == Outcome::Waiting {
+            match guard.of_sender {
+                true => lists.senders.remove(guard.node),
+                false => lists.receivers.remove(guard.node),
+            }
+            Waiter::settle_stale(node);
+        }
+    }
+}
+
+/// Result of a partner's attempt to commit the alternative of a guard.
+pub(crate) enum Commit {
+    /// It has chosen this guard. The caller takes the guard off and settles it.
+    Chosen(PlainPendingWake),
+    /// It has chosen another one. The caller takes the guard off, and settles it as stale.
+    Stale,
+    /// Not to be done on the fast path.
+    No,
+}
+
+/// Commits the alternative of a guard that waits.
+///
+/// # Safety
+///
+/// It waits at a wait point in whose lock this thread is, as a guard.
+#[inline(always)]
+pub(crate) unsafe fn commit(node: NonNull<WaitNode>, turn: PlainTurn<'_>) -> Commit {
+    let node = node.cast::<Waiter<()>>();
+    // SAFETY: the lock guards the node; its select state is live. The type of the value does not
+    // matter.
+    unsafe {
+        let Some((selection, guard)) = Waiter::selection(node) else {
+            return Commit::No;
+        };
+        let selection = selection.as_ref();
+        if !selection.is_open() {
+            return Commit::Stale;
+        }
+        // The commit lock of a select state that the fast path has opened is biased too.
+        let Some(_gate) = selection.gate_if_favoured(turn.home_number()) else {
+            return Commit::No;
+        };
+        match selection.claim_plainly(guard) {
+            Some(ready) => Commit::Chosen(ready),
+            None => Commit::No,
+        }
+    }
+}
+
+/// Takes the first operation off a queue, and guards of alternatives that have chosen before it.
+/// `None`: the first one is none for the fast path. The caller settles the operation.
+///
+/// # Safety
+///
+/// The queue is that of one side of a plain channel without a buffer, in whose lock this thread is.
+#[inline(never)]
+pub(crate) unsafe fn take_first(
+    queue: &mut WaitList,
+    turn: PlainTurn<'_>,
+) -> Option<Option<(NonNull<WaitNode>, PlainPendingWake)>> {
+    while let Some(first) = queue.first() {
+        // SAFETY: the lock guards the node.
+        unsafe {
+            let found = match Waiter::<()>::take_plain_wakeup(first.cast()) {
+                Some(ready) => Commit::Chosen(ready),
+                None => commit(first, turn),
+            };
+            match found {
+                Commit::Chosen(ready) => {
+                    queue.remove_first(first);
+                    return Some(Some((first, ready)));
+                }
+                Commit::Stale => {
+                    queue.remove_first(first);
+                    Waiter::<()>::settle_stale(first.cast());
+                }
+                Commit::No => return None,
+            }
+        }
+    }
+    Some(None)
+}

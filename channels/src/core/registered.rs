@@ -1,0 +1,117 @@
+//! Fast path of a registered alternative and its senders: the steps of
+//! [`fast_path`](super::fast_path), with an [`Alternative`](crate::Alternative) on the receiving
+//! side.
+
+use super::fast_path::take_from_first;
+use super::{Channel, FastPath};
+use crate::alternative::Entry;
+use crate::source::{Offered, Source};
+use crate::wait_point::{LastUser, WaitQueues};
+use crate::waiter::Waiter;
+use luna_core::biased_lock::InsideGuard;
+use luna_core::current::{PlainPendingWake, Process};
+use std::ptr::NonNull;
+
+impl<T> Channel<T> {
+    /// Sends to the alternative that is registered here, or lists the sender and reports the
+    /// channel to it.
+    ///
+    /// # Safety
+    ///
+    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
+    /// this channel's, and plain but for one registered alternative.
+    pub(super) unsafe fn send_to_registered<S: Source<T>>(
+        &self,
+        mut lists: InsideGuard<'_, WaitQueues>,
+        offered: NonNull<Offered<T, S>>,
+        process: &Process,
+    ) -> FastPath {
+        if !lists.receivers.is_empty() || !lists.senders.is_empty() {
+            return FastPath::No;
+        }
+        let Some(node) = lists.registered.first() else {
+            return FastPath::No;
+        };
+        let entry = node.cast::<Entry<T>>();
+        let receiver = node.cast::<Waiter<T>>();
+        // SAFETY: a registered node is that of a live entry, which the lock guards.
+        let claimed = unsafe { Entry::claim_or_announce(entry, process.home_number()) };
+        match claimed {
+            None => FastPath::No,
+            // SAFETY: the contract; the entry was just claimed, and holds no value before it is
+            // done.
+            Some(Some(ready)) => unsafe {
+                lists.sender = LastUser::process(process.id());
+                Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
+                Waiter::settle_plain(receiver);
+                drop(lists);
+                go_on(ready, process)
+            },
+            // SAFETY: by the contract on `offered` and the lock; no other node is listed.
+            Some(None) => unsafe { wait_as_sender(&mut lists, offered, process) },
+        }
+    }
+    /// Receives for a registered alternative from a plain sender, if that is the first to wait;
+    /// then reports under the lock whether no other waits. `None`: not possible here, or `still`
+    /// returned false under the lock; no state changed.
+    ///
+    /// # Safety
+    ///
+    /// This is the thread of the process' executor.
+    #[inline(always)]
+    pub(crate) unsafe fn take_sender_if(
+        &self,
+        process: &Process,
+        still: impl FnOnce() -> bool,
+        note: impl FnOnce(bool),
+    ) -> Option<(T, PlainPendingWake)> {
+        // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a
+        // sender's holds its value.
+        unsafe {
+            let mut lists = self.place.lock_if_favoured(process.home_number())?;
+            if !lists.is_plain_but_registered || lists.is_storing || !still() {
+                return None;
+            }
+            let first = lists.senders.first()?;
+            let taken = take_from_first::<T>(&mut lists, first, process)?;
+            note(lists.senders.is_empty());
+            Some(taken)
+        }
+    }
+}
+
+/// Lists a sender.
+///
+/// # Safety
+///
+/// As for [`send_fast`](Channel::send_fast); and no node is listed on either side.
+#[inline(always)]
+unsafe fn wait_as_sender<T, S: Source<T>>(
+    lists: &mut WaitQueues,
+    offered: NonNull<Offered<T, S>>,
+    process: &Process,
+) -> FastPath {
+    lists.sender = LastUser::process(process.id());
+    let node = offered.cast::<Waiter<T>>();
+    // SAFETY: the contract.
+    unsafe {
+        Waiter::begin_plain(node, process);
+        lists.senders.insert_alone(node.cast());
+    }
+    FastPath::Waits
+}
+
+/// Wakes the partner, and lets others run before `process` if they are to.
+///
+/// # Safety
+///
+/// The wake handle was made on this thread, where this is the plain turn of `process`.
+#[inline(always)]
+unsafe fn go_on(ready: PlainPendingWake, process: &Process) -> FastPath {
+    // SAFETY: by the contract the wake handle was made here, and `process` is the current one, in a
+    // plain turn.
+    unsafe {
+        ready.wake();
+        FastPath::done(process)
+    }
+}
