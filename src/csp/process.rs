@@ -331,7 +331,8 @@ impl<B: Build> Start for B {
         spec: ProcessSpec,
         frame: Frame,
     ) -> (Announced, ProcessHandle) {
-        announce(*self, executor, spec, frame)
+        // Stays in its box until then, so that it is moved no more often than one of known type.
+        executor.announce(spec, move || Supervised::make(|| (*self).build(), frame))
     }
 
     fn on_thread(

@@ -11,6 +11,7 @@ use std::hint::unreachable_unchecked;
 use std::mem::MaybeUninit;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
+use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
@@ -56,10 +57,15 @@ impl<F: Future, B: FnOnce() -> F> Body<F, B> {
 
     /// Makes the future, once, where it stays. If the builder panics, there is nothing any more.
     pub(crate) fn build(self: Pin<&mut Self>) {
-        // SAFETY: there is no future yet that would be moved.
-        let this = unsafe { self.get_unchecked_mut() };
-        if let Room::Unbuilt(build) = std::mem::replace(&mut this.0, Room::Empty) {
-            this.0 = Room::Running(build());
+        // SAFETY: there is no future yet that would be moved. The builder is moved out, and nothing
+        // is in its place before its room is used again. It may be large, so no room is moved.
+        unsafe {
+            let room = &raw mut self.get_unchecked_mut().0;
+            if let Room::Unbuilt(build) = &*room {
+                let build = ptr::read(build);
+                room.write(Room::Empty);
+                room.write(Room::Running(build()));
+            }
         }
     }
 }
