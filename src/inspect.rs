@@ -1,5 +1,5 @@
 //! What a system is made of, and what its processes wait for: its [`Composition`], the report of a
-//! [`Deadlock`], and all channels, barriers and locks of the program ([`places`]).
+//! [`Deadlock`], and all channels, barriers and locks of the program ([`wait_points`]).
 //!
 //! ```
 //! use luna::inspect::{Composition, ThreadKind};
@@ -20,4 +20,4 @@ pub use crate::csp::composition::{
     ThreadPart, WaitingPart,
 };
 pub use crate::system::deadlock::{Deadlock, Operation, Partner, Wait};
-pub use luna_channels::inspect::{PlaceKind, PlaceView, Role, Waiting, places};
+pub use luna_channels::inspect::{Role, WaitPointKind, WaitPointView, Waiting, wait_points};

@@ -36,7 +36,7 @@ const STRESSED_OUTPUT: &str = "alternative, output, stressed";
 const UNIT: &str = "ns/message";
 
 /// The limit of threads.
-const MOST_THREADS: usize = 64;
+const MAX_THREADS: usize = 64;
 
 /// How many channels an alternative is over.
 fn sizes() -> &'static [usize] {
@@ -251,7 +251,7 @@ fn inputs(stressed: bool) -> Vec<Case> {
             input::<TokioLocal, Kanal, _>(stressed, KANAL, size, peers::unordered),
             input::<Smol, AsyncChannel, _>(stressed, ASYNC_CHANNEL, size, peers::unordered),
         ]);
-        if size <= MOST_THREADS {
+        if size <= MAX_THREADS {
             cases.push(input::<Threads, Crossbeam, _>(
                 stressed,
                 CROSSBEAM,

@@ -29,7 +29,7 @@ fn sizes() -> &'static [u64] {
 }
 
 /// The limit of threads.
-const MOST_THREADS: u64 = 100;
+const MAX_THREADS: u64 = 100;
 
 /// A peer's barrier.
 trait Meeting: Clone + Send + 'static {
@@ -153,7 +153,7 @@ fn main() {
                 barrier::<Tokio, Arc<tokio::sync::Barrier>>,
             ),
         ]);
-        if size <= MOST_THREADS {
+        if size <= MAX_THREADS {
             let threads = barrier::<Threads, Arc<std::sync::Barrier>>;
             cases.push(case("std Barrier, threads", size, threads));
         }

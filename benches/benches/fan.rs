@@ -26,7 +26,7 @@ fn sizes() -> &'static [u64] {
     }
 }
 
-const MOST_THREADS: u64 = 64;
+const MAX_THREADS: u64 = 64;
 
 fn fan_in<E: Executor, C: Channel>(senders: u64, messages: u64) -> Duration {
     let core = one_core();
@@ -87,7 +87,7 @@ fn main() {
             case_in::<TokioLocal, Kanal>(KANAL, size),
             case_in::<Smol, AsyncChannel>(ASYNC_CHANNEL, size),
         ]);
-        if size <= MOST_THREADS {
+        if size <= MAX_THREADS {
             cases.push(case_in::<Threads, Crossbeam>(CROSSBEAM, size));
         }
     }
@@ -99,7 +99,7 @@ fn main() {
             case_out::<TokioLocal, Kanal>(KANAL, size),
             case_out::<Smol, AsyncChannel>(ASYNC_CHANNEL, size),
         ]);
-        if size <= MOST_THREADS {
+        if size <= MAX_THREADS {
             cases.push(case_out::<Threads, Crossbeam>(CROSSBEAM, size));
         }
     }

@@ -115,17 +115,17 @@ fn tracing_to_file(samples: u64) -> Duration {
 /// An event with two numbers, during a recording to a file.
 #[cfg(feature = "events")]
 fn event(events: u64) -> Duration {
-    use luna_core::events::{code, tell};
+    use luna_core::events::{code, report};
     on_core(one_core(), || {
         let file = file("events");
         let hub = Hub::new("bench", Default::default());
         let room = Logging::to_file(&file).room_for_events(2 * SAMPLES as usize);
         let recorder = Recorder::start(&hub, room).expect("the folder can be written to");
         hub.enter_thread();
-        hub.enter_home();
+        hub.enter_executor();
         let start = Instant::now();
         for n in 0..events {
-            tell(code::COMMUNICATION, 7, || [black_box(n), 1]);
+            report(code::COMMUNICATION, 7, || [black_box(n), 1]);
         }
         let elapsed = start.elapsed();
         let report = recorder.finish();

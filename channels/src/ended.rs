@@ -70,8 +70,8 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake 
     unsafe {
         list.remove(watcher.cast());
         (*watcher.as_ptr()).listed = false;
-        let wakeup = (*watcher.as_ptr()).wait.wakeup_mut().take();
-        wakeup.map_or(PendingWake::NOBODY, WakeHandle::take)
+        let wake_handle = (*watcher.as_ptr()).wait.wake_handle_mut().take();
+        wake_handle.map_or(PendingWake::NONE, WakeHandle::take)
     }
 }
 
@@ -83,7 +83,7 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake 
 /// Once it was polled it is pinned, and leaves the list before it goes.
 #[must_use = "it waits only when awaited"]
 pub struct Ended<'a> {
-    place: &'a WaitPoint,
+    wait_point: &'a WaitPoint,
     /// The result, while its process is held by its replay log.
     given: Option<ChannelEnd>,
     /// Its process' replay log has admitted it.
@@ -100,9 +100,9 @@ unsafe impl Send for Ended<'_> {}
 unsafe impl Sync for Ended<'_> {}
 
 impl<'a> Ended<'a> {
-    pub(crate) fn new(place: &'a WaitPoint, of_poison_alone: bool) -> Self {
+    pub(crate) fn new(wait_point: &'a WaitPoint, of_poison_alone: bool) -> Self {
         Self {
-            place,
+            wait_point,
             given: None,
             has_entered: false,
             has_given_way: false,
@@ -202,7 +202,7 @@ impl Ended<'_> {
         let node = self.node();
         let mut renewal = Renewal::of(cx);
         let end = renewal.put(|renewal| {
-            let mut lists = self.place.lock_lists();
+            let mut lists = self.wait_point.lock_lists();
             // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the
             // list when the future is dropped.
             unsafe {
@@ -211,12 +211,12 @@ impl Ended<'_> {
                     return Some((end, has_waited));
                 }
                 if has_waited {
-                    renewal.store((*node.as_ptr()).wait.wakeup_mut());
-                } else if let Some(wakeup) = renewal.take() {
+                    renewal.store((*node.as_ptr()).wait.wake_handle_mut());
+                } else if let Some(wake_handle) = renewal.take() {
                     (*node.as_ptr()).listed = true;
                     lists
                         .watching
-                        .insert(node.cast(), current::priority(), wakeup);
+                        .insert(node.cast(), current::priority(), wake_handle);
                 }
             }
             None
@@ -239,14 +239,14 @@ impl Drop for Ended<'_> {
             replay::abandon(!self.has_entered);
         }
         let node = self.node();
-        let mut lists = self.place.lock_lists();
+        let mut lists = self.wait_point.lock_lists();
         // SAFETY: the lock is held; a watcher in this state is in the list of its wait point.
         let unused = unsafe {
             if !node.as_ref().listed {
                 return;
             }
             lists.watching.remove(node.cast());
-            (*node.as_ptr()).wait.wakeup_mut().take()
+            (*node.as_ptr()).wait.wake_handle_mut().take()
         };
         drop(lists);
         drop(unused);

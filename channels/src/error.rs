@@ -133,9 +133,7 @@ impl<T> TrySendError<T> {
 impl<T> fmt::Display for TrySendError<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            TrySendError::Full(_) => {
-                "sending at once, but nobody waits to receive and there is no room"
-            }
+            TrySendError::Full(_) => "sending at once, but no receiver waits and there is no room",
             TrySendError::Closed(_) => "sending to a channel whose last receiver is gone",
             TrySendError::Poisoned(_) => "sending to a poisoned channel",
         })
@@ -174,9 +172,7 @@ impl TryRecvError {
 impl fmt::Display for TryRecvError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            TryRecvError::Empty => {
-                "receiving at once, but nobody waits to send and nothing is buffered"
-            }
+            TryRecvError::Empty => "receiving at once, but no sender waits and nothing is buffered",
             TryRecvError::Poisoned => "receiving from a poisoned channel",
             TryRecvError::Closed => "receiving from a channel whose last sender is gone",
         })
@@ -234,7 +230,7 @@ impl<T> From<SendError<T>> for SendTimeoutError<T> {
 impl<T> fmt::Display for SendTimeoutError<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            SendTimeoutError::Timeout(_) => "sending, but nobody took the value in time",
+            SendTimeoutError::Timeout(_) => "sending, but no receiver took the value in time",
             SendTimeoutError::Closed(_) => "sending to a channel whose last receiver is gone",
             SendTimeoutError::Poisoned(_) => "sending to a poisoned channel",
         })

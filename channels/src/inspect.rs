@@ -1,7 +1,7 @@
 //! What channels there are, their users, and their waiters: for reports of deadlocks and pictures
 //! of a system.
 //!
-//! Not for the real-time path: [`places`] looks at each channel under its lock, one after the
+//! Not for the real-time path: [`wait_points`] looks at each channel under its lock, one after the
 //! other, so the result is no snapshot of one instant, unless all processes wait.
 
 use crate::wait_point::{Ending, WaitPoint, WaitQueues};
@@ -18,7 +18,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 /// What kind of meeting place it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
-pub enum PlaceKind {
+pub enum WaitPointKind {
     /// A channel without a buffer.
     Rendezvous,
     /// A channel with a buffer of this capacity; `usize::MAX` where it grows.
@@ -35,16 +35,16 @@ pub enum PlaceKind {
     Stop,
 }
 
-impl PlaceKind {
+impl WaitPointKind {
     /// What it is in events; nothing where none happen.
     pub fn in_events(self) -> Option<events::Kind> {
         match self {
-            PlaceKind::Rendezvous | PlaceKind::Buffered(_) => Some(events::Kind::Channel),
-            PlaceKind::Barrier => Some(events::Kind::Barrier),
-            PlaceKind::Mutex | PlaceKind::Condition | PlaceKind::Semaphore => {
+            WaitPointKind::Rendezvous | WaitPointKind::Buffered(_) => Some(events::Kind::Channel),
+            WaitPointKind::Barrier => Some(events::Kind::Barrier),
+            WaitPointKind::Mutex | WaitPointKind::Condition | WaitPointKind::Semaphore => {
                 Some(events::Kind::Lock)
             }
-            PlaceKind::Stop => None,
+            WaitPointKind::Stop => None,
         }
     }
 }
@@ -89,7 +89,7 @@ pub enum Role {
 /// A channel, barrier or lock as it was when it was looked at.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
-pub struct PlaceView {
+pub struct WaitPointView {
     /// A number of its own.
     pub id: u64,
     /// Where it lies in memory: each end, or other handle, has this address in it. 0 for STOP.
@@ -99,7 +99,7 @@ pub struct PlaceView {
     /// Where in the program it was made.
     pub made_at: &'static Location<'static>,
     /// What it is.
-    pub kind: PlaceKind,
+    pub kind: WaitPointKind,
     /// How many values are buffered.
     pub buffered: usize,
     /// Whether it was marked as used from outside of the system.
@@ -122,7 +122,7 @@ pub struct PlaceView {
 ///
 /// # Invariants
 ///
-/// `links` are accessed under the lock of [`PLACES`] alone, once the place is registered.
+/// `links` are accessed under the lock of [`WAIT_POINTS`] alone, once the wait point is registered.
 #[derive(Debug)]
 pub(crate) struct Identity {
     id: u64,
@@ -130,7 +130,7 @@ pub(crate) struct Identity {
     links: UnsafeCell<Links>,
     #[expect(
         clippy::box_collection,
-        reason = "few places have a name: one word less for all others"
+        reason = "few wait_points have a name: one word less for all others"
     )]
     name: OnceLock<Box<String>>,
     kind: Kind,
@@ -162,7 +162,7 @@ pub(crate) struct Stored {
     pub(crate) capacity: usize,
 }
 
-/// As a [`PlaceKind`], without what the place itself knows.
+/// As a [`WaitPointKind`], without what the wait point itself knows.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Channel,
@@ -174,31 +174,31 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(kind: PlaceKind) -> Self {
+    fn of(kind: WaitPointKind) -> Self {
         match kind {
-            PlaceKind::Rendezvous | PlaceKind::Buffered(_) => Kind::Channel,
-            PlaceKind::Barrier => Kind::Barrier,
-            PlaceKind::Mutex => Kind::Mutex,
-            PlaceKind::Condition => Kind::Condition,
-            PlaceKind::Semaphore => Kind::Semaphore,
-            PlaceKind::Stop => Kind::Stop,
+            WaitPointKind::Rendezvous | WaitPointKind::Buffered(_) => Kind::Channel,
+            WaitPointKind::Barrier => Kind::Barrier,
+            WaitPointKind::Mutex => Kind::Mutex,
+            WaitPointKind::Condition => Kind::Condition,
+            WaitPointKind::Semaphore => Kind::Semaphore,
+            WaitPointKind::Stop => Kind::Stop,
         }
     }
 
-    fn with(self, capacity: usize) -> PlaceKind {
+    fn with(self, capacity: usize) -> WaitPointKind {
         match (self, capacity) {
-            (Kind::Channel, 0) => PlaceKind::Rendezvous,
-            (Kind::Channel, capacity) => PlaceKind::Buffered(capacity),
-            (Kind::Barrier, _) => PlaceKind::Barrier,
-            (Kind::Mutex, _) => PlaceKind::Mutex,
-            (Kind::Condition, _) => PlaceKind::Condition,
-            (Kind::Semaphore, _) => PlaceKind::Semaphore,
-            (Kind::Stop, _) => PlaceKind::Stop,
+            (Kind::Channel, 0) => WaitPointKind::Rendezvous,
+            (Kind::Channel, capacity) => WaitPointKind::Buffered(capacity),
+            (Kind::Barrier, _) => WaitPointKind::Barrier,
+            (Kind::Mutex, _) => WaitPointKind::Mutex,
+            (Kind::Condition, _) => WaitPointKind::Condition,
+            (Kind::Semaphore, _) => WaitPointKind::Semaphore,
+            (Kind::Stop, _) => WaitPointKind::Stop,
         }
     }
 }
 
-impl PlaceView {
+impl WaitPointView {
     /// What it is called in events: its name, or where it was made.
     pub fn name_in_events(&self) -> String {
         match &self.name {
@@ -210,7 +210,7 @@ impl PlaceView {
 
 impl Identity {
     #[track_caller]
-    pub(crate) fn new(kind: PlaceKind) -> Self {
+    pub(crate) fn new(kind: WaitPointKind) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         let (id, made_at) = (NEXT.fetch_add(1, Ordering::Relaxed), Location::caller());
         if let Some(kind) = kind.in_events() {
@@ -276,28 +276,28 @@ impl Identity {
 ///
 /// A doubly linked chain of live wait points that stay where they are, in the order of rising
 /// numbers.
-struct Places {
+struct WaitPoints {
     first: Option<NonNull<WaitPoint>>,
     last: Option<NonNull<WaitPoint>>,
 }
 
 // SAFETY: a place is shared by its lock, and listed only while it lives.
-unsafe impl Send for Places {}
+unsafe impl Send for WaitPoints {}
 
 /// In the order in which they were made.
-static PLACES: Mutex<Places> = Mutex::new(Places {
+static WAIT_POINTS: Mutex<WaitPoints> = Mutex::new(WaitPoints {
     first: None,
     last: None,
 });
 
-impl Places {
+impl WaitPoints {
     /// # Safety
     ///
     /// The place is listed here, or is the caller's alone; the lock of all places is held while the
     /// pointer is used.
-    unsafe fn links(place: NonNull<WaitPoint>) -> *mut Links {
+    unsafe fn links(wait_point: NonNull<WaitPoint>) -> *mut Links {
         // SAFETY: the contract.
-        unsafe { place.as_ref() }.identity.links.get()
+        unsafe { wait_point.as_ref() }.identity.links.get()
     }
 
     /// The wait point after `before`, or the first.
@@ -338,19 +338,19 @@ impl Places {
     /// # Safety
     ///
     /// It is listed nowhere, stays where it is, and is removed before it goes.
-    unsafe fn insert(&mut self, place: NonNull<WaitPoint>, stored: CountStored) {
+    unsafe fn insert(&mut self, wait_point: NonNull<WaitPoint>, stored: CountStored) {
         // SAFETY: the contract, and the invariant for those that are listed.
         unsafe {
-            let id = |place: NonNull<WaitPoint>| place.as_ref().identity.id;
+            let id = |wait_point: NonNull<WaitPoint>| wait_point.as_ref().identity.id;
             let mut before = self.last;
             while let Some(other) = before
-                && id(other) > id(place)
+                && id(other) > id(wait_point)
             {
                 before = (*Self::links(other)).before;
             }
-            let after = self.after(before).replace(place);
-            *self.before(after) = Some(place);
-            *Self::links(place) = Links {
+            let after = self.after(before).replace(wait_point);
+            *self.before(after) = Some(wait_point);
+            *Self::links(wait_point) = Links {
                 before,
                 after,
                 stored,
@@ -361,10 +361,10 @@ impl Places {
     /// # Safety
     ///
     /// It is listed here.
-    unsafe fn remove(&mut self, place: NonNull<WaitPoint>) {
+    unsafe fn remove(&mut self, wait_point: NonNull<WaitPoint>) {
         // SAFETY: the contract, and the invariant for its neighbours.
         unsafe {
-            let Links { before, after, .. } = *Self::links(place);
+            let Links { before, after, .. } = *Self::links(wait_point);
             *self.after(before) = after;
             *self.before(after) = before;
         }
@@ -375,30 +375,30 @@ impl Places {
 ///
 /// # Safety
 ///
-/// The place stays where it is, and lives until it is unregistered. `stored` can be called for it,
-/// by this pointer, under its lock.
-pub(crate) unsafe fn register(place: NonNull<WaitPoint>, stored: CountStored) {
+/// The wait point stays where it is, and lives until it is unregistered. `stored` can be called for
+/// it, by this pointer, under its lock.
+pub(crate) unsafe fn register(wait_point: NonNull<WaitPoint>, stored: CountStored) {
     // A model makes and drops thousands of channels, and their locks belong to one run of it.
     if cfg!(loom) {
         return;
     }
-    let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut wait_points = WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
     // SAFETY: the contract.
-    unsafe { places.insert(place, stored) };
+    unsafe { wait_points.insert(wait_point, stored) };
 }
 
-/// Takes a place off the register, as it is freed.
+/// Takes a wait point off the register, as it is freed.
 ///
 /// # Safety
 ///
 /// It was registered, and is unregistered once.
-pub(crate) unsafe fn unregister(place: &WaitPoint) {
+pub(crate) unsafe fn unregister(wait_point: &WaitPoint) {
     if cfg!(loom) {
         return;
     }
-    let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut wait_points = WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
     // SAFETY: the contract.
-    unsafe { places.remove(NonNull::from(place)) };
+    unsafe { wait_points.remove(NonNull::from(wait_point)) };
 }
 
 /// All channels, barriers and locks of the program that live, in the order in which they were made.
@@ -409,30 +409,30 @@ pub(crate) unsafe fn unregister(place: &WaitPoint) {
 ///
 /// let (sender, _receiver) = channel::<u32>();
 /// let _sender = sender.named("setpoint");
-/// let all = inspect::places();
-/// let place = all.iter().find(|place| place.name.as_deref() == Some("setpoint")).unwrap();
-/// assert!(place.waiting.is_empty() && place.made_at.line() > 0);
-/// assert_ne!(place.address, 0);
+/// let all = inspect::wait_points();
+/// let point = all.iter().find(|point| point.name.as_deref() == Some("setpoint")).unwrap();
+/// assert!(point.waiting.is_empty() && point.made_at.line() > 0);
+/// assert_ne!(point.address, 0);
 /// ```
-pub fn places() -> Vec<PlaceView> {
-    let places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
+pub fn wait_points() -> Vec<WaitPointView> {
+    let wait_points = WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
     let mut views = Vec::new();
-    let mut next = places.first;
-    while let Some(place) = next {
+    let mut next = wait_points.first;
+    while let Some(wait_point) = next {
         // SAFETY: a registered place lives, and unregistering needs the lock that is held.
         unsafe {
-            let links = Places::links(place);
-            views.push(view(place, (*links).stored));
+            let links = WaitPoints::links(wait_point);
+            views.push(view(wait_point, (*links).stored));
             next = (*links).after;
         }
     }
-    drop(places);
+    drop(wait_points);
     views.extend(stopped());
     views
 }
 
 /// The stopped processes, if there are any.
-fn stopped() -> Option<PlaceView> {
+fn stopped() -> Option<WaitPointView> {
     #[cfg_attr(loom, expect(unused_mut, reason = "a model looks at no reports"))]
     let mut waiting = Vec::new();
     #[cfg(not(loom))]
@@ -442,12 +442,12 @@ fn stopped() -> Option<PlaceView> {
     }) {
         waiting.reserve(waiting.capacity().max(8) * 2);
     }
-    (!waiting.is_empty()).then(|| PlaceView {
+    (!waiting.is_empty()).then(|| WaitPointView {
         id: 0,
         address: 0,
         name: Some("STOP".to_owned()),
         made_at: Location::caller(),
-        kind: PlaceKind::Stop,
+        kind: WaitPointKind::Stop,
         buffered: 0,
         external: false,
         strangers: false,
@@ -460,16 +460,16 @@ fn stopped() -> Option<PlaceView> {
 
 /// # Safety
 ///
-/// The place lives, and `stored` was registered with it.
-unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> PlaceView {
+/// The wait point lives, and `stored` was registered with it.
+unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> WaitPointView {
     // SAFETY: the contract.
-    let place = unsafe { registered.as_ref() };
+    let wait_point = unsafe { registered.as_ref() };
     let mut waiting = Vec::new();
     // Processes on the real-time path take this lock: nothing is allocated under it.
     let (stored, sender, receiver, ended) = loop {
         waiting.clear();
-        let mut lists = place.lock_briefly();
-        if copy_waiting(&mut lists, place.identity.kind, &mut waiting) {
+        let mut lists = wait_point.lock_briefly();
+        if copy_waiting(&mut lists, wait_point.identity.kind, &mut waiting) {
             // SAFETY: the lock is held.
             let stored = unsafe { stored(registered) };
             let ended = lists.ending != Ending::Open;
@@ -478,15 +478,19 @@ unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> PlaceView
         drop(lists);
         waiting.reserve(waiting.capacity().max(8) * 2);
     };
-    PlaceView {
-        id: place.identity.id,
+    WaitPointView {
+        id: wait_point.identity.id,
         address: registered.addr().get(),
-        name: place.identity.name.get().map(|name| String::clone(name)),
-        made_at: place.identity.made_at,
-        kind: place.identity.kind.with(stored.capacity),
+        name: wait_point
+            .identity
+            .name
+            .get()
+            .map(|name| String::clone(name)),
+        made_at: wait_point.identity.made_at,
+        kind: wait_point.identity.kind.with(stored.capacity),
         buffered: stored.now,
-        external: place.identity.external.load(Ordering::Relaxed),
-        strangers: place.identity.has_stranger(),
+        external: wait_point.identity.external.load(Ordering::Relaxed),
+        strangers: wait_point.identity.has_stranger(),
         ended,
         sender,
         receiver,
@@ -553,6 +557,8 @@ fn copy_list(
 /// The node is listed, and the lock is held that guards it. Of the waiter, only what comes before
 /// its value is looked at.
 unsafe fn is_waiting(waiter: NonNull<Waiter<()>>) -> bool {
-    // SAFETY: the contract; a listed node's selection is live.
-    unsafe { Waiter::selection(waiter).is_none_or(|(selection, _)| selection.as_ref().is_open()) }
+    // SAFETY: the contract; a listed node's select state is live.
+    unsafe {
+        Waiter::select_state(waiter).is_none_or(|(select_state, _)| select_state.as_ref().is_open())
+    }
 }

@@ -88,8 +88,8 @@ pub mod __private {
     };
 }
 
-use crate::inspect::{Identity, PlaceKind};
-use luna_core::current::{self, Place};
+use crate::inspect::{Identity, WaitPointKind};
+use luna_core::current::{self, QueueEnd};
 use std::task::Context;
 
 /// Makes a rendezvous channel: a send ends when a receiver has taken the value. Allocates the
@@ -149,8 +149,8 @@ pub fn try_buffered<T: Send>(buffer: Buffer) -> Result<(Sender<T>, Receiver<T>),
 #[track_caller]
 fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
     let kind = match buffer.capacity {
-        0 => PlaceKind::Rendezvous,
-        capacity => PlaceKind::Buffered(capacity),
+        0 => WaitPointKind::Rendezvous,
+        capacity => WaitPointKind::Buffered(capacity),
     };
     let channel = core::Channel::allocate(buffer, Identity::new(kind));
     // SAFETY: a new channel counts one end of each kind.
@@ -161,7 +161,7 @@ fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
 #[inline]
 fn completes_later(cx: &mut Context<'_>) -> bool {
     if current::is_outranked() {
-        current::ready_again(cx, Place::First);
+        current::ready_again(cx, QueueEnd::Front);
         true
     } else if current::spend_operation() {
         false
@@ -175,7 +175,7 @@ fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
     if replay::is_replayed() {
         return replay::is_held_after(cx);
     }
-    current::ready_again(cx, Place::Last);
+    current::ready_again(cx, QueueEnd::Back);
     true
 }
 
@@ -192,12 +192,12 @@ fn fails_later(cx: &Context<'_>) -> bool {
 #[inline]
 fn gives_way(cx: &Context<'_>) -> bool {
     if current::is_outranked() {
-        current::ready_again(cx, Place::First);
+        current::ready_again(cx, QueueEnd::Front);
         true
     } else if current::count_operation() {
         false
     } else {
-        current::ready_again(cx, Place::Last);
+        current::ready_again(cx, QueueEnd::Back);
         true
     }
 }

@@ -1,23 +1,23 @@
 //! One choice among several offers, made by one compare-and-swap, or under a lock.
 //!
 //! An alternative lists a node in each of its channels, and all of them lead to one *select state*.
-//! A partner that comes to one of these channels claims the select state under the channel's lock.
+//! A partner that comes to one of these channels commits the select state under the channel's lock.
 //! Of all that try, one succeeds, and goes on as with any waiting operation. The others find the
 //! choice made, take the stale node off their list, and look at the next waiter.
 //!
 //! ```text
-//!   CLOSED --owner lists its nodes--> OPEN --partner or owner, by compare-and-swap--> CHOSEN(guard)
+//!   CLOSED --owner lists its nodes--> OPEN --partner or owner, one exchange--> CHOSEN(guard)
 //! ```
 //!
-//! A compare-and-swap does not suffice if a partner may claim several select states at once, or
+//! A compare-and-swap does not suffice if a partner may commit several select states at once, or
 //! close this one for its owner. Then every thread that leaves `OPEN` holds the *commit lock* of
 //! the select state, and leaves by a plain store. The fast path does the same: the commit lock is
-//! biased to an executor, so a claim there executes no read-modify-write. The mode does not change
+//! biased to an executor, so a commit there executes no read-modify-write. The mode does not change
 //! between an opening and the end of that opening.
 //!
-//! No thread waits for another to leave an intermediate state: a claim that fails is final for that
-//! node, and the owner that finds its alternative chosen takes the lock of the one channel to learn
-//! the outcome.
+//! No thread waits for another to leave an intermediate state: a commit that fails is final for
+//! that node, and the owner that finds its alternative chosen takes the lock of the one channel to
+//! learn the outcome.
 
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{PlainPendingWake, Process, WakeHandle};
@@ -26,9 +26,9 @@ use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::ptr::NonNull;
 
-/// It cannot be claimed: the owner does not wait.
+/// It cannot be committed: the owner does not wait.
 const CLOSED: u32 = 0;
-/// The first claim succeeds.
+/// The first commit succeeds.
 const OPEN: u32 = 1;
 /// Guard `state - CHOSEN` was chosen.
 const CHOSEN: u32 = 2;
@@ -37,34 +37,35 @@ const CHOSEN: u32 = 2;
 ///
 /// # Invariants
 ///
-/// `wakeup` belongs to the owner unless the state is `OPEN`; from `OPEN`, to the thread that left
-/// it. Where that was no choice but a closing by another thread ([`close`](SelectState::close)),
-/// the owner learns of it before the other has taken the wake handle: such select states are
-/// `gated`, and the commit lock is held around both. `has_plain_wakeup` goes with it. `gated` is
-/// changed by the owner alone, while no node leads here that is listed. `entered` belongs to the
-/// thread that holds the commit lock. While a node that leads here is listed, this is live: its
-/// owner takes each node off, under its list's lock, before it goes.
+/// `wake_handle` belongs to the owner unless the state is `OPEN`; from `OPEN`, to the thread that
+/// left it. Where that was no choice but a closing by another thread
+/// ([`close`](SelectState::close)), the owner learns of it before the other has taken the wake
+/// handle: such select states are `needs_lock`, and the commit lock is held around both.
+/// `has_plain_wake_handle` goes with it. `needs_lock` is changed by the owner alone, while no node
+/// leads here that is listed. `entered` belongs to the thread that holds the commit lock. While a
+/// node that leads here is listed, this is live: its owner takes each node off, under its list's
+/// lock, before it goes.
 #[derive(Debug)]
 pub struct SelectState {
     state: AtomicU32,
-    /// Whether a thread that leaves `OPEN` holds the commit lock: a barrier's last party may claim
+    /// Whether a thread that leaves `OPEN` holds the commit lock: a barrier's last party may commit
     /// several select states at once, a partner may close this one for its owner, or all wait
     /// points are biased to one executor.
-    gated: AtomicBool,
+    needs_lock: AtomicBool,
     /// Whether the wake handle is one of a plain turn on the executor that owns the bias of the
     /// commit lock.
-    has_plain_wakeup: AtomicBool,
-    /// The guards from `first_late` on cannot be claimed from this instant on, in nanoseconds: a
+    has_plain_wake_handle: AtomicBool,
+    /// The guards from `first_late` on cannot be committed from this instant on, in nanoseconds: a
     /// delay before them in the order of preference has passed then, and the owner chooses that
     /// delay, though it may not have run yet.
     late_from: AtomicU64,
     first_late: AtomicU32,
     /// The clock of `limit`: a partner with another clock cannot compare.
     clock: AtomicUsize,
-    wakeup: UnsafeCell<Option<WakeHandle>>,
-    /// The commit lock. Held around each claim where `gated` is set, so that a barrier's last party
-    /// sees all select states that it claims open at one instant.
-    gate: BiasedLock<()>,
+    wake_handle: UnsafeCell<Option<WakeHandle>>,
+    /// The commit lock. Held around each commit where `needs_lock` is set, so that a barrier's last
+    /// party sees all select states that it commits open at one instant.
+    commit_lock: BiasedLock<()>,
     entered: UnsafeCell<Option<BiasedGuard<'static, ()>>>,
     /// loom repeats a model's run, and addresses differ between runs.
     #[cfg(loom)]
@@ -79,13 +80,13 @@ impl SelectState {
     pub(crate) fn new() -> Self {
         Self {
             state: AtomicU32::new(CLOSED),
-            gated: AtomicBool::new(false),
-            has_plain_wakeup: AtomicBool::new(false),
+            needs_lock: AtomicBool::new(false),
+            has_plain_wake_handle: AtomicBool::new(false),
             late_from: AtomicU64::new(u64::MAX),
             first_late: AtomicU32::new(0),
             clock: AtomicUsize::new(0),
-            wakeup: UnsafeCell::new(None),
-            gate: BiasedLock::new(()),
+            wake_handle: UnsafeCell::new(None),
+            commit_lock: BiasedLock::new(()),
             entered: UnsafeCell::new(None),
             #[cfg(loom)]
             number: {
@@ -96,20 +97,20 @@ impl SelectState {
         }
     }
 
-    /// Lets others claim it from now on; they then wake `wakeup`. With a `limit`, the guards from
-    /// its number on can be claimed until its instant only.
+    /// Lets others commit it from now on; they then wake `wake_handle`. With a `limit`, the guards
+    /// from its number on can be committed until its instant only.
     ///
     /// # Safety
     ///
-    /// The owner calls this, and the selection is closed.
+    /// The owner calls this, and the select state is closed.
     pub(crate) unsafe fn open(
         &self,
-        wakeup: WakeHandle,
+        wake_handle: WakeHandle,
         several: bool,
         limit: Option<(Instant, u32)>,
     ) {
-        self.gated.store(several, Ordering::Relaxed);
-        self.has_plain_wakeup.store(false, Ordering::Relaxed);
+        self.needs_lock.store(several, Ordering::Relaxed);
+        self.has_plain_wake_handle.store(false, Ordering::Relaxed);
         if let Some((instant, first_late)) = limit {
             self.first_late.store(first_late, Ordering::Relaxed);
             self.clock.store(Clock::number_here(), Ordering::Relaxed);
@@ -117,7 +118,8 @@ impl SelectState {
         }
         // SAFETY: in a closed select state it is the owner's; no thread closes this one for the
         // owner before it was opened.
-        self.wakeup.with_mut(|cell| unsafe { *cell = Some(wakeup) });
+        self.wake_handle
+            .with_mut(|cell| unsafe { *cell = Some(wake_handle) });
         self.state.store(OPEN, Ordering::Release);
     }
 
@@ -132,53 +134,57 @@ impl SelectState {
     pub(crate) unsafe fn opened_fast(process: &Process) -> Self {
         Self {
             state: AtomicU32::new(OPEN),
-            gated: AtomicBool::new(true),
-            has_plain_wakeup: AtomicBool::new(true),
+            needs_lock: AtomicBool::new(true),
+            has_plain_wake_handle: AtomicBool::new(true),
             // SAFETY: by the contract it is the current process, in a plain turn.
-            wakeup: UnsafeCell::new(Some(unsafe { WakeHandle::of_plain_turn(process) })),
+            wake_handle: UnsafeCell::new(Some(unsafe { WakeHandle::of_plain_turn(process) })),
             // SAFETY: the contract; nobody knows this one yet.
-            gate: unsafe { BiasedLock::biased_to(process.home_number(), ()) },
+            commit_lock: unsafe { BiasedLock::biased_to(process.executor_number(), ()) },
             ..Self::new()
         }
     }
 
-    /// Makes claims need the commit lock, for good: for a select state that others may close.
-    pub(crate) fn set_gated(&mut self) {
-        self.gated.store(true, Ordering::Relaxed);
+    /// Makes commits need the commit lock, for good: for a select state that others may close.
+    pub(crate) fn require_lock(&mut self) {
+        self.needs_lock.store(true, Ordering::Relaxed);
     }
 
     /// Takes the commit lock for one step. The owner decides what else the lock guards beside the
     /// state.
     #[inline]
-    pub(crate) fn gate(&self) -> BiasedGuard<'_, ()> {
-        self.gate.lock()
+    pub(crate) fn commit_lock(&self) -> BiasedGuard<'_, ()> {
+        self.commit_lock.lock()
     }
 
-    /// As [`gate`](Self::gate), if it is biased to this executor.
+    /// As [`commit_lock`](Self::commit_lock), if it is biased to this executor.
     ///
     /// # Safety
     ///
     /// This thread is the executor of that number.
     #[inline(always)]
-    pub(crate) unsafe fn gate_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, ()>> {
+    pub(crate) unsafe fn commit_lock_if_biased(
+        &self,
+        executor: u64,
+    ) -> Option<InsideGuard<'_, ()>> {
         // SAFETY: the contract.
-        unsafe { self.gate.lock_if_favoured(home) }
+        unsafe { self.commit_lock.lock_if_biased(executor) }
     }
 
-    /// Opens a select state that is gated for good.
+    /// Opens a select state that needs its commit lock for good.
     ///
     /// # Safety
     ///
-    /// The owner calls this, the selection is closed, and the commit lock is held.
-    pub(crate) unsafe fn open_gated(&self, wakeup: WakeHandle) {
-        self.has_plain_wakeup.store(false, Ordering::Relaxed);
+    /// The owner calls this, the select state is closed, and the commit lock is held.
+    pub(crate) unsafe fn open_with_lock(&self, wake_handle: WakeHandle) {
+        self.has_plain_wake_handle.store(false, Ordering::Relaxed);
         // SAFETY: in a closed select state it is the owner's; a thread that has closed it for the
         // owner has left the commit lock.
-        self.wakeup.with_mut(|cell| unsafe { *cell = Some(wakeup) });
+        self.wake_handle
+            .with_mut(|cell| unsafe { *cell = Some(wake_handle) });
         self.state.store(OPEN, Ordering::Release);
     }
 
-    /// As [`open_gated`](Self::open_gated), for the process in its plain turn.
+    /// As [`open_with_lock`](Self::open_with_lock), for the process in its plain turn.
     ///
     /// # Safety
     ///
@@ -186,12 +192,13 @@ impl SelectState {
     /// `process` was given by `current::plain_turn` or `current::unrecorded_turn` in this turn.
     #[inline]
     pub(crate) unsafe fn open_plainly(&self, process: &Process) {
-        self.has_plain_wakeup.store(true, Ordering::Relaxed);
+        self.has_plain_wake_handle.store(true, Ordering::Relaxed);
         // SAFETY: by the contract it is the current process, in a plain turn.
-        let wakeup = Some(unsafe { WakeHandle::of_plain_turn(process) });
-        // SAFETY: as for `open_gated`. A wake handle could be left here only by an opening that no
-        // thread has left: there is none.
-        self.wakeup.with_mut(|cell| unsafe { *cell = wakeup });
+        let wake_handle = Some(unsafe { WakeHandle::of_plain_turn(process) });
+        // SAFETY: as for `open_with_lock`. A wake handle could be left here only by an opening that
+        // no thread has left: there is none.
+        self.wake_handle
+            .with_mut(|cell| unsafe { *cell = wake_handle });
         self.state.store(OPEN, Ordering::Release);
     }
 
@@ -201,17 +208,19 @@ impl SelectState {
     /// # Safety
     ///
     /// The commit lock is held by the executor that owns its bias. This is a partner, as for
-    /// [`claim`](Self::claim).
+    /// [`commit`](Self::commit).
     #[inline(always)]
-    pub(crate) unsafe fn claim_plainly(&self, guard: u32) -> Option<PlainPendingWake> {
-        if !self.is_open() || !self.has_plain_wakeup.load(Ordering::Relaxed) || self.is_late(guard)
+    pub(crate) unsafe fn commit_plainly(&self, guard: u32) -> Option<PlainPendingWake> {
+        if !self.is_open()
+            || !self.has_plain_wake_handle.load(Ordering::Relaxed)
+            || self.is_late(guard)
         {
             return None;
         }
         // SAFETY: the commit lock is held, and the state is `OPEN` and about to be left. The wake
         // handle was made on this thread.
         let ready = self
-            .wakeup
+            .wake_handle
             .with_mut(|cell| unsafe { WakeHandle::take_plain(&mut *cell) })?;
         self.state
             .store(guard.saturating_add(CHOSEN), Ordering::Release);
@@ -222,16 +231,16 @@ impl SelectState {
     ///
     /// # Safety
     ///
-    /// The owner calls this, and no thread can claim the select state meanwhile: it is closed, or
+    /// The owner calls this, and no thread can commit the select state meanwhile: it is closed, or
     /// the owner holds the locks of all lists that its nodes are in.
-    pub(crate) unsafe fn replace_wakeup(&self, wakeup: WakeHandle) -> Option<WakeHandle> {
-        self.has_plain_wakeup.store(false, Ordering::Relaxed);
+    pub(crate) unsafe fn replace_wake_handle(&self, wake_handle: WakeHandle) -> Option<WakeHandle> {
+        self.has_plain_wake_handle.store(false, Ordering::Relaxed);
         // SAFETY: by the contract no other thread accesses the wake handle.
-        self.wakeup
-            .with_mut(|cell| unsafe { (*cell).replace(wakeup) })
+        self.wake_handle
+            .with_mut(|cell| unsafe { (*cell).replace(wake_handle) })
     }
 
-    /// Number of the chosen guard, if any. Acquire: all before the claim is visible.
+    /// Number of the chosen guard, if any. Acquire: all before the commit is visible.
     #[inline]
     pub(crate) fn chosen(&self) -> Option<u32> {
         self.state.load(Ordering::Acquire).checked_sub(CHOSEN)
@@ -247,17 +256,17 @@ impl SelectState {
     ///
     /// For partners, under the lock of the list in which they found a node that leads here.
     #[inline]
-    pub(crate) fn claim(&self, guard: u32) -> Option<Option<WakeHandle>> {
+    pub(crate) fn commit(&self, guard: u32) -> Option<Option<WakeHandle>> {
         if self.state.load(Ordering::Acquire) != OPEN || self.is_late(guard) {
             return None;
         }
         self.leave_open(guard.saturating_add(CHOSEN))
     }
 
-    /// As [`claim`](Self::claim), by the owner for a guard of its own after its time has come. The
-    /// owner need not be woken.
+    /// As [`commit`](Self::commit), by the owner for a guard of its own after its time has come.
+    /// The owner need not be woken.
     #[must_use = "the handle's drop is user code, and the owner's last step"]
-    pub(crate) fn claim_own(&self, guard: u32) -> Option<WakeHandle> {
+    pub(crate) fn commit_own(&self, guard: u32) -> Option<WakeHandle> {
         self.leave_open(guard.saturating_add(CHOSEN)).flatten()
     }
 
@@ -286,34 +295,34 @@ impl SelectState {
     /// Leaves `OPEN` for `state`, if the state is `OPEN`: returns the wake handle, if there is one.
     #[inline]
     fn leave_open(&self, state: u32) -> Option<Option<WakeHandle>> {
-        if self.gated.load(Ordering::Relaxed) {
-            let _gate = self.gate.lock();
+        if self.needs_lock.load(Ordering::Relaxed) {
+            let _commit_lock = self.commit_lock.lock();
             // SAFETY: the commit lock is held.
-            return unsafe { self.leave_open_gated(state) };
+            return unsafe { self.leave_open_with_lock(state) };
         }
         self.state
             .compare_exchange(OPEN, state, Ordering::AcqRel, Ordering::Relaxed)
             .ok()?;
         // SAFETY: this thread's exchange left `OPEN`, so the wake handle is its own.
-        Some(self.wakeup.with_mut(|cell| unsafe { (*cell).take() }))
+        Some(self.wake_handle.with_mut(|cell| unsafe { (*cell).take() }))
     }
 
     /// As [`leave_open`](Self::leave_open), under the commit lock.
     ///
     /// # Safety
     ///
-    /// The selection is gated, and the commit lock is held.
+    /// The select state needs its commit lock, and the calling thread holds it.
     #[inline]
-    unsafe fn leave_open_gated(&self, state: u32) -> Option<Option<WakeHandle>> {
+    unsafe fn leave_open_with_lock(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.state.load(Ordering::Acquire) != OPEN {
             return None;
         }
         // SAFETY: no other thread leaves `OPEN` while the commit lock is held, so the wake handle
         // is this thread's.
-        let wakeup = self.wakeup.with_mut(|cell| unsafe { (*cell).take() });
+        let wake_handle = self.wake_handle.with_mut(|cell| unsafe { (*cell).take() });
         // After it was taken: the owner, when it sees that the state was left, may open it again.
         self.state.store(state, Ordering::Release);
-        Some(wakeup)
+        Some(wake_handle)
     }
 
     /// The order in which several commit locks are taken: that of the addresses.
@@ -329,23 +338,23 @@ impl SelectState {
         this.addr().get()
     }
 
-    /// Takes the commit lock: until [`leave`](Self::leave), no other thread claims. Returns whether
-    /// `guard` can be chosen.
+    /// Takes the commit lock: until [`leave`](Self::leave), no other thread commits. Returns
+    /// whether `guard` can be chosen.
     ///
     /// A thread that takes several commit locks does so in their [`order`](Self::order).
     ///
     /// # Safety
     ///
-    /// `this` is gated, is live until `leave`, and this thread has not entered it.
+    /// `this` needs its commit lock, is live until `leave`, and this thread has not entered it.
     pub(crate) unsafe fn enter(this: NonNull<SelectState>, guard: u32) -> bool {
         // SAFETY: the contract keeps it alive for as long as the guard is kept.
-        let selection: &'static SelectState = unsafe { this.as_ref() };
-        let gate = selection.gate.lock();
+        let select_state: &'static SelectState = unsafe { this.as_ref() };
+        let commit_lock = select_state.commit_lock.lock();
         // SAFETY: the commit lock is this thread's.
-        selection
+        select_state
             .entered
-            .with_mut(|cell| unsafe { *cell = Some(gate) });
-        selection.state.load(Ordering::Acquire) == OPEN && !selection.is_late(guard)
+            .with_mut(|cell| unsafe { *cell = Some(commit_lock) });
+        select_state.state.load(Ordering::Acquire) == OPEN && !select_state.is_late(guard)
     }
 
     /// Leaves the commit lock; before that, chooses `guard` if one is given, and returns the
@@ -356,11 +365,11 @@ impl SelectState {
     /// This thread has entered it. With a guard, it was open then.
     pub(crate) unsafe fn leave(&self, guard: Option<u32>) -> Option<WakeHandle> {
         // SAFETY: the contract.
-        let wakeup =
-            guard.and_then(|guard| unsafe { self.leave_open_gated(guard.saturating_add(CHOSEN)) });
+        let wake_handle = guard
+            .and_then(|guard| unsafe { self.leave_open_with_lock(guard.saturating_add(CHOSEN)) });
         // SAFETY: the commit lock is this thread's.
-        let gate = self.entered.with_mut(|cell| unsafe { (*cell).take() });
-        drop(gate);
-        wakeup.flatten()
+        let commit_lock = self.entered.with_mut(|cell| unsafe { (*cell).take() });
+        drop(commit_lock);
+        wake_handle.flatten()
     }
 }

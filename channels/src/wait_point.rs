@@ -3,7 +3,7 @@
 
 use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
-use crate::replay::{Order, Taped};
+use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
 use luna_core::current::{Inheritor, PlainTurn, ProcessId, User};
@@ -26,9 +26,9 @@ pub(crate) type Mover = unsafe fn(NonNull<Waiter<()>>, NonNull<Waiter<()>>);
 
 /// What waits at a wait point, as one word that the fast path decides by.
 ///
-/// One plain operation may wait outside of the queues: it is *alone*, and its node has a wake handle
-/// and nothing else. So may one that is a guard of an alternative; its node is complete. Before
-/// anything else is done here, the slow path [lists](WaitQueues::list_alone) it.
+/// One plain operation may wait outside of the queues: it is *alone*, and its node has a wake
+/// handle and nothing else. So may one that is a guard of an alternative; its node is complete.
+/// Before anything else is done here, the slow path [lists](WaitQueues::list_alone) it.
 ///
 /// ```text
 ///   IDLE or STORE <---> alone, sender or receiver
@@ -170,7 +170,7 @@ pub struct WaitQueues {
     /// Operations that wait for the end alone: see `ended`.
     pub(crate) watching: WaitList,
     /// What is known of recorded processes that come here.
-    pub(crate) taped: Taped,
+    pub(crate) log_state: LogState,
 }
 
 /// The last user of one kind of ends, if there was any: an `Option<User>` that is one store.
@@ -270,7 +270,7 @@ impl WaitQueues {
     /// Whether plain sends and receives may meet on the [hand-off slots](crate::hand_off_slots):
     /// the wait point has no other use, and no node is listed.
     #[inline]
-    pub(crate) fn may_meet_on_spots(&self) -> bool {
+    pub(crate) fn may_use_hand_off_slots(&self) -> bool {
         self.is_plain_rendezvous() && self.senders.is_empty() && self.receivers.is_empty()
     }
 
@@ -281,14 +281,14 @@ impl WaitQueues {
             && self.ending == Ending::Open
             && !self.extends
             && self.server.is_none()
-            && !self.taped.is_used();
+            && !self.log_state.is_used();
         let registered = self.registered.first();
         // SAFETY: it is the first of this list.
         let is_one =
             registered.is_some_and(|first| unsafe { self.registered.after(first) }.is_none());
         self.is_plain = is_plain && registered.is_none();
         self.is_plain_but_registered = is_plain && self.is_rendezvous && is_one;
-        self.is_unusual = self.ending != Ending::Open || self.taped.is_used();
+        self.is_unusual = self.ending != Ending::Open || self.log_state.is_used();
     }
 }
 
@@ -308,7 +308,7 @@ pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
 }
 
 impl LastUser {
-    pub(crate) const NOBODY: LastUser = LastUser(u32::MAX);
+    pub(crate) const NONE: LastUser = LastUser(u32::MAX);
 
     #[inline]
     pub(crate) fn of(user: User) -> Self {
@@ -345,15 +345,15 @@ pub(crate) struct WaitPoint {
 /// A wait point with cache lines of its own.
 #[derive(Debug)]
 #[repr(C, align(64))]
-pub(crate) struct PlaceApart(WaitPoint);
+pub(crate) struct AlignedWaitPoint(WaitPoint);
 
-impl PlaceApart {
+impl AlignedWaitPoint {
     pub(crate) fn new(identity: Identity) -> Self {
         Self(WaitPoint::new(identity))
     }
 }
 
-impl Deref for PlaceApart {
+impl Deref for AlignedWaitPoint {
     type Target = WaitPoint;
     #[inline(always)]
     fn deref(&self) -> &WaitPoint {
@@ -384,10 +384,10 @@ impl WaitPoint {
                 extends: false,
                 is_storing: false,
                 tickets: 0,
-                sender: LastUser::NOBODY,
-                receiver: LastUser::NOBODY,
+                sender: LastUser::NONE,
+                receiver: LastUser::NONE,
                 server: None,
-                taped: Taped::default(),
+                log_state: LogState::default(),
                 order: Order::default(),
             }),
             identity,
@@ -396,10 +396,10 @@ impl WaitPoint {
 
     /// Records that a value goes from one to the other; 0 is an unknown partner, such as a buffer.
     #[inline(always)]
-    pub(crate) fn tell(&self, communication: impl FnOnce() -> [u64; 2]) {
+    pub(crate) fn report(&self, communication: impl FnOnce() -> [u64; 2]) {
         if events::is_on() {
             let number = self.identity.number();
-            events::tell(events::code::COMMUNICATION, number, communication);
+            events::report(events::code::COMMUNICATION, number, communication);
         }
     }
 
@@ -439,21 +439,21 @@ impl WaitPoint {
     #[inline]
     pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock();
-        self.clear_spots(&mut lists);
+        self.clear_slots(&mut lists);
         lists
     }
 
     /// Lists the operations that wait on the hand-off slots. O(1), since no other operation is
     /// listed then. `lists` are this wait point's.
     #[inline]
-    pub(crate) fn clear_spots(&self, lists: &mut WaitQueues) {
+    pub(crate) fn clear_slots(&self, lists: &mut WaitQueues) {
         if self.hand_off_slots.is_anybody_waiting() {
-            self.list_from_spots(lists);
+            self.list_from_slots(lists);
         }
     }
 
     #[cold]
-    fn list_from_spots(&self, lists: &mut WaitQueues) {
+    fn list_from_slots(&self, lists: &mut WaitQueues) {
         for side in [Side::Sender, Side::Receiver] {
             if self.hand_off_slots.is_waiting(side)
                 && let Some(node) = lists.hand_off.get(side)
@@ -471,20 +471,23 @@ impl WaitPoint {
         }
     }
 
-    /// Locks for the executor that owns the bias: see [`BiasedLock::lock_if_favoured`].
+    /// Locks for the executor that owns the bias: see [`BiasedLock::lock_if_biased`].
     ///
     /// # Safety
     ///
     /// This thread is the executor of that number.
     #[inline(always)]
-    pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
+    pub(crate) unsafe fn lock_if_biased(
+        &self,
+        executor: u64,
+    ) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
-        let mut lists = unsafe { self.lock.lock_if_favoured(home) }?;
+        let mut lists = unsafe { self.lock.lock_if_biased(executor) }?;
         lists.list_alone();
         Some(lists)
     }
 
-    /// As [`lock_if_favoured`](Self::lock_if_favoured), for the fast path: an operation that waits
+    /// As [`lock_if_biased`](Self::lock_if_biased), for the fast path: an operation that waits
     /// alone is not listed. See [`BiasedLock::enter_if_favoured`].
     ///
     /// # Safety
@@ -531,9 +534,9 @@ impl WaitPoint {
     ///
     /// As there.
     #[inline(always)]
-    pub(crate) unsafe fn kept(&self, home: u64) -> InsideGuard<'_, WaitQueues> {
+    pub(crate) unsafe fn kept(&self, executor: u64) -> InsideGuard<'_, WaitQueues> {
         // SAFETY: the contract.
-        unsafe { self.lock.kept(home) }
+        unsafe { self.lock.kept(executor) }
     }
 
     /// Access to the lists of a wait point that no other thread knows yet.

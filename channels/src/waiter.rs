@@ -64,8 +64,9 @@ pub(crate) struct Link {
     /// A settled extended receiver's, and a held sender's: number of the rendezvous.
     pub(crate) ticket: u32,
     /// An alternative's: its select state, and the number of this guard. There if it was begun in
-    /// full or as a guard. Before the value, since code that looks at it may not know the type of the value.
-    selection: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
+    /// full or as a guard. Before the value, since code that looks at it may not know the type of
+    /// the value.
+    select_state: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
 }
 
 /// Fields that few nodes use.
@@ -81,7 +82,7 @@ struct Seldom<T> {
 impl Link {
     /// Of an operation that waits, begun in full.
     #[inline(always)]
-    fn in_full(wait: WaitNode, selection: Option<(NonNull<SelectState>, u32)>) -> Self {
+    fn in_full(wait: WaitNode, select_state: Option<(NonNull<SelectState>, u32)>) -> Self {
         Self {
             wait,
             outcome: AtomicU8::new(Outcome::Waiting as u8),
@@ -89,7 +90,7 @@ impl Link {
             extended: false,
             inherits: false,
             ticket: 0,
-            selection: MaybeUninit::new(selection),
+            select_state: MaybeUninit::new(select_state),
         }
     }
 }
@@ -152,7 +153,7 @@ impl<T> Waiter<T> {
             // A pointer right before the value: without it the compiler takes the two for one piece
             // of memory, and copies unwritten fields with the written ones.
             (*Self::link(NonNull::new_unchecked(place)))
-                .selection
+                .select_state
                 .write(None);
             (&raw mut (*place).value).write(UnsafeCell::new(MaybeUninit::new(value)));
         }
@@ -178,14 +179,14 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn begin(
         node: NonNull<Waiter<T>>,
         extended: bool,
-        selection: Option<(NonNull<SelectState>, u32)>,
+        select_state: Option<(NonNull<SelectState>, u32)>,
         make: Option<Make<T>>,
     ) {
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {
                 extended,
-                ..Link::in_full(WaitNode::new(), selection)
+                ..Link::in_full(WaitNode::new(), select_state)
             });
             (*node.as_ptr()).seldom = Seldom {
                 order: MaybeUninit::new(0),
@@ -205,17 +206,17 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, process: &Process) {
         let user = User::Process(process.id());
         // SAFETY: by the contract it is the current process, in a plain turn.
-        let wakeup = unsafe { WakeHandle::of_plain_turn(process) };
+        let wake_handle = unsafe { WakeHandle::of_plain_turn(process) };
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {
-                wait: WaitNode::waiting(user, process.priority(), wakeup),
+                wait: WaitNode::waiting(user, process.priority(), wake_handle),
                 outcome: AtomicU8::new(Outcome::Waiting as u8),
                 begun: Begun::Plainly,
                 extended: false,
                 inherits: false,
                 ticket: 0,
-                selection: MaybeUninit::uninit(),
+                select_state: MaybeUninit::uninit(),
             });
         }
     }
@@ -263,8 +264,8 @@ impl<T> Waiter<T> {
     ///
     /// As for [`begin`](Self::begin).
     #[inline]
-    pub(crate) unsafe fn begin_on_spot(node: NonNull<Waiter<T>>) {
-        let wait = WaitNode::without_wakeup(current::user(), current::priority());
+    pub(crate) unsafe fn begin_in_slot(node: NonNull<Waiter<T>>) {
+        let wait = WaitNode::without_wake_handle(current::user(), current::priority());
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link::in_full(wait, None));
@@ -275,8 +276,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares the node of a plain operation that is guard `number` of an alternative of `user` for
-    /// being listed. The type of the value does not matter.
+    /// Prepares the node of a plain operation that is guard `number` of an alternative of `user`
+    /// for being listed. The type of the value does not matter.
     ///
     /// # Safety
     ///
@@ -285,30 +286,30 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn begin_guard(
         node: NonNull<Waiter<T>>,
         (user, priority): (User, Priority),
-        selection: NonNull<SelectState>,
+        select_state: NonNull<SelectState>,
         number: u32,
     ) {
-        let wait = WaitNode::without_wakeup(user, priority);
+        let wait = WaitNode::without_wake_handle(user, priority);
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {
                 begun: Begun::AsGuard,
-                ..Link::in_full(wait, Some((selection, number)))
+                ..Link::in_full(wait, Some((select_state, number)))
             });
         }
     }
 
-    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find a wake handle.
+    /// Whether [`take_plain_wake_handle`](Self::take_plain_wake_handle) will find a wake handle.
     ///
     /// # Safety
     ///
     /// As there.
     #[inline(always)]
-    pub(crate) unsafe fn has_plain_wakeup(node: NonNull<Waiter<T>>) -> bool {
+    pub(crate) unsafe fn has_plain_wake_handle(node: NonNull<Waiter<T>>) -> bool {
         // SAFETY: the contract.
         unsafe {
             let link = Self::link(node);
-            (*link).begun == Begun::Plainly && WakeHandle::is_plain((*link).wait.wakeup_mut())
+            (*link).begun == Begun::Plainly && WakeHandle::is_plain((*link).wait.wake_handle_mut())
         }
     }
 
@@ -320,13 +321,15 @@ impl<T> Waiter<T> {
     ///
     /// `node` is listed, and the lock is held that guards it.
     #[inline(always)]
-    pub(crate) unsafe fn take_plain_wakeup(node: NonNull<Waiter<T>>) -> Option<PlainPendingWake> {
+    pub(crate) unsafe fn take_plain_wake_handle(
+        node: NonNull<Waiter<T>>,
+    ) -> Option<PlainPendingWake> {
         // SAFETY: the contract.
         unsafe {
             // Not a reference to the whole: its future may look at the outcome meanwhile.
             let link = Self::link(node);
             if (*link).begun == Begun::Plainly {
-                WakeHandle::take_plain((*link).wait.wakeup_mut())
+                WakeHandle::take_plain((*link).wait.wake_handle_mut())
             } else {
                 None
             }
@@ -337,15 +340,17 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`take_plain_wakeup`](Self::take_plain_wakeup).
-    pub(crate) unsafe fn change_wakeup<'a>(node: NonNull<Waiter<T>>) -> &'a mut Option<WakeHandle> {
+    /// As for [`take_plain_wake_handle`](Self::take_plain_wake_handle).
+    pub(crate) unsafe fn change_wake_handle<'a>(
+        node: NonNull<Waiter<T>>,
+    ) -> &'a mut Option<WakeHandle> {
         // SAFETY: the contract.
         unsafe {
             let link = Self::link(node);
             if (*link).begun == Begun::Plainly {
                 (*link).begun = Begun::PlainlyAndChanged;
             }
-            (*link).wait.wakeup_mut()
+            (*link).wait.wake_handle_mut()
         }
     }
 
@@ -366,7 +371,7 @@ impl<T> Waiter<T> {
     }
 
     /// Settles a waiting operation as stale that holds no wake handle: an alternative's that was
-    /// not claimed. The node is not to be touched after this.
+    /// not committed. The node is not to be touched after this.
     ///
     /// # Safety
     ///
@@ -400,14 +405,14 @@ impl<T> Waiter<T> {
     /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its
     /// future.
     #[inline(always)]
-    pub(crate) unsafe fn selection(
+    pub(crate) unsafe fn select_state(
         node: NonNull<Waiter<T>>,
     ) -> Option<(NonNull<SelectState>, u32)> {
         // SAFETY: by the contract; the select state is there if the node was begun in full.
         unsafe {
             let link = Self::link(node);
             match (*link).begun {
-                Begun::InFull | Begun::AsGuard => (*link).selection.assume_init(),
+                Begun::InFull | Begun::AsGuard => (*link).select_state.assume_init(),
                 Begun::Plainly | Begun::PlainlyAndChanged => None,
             }
         }
@@ -417,10 +422,10 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`selection`](Self::selection).
-    pub(crate) unsafe fn leave_selection(node: NonNull<Waiter<T>>) {
+    /// As for [`select_state`](Self::select_state).
+    pub(crate) unsafe fn leave_select_state(node: NonNull<Waiter<T>>) {
         // SAFETY: the contract.
-        unsafe { (*Self::link(node)).selection.write(None) };
+        unsafe { (*Self::link(node)).select_state.write(None) };
     }
 
     /// The operation's outcome. Acquire: a thread that sees an outcome sees the value that came
@@ -528,12 +533,14 @@ impl<T> Waiter<T> {
     ///
     /// `node` is listed, and the lock is held that guards it.
     #[inline(always)]
-    pub(crate) unsafe fn claim(node: NonNull<Waiter<T>>) -> bool {
+    pub(crate) unsafe fn commit(node: NonNull<Waiter<T>>) -> bool {
         // SAFETY: the contract.
         unsafe {
-            match Self::selection(node) {
+            match Self::select_state(node) {
                 None => true,
-                Some((selection, guard)) => claim_selection(node.cast(), selection, guard),
+                Some((select_state, guard)) => {
+                    commit_select_state(node.cast(), select_state, guard)
+                }
             }
         }
     }
@@ -580,7 +587,7 @@ impl<T> Waiter<T> {
     ///
     /// `node` is live, and the lock is held that guards it.
     #[inline]
-    unsafe fn take_wakeup(node: NonNull<Waiter<T>>) -> PendingWake {
+    unsafe fn take_wake_handle(node: NonNull<Waiter<T>>) -> PendingWake {
         // SAFETY: the contract.
         unsafe {
             // loom does not watch the wake handle: to it, this is an access to the value beside it,
@@ -589,9 +596,9 @@ impl<T> Waiter<T> {
             (*node.as_ptr()).value.with_mut(|_| ());
             (*Self::link(node))
                 .wait
-                .wakeup_mut()
+                .wake_handle_mut()
                 .take()
-                .map_or(PendingWake::NOBODY, WakeHandle::take)
+                .map_or(PendingWake::NONE, WakeHandle::take)
         }
     }
 
@@ -600,13 +607,13 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a waiter's, was claimed and taken off its list under the lock that is still held,
-    /// or it is stale; and its state agrees with `outcome`.
+    /// `node` is a waiter's, was committed and taken off its list under the lock that is still
+    /// held, or it is stale; and its state agrees with `outcome`.
     #[inline]
     pub(crate) unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> PendingWake {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
-            let ready = Self::take_wakeup(node);
+            let ready = Self::take_wake_handle(node);
             // Release: the value and all that came before is visible to a thread that sees the
             // outcome.
             (*Self::link(node))
@@ -653,16 +660,16 @@ impl Waiter<()> {
 /// `node` begins a listed waiter, whatever the type of its values, and the lock is held that guards
 /// it.
 #[cold]
-unsafe fn claim_selection(
+unsafe fn commit_select_state(
     node: NonNull<WaitNode>,
-    selection: NonNull<SelectState>,
+    select_state: NonNull<SelectState>,
     guard: u32,
 ) -> bool {
     // SAFETY: by the contract; a listed node's select state is live.
     unsafe {
-        match selection.as_ref().claim(guard) {
-            Some(wakeup) => {
-                *(*node.as_ptr()).wakeup_mut() = wakeup;
+        match select_state.as_ref().commit(guard) {
+            Some(wake_handle) => {
+                *(*node.as_ptr()).wake_handle_mut() = wake_handle;
                 true
             }
             None => false,

@@ -65,7 +65,7 @@ pub(crate) struct Demo {
     #[arg(long, value_name = "HZ", default_value_t = 1000, value_parser = rate, allow_negative_numbers = true)]
     pub(crate) rate: u32,
     #[command(flatten)]
-    pub(crate) place: Place,
+    pub(crate) place: Placement,
     /// A recording with the columns time (s), pan and tilt (-1 to 1), or an input device
     /// (/dev/input/event0) [default: a recording within the program]
     #[arg(long, value_name = "FILE")]
@@ -141,7 +141,7 @@ pub(crate) struct Jitter {
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=1000), allow_negative_numbers = true)]
     pub(crate) burn: Option<u64>,
     #[command(flatten)]
-    pub(crate) place: Place,
+    pub(crate) place: Placement,
     /// Where to write the histogram, as CSV: latency_ns,count
     #[arg(long, value_name = "FILE")]
     pub(crate) histogram: Option<PathBuf>,
@@ -292,7 +292,7 @@ impl Format {
 
 /// Where the measured processes run, and how they are reported.
 #[derive(Debug, Clone, Args)]
-pub(crate) struct Place {
+pub(crate) struct Placement {
     /// The core to run on [default: the last isolated one, else the last]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) core: Option<usize>,

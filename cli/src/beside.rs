@@ -65,7 +65,7 @@ fn period(number: u32, count: u32) -> Duration {
 /// A thread on the same core, below the measured one, that keeps it busy for `burst` at a time.
 pub(crate) fn burner(
     system: &mut System,
-    place: &args::Place,
+    place: &args::Placement,
     burst: Duration,
     until: &Ended,
 ) -> luna::Result<()> {

@@ -132,7 +132,7 @@ fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, F
 
 /// The control executor as asked for; the hardware below it, where the system likes; the operator
 /// with no promise at all.
-fn executors(system: &mut System, arguments: &args::Place) -> luna::Result<Executors> {
+fn executors(system: &mut System, arguments: &args::Placement) -> luna::Result<Executors> {
     let control = place::executor(system, CONTROL, arguments)?;
     // Real hardware is never late, but it must not make the measured loops late either.
     let below = |priority: u8| priority.saturating_sub(1).max(1);

@@ -1,6 +1,6 @@
 //! Where the measured processes run.
 
-use crate::args::Place;
+use crate::args::Placement;
 use luna::{Policy, System};
 use luna_platform::facts::SystemFacts;
 
@@ -8,7 +8,7 @@ use luna_platform::facts::SystemFacts;
 pub(crate) fn executor(
     system: &mut System,
     name: &str,
-    place: &Place,
+    place: &Placement,
 ) -> luna::Result<luna::Executor> {
     executor_under(system, name, place, place.policy)
 }
@@ -17,7 +17,7 @@ pub(crate) fn executor(
 pub(crate) fn executor_under(
     system: &mut System,
     name: &str,
-    place: &Place,
+    place: &Placement,
     policy: Policy,
 ) -> luna::Result<luna::Executor> {
     let mut executor = system.executor(name).policy(policy);

@@ -12,7 +12,7 @@ use std::ptr;
 use std::sync::Arc;
 
 /// Capacity of the cache.
-const MOST: usize = 256;
+const MAX: usize = 256;
 
 /// Unused references, all to the same thing: for a thread-local variable.
 ///
@@ -84,7 +84,7 @@ impl<T> ArcCache<T> {
     /// otherwise. O(1).
     #[inline]
     pub fn give_back(&self, one: Arc<T>) {
-        if self.keeps(&one) && self.count.get() < MOST {
+        if self.keeps(&one) && self.count.get() < MAX {
             mem::forget(one);
             self.count.set(self.count.get() + 1);
         }
@@ -134,12 +134,12 @@ mod tests {
         spare.keep(&thing);
         spare.give_back(other.clone());
         assert_eq!(Arc::strong_count(&other), 1);
-        for _ in 0..2 * MOST {
+        for _ in 0..2 * MAX {
             spare.give_back(thing.clone());
         }
-        assert_eq!(Arc::strong_count(&thing), 1 + MOST);
+        assert_eq!(Arc::strong_count(&thing), 1 + MAX);
         assert!(Arc::ptr_eq(&spare.another(&other), &other));
-        assert_eq!(Arc::strong_count(&thing), 1 + MOST);
+        assert_eq!(Arc::strong_count(&thing), 1 + MAX);
         spare.keep(&other);
         assert_eq!(Arc::strong_count(&thing), 1);
     }

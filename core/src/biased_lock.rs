@@ -69,7 +69,7 @@ fn uses_alone() -> u8 {
 }
 
 /// No bias; no executor has this id.
-const NOBODY: u64 = u64::MAX;
+const NO_EXECUTOR: u64 = u64::MAX;
 
 /// A lock that costs the owner of its bias no read-modify-write, and every other thread as much as
 /// a [`PiLock`].
@@ -94,13 +94,13 @@ const NOBODY: u64 = u64::MAX;
 ///
 /// # Invariants
 ///
-/// Only the holder of `shared` changes `favoured`: from `NOBODY` to an executor on that executor's
+/// Only the holder of `shared` changes `bias`: from `NO_EXECUTOR` to an executor on that executor's
 /// thread, and back on any thread. Two kinds of thread access `value`: the holder of `shared`,
 /// while there is no bias and `inside` is free after the heavy fence; and the owner of the bias,
 /// while it holds `inside`.
 #[repr(C)]
 pub struct BiasedLock<T> {
-    favoured: AtomicU64,
+    bias: AtomicU64,
     inside: Inside,
     shared: PiLock<Uses>,
     value: UnsafeCell<T>,
@@ -123,7 +123,7 @@ unsafe impl<T: Send> Send for BiasedLock<T> {}
 #[repr(C, packed(4))]
 struct Uses {
     /// The executor that used it last.
-    home: u64,
+    executor: u64,
     in_a_row: u8,
     /// The bias was revoked, or two executors have used the lock: it is never biased again.
     is_shared_for_good: bool,
@@ -131,23 +131,23 @@ struct Uses {
 
 impl Uses {
     #[inline]
-    fn count(&mut self, home: u64) {
-        if home == 0 {
+    fn count(&mut self, executor: u64) {
+        if executor == 0 {
             // A plain thread: it may have used the lock while the system was set up.
             self.in_a_row = 0;
             return;
         }
-        if self.home != home {
+        if self.executor != executor {
             // A second executor uses the lock: more of the same is expected.
-            self.is_shared_for_good |= self.home != NOBODY;
-            self.home = home;
+            self.is_shared_for_good |= self.executor != NO_EXECUTOR;
+            self.executor = executor;
             self.in_a_row = 0;
         }
         self.in_a_row = self.in_a_row.saturating_add(1);
     }
 
     #[inline]
-    fn earn_favour(&self) -> bool {
+    fn earn_bias(&self) -> bool {
         self.in_a_row >= uses_alone() && !self.is_shared_for_good
     }
 }
@@ -170,10 +170,10 @@ impl<T> BiasedLock<T> {
     /// An unlocked lock around `value`, without a bias.
     pub fn new(value: T) -> Self {
         Self {
-            favoured: AtomicU64::new(NOBODY),
+            bias: AtomicU64::new(NO_EXECUTOR),
             inside: Inside::new(),
             shared: PiLock::new(Uses {
-                home: NOBODY,
+                executor: NO_EXECUTOR,
                 in_a_row: 0,
                 is_shared_for_good: false,
             }),
@@ -186,10 +186,10 @@ impl<T> BiasedLock<T> {
     #[inline]
     pub fn biased_to_this_executor(value: T) -> Self {
         let lock = Self::new(value);
-        let home = current::home_number();
-        if home != 0 && fence::is_available() {
+        let executor = current::executor_number();
+        if executor != 0 && fence::is_available() {
             // Relaxed: handing the lock to another thread publishes this store.
-            lock.favoured.store(home, Ordering::Relaxed);
+            lock.bias.store(executor, Ordering::Relaxed);
         }
         lock
     }
@@ -197,27 +197,28 @@ impl<T> BiasedLock<T> {
     /// Locks. Waits while another thread holds it.
     #[inline]
     pub fn lock(&self) -> BiasedGuard<'_, T> {
-        self.lock_as(current::home_number())
+        self.lock_as(current::executor_number())
     }
 
-    /// Locks if the lock is biased to the executor `home`, without any atomic read-modify-write.
+    /// Locks if the lock is biased to the executor with the number `executor`, without any atomic
+    /// read-modify-write.
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor `home`.
+    /// The calling thread is that of the executor with the number `executor`.
     #[inline(always)]
-    pub unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, T>> {
+    pub unsafe fn lock_if_biased(&self, executor: u64) -> Option<InsideGuard<'_, T>> {
         // Acquire, here and below: pairs with the store that restores the bias, so that the owner
         // sees what was done during a brief revocation.
-        if self.favoured.load(Ordering::Acquire) != home {
+        if self.bias.load(Ordering::Acquire) != executor {
             return None;
         }
         self.inside.enter();
         fence::light();
-        if self.favoured.load(Ordering::Acquire) == home {
+        if self.bias.load(Ordering::Acquire) == executor {
             return Some(InsideGuard {
                 lock: self,
-                home,
+                executor,
                 stays_on_its_thread: PhantomData,
             });
         }
@@ -226,7 +227,7 @@ impl<T> BiasedLock<T> {
         None
     }
 
-    /// As [`lock_if_favoured`](Self::lock_if_favoured), for a critical section that runs no user
+    /// As [`lock_if_biased`](Self::lock_if_biased), for a critical section that runs no user
     /// code and takes no other lock: it is not checked whether the thread holds the lock already.
     ///
     /// # Safety
@@ -237,18 +238,18 @@ impl<T> BiasedLock<T> {
         &self,
         turn: PlainTurn<'_>,
     ) -> Result<InsideGuard<'_, T>, Refused> {
-        let home = turn.home_number();
-        if self.favoured.load(Ordering::Acquire) != home {
+        let executor = turn.executor_number();
+        if self.bias.load(Ordering::Acquire) != executor {
             return Err(Refused::NotBiased);
         }
-        // SAFETY: a turn is that of the calling thread. The caller promises that the thread does not
-        // hold this lock.
+        // SAFETY: a turn is that of the calling thread. The caller promises that the thread does
+        // not hold this lock.
         unsafe { self.inside.enter_unchecked(turn.thread_id()) };
         fence::light();
-        if self.favoured.load(Ordering::Acquire) == home {
+        if self.bias.load(Ordering::Acquire) == executor {
             return Ok(InsideGuard {
                 lock: self,
-                home,
+                executor,
                 stays_on_its_thread: PhantomData,
             });
         }
@@ -285,7 +286,7 @@ impl<T> BiasedLock<T> {
     /// which may be the same: `None` also if this thread holds the lock already.
     #[inline(always)]
     pub fn enter_if_free(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
-        let is_biased = self.favoured.load(Ordering::Acquire) == turn.home_number();
+        let is_biased = self.bias.load(Ordering::Acquire) == turn.executor_number();
         if !is_biased || self.inside.is_entered() {
             return None;
         }
@@ -297,28 +298,28 @@ impl<T> BiasedLock<T> {
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor `home`, has kept a guard of this lock, and has
-    /// not called this since.
+    /// The calling thread is that of the executor with the number `executor`, has kept a guard of
+    /// this lock, and has not called this since.
     #[inline(always)]
-    pub unsafe fn kept(&self, home: u64) -> InsideGuard<'_, T> {
+    pub unsafe fn kept(&self, executor: u64) -> InsideGuard<'_, T> {
         InsideGuard {
             lock: self,
-            home,
+            executor,
             stays_on_its_thread: PhantomData,
         }
     }
 
-    /// An unlocked lock around `value`, biased to `home` from the start. For a lock that is made for
-    /// a thing with other locks that have the same bias already.
+    /// An unlocked lock around `value`, biased to `executor` from the start. For a lock that is
+    /// made for a thing with other locks that have the same bias already.
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor `home`, and some other lock is biased to that
-    /// executor: so the heavy fence is available.
+    /// The calling thread is that of the executor with the number `executor`, and some other lock
+    /// is biased to that executor: so the heavy fence is available.
     #[inline(always)]
-    pub unsafe fn biased_to(home: u64, value: T) -> Self {
+    pub unsafe fn biased_to(executor: u64, value: T) -> Self {
         Self {
-            favoured: AtomicU64::new(home),
+            bias: AtomicU64::new(executor),
             ..Self::new(value)
         }
     }
@@ -326,28 +327,28 @@ impl<T> BiasedLock<T> {
     /// Locks as [`lock`](Self::lock) does, for an occasional inspection: a bias is restored
     /// afterwards. Not for regular use of the value.
     pub fn lock_briefly(&self) -> BriefGuard<'_, T> {
-        let me = current::home_number();
-        if self.favoured.load(Ordering::Relaxed) == me {
+        let me = current::executor_number();
+        if self.bias.load(Ordering::Relaxed) == me {
             return BriefGuard(Brief::Locked(self.lock_as(me)));
         }
         self.inside.assert_not_here();
         let uses = self.shared.lock();
-        let home = self.favoured.load(Ordering::Relaxed);
-        BriefGuard(if home == NOBODY {
+        let executor = self.bias.load(Ordering::Relaxed);
+        BriefGuard(if executor == NO_EXECUTOR {
             Brief::Locked(self.guard(Held::Shared(uses)))
         } else {
-            self.exclude_home();
-            Brief::Borrowed {
+            self.revoke_bias();
+            Brief::Revoked {
                 lock: self,
                 _uses: uses,
-                home,
+                executor,
             }
         })
     }
 
     /// Whether the lock is biased.
-    pub fn is_favouring(&self) -> bool {
-        self.favoured.load(Ordering::Relaxed) != NOBODY
+    pub fn is_biased(&self) -> bool {
+        self.bias.load(Ordering::Relaxed) != NO_EXECUTOR
     }
 
     /// The value, without locking: the exclusive borrow shows that no guard exists.
@@ -363,7 +364,7 @@ impl<T> BiasedLock<T> {
         loop {
             // SAFETY: each caller passes the executor of the calling thread, or 0, to which no lock
             // is biased.
-            if let Some(inside) = unsafe { self.lock_if_favoured(me) } {
+            if let Some(inside) = unsafe { self.lock_if_biased(me) } {
                 std::mem::forget(inside);
                 return self.guard(Held::Inside(me));
             }
@@ -390,24 +391,24 @@ impl<T> BiasedLock<T> {
         // thread: blocking on `shared` inside it would deadlock.
         self.inside.assert_not_here();
         let mut uses = self.shared.lock();
-        let favoured = self.favoured.load(Ordering::Relaxed);
-        if favoured == NOBODY {
+        let bias = self.bias.load(Ordering::Relaxed);
+        if bias == NO_EXECUTOR {
             uses.count(me);
-        } else if favoured == me {
+        } else if bias == me {
             return None;
         } else {
-            self.exclude_home();
+            self.revoke_bias();
             uses.is_shared_for_good = true;
         }
         Some(uses)
     }
 
-    /// Ends the critical section of the executor `home`.
+    /// Ends the critical section of the executor with the number `executor`.
     #[inline(always)]
-    fn leave(&self, home: u64) {
+    fn leave(&self, executor: u64) {
         self.inside.leave();
         fence::light();
-        if self.favoured.load(Ordering::Relaxed) != home {
+        if self.bias.load(Ordering::Relaxed) != executor {
             self.inside.leave_revoked();
         }
     }
@@ -416,10 +417,10 @@ impl<T> BiasedLock<T> {
     /// holds `shared`, and its critical section is over. Its thread is that of the executor, so the
     /// executor is not inside at the same time.
     #[cold]
-    fn favour(&self, uses: &mut Uses) {
+    fn grant_bias(&self, uses: &mut Uses) {
         if fence::is_available() {
             uses.in_a_row = 0;
-            self.favoured.store(uses.home, Ordering::Release);
+            self.bias.store(uses.executor, Ordering::Release);
         } else {
             uses.is_shared_for_good = true;
         }
@@ -427,7 +428,7 @@ impl<T> BiasedLock<T> {
 
     /// Revokes the bias, and waits until its owner is outside. The caller holds `shared`.
     #[cold]
-    fn exclude_home(&self) {
+    fn revoke_bias(&self) {
         /// Restores the bias before `shared` is released if one of the steps panics: the owner has
         /// not been excluded then.
         struct Restore<'a>(&'a AtomicU64, u64);
@@ -436,7 +437,7 @@ impl<T> BiasedLock<T> {
                 self.0.store(self.1, Ordering::Release);
             }
         }
-        let restore = Restore(&self.favoured, self.favoured.swap(NOBODY, Ordering::SeqCst));
+        let restore = Restore(&self.bias, self.bias.swap(NO_EXECUTOR, Ordering::SeqCst));
         fence::heavy();
         self.inside.wait_until_left();
         std::mem::forget(restore);
@@ -447,9 +448,9 @@ impl<T> Drop for BiasedGuard<'_, T> {
     #[inline(always)]
     fn drop(&mut self) {
         match &mut self.held {
-            Held::Inside(home) => self.lock.leave(*home),
+            Held::Inside(executor) => self.lock.leave(*executor),
             // Before `shared` is released.
-            Held::Shared(uses) if uses.earn_favour() => self.lock.favour(uses),
+            Held::Shared(uses) if uses.earn_bias() => self.lock.grant_bias(uses),
             Held::Shared(_) => {}
         }
     }
@@ -462,18 +463,18 @@ pub struct BriefGuard<'a, T>(Brief<'a, T>);
 enum Brief<'a, T> {
     Locked(BiasedGuard<'a, T>),
     /// The bias was revoked; dropping the guard restores it to this executor.
-    Borrowed {
+    Revoked {
         lock: &'a BiasedLock<T>,
         _uses: PiGuard<'a, Uses>,
-        home: u64,
+        executor: u64,
     },
 }
 
 impl<T> Drop for BriefGuard<'_, T> {
     fn drop(&mut self) {
         // Before `shared` is released.
-        if let Brief::Borrowed { lock, home, .. } = &self.0 {
-            lock.favoured.store(*home, Ordering::Release);
+        if let Brief::Revoked { lock, executor, .. } = &self.0 {
+            lock.bias.store(*executor, Ordering::Release);
         }
     }
 }
@@ -485,7 +486,7 @@ impl<T> Deref for BriefGuard<'_, T> {
             Brief::Locked(guard) => guard,
             // SAFETY: this guard exists, so by the lock's invariant this thread has access to the
             // value.
-            Brief::Borrowed { lock, .. } => lock.value.with(|value| unsafe { &*value }),
+            Brief::Revoked { lock, .. } => lock.value.with(|value| unsafe { &*value }),
         }
     }
 }
@@ -495,7 +496,7 @@ impl<T> DerefMut for BriefGuard<'_, T> {
         match &mut self.0 {
             Brief::Locked(guard) => guard,
             // SAFETY: as above, and the guard is borrowed exclusively.
-            Brief::Borrowed { lock, .. } => lock.value.with_mut(|value| unsafe { &mut *value }),
+            Brief::Revoked { lock, .. } => lock.value.with_mut(|value| unsafe { &mut *value }),
         }
     }
 }
@@ -515,11 +516,11 @@ pub enum Refused {
     Revoked,
 }
 
-/// The guard of the owner of the bias: see [`BiasedLock::lock_if_favoured`].
+/// The guard of the owner of the bias: see [`BiasedLock::lock_if_biased`].
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct InsideGuard<'a, T> {
     lock: &'a BiasedLock<T>,
-    home: u64,
+    executor: u64,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
@@ -531,7 +532,7 @@ impl<T> InsideGuard<'_, T> {
     pub fn leave(self) -> bool {
         self.lock.inside.leave();
         fence::light();
-        let is_biased = self.lock.favoured.load(Ordering::Relaxed) == self.home;
+        let is_biased = self.lock.bias.load(Ordering::Relaxed) == self.executor;
         std::mem::forget(self);
         is_biased
     }
@@ -546,7 +547,7 @@ impl<T> InsideGuard<'_, T> {
 impl<T> Drop for InsideGuard<'_, T> {
     #[inline(always)]
     fn drop(&mut self) {
-        self.lock.leave(self.home);
+        self.lock.leave(self.executor);
     }
 }
 
@@ -593,7 +594,7 @@ impl<T> DerefMut for BiasedGuard<'_, T> {
 impl<T> fmt::Debug for BiasedLock<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("BiasedLock")
-            .field("is_favouring", &self.is_favouring())
+            .field("is_biased", &self.is_biased())
             .finish_non_exhaustive()
     }
 }

@@ -206,7 +206,7 @@ mod model {
 
     /// A reader that sees the ring closed sees all that was put in before, and what was lost.
     #[test]
-    fn who_sees_the_end_sees_all() {
+    fn one_that_sees_the_end_sees_all() {
         loom::model(|| {
             let ring = Arc::new(ByteRing::new(2));
             let producer = ring.clone();

@@ -25,7 +25,7 @@ use luna_platform::sync::atomic::{AtomicU64, Ordering};
 use std::fmt;
 
 /// The maximum number of jobs.
-pub const MOST_JOBS: usize = 1 << 12;
+pub const MAX_JOBS: usize = 1 << 12;
 
 /// The state in one word: `{ round: 24, runner: 8, next: 14, jobs: 14, phase: 4 }`, the lowest bits
 /// last.
@@ -148,11 +148,11 @@ impl FailoverSequence {
 
     /// Adds a job; returns its number: 0, 1 and so on. It runs behind the others, also if they run
     /// already. None if it would never be run: all have been, or the sequence is closed, or there
-    /// are [`MOST_JOBS`].
+    /// are [`MAX_JOBS`].
     pub fn add(&self) -> Option<usize> {
         let before = self.change(|mut state| {
             let is_over = matches!(state.phase, Phase::Done | Phase::Closed);
-            if is_over || usize::from(state.jobs) >= MOST_JOBS {
+            if is_over || usize::from(state.jobs) >= MAX_JOBS {
                 return None;
             }
             state.jobs += 1;

@@ -5,7 +5,8 @@
 //!   module knows how a process becomes ready.
 //! - [`wait_list`], [`timer_queue`]: intrusive lists of waiting operations, and deadlines.
 //! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
-//! - [`reclaim`], [`arc_cache`], [`latest_slots`], [`byte_ring`]: memory off the real-time path,
+//! - [`deferred_free`], [`arc_cache`], [`latest_slots`], [`byte_ring`]: memory off the real-time
+//!   path,
 //!   and values that one thread replaces while others read them.
 //! - [`failover`], [`parker`], [`park`], [`spin`]: how threads take turns, wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
@@ -18,6 +19,7 @@ pub mod arc_cache;
 pub mod biased_lock;
 pub mod byte_ring;
 pub mod current;
+pub mod deferred_free;
 pub mod events;
 pub mod failover;
 mod fetch;
@@ -26,7 +28,6 @@ mod model_local;
 pub mod park;
 pub mod parker;
 pub mod path;
-pub mod reclaim;
 pub mod replay_log;
 pub mod spin;
 pub mod timer_queue;

@@ -2,7 +2,7 @@
 
 #[cfg(not(loom))]
 use crate::current;
-use crate::reclaim::Shared;
+use crate::deferred_free::Shared;
 use crate::spin;
 use luna_platform::bell::Bell;
 use luna_platform::clock::{Clock, Instant};
@@ -170,12 +170,12 @@ impl Parker {
 }
 
 /// A waker that unparks. The last one may be dropped on the real-time path after the thread has
-/// ended: the memory is then freed by [`reclaim`](crate::reclaim).
+/// ended: the memory is then freed by [`deferred_free`](crate::deferred_free).
 ///
 /// ```
 /// use luna_platform::clock::Instant;
 /// use luna_core::park::{self, Parker};
-/// use luna_core::reclaim::Shared;
+/// use luna_core::deferred_free::Shared;
 ///
 /// let parker = Shared::new(Parker::new());
 /// park::waker(&parker).wake();
@@ -281,7 +281,7 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
          process on an OS thread of its own"
     );
     // A replay has one thread, so it could not wait.
-    current::tape(|tape| tape.outside("a blocking operation"));
+    current::replay_log(|log| log.outside("a blocking operation"));
     let parker = PARKER.take().unwrap_or_else(|| Shared::new(Parker::new()));
     let waker = waker(&parker);
     let mut cx = Context::from_waker(&waker);

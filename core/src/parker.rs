@@ -90,7 +90,7 @@ mod loom_tests {
 
     /// Of two callers, each is seen by the thread, or knows that it is not.
     #[test]
-    fn who_is_told_that_it_comes_is_seen() {
+    fn one_that_is_told_that_it_comes_is_seen() {
         loom::model(|| {
             let shared = Arc::new((Parker::new(), AtomicUsize::new(0)));
             let callers: Vec<_> = [1, 2]

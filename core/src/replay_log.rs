@@ -146,7 +146,7 @@ pub trait ReplayLog {
 }
 
 /// Installs a process' replay log around each of its polls.
-pub trait Taper: Send + Sync {
+pub trait LogInstaller: Send + Sync {
     /// Calls `poll`, which polls the process' body, with the process' replay log. `Ready` also if
     /// the body is to be dropped where it waits.
     fn poll(
@@ -159,9 +159,9 @@ pub trait Taper: Send + Sync {
     fn end(&self);
 }
 
-impl fmt::Debug for dyn Taper {
+impl fmt::Debug for dyn LogInstaller {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Taper").finish_non_exhaustive()
+        f.debug_struct("LogInstaller").finish_non_exhaustive()
     }
 }
 
@@ -171,10 +171,10 @@ pub fn now() -> Instant {
     /// Lets time advance also beyond the end of the recording.
     static BEYOND: AtomicU64 = AtomicU64::new(0);
     let leave = |now: u64| {
-        current::tape(|tape| tape.leave(Event::new(What::Time, now, 0)));
+        current::replay_log(|log| log.leave(Event::new(What::Time, now, 0)));
         Instant::from_nanos(now)
     };
-    match current::tape(|tape| tape.call(false)) {
+    match current::replay_log(|log| log.call(false)) {
         Some(Turn::Given(event)) => leave(event.number),
         Some(Turn::Look) => {
             let beyond = BEYOND.fetch_add(1_000_000, Ordering::Relaxed);

@@ -29,7 +29,7 @@ pub fn may_look() -> bool {
 #[cfg(not(loom))]
 fn has_nothing_else() -> bool {
     !current::in_branch()
-        && !current::is_taped()
+        && !current::has_replay_log()
         && current::ready_levels() == 0
         && current::has_no_deadline_within(LOOKS_TAKE)
 }

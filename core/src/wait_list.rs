@@ -14,7 +14,7 @@ pub struct WaitNode {
     after: Option<NonNull<WaitNode>>,
     priority: Priority,
     user: User,
-    wakeup: Option<WakeHandle>,
+    wake_handle: Option<WakeHandle>,
 }
 
 impl WaitNode {
@@ -28,31 +28,31 @@ impl WaitNode {
                 level: 0,
             },
             user: User::Outside,
-            wakeup: None,
+            wake_handle: None,
         }
     }
 
     /// A node for `user`, for an empty list.
     #[inline(always)]
-    pub fn waiting(user: User, priority: Priority, wakeup: WakeHandle) -> Self {
+    pub fn waiting(user: User, priority: Priority, wake_handle: WakeHandle) -> Self {
         Self {
             before: None,
             after: None,
             priority,
             user,
-            wakeup: Some(wakeup),
+            wake_handle: Some(wake_handle),
         }
     }
 
     /// A node for `user`, for an empty list. Its owner is woken by other means.
     #[inline(always)]
-    pub fn without_wakeup(user: User, priority: Priority) -> Self {
+    pub fn without_wake_handle(user: User, priority: Priority) -> Self {
         Self {
             before: None,
             after: None,
             priority,
             user,
-            wakeup: None,
+            wake_handle: None,
         }
     }
 
@@ -66,7 +66,7 @@ impl WaitNode {
     #[inline(always)]
     pub unsafe fn wait_alone(place: *mut WaitNode, process: &Process) {
         // SAFETY: the contract.
-        unsafe { (&raw mut (*place).wakeup).write(Some(WakeHandle::of_plain_turn(process))) };
+        unsafe { (&raw mut (*place).wake_handle).write(Some(WakeHandle::of_plain_turn(process))) };
     }
 
     /// Takes the wake of a process that waits alone.
@@ -78,7 +78,7 @@ impl WaitNode {
     #[inline(always)]
     pub unsafe fn take_alone(place: *const WaitNode) -> PlainPendingWake {
         // SAFETY: by the contract the handle is there, and is read once.
-        unsafe { WakeHandle::plain_of(&raw const (*place).wakeup) }
+        unsafe { WakeHandle::plain_of(&raw const (*place).wake_handle) }
     }
 
     /// Writes the other fields of a node that waits alone, so that it can be listed. It gets the
@@ -90,8 +90,8 @@ impl WaitNode {
     pub unsafe fn complete(place: *mut WaitNode) {
         // SAFETY: by the contract the handle is there, and nothing else of the node is shared.
         unsafe {
-            let wakeup = (&raw mut (*place).wakeup).read();
-            let (user, priority) = match wakeup.as_ref().and_then(WakeHandle::process) {
+            let wake_handle = (&raw mut (*place).wake_handle).read();
+            let (user, priority) = match wake_handle.as_ref().and_then(WakeHandle::process) {
                 Some(process) => (User::Process(process.id()), process.priority()),
                 None => (User::Outside, Priority::default()),
             };
@@ -100,7 +100,7 @@ impl WaitNode {
                 after: None,
                 priority,
                 user,
-                wakeup,
+                wake_handle,
             });
         }
     }
@@ -119,8 +119,8 @@ impl WaitNode {
 
     /// The handle that wakes the waiter; change it only under the list's lock.
     #[inline]
-    pub fn wakeup_mut(&mut self) -> &mut Option<WakeHandle> {
-        &mut self.wakeup
+    pub fn wake_handle_mut(&mut self) -> &mut Option<WakeHandle> {
+        &mut self.wake_handle
     }
 }
 
@@ -188,11 +188,11 @@ impl WaitList {
         &mut self,
         node: NonNull<WaitNode>,
         priority: Priority,
-        wakeup: impl Into<Option<WakeHandle>>,
+        wake_handle: impl Into<Option<WakeHandle>>,
     ) {
         // SAFETY: the caller promises that the node is in no list and stays valid until it is
         // removed; `last_of` returns a node of this list.
-        unsafe { self.insert_after(self.last_of(priority), node, priority, wakeup) };
+        unsafe { self.insert_after(self.last_of(priority), node, priority, wake_handle) };
     }
 
     /// Inserts a [node](WaitNode::waiting) with all its fields set into an empty list. O(1).
@@ -312,14 +312,14 @@ impl WaitList {
         before: Option<NonNull<WaitNode>>,
         node: NonNull<WaitNode>,
         priority: Priority,
-        wakeup: impl Into<Option<WakeHandle>>,
+        wake_handle: impl Into<Option<WakeHandle>>,
     ) {
         // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
         unsafe {
             let fields = &mut *node.as_ptr();
             fields.priority = priority;
             fields.user = current::user();
-            fields.wakeup = wakeup.into();
+            fields.wake_handle = wake_handle.into();
             self.link(before, node);
         }
     }
@@ -439,13 +439,13 @@ mod tests {
     }
 
     fn insert(list: &mut WaitList, node: &mut Box<WaitNode>, thread: u8, level: u8) {
-        let wakeup = WakeHandle::of(&Context::from_waker(Waker::noop()));
+        let wake_handle = WakeHandle::of(&Context::from_waker(Waker::noop()));
         // SAFETY: the boxes outlive the list, and each node is in it once.
         unsafe {
             list.insert(
                 NonNull::from(&mut **node),
                 Priority { thread, level },
-                wakeup,
+                wake_handle,
             )
         };
     }
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_again_as_the_first_is_before_its_equals_alone() {
+    fn one_that_comes_again_as_the_first_is_before_its_equals_alone() {
         let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::default()).collect();
         let mut list = WaitList::new();
         for (index, level) in [3, 3, 9, 0].into_iter().enumerate() {
@@ -480,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_again_at_another_priority_stands_where_that_says() {
+    fn one_that_comes_again_at_another_priority_stands_where_that_says() {
         let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::default()).collect();
         let mut list = WaitList::new();
         for (index, level) in [9, 3, 3].into_iter().enumerate() {

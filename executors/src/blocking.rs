@@ -24,7 +24,7 @@ use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
 /// The most buddy threads there are. Further calls wait for one of them.
-pub const MOST_BUDDIES: usize = 64;
+pub const MAX_BUDDIES: usize = 64;
 
 type Job = Box<dyn FnOnce() + Send>;
 
@@ -107,7 +107,7 @@ fn work() {
         let submitted = POOL.submitted.word().load(Ordering::Acquire);
         let mut state = POOL.state.lock();
         if let Some(job) = state.jobs.pop_front() {
-            let alone = state.idle == 0 && state.buddies < MOST_BUDDIES;
+            let alone = state.idle == 0 && state.buddies < MAX_BUDDIES;
             if alone {
                 state.buddies += 1;
             }
@@ -203,11 +203,11 @@ where
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<T> {
         // Cloned before the call is taken: a panic leaves it as it was.
-        let wakeup = self.call.is_some().then(|| WakeHandle::of(cx));
+        let wake_handle = self.call.is_some().then(|| WakeHandle::of(cx));
         if let Some(call) = self.call.take() {
-            current::tape(|tape| tape.outside("`blocking`"));
+            current::replay_log(|log| log.outside("`blocking`"));
             let running = Arc::new(Call {
-                state: PiLock::new(CallState::Running(wakeup)),
+                state: PiLock::new(CallState::Running(wake_handle)),
             });
             self.running = Some(running.clone());
             // Ends after the wake, also if the call's result panics as it is dropped.
@@ -225,8 +225,8 @@ where
             panic!("a blocking call was polled after it was done");
         };
         let is_running = Renewal::of(cx).put(|renewal| match &mut *running.state.lock() {
-            CallState::Running(wakeup) => {
-                renewal.store(wakeup);
+            CallState::Running(wake_handle) => {
+                renewal.store(wake_handle);
                 true
             }
             _ => false,
@@ -252,8 +252,8 @@ impl<T> Call<T> {
         let ready = {
             let mut state = self.state.lock();
             match std::mem::replace(&mut *state, CallState::Done(result)) {
-                CallState::Running(Some(wakeup)) => wakeup.take(),
-                _ => PendingWake::NOBODY,
+                CallState::Running(Some(wake_handle)) => wake_handle.take(),
+                _ => PendingWake::NONE,
             }
         };
         ready.wake();
@@ -264,7 +264,7 @@ impl<F, T> Drop for Blocking<F, T> {
     fn drop(&mut self) {
         if let Some(running) = &self.running {
             let former = match &mut *running.state.lock() {
-                CallState::Running(wakeup) => wakeup.take(),
+                CallState::Running(wake_handle) => wake_handle.take(),
                 _ => None,
             };
             // After the lock: dropping a waker is the user's code.

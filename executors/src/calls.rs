@@ -13,7 +13,7 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub(crate) struct Desk {
     quiescence: Arc<Quiescence>,
-    living: Option<Arc<ProcessRegistry>>,
+    registry: Option<Arc<ProcessRegistry>>,
     /// The stage, if the thread is one that decides when a call's result comes.
     stage: Option<Arc<Stage>>,
 }
@@ -26,11 +26,11 @@ thread_local! {
 /// Counts the calls of this thread in `quiescence` until the guard is dropped.
 pub(crate) fn enter(
     quiescence: Arc<Quiescence>,
-    living: Option<Arc<ProcessRegistry>>,
+    registry: Option<Arc<ProcessRegistry>>,
 ) -> DeskGuard {
     HERE.set(Some(Desk {
         quiescence,
-        living,
+        registry,
         stage: None,
     }));
     DeskGuard(())
@@ -40,7 +40,7 @@ pub(crate) fn enter(
 pub(crate) fn enter_simulated(stage: Arc<Stage>) -> DeskGuard {
     HERE.set(Some(Desk {
         quiescence: stage.quiescence().clone(),
-        living: Some(stage.living().clone()),
+        registry: Some(stage.registry().clone()),
         stage: Some(stage),
     }));
     DeskGuard(())
@@ -93,13 +93,13 @@ impl UnderWay {
     /// Makes the `delivery` of its result; or leaves that to the stage, which makes it when its
     /// turn has come.
     pub(crate) fn deliver(&mut self, delivery: impl FnOnce() + Send + 'static) {
-        match self.stage_to_tell() {
+        match self.stage_to_notify() {
             None => delivery(),
             Some((stage, number)) => stage.call_done(number, Box::new(delivery)),
         }
     }
 
-    fn stage_to_tell(&mut self) -> Option<(&Stage, u64)> {
+    fn stage_to_notify(&mut self) -> Option<(&Stage, u64)> {
         let number = self.number.take()?;
         Some((self.desk.as_ref()?.stage.as_deref()?, number))
     }
@@ -111,16 +111,16 @@ impl Drop for UnderWay {
         self.deliver_nothing();
         if let Some(desk) = &self.desk
             && desk.quiescence.end_call()
-            && let Some(living) = &desk.living
+            && let Some(registry) = &desk.registry
         {
-            living.announce();
+            registry.announce();
         }
     }
 }
 
 impl UnderWay {
     fn deliver_nothing(&mut self) {
-        if let Some((stage, number)) = self.stage_to_tell() {
+        if let Some((stage, number)) = self.stage_to_notify() {
             stage.call_done(number, Box::new(|| ()));
         }
     }

@@ -19,9 +19,9 @@ use crate::simulation::{SimulationHandle, Stage, is_stage};
 use crate::task::{self, Unbuilt};
 use crate::watch;
 use luna_core::arc_cache::ArcCache;
-use luna_core::current::{self, Home};
+use luna_core::current::{self, ExecutorId};
+use luna_core::deferred_free;
 use luna_core::events;
-use luna_core::reclaim;
 use luna_core::spin::{self, Outside};
 use luna_core::timer_queue::{Attention, TimerQueue};
 use luna_platform::clock::Instant;
@@ -79,14 +79,14 @@ pub(crate) fn give_back(shared: Arc<Shared>) {
 
 /// What an executor's thread shares with the others.
 pub(crate) struct Shared {
-    home: Home,
+    executor_id: ExecutorId,
     thread_priority: AtomicU8,
     inbound: Inbound,
     phase: AtomicU8,
     arrivals: PiLock<Arrivals>,
     /// How many arrivals were taken in: what `settle` waits for.
     settled: Futex,
-    living: Arc<ProcessRegistry>,
+    registry: Arc<ProcessRegistry>,
     quiescence: Arc<Quiescence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     spin: AtomicU64,
@@ -108,8 +108,8 @@ struct Arrivals {
 }
 
 impl Shared {
-    pub(crate) fn home(&self) -> Home {
-        self.home
+    pub(crate) fn executor_id(&self) -> ExecutorId {
+        self.executor_id
     }
 
     pub(crate) fn thread_priority(&self) -> u8 {
@@ -120,8 +120,8 @@ impl Shared {
         &self.inbound
     }
 
-    pub(crate) fn living(&self) -> &Arc<ProcessRegistry> {
-        &self.living
+    pub(crate) fn registry(&self) -> &Arc<ProcessRegistry> {
+        &self.registry
     }
 
     pub(crate) fn phase(&self) -> u8 {
@@ -150,19 +150,19 @@ impl Shared {
     /// One that is held, on a thread of its own or on a stage's.
     fn new(
         thread_priority: u8,
-        living: Arc<ProcessRegistry>,
+        registry: Arc<ProcessRegistry>,
         quiescence: Arc<Quiescence>,
         stage: Option<(Arc<Stage>, &str)>,
     ) -> Arc<Self> {
         let name = stage.as_ref().map(|(_, name)| Box::from(*name));
         Arc::new(Shared {
-            home: Home::new(),
+            executor_id: ExecutorId::new(),
             thread_priority: AtomicU8::new(thread_priority),
             inbound: Inbound::new(),
             phase: AtomicU8::new(Phase::HELD),
             arrivals: PiLock::new(Arrivals::default()),
             settled: Futex::new(0),
-            living,
+            registry,
             quiescence,
             spin: AtomicU64::new(0),
             counted: Counted::default(),
@@ -265,19 +265,19 @@ impl Executor {
         Self::start_counted(attributes, Arc::new(ProcessRegistry::new()))
     }
 
-    /// Like [`start`](Self::start), with its processes counted in `living`.
+    /// Like [`start`](Self::start), with its processes counted in `registry`.
     ///
     /// # Errors
     ///
     /// As for `start`.
     pub fn start_counted(
         attributes: Attributes,
-        living: Arc<ProcessRegistry>,
+        registry: Arc<ProcessRegistry>,
     ) -> Result<Executor, SpawnError<Infallible>> {
         attributes
             .validate_shared()
             .map_err(SpawnError::Attributes)?;
-        let shared = Shared::new(0, living, Arc::new(Quiescence::new()), None);
+        let shared = Shared::new(0, registry, Arc::new(Quiescence::new()), None);
         let own = shared.clone();
         let thread = thread::spawn(
             attributes,
@@ -288,7 +288,7 @@ impl Executor {
                     obtained.spin_before_sleep.as_nanos() as u64,
                     Ordering::Relaxed,
                 );
-                let enrolled = own.living.enroll(own.home, own.clone());
+                let enrolled = own.registry.enroll(own.executor_id, own.clone());
                 Ok((own, enrolled))
             },
             |(shared, enrolled)| run(shared, enrolled),
@@ -306,7 +306,7 @@ impl Executor {
         let stage = &simulation.0;
         let shared = Shared::new(
             attributes.asked_policy().rank(),
-            stage.living().clone(),
+            stage.registry().clone(),
             stage.quiescence().clone(),
             Some((stage.clone(), attributes.name())),
         );
@@ -415,7 +415,7 @@ impl Executor {
             }
             Runs::Nowhere => return,
         }
-        reclaim::collect();
+        deferred_free::collect();
     }
 }
 
@@ -450,8 +450,8 @@ impl ExecutorHandle {
         handle
     }
 
-    /// A process that counts as living and is not built yet, and its handle. Allocates; runs no user
-    /// code.
+    /// A process that counts as living and is not built yet, and its handle. Allocates; runs no
+    /// user code.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -473,7 +473,7 @@ impl ExecutorHandle {
         F: Future<Output: ExitValue> + 'static,
     {
         // Processes that come and go without end do not fill the memory.
-        reclaim::collect();
+        deferred_free::collect();
         let (process, record) = Unbuilt::new(another(&self.shared), spec, build);
         let announced = Announced {
             process,
@@ -505,7 +505,7 @@ impl Announced {
     /// it: then it has a turn of its own.
     fn can_be_built_here(&self) -> bool {
         let shared = self.process.shared();
-        current::home() == Some(shared.home)
+        current::executor_id() == Some(shared.executor_id)
             && shared.phase() == Phase::RELEASED
             && poll_monitor().is_none()
             && !current::is_abandoned()
@@ -582,9 +582,9 @@ impl Attention for Shared {
 fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let timers = Arc::new(TimerQueue::attended(shared.clone()));
     let deadlines = Deadlines::new(shared.clone(), timers.clone());
-    let _home = current::enter_home(shared.home, timers, false);
+    let _entered = current::enter_executor(shared.executor_id, timers, false);
     let _files = watch::enter(shared.inbound.bell());
-    let _calls = calls::enter(shared.quiescence.clone(), Some(shared.living.clone()));
+    let _calls = calls::enter(shared.quiescence.clone(), Some(shared.registry.clone()));
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
@@ -612,7 +612,7 @@ fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         shared.inbound.sleep(Instant::NEVER);
     }
     shared.counted.count(|| {
-        let keeps = (shared.living.keep_ends(), reclaim::keep_own());
+        let keeps = (shared.registry.keep_ends(), deferred_free::keep_own());
         SPARE_SHARED.with(|spare| spare.keep(shared));
         current::set_on_path(true);
         while let Phase::RELEASED = shared.phase() {
@@ -678,8 +678,8 @@ fn round(
     true
 }
 
-/// Takes in the requests of other threads, and looks at the deadlines and the files. `false` if that
-/// has changed the phase.
+/// Takes in the requests of other threads, and looks at the deadlines and the files. `false` if
+/// that has changed the phase.
 #[cold]
 fn look_outside(
     shared: &Arc<Shared>,
@@ -718,8 +718,8 @@ fn look_outside(
 fn rest(shared: &Shared, deadlines: &Deadlines) {
     task::end_turns();
     // Others may wait for what this thread has kept to itself while there was something to do.
-    shared.living.tell_kept();
-    reclaim::hand_over();
+    shared.registry.report_kept();
+    deferred_free::hand_over();
     sleep(shared, deadlines.rest());
     interference::rest();
 }
@@ -739,15 +739,15 @@ fn sleep(shared: &Shared, deadline: Instant) {
             return;
         }
     }
-    events::tell_executor(events::code::ASLEEP);
+    events::report_executor(events::code::ASLEEP);
     if deadline != Instant::NEVER || watch::is_waiting(shared.inbound.bell()) {
         shared.inbound.sleep(deadline);
     } else {
         shared
             .inbound
-            .sleep_still(&shared.quiescence, || shared.living.announce());
+            .sleep_quiescent(&shared.quiescence, || shared.registry.announce());
     }
-    events::tell_executor(events::code::AWAKE);
+    events::report_executor(events::code::AWAKE);
 }
 
 impl fmt::Debug for Executor {
@@ -767,7 +767,7 @@ impl fmt::Debug for Executor {
 impl fmt::Debug for ExecutorHandle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("ExecutorHandle")
-            .field("home", &self.shared.home)
+            .field("executor_id", &self.shared.executor_id)
             .finish_non_exhaustive()
     }
 }

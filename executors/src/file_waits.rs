@@ -68,12 +68,12 @@ impl Waits {
         &mut self,
         node: NonNull<Node>,
         priority: Priority,
-        wakeup: WakeHandle,
+        wake_handle: WakeHandle,
     ) {
         // SAFETY: the contract.
         unsafe {
             let fd = node.as_ref().fd;
-            self.list(fd).insert(node.cast(), priority, wakeup);
+            self.list(fd).insert(node.cast(), priority, wake_handle);
             (*node.as_ptr()).listed = true;
         }
     }
@@ -94,11 +94,11 @@ impl Waits {
     pub(crate) fn take(&mut self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<PendingWake> {
         let node = self.find(fd, meant)?;
         // SAFETY: it was found here, so it is listed, and live.
-        let wakeup = unsafe {
+        let wake_handle = unsafe {
             self.remove(node);
-            (*node.as_ptr()).wait.wakeup_mut().take()
+            (*node.as_ptr()).wait.wake_handle_mut().take()
         };
-        Some(wakeup.map_or(PendingWake::NOBODY, WakeHandle::take))
+        Some(wake_handle.map_or(PendingWake::NONE, WakeHandle::take))
     }
 
     /// The most urgent of the waits for `fd` that are `meant`. O(waits with descriptors equal

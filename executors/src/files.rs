@@ -126,7 +126,7 @@ impl Future for FileReady<'_> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        current::tape(|tape| tape.outside("waiting for a file"));
+        current::replay_log(|log| log.outside("waiting for a file"));
         let node = this.node();
         let here = match ThreadFiles::here() {
             Ok(here) => here,

@@ -7,7 +7,7 @@
 //!
 //! ```text
 //!   waker                               owner
-//!   1 mark the seat                     a look at the signals: 0? queue empty?
+//!   1 mark the slot                     a look at the signals: 0? queue empty?
 //!   2 set the level's bit      <----->  b swap 0 for ASLEEP in one step: fails if a bit was set
 //!   3 it was ASLEEP? ring               c wait for the bell
 //!                                       d clear ASLEEP; a again
@@ -20,7 +20,7 @@
 //! It is the protocol of the [`Bell`], which documents the bell.
 
 use crate::quiescence::Quiescence;
-use crate::remote_wakes::{Near, RemoteWakes, Seat};
+use crate::remote_wakes::{Near, RemoteWakes, WakeSlot};
 use luna_core::spin;
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
@@ -90,11 +90,11 @@ impl Inbound {
         }
     }
 
-    /// Wakes the process that has `seat`, a wake slot of this executor, at `level`, from any
+    /// Wakes the process that has `slot`, a wake slot of this executor, at `level`, from any
     /// thread. Wait-free: two or three instructions; a system call only if the owner sleeps.
     #[inline]
-    pub(crate) fn wake(&self, seat: &Seat, level: u8) {
-        seat.mark(&self.near, level);
+    pub(crate) fn wake(&self, slot: &WakeSlot, level: u8) {
+        slot.mark(&self.near, level);
         self.signal(1 << level);
     }
 
@@ -105,8 +105,8 @@ impl Inbound {
 
     /// As a waker that marks at most `steps` steps, and does not signal.
     #[cfg(loom)]
-    pub(crate) fn mark_partly(&self, seat: &Seat, level: u8, steps: usize) {
-        seat.mark_partly(&self.near, level, steps);
+    pub(crate) fn mark_partly(&self, slot: &WakeSlot, level: u8, steps: usize) {
+        slot.mark_partly(&self.near, level, steps);
     }
 
     #[inline]
@@ -193,11 +193,11 @@ impl Inbound {
 
     /// As `sleep`, with nothing that ends it but a signal; the owner is still meanwhile, and
     /// `ring`s if it is watched.
-    pub(crate) fn sleep_still(&self, quiescence: &Quiescence, ring: impl FnOnce()) {
+    pub(crate) fn sleep_quiescent(&self, quiescence: &Quiescence, ring: impl FnOnce()) {
         self.sleep_between(
             Instant::NEVER,
             || {
-                if quiescence.fall_still() {
+                if quiescence.become_quiescent() {
                     ring();
                 }
             },

@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_polled_since_the_last_look_counts_too() {
+    fn one_that_was_polled_since_the_last_look_counts_too() {
         rest();
         let before = ProcessId::new();
         look(at(5000));

@@ -80,14 +80,14 @@ mod loom_tests;
 
 #[cfg(not(loom))]
 pub use {
-    blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
+    blocking::{Blocking, MAX_BUDDIES, NoBuddy, blocking, prepare_blocking},
     calls::UnderWay,
     executor::{Announced, Executor, ExecutorHandle, has_given_up},
     interference::{Interference, Turn, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
         Exit, ExitValue, Join, Name, PollMonitor, ProcessHandle, ProcessRegistry, ProcessSpec,
-        ProcessState, Stillness, Verdict, panic_message, poll_monitor,
+        ProcessState, Quiescent, Verdict, panic_message, poll_monitor,
     },
     simulation::{
         ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,

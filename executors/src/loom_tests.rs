@@ -6,7 +6,7 @@
 
 use crate::inbound::Inbound;
 use crate::quiescence::{Look, Quiescence, Sleeper, look};
-use crate::remote_wakes::{RemoteWakes, Seat};
+use crate::remote_wakes::{RemoteWakes, WakeSlot};
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use loom::thread;
@@ -17,7 +17,7 @@ use std::time::Duration;
 /// The executor's part that its wakers see, and a process' part: its wake slot, and what its wakers
 /// bring.
 struct Process {
-    seat: Seat,
+    slot: WakeSlot,
     level: u8,
     brought: AtomicUsize,
 }
@@ -25,7 +25,7 @@ struct Process {
 impl Process {
     fn wake(&self, inbound: &Inbound) {
         self.brought.fetch_add(1, Ordering::Relaxed);
-        inbound.wake(&self.seat, self.level);
+        inbound.wake(&self.slot, self.level);
     }
 }
 
@@ -34,10 +34,10 @@ fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, RemoteWakes
     let mut remote_wakes = RemoteWakes::new();
     let mut member = 0;
     let processes = levels.map(|level| {
-        let seat = remote_wakes.enter(member);
+        let slot = remote_wakes.enter(member);
         member += 1;
         Process {
-            seat,
+            slot,
             level,
             brought: AtomicUsize::new(0),
         }
@@ -114,18 +114,18 @@ fn a_wake_is_never_slept_through() {
 }
 
 #[test]
-fn a_wake_is_seen_by_an_owner_who_looks_before_it_sleeps() {
+fn a_wake_is_seen_by_an_owner_that_looks_before_it_sleeps() {
     all_are_seen_by([3], [0], true);
 }
 
 #[test]
-fn two_wakers_of_an_owner_who_looks_before_it_sleeps() {
+fn two_wakers_of_an_owner_that_looks_before_it_sleeps() {
     all_are_seen_by([3, 7], [0, 1], true);
 }
 
 /// The second process' wake slot is not among those beside the signals.
 #[test]
-fn a_wake_from_a_seat_further_off_is_never_slept_through() {
+fn a_wake_of_a_distant_slot_is_never_missed() {
     all_are_seen([3, 3], [1]);
 }
 
@@ -157,7 +157,7 @@ fn a_waker_that_goes_no_further_holds_up_nobody() {
         model(move || {
             let inbound = Arc::new(Inbound::new());
             let (processes, remote_wakes) = processes([7, 7]);
-            inbound.mark_partly(&processes[member].seat, 7, steps);
+            inbound.mark_partly(&processes[member].slot, 7, steps);
             let waker = {
                 let (inbound, processes) = (inbound.clone(), processes.clone());
                 thread::spawn(move || processes[member].wake(&inbound))
@@ -192,12 +192,12 @@ fn attention_is_never_slept_through() {
 
 /// An executor's thread that answers each attention with one to the next such thread, as long as
 /// there are hops to make.
-struct Home {
+struct TestSleeper {
     inbound: Inbound,
     quiescence: Quiescence,
 }
 
-impl Sleeper for Home {
+impl Sleeper for TestSleeper {
     fn quiescence(&self) -> &Quiescence {
         &self.quiescence
     }
@@ -210,7 +210,7 @@ impl Sleeper for Home {
 /// Threads that pass one message on, `hops` times, and an observer that checks whether all are
 /// still.
 struct Ring {
-    homes: [Home; 2],
+    sleepers: [TestSleeper; 2],
     hops: usize,
     made: AtomicUsize,
     ended: AtomicBool,
@@ -219,12 +219,12 @@ struct Ring {
 
 impl Ring {
     fn new(hops: usize) -> Arc<Self> {
-        let home = || Home {
+        let sleeper = || TestSleeper {
             inbound: Inbound::new(),
             quiescence: Quiescence::new(),
         };
         Arc::new(Self {
-            homes: [home(), home()],
+            sleepers: [sleeper(), sleeper()],
             hops,
             made: AtomicUsize::new(0),
             ended: AtomicBool::new(false),
@@ -234,19 +234,21 @@ impl Ring {
 
     /// The life of one thread, as `executor::round`.
     fn live(&self, number: usize) {
-        let home = &self.homes[number];
+        let sleeper = &self.sleepers[number];
         loop {
-            if home.inbound.is_signalled() {
-                home.inbound.take_attention();
+            if sleeper.inbound.is_signalled() {
+                sleeper.inbound.take_attention();
                 if self.ended.load(Ordering::Acquire) {
                     return;
                 }
                 if self.made.load(Ordering::Relaxed) < self.hops {
                     self.made.fetch_add(1, Ordering::Relaxed);
-                    self.homes[1 - number].inbound.ask_attention();
+                    self.sleepers[1 - number].inbound.ask_attention();
                 }
             } else {
-                home.inbound.sleep_still(&home.quiescence, || self.ring());
+                sleeper
+                    .inbound
+                    .sleep_quiescent(&sleeper.quiescence, || self.ring());
             }
         }
     }
@@ -258,11 +260,11 @@ impl Ring {
 
     /// Looks until all are still, as the thread that runs a system.
     fn watch_until_still(&self) {
-        let homes = [&self.homes[0], &self.homes[1]];
+        let sleepers = [&self.sleepers[0], &self.sleepers[1]];
         loop {
             let seen = self.changes.word().load(Ordering::Acquire);
-            match look(&homes) {
-                Look::Still(_) => return,
+            match look(&sleepers) {
+                Look::Quiescent(_) => return,
                 Look::Stirring => drop(self.changes.wait(seen, Instant::NEVER)),
                 Look::Unclear => thread::yield_now(),
             }
@@ -271,9 +273,9 @@ impl Ring {
 
     fn end(&self) {
         self.ended.store(true, Ordering::Release);
-        self.homes
+        self.sleepers
             .iter()
-            .for_each(|home| home.inbound.ask_attention());
+            .for_each(|sleeper| sleeper.inbound.ask_attention());
     }
 }
 
@@ -282,7 +284,7 @@ fn all_are_still_when_the_last_hop_is_made(hops: usize) {
     builder.preemption_bound = builder.preemption_bound.or(Some(2));
     builder.check(move || {
         let ring = Ring::new(hops);
-        ring.homes[0].inbound.ask_attention();
+        ring.sleepers[0].inbound.ask_attention();
         let lives = [0, 1].map(|number| {
             let ring = ring.clone();
             thread::spawn(move || ring.live(number))
@@ -302,17 +304,17 @@ fn all_are_still_when_the_last_hop_is_made(hops: usize) {
 }
 
 #[test]
-fn stillness_is_seen_when_there_is_nothing_to_do() {
+fn quiescence_is_seen_when_there_is_nothing_to_do() {
     all_are_still_when_the_last_hop_is_made(0);
 }
 
 #[test]
-fn stillness_is_not_seen_while_a_wake_is_under_way() {
+fn quiescence_is_not_seen_while_a_wake_is_under_way() {
     all_are_still_when_the_last_hop_is_made(1);
 }
 
 #[test]
-fn stillness_is_not_seen_while_the_answer_to_a_wake_is_under_way() {
+fn quiescence_is_not_seen_while_the_answer_to_a_wake_is_under_way() {
     all_are_still_when_the_last_hop_is_made(2);
 }
 
@@ -323,21 +325,21 @@ fn a_call_on_the_pool_is_seen_until_its_wake_was_made() {
     builder.check(|| {
         let ring = Ring::new(0);
         // Thread 1 has ended its work for good; thread 0 has begun a call. The call's end wakes it.
-        assert!(!ring.homes[1].quiescence.fall_still());
-        ring.homes[0].quiescence.begin_call();
+        assert!(!ring.sleepers[1].quiescence.become_quiescent());
+        ring.sleepers[0].quiescence.begin_call();
         let (own, buddy) = (ring.clone(), ring.clone());
-        let home = thread::spawn(move || own.live(0));
+        let sleeper = thread::spawn(move || own.live(0));
         let buddy = thread::spawn(move || {
             buddy.made.fetch_add(1, Ordering::Relaxed);
-            buddy.homes[0].inbound.ask_attention();
-            if buddy.homes[0].quiescence.end_call() {
+            buddy.sleepers[0].inbound.ask_attention();
+            if buddy.sleepers[0].quiescence.end_call() {
                 buddy.ring();
             }
         });
         ring.watch_until_still();
         assert_eq!(ring.made.load(Ordering::Relaxed), 1);
         ring.end();
-        home.join().unwrap();
+        sleeper.join().unwrap();
         buddy.join().unwrap();
     });
 }

@@ -10,10 +10,10 @@ use crate::process::{
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
-use luna_core::current::{self, Home, ProcessId};
+use luna_core::current::{self, ExecutorId, ProcessId};
+use luna_core::deferred_free::{self, Shared};
 use luna_core::events;
 use luna_core::park::{self, Parker};
-use luna_core::reclaim::{self, Shared};
 use luna_core::spin::{self, Outside};
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::{Clock, Instant};
@@ -57,7 +57,7 @@ impl std::error::Error for Nested {}
 /// assert!(nested.unwrap().is_err());
 /// ```
 pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
-    if current::home().is_some() {
+    if current::executor_id().is_some() {
         return Err(Nested);
     }
     Ok(run_here(future, |_, _, parker, deadline| {
@@ -99,7 +99,7 @@ pub fn block_on_patiently<F: Future>(
     patience: Duration,
     mut stuck: impl FnMut(ProcessId) -> bool,
 ) -> Result<F::Output, Nested> {
-    if current::home().is_some() {
+    if current::executor_id().is_some() {
         return Err(Nested);
     }
     let mut has_heard = false;
@@ -137,7 +137,7 @@ fn run_here<F: Future>(
     run(
         pin!(future),
         &parker,
-        Home::new(),
+        ExecutorId::new(),
         spec,
         None,
         |parker, deadline| sleep(id, &quiescence, parker, deadline),
@@ -159,18 +159,18 @@ impl Drop for Forget<'_> {
 fn run<F: Future>(
     mut future: Pin<&mut F>,
     parker: &Shared<Parker>,
-    home: Home,
+    executor_id: ExecutorId,
     (id, thread_priority, level): (ProcessId, u8, u8),
     record: Option<&Record>,
     mut sleep: impl FnMut(&Parker, Instant) -> bool,
 ) -> F::Output {
     let timers = Arc::new(TimerQueue::new());
-    let _home = current::enter_home(home, timers.clone(), true);
+    let _entered = current::enter_executor(executor_id, timers.clone(), true);
     // Alone on its thread it needs no way around its waker.
     let waker = park::waker(parker);
     let body = ptr::from_ref(&*future).addr();
     let body = body..body + size_of::<F>();
-    let process = current::Lone::new(id, home, thread_priority, level, waker.clone(), body);
+    let process = current::Lone::new(id, executor_id, thread_priority, level, waker.clone(), body);
     // SAFETY: it is forgotten before the process goes.
     let _seen = record.map(|record| unsafe {
         record.set_process(NonNull::from(&*process));
@@ -203,9 +203,9 @@ fn run<F: Future>(
                 timers.expire(Instant::now());
             }
             watch::glance(parker.bell());
-            events::tell_executor(events::code::ASLEEP);
+            events::report_executor(events::code::ASLEEP);
             let is_woken = sleep(parker, timers.next_deadline());
-            events::tell_executor(events::code::AWAKE);
+            events::report_executor(events::code::AWAKE);
             if is_woken {
                 events::ready(|| id.get());
                 break;
@@ -248,9 +248,9 @@ struct Held {
     phase: AtomicU8,
     parker: Shared<Parker>,
     thread_priority: AtomicU8,
-    home: Home,
+    executor_id: ExecutorId,
     quiescence: Arc<Quiescence>,
-    living: Arc<ProcessRegistry>,
+    registry: Arc<ProcessRegistry>,
     /// How long the thread looks for a wake before it sleeps, in nanoseconds.
     spin: AtomicU64,
     counted: Counted,
@@ -295,7 +295,7 @@ impl OsThread {
         Self::start_counted(attributes, spec, build, Arc::new(ProcessRegistry::new()))
     }
 
-    /// Like [`start`](Self::start), with the process counted in `living`.
+    /// Like [`start`](Self::start), with the process counted in `registry`.
     ///
     /// # Errors
     ///
@@ -304,7 +304,7 @@ impl OsThread {
         attributes: Attributes,
         spec: ProcessSpec,
         build: B,
-        living: Arc<ProcessRegistry>,
+        registry: Arc<ProcessRegistry>,
     ) -> Result<OsThread, SpawnError<Infallible>>
     where
         B: FnOnce() -> F + Send + 'static,
@@ -314,13 +314,13 @@ impl OsThread {
             phase: AtomicU8::new(Phase::HELD),
             parker: Shared::new(Parker::new()),
             thread_priority: AtomicU8::new(0),
-            home: Home::new(),
+            executor_id: ExecutorId::new(),
             quiescence: Arc::new(Quiescence::new()),
-            living,
+            registry,
             spin: AtomicU64::new(0),
             counted: Counted::default(),
         });
-        let record = RecordRef::boxed(Record::new(spec, &shared.living));
+        let record = RecordRef::boxed(Record::new(spec, &shared.registry));
         record.set_waker(park::waker(&shared.parker));
         let process = ProcessHandle(record.clone());
         let (own, of_body, of_thread) = (shared.clone(), record.clone(), record.clone());
@@ -335,16 +335,16 @@ impl OsThread {
                 );
                 // Before the body is built, which may prepare to wait for files.
                 let files = watch::enter(own.parker.bell());
-                let enrolled = own.living.enroll(own.home, own.clone());
+                let enrolled = own.registry.enroll(own.executor_id, own.clone());
                 // Boxed, so that it does not move from here on; once for the process' life, and
                 // freed off the real-time path.
                 let body = catch_unwind(AssertUnwindSafe(build))
-                    .map(|future| Box::pin(Recorded::new(future, of_body, own.living.clone())));
+                    .map(|future| Box::pin(Recorded::new(future, of_body, own.registry.clone())));
                 Ok((own, files, enrolled, body))
             },
             move |(shared, _files, enrolled, body)| match body {
                 Ok(body) => shared.run(of_thread, body, enrolled),
-                Err(payload) => of_thread.end(RawExit::Panicked(payload), &shared.living),
+                Err(payload) => of_thread.end(RawExit::Panicked(payload), &shared.registry),
             },
         );
         match started {
@@ -353,7 +353,7 @@ impl OsThread {
                 runs: Runs::OnThread(shared, thread),
             }),
             Err(error) => {
-                record.end(RawExit::Cancelled, &shared.living);
+                record.end(RawExit::Cancelled, &shared.registry);
                 Err(error)
             }
         }
@@ -468,7 +468,7 @@ impl Held {
         _enrolled: Enrolled,
     ) {
         let _looking = (self.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(self.clone()));
-        let _calls = calls::enter(self.quiescence.clone(), Some(self.living.clone()));
+        let _calls = calls::enter(self.quiescence.clone(), Some(self.registry.clone()));
         // Parks first, so that the wake which comes with the release is taken here and is no poll
         // too many.
         loop {
@@ -485,7 +485,7 @@ impl Held {
                 run(
                     body.as_mut(),
                     &self.parker,
-                    self.home,
+                    self.executor_id,
                     spec,
                     Some(&record),
                     |_, deadline| self.sleep(deadline),
@@ -499,10 +499,10 @@ impl Held {
                 // The first one counts, and dropping the other could panic in turn.
                 std::mem::forget(second);
             }
-            record.end(RawExit::Panicked(payload), &self.living);
+            record.end(RawExit::Panicked(payload), &self.registry);
         }
         record.forget_process();
-        reclaim::collect();
+        deferred_free::collect();
     }
 }
 
@@ -521,13 +521,13 @@ impl Held {
         if !only_others_can_wake(&self.parker, deadline) {
             return self.parker.park(deadline);
         }
-        let fall_still = || {
-            if self.quiescence.fall_still() {
-                self.living.announce();
+        let become_quiescent = || {
+            if self.quiescence.become_quiescent() {
+                self.registry.announce();
             }
         };
         self.parker
-            .park_between(deadline, fall_still, || self.quiescence.wake())
+            .park_between(deadline, become_quiescent, || self.quiescence.wake())
     }
 }
 

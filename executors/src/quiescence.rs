@@ -64,11 +64,12 @@ impl Quiescence {
 
     /// The thread is about to sleep until others wake it. Returns whether to ring. Owner only.
     #[must_use = "the observer sleeps until the ring"]
-    pub(crate) fn fall_still(&self) -> bool {
+    pub(crate) fn become_quiescent(&self) -> bool {
         self.word.fetch_or(STILL, Ordering::AcqRel) & WATCHED != 0 && self.take_watch()
     }
 
-    /// The thread has woken, and has not yet taken what was pushed. Owner only, after `fall_still`.
+    /// The thread has woken, and has not yet taken what was pushed. Owner only, after
+    /// `become_quiescent`.
     pub(crate) fn wake(&self) {
         self.word.fetch_add(WAKE - STILL, Ordering::AcqRel);
     }
@@ -117,7 +118,7 @@ pub(crate) trait Sleeper: Send + Sync {
 /// The result of a look at several threads.
 pub(crate) enum Look {
     /// All were still at one instant, each in the given stretch.
-    Still(Vec<Stretch>),
+    Quiescent(Vec<Stretch>),
     /// One thread was not still; it rings when it falls still.
     Stirring,
     /// The threads changed from look to look: look again.
@@ -127,11 +128,11 @@ pub(crate) enum Look {
 /// How often a look starts anew because a thread fell still meanwhile.
 const TRIES: usize = 8;
 
-/// Looks at the threads `homes`. O(homes), a bounded number of times; allocates.
-pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
+/// Looks at the threads `sleepers`. O(sleepers), a bounded number of times; allocates.
+pub(crate) fn look<S: Sleeper + ?Sized>(sleepers: &[&S]) -> Look {
     for _ in 0..TRIES {
-        match all_still(homes) {
-            Ok(stretches) => return Look::Still(stretches),
+        match all_quiescent(sleepers) {
+            Ok(stretches) => return Look::Quiescent(stretches),
             Err(stirring) => {
                 stirring.quiescence().watch();
                 // From here on the thread acts under watch. If it is still without a cause to wake,
@@ -146,28 +147,32 @@ pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
 }
 
 /// Requests a ring from every thread when it falls still for the next time.
-pub(crate) fn watch_all<S: Sleeper + ?Sized>(homes: &[&S]) {
-    homes.iter().for_each(|home| home.quiescence().watch());
+pub(crate) fn watch_all<S: Sleeper + ?Sized>(sleepers: &[&S]) {
+    sleepers
+        .iter()
+        .for_each(|sleeper| sleeper.quiescence().watch());
 }
 
-fn is_stirring<S: Sleeper + ?Sized>(home: &S) -> bool {
-    home.quiescence().stretch().is_none() || home.quiescence().has_calls() || home.is_woken()
+fn is_stirring<S: Sleeper + ?Sized>(sleeper: &S) -> bool {
+    sleeper.quiescence().stretch().is_none()
+        || sleeper.quiescence().has_calls()
+        || sleeper.is_woken()
 }
 
 /// Steps a, b and c. The error is a thread that is not still, or was not in one of the steps.
-fn all_still<'a, S: Sleeper + ?Sized>(homes: &[&'a S]) -> Result<Vec<Stretch>, &'a S> {
-    let mut stretches = Vec::with_capacity(homes.len());
-    for &home in homes {
-        stretches.push(home.quiescence().stretch().ok_or(home)?);
+fn all_quiescent<'a, S: Sleeper + ?Sized>(sleepers: &[&'a S]) -> Result<Vec<Stretch>, &'a S> {
+    let mut stretches = Vec::with_capacity(sleepers.len());
+    for &sleeper in sleepers {
+        stretches.push(sleeper.quiescence().stretch().ok_or(sleeper)?);
     }
-    for &home in homes {
-        if home.quiescence().has_calls() || home.is_woken() {
-            return Err(home);
+    for &sleeper in sleepers {
+        if sleeper.quiescence().has_calls() || sleeper.is_woken() {
+            return Err(sleeper);
         }
     }
-    for (&home, &before) in homes.iter().zip(&stretches) {
-        if home.quiescence().stretch() != Some(before) {
-            return Err(home);
+    for (&sleeper, &before) in sleepers.iter().zip(&stretches) {
+        if sleeper.quiescence().stretch() != Some(before) {
+            return Err(sleeper);
         }
     }
     Ok(stretches)
@@ -177,9 +182,9 @@ fn all_still<'a, S: Sleeper + ?Sized>(homes: &[&'a S]) -> Result<Vec<Stretch>, &
 mod tests {
     use super::*;
 
-    struct Home(Quiescence, bool);
+    struct TestSleeper(Quiescence, bool);
 
-    impl Sleeper for Home {
+    impl Sleeper for TestSleeper {
         fn quiescence(&self) -> &Quiescence {
             &self.0
         }
@@ -192,32 +197,35 @@ mod tests {
     #[test]
     fn all_are_still_only_if_each_is_and_nothing_is_under_way() {
         let (one, mut two) = (
-            Home(Quiescence::new(), false),
-            Home(Quiescence::new(), false),
+            TestSleeper(Quiescence::new(), false),
+            TestSleeper(Quiescence::new(), false),
         );
-        assert!(!one.0.fall_still());
+        assert!(!one.0.become_quiescent());
         assert!(matches!(look(&[&one, &two]), Look::Stirring));
-        assert!(two.0.fall_still(), "the one that was awake is watched");
-        assert!(matches!(look(&[&one, &two]), Look::Still(_)));
+        assert!(
+            two.0.become_quiescent(),
+            "the one that was awake is watched"
+        );
+        assert!(matches!(look(&[&one, &two]), Look::Quiescent(_)));
         two.1 = true;
         assert!(matches!(look(&[&one, &two]), Look::Stirring));
         two.1 = false;
         two.0.begin_call();
         assert!(matches!(look(&[&one, &two]), Look::Stirring));
         assert!(two.0.end_call());
-        assert!(matches!(look(&[&one, &two]), Look::Still(_)));
+        assert!(matches!(look(&[&one, &two]), Look::Quiescent(_)));
     }
 
     #[test]
     fn a_stretch_of_sleep_is_no_other_one() {
-        let home = Home(Quiescence::new(), false);
-        assert!(!home.0.fall_still());
-        let Look::Still(first) = look(&[&home]) else {
+        let sleeper = TestSleeper(Quiescence::new(), false);
+        assert!(!sleeper.0.become_quiescent());
+        let Look::Quiescent(first) = look(&[&sleeper]) else {
             panic!("it is still");
         };
-        home.0.wake();
-        assert!(!home.0.fall_still());
-        let Look::Still(second) = look(&[&home]) else {
+        sleeper.0.wake();
+        assert!(!sleeper.0.become_quiescent());
+        let Look::Quiescent(second) = look(&[&sleeper]) else {
             panic!("it is still");
         };
         assert_ne!(first, second);
@@ -225,10 +233,10 @@ mod tests {
 
     #[test]
     fn a_watch_rings_once() {
-        let home = Home(Quiescence::new(), false);
-        home.0.watch();
-        assert!(home.0.fall_still());
-        home.0.wake();
-        assert!(!home.0.fall_still());
+        let sleeper = TestSleeper(Quiescence::new(), false);
+        sleeper.0.watch();
+        assert!(sleeper.0.become_quiescent());
+        sleeper.0.wake();
+        assert!(!sleeper.0.become_quiescent());
     }
 }

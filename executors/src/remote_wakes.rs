@@ -36,7 +36,7 @@ impl Near {
 /// Number of words that a block has for each level; few in a model of all interleavings.
 const WORDS: usize = if cfg!(loom) { 1 } else { 64 };
 const BITS: usize = u64::BITS as usize;
-const SEATS: usize = WORDS * BITS;
+const BLOCK_SLOTS: usize = WORDS * BITS;
 
 /// The bits of 4096 wake slots: four bytes for each.
 #[derive(Debug)]
@@ -59,15 +59,15 @@ impl Block {
 /// The slot in which a process is woken from other threads. It may be used after the process has
 /// ended: then the process that has the slot next may get a spurious wake.
 #[derive(Debug)]
-pub(crate) struct Seat {
+pub(crate) struct WakeSlot {
     number: usize,
     /// Where the bits of a wake slot behind the near ones are.
     block: Option<Arc<Block>>,
 }
 
-impl Seat {
+impl WakeSlot {
     /// No slot.
-    pub(crate) const NONE: Seat = Seat {
+    pub(crate) const NONE: WakeSlot = WakeSlot {
         number: usize::MAX,
         block: None,
     };
@@ -94,7 +94,7 @@ impl Seat {
             return;
         };
         let number = self.number - NEAR;
-        let (word, bit) = (number % SEATS / BITS, number % BITS);
+        let (word, bit) = (number % BLOCK_SLOTS / BITS, number % BITS);
         let level = usize::from(level);
         // Release: the thread that takes the bit sees all that happened before the wake. In this
         // order, so that a reader that finds a bit in the summary finds the word's.
@@ -129,7 +129,7 @@ impl<T: Copy> RemoteWakes<T> {
     }
 
     /// Gives one more process a slot. Allocates.
-    pub(crate) fn enter(&mut self, member: T) -> Seat {
+    pub(crate) fn enter(&mut self, member: T) -> WakeSlot {
         let free = self.free.pop();
         let number = free.map_or(self.members.len(), |number| number as usize);
         if number == self.members.len() {
@@ -139,12 +139,12 @@ impl<T: Copy> RemoteWakes<T> {
         }
         self.members[number] = Some(member);
         let block = number.checked_sub(NEAR).map(|number| {
-            if self.blocks.len() <= number / SEATS {
+            if self.blocks.len() <= number / BLOCK_SLOTS {
                 self.blocks.push(Arc::new(Block::new()));
             }
-            self.blocks[number / SEATS].clone()
+            self.blocks[number / BLOCK_SLOTS].clone()
         });
-        Seat { number, block }
+        WakeSlot { number, block }
     }
 
     /// All processes that have a slot, in the order of the slots.
@@ -187,7 +187,7 @@ impl<T: Copy> RemoteWakes<T> {
             }
         }
         let level = usize::from(level);
-        for (block, base) in self.blocks.iter().zip((NEAR..).step_by(SEATS)) {
+        for (block, base) in self.blocks.iter().zip((NEAR..).step_by(BLOCK_SLOTS)) {
             // As above: most of many blocks have nothing.
             if block.summary[level].load(Ordering::Relaxed) == 0 {
                 continue;
@@ -225,12 +225,13 @@ mod tests {
     }
 
     #[test]
-    fn each_who_was_marked_is_given_once_wherever_it_sits() {
+    fn each_that_was_marked_is_given_once_wherever_it_sits() {
         let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
-        let places: Vec<Seat> = (0..NEAR + 3 * SEATS + 1)
+        let places: Vec<WakeSlot> = (0..NEAR + 3 * BLOCK_SLOTS + 1)
             .map(|member| remote_wakes.enter(member))
             .collect();
-        let far = [0, 63, 64, SEATS - 1, SEATS, 3 * SEATS].map(|number| NEAR + number);
+        let far =
+            [0, 63, 64, BLOCK_SLOTS - 1, BLOCK_SLOTS, 3 * BLOCK_SLOTS].map(|number| NEAR + number);
         let marked = [&[0, NEAR - 1][..], &far].concat();
         for &member in marked.iter().rev() {
             places[member].mark(&near, 7);
@@ -244,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_wake_of_one_who_has_left_is_nobodys_or_the_next_ones() {
+    fn a_late_wake_of_one_that_has_left_is_nobodys_or_the_next_ones() {
         let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
         for number in 0..NEAR + 2 {
             let first = remote_wakes.enter(1);

@@ -162,7 +162,7 @@ impl ThreadFiles {
         &self,
         node: NonNull<Node>,
         file: BorrowedFd<'_>,
-        wakeup: WakeHandle,
+        wake_handle: WakeHandle,
     ) -> Result<(), FileError> {
         let fd = file.as_raw_fd();
         let mut waits = self.waits.lock();
@@ -180,7 +180,7 @@ impl ThreadFiles {
         .map_err(FileError::Refused)?;
         // SAFETY: by the contract it is in no list and pinned; the lock that guards the lists is
         // held.
-        unsafe { waits.insert(node, current::priority(), wakeup) };
+        unsafe { waits.insert(node, current::priority(), wake_handle) };
         self.count.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
@@ -197,7 +197,7 @@ impl ThreadFiles {
             // SAFETY: the lock guards the node.
             let node = unsafe { &mut *node.as_ptr() };
             if node.listed {
-                renewal.store(node.wait.wakeup_mut());
+                renewal.store(node.wait.wake_handle_mut());
             }
             node.listed
         })
@@ -227,7 +227,7 @@ impl ThreadFiles {
         drop(waits);
         // The last step, since its drop is user code.
         // SAFETY: an unlisted node is its wait's alone.
-        let _former = unsafe { (*node.as_ptr()).wait.wakeup_mut() }.take();
+        let _former = unsafe { (*node.as_ptr()).wait.wake_handle_mut() }.take();
         if is_last && self.thread != this_thread() {
             // It may sleep in the belief that a file can wake it.
             self.reactor.wake();

@@ -42,10 +42,10 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// The most watches at a time in one program.
-pub const MOST_WATCHES: usize = 64;
+pub const MAX_WATCHES: usize = 64;
 
 /// The maximum number of members of a watch.
-pub const MOST_MEMBERS: usize = 9;
+pub const MAX_MEMBERS: usize = 9;
 
 /// The signal by which the program ends, 0 for none. Written by handlers; reset only if a former
 /// handler has repaired the cause.
@@ -54,7 +54,7 @@ static CRASHED: AtomicI32 = AtomicI32::new(0);
 /// Counts what handlers wait for.
 static DONE: Futex = Futex::new(0);
 
-static SLOTS: [Slot; MOST_WATCHES] = [const { Slot::new() }; MOST_WATCHES];
+static SLOTS: [Slot; MAX_WATCHES] = [const { Slot::new() }; MAX_WATCHES];
 
 /// The shared state of one watch and the handlers. Static, so that a handler may read it at any
 /// time.
@@ -67,7 +67,7 @@ struct Slot {
     /// For each member, the number of the thread that does the awaited work, 0 while it does
     /// nothing; negated if that thread has crashed. Written by the member, and by the handler on
     /// its thread.
-    members: [AtomicI32; MOST_MEMBERS],
+    members: [AtomicI32; MAX_MEMBERS],
 }
 
 impl Slot {
@@ -76,7 +76,7 @@ impl Slot {
             is_taken: AtomicBool::new(false),
             is_awaited: AtomicBool::new(false),
             bound: AtomicU64::new(0),
-            members: [const { AtomicI32::new(0) }; MOST_MEMBERS],
+            members: [const { AtomicI32::new(0) }; MAX_MEMBERS],
         }
     }
 }
@@ -133,7 +133,7 @@ impl CrashWatch {
     /// # Errors
     ///
     /// [`SignalError`] if the system does not let a signal be handled, or has none, or if there are
-    /// [`MOST_WATCHES`] watches.
+    /// [`MAX_WATCHES`] watches.
     pub fn install() -> Result<CrashWatch, SignalError> {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
         installed.enter_process();
@@ -141,7 +141,7 @@ impl CrashWatch {
             .iter()
             .find(|slot| !slot.is_taken.load(Ordering::Relaxed));
         let Some(slot) = free else {
-            return Err(SignalError::TooMany { most: MOST_WATCHES });
+            return Err(SignalError::TooMany { most: MAX_WATCHES });
         };
         if installed.watches == 0 {
             backend::install()?;
@@ -197,7 +197,7 @@ impl CrashSlot {
     ///
     /// # Panics
     ///
-    /// Panics if `member` is not below [`MOST_MEMBERS`].
+    /// Panics if `member` is not below [`MAX_MEMBERS`].
     pub fn enter(self, member: u8, thread: ThreadNumber) {
         self.0.members[usize::from(member)].store(thread.get(), Ordering::Relaxed);
     }
@@ -208,7 +208,7 @@ impl CrashSlot {
     ///
     /// # Panics
     ///
-    /// Panics if `member` is not below [`MOST_MEMBERS`].
+    /// Panics if `member` is not below [`MAX_MEMBERS`].
     pub fn leave(self, member: u8, thread: ThreadNumber) {
         let own = &self.0.members[usize::from(member)];
         // Negated: the thread has gone on after a fault, because of a former handler.
@@ -276,7 +276,7 @@ mod tests {
 
     /// A detached thread ends after its watch, and another watch has the slot.
     #[test]
-    fn only_who_has_entered_leaves() {
+    fn only_that_has_entered_leaves() {
         static SLOT: Slot = Slot::new();
         let slot = CrashSlot(&SLOT);
         let late = current_number();

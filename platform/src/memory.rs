@@ -18,7 +18,7 @@ use std::sync::{Mutex, PoisonError};
 static HELD: Mutex<usize> = Mutex::new(0);
 
 /// The maximum number of bytes copied at once: bodies of processes have some hundreds.
-const MOST_COPIED: usize = 1 << 20;
+const MAX_COPIED: usize = 1 << 20;
 
 /// The words that lie in a range of this program's addresses, copied by the kernel; of at most a
 /// mebibyte. Empty where the kernel refuses, where there is no such memory, and on the portable
@@ -40,7 +40,7 @@ const MOST_COPIED: usize = 1 << 20;
 pub fn copy_words(range: Range<usize>) -> Vec<usize> {
     const WORD: usize = size_of::<usize>();
     let start = range.start.next_multiple_of(WORD);
-    let length = range.end.saturating_sub(start).min(MOST_COPIED);
+    let length = range.end.saturating_sub(start).min(MAX_COPIED);
     let mut bytes = vec![0; length];
     let copied = backend::copy(start, &mut bytes);
     let (words, _) = bytes[..copied].as_chunks::<WORD>();

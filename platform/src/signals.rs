@@ -443,7 +443,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_event_is_seen_by_all_who_wait() {
+    fn an_event_is_seen_by_all_that_wait() {
         let seen = event_count();
         let waiting: Vec<_> = (0..4)
             .map(|_| {

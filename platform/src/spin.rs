@@ -31,7 +31,7 @@ const BETWEEN_LOOKS: Duration = Duration::from_nanos(100);
 static PAUSES: AtomicU32 = AtomicU32::new(1);
 
 #[cfg(not(loom))]
-const MOST_PAUSES: u128 = 64;
+const MAX_PAUSES: u128 = 64;
 
 /// Measures a pause. Some 20 µs.
 #[cfg(not(loom))]
@@ -47,7 +47,7 @@ fn measure_pause() {
     // A clock that stands still measures nothing.
     if !shortest.is_zero() {
         let fitting = BETWEEN_LOOKS.as_nanos() * u128::from(PAUSES_AT_ONCE) / shortest.as_nanos();
-        PAUSES.store(fitting.clamp(1, MOST_PAUSES) as u32, Ordering::Relaxed);
+        PAUSES.store(fitting.clamp(1, MAX_PAUSES) as u32, Ordering::Relaxed);
     }
 }
 

@@ -51,7 +51,7 @@ impl Monitor {
         self.0.is_reset.load(Ordering::Relaxed) && self.0.is_reset.swap(false, Ordering::Acquire)
     }
 
-    pub(crate) fn tell_held(&self, is_held: bool) {
+    pub(crate) fn note_held(&self, is_held: bool) {
         self.0.is_held.store(is_held, Ordering::Release);
     }
 

@@ -165,7 +165,7 @@ impl Reactor {
             (self.is_bad, self.has_alarmed) = (false, false);
             self.limited.reset();
             self.good.reset();
-            self.monitor.tell_held(false);
+            self.monitor.note_held(false);
         }
         is_asked
     }
@@ -221,7 +221,7 @@ impl Reactor {
             is_first: !std::mem::replace(&mut self.has_alarmed, true),
         });
         let is_held = self.is_bad && self.response.reaction != Reaction::Warn;
-        self.monitor.tell_held(is_held);
+        self.monitor.note_held(is_held);
         let value = match verdict {
             _ if is_held => self.neutral,
             Verdict::Pass(value) | Verdict::Limited(value, _) => value,

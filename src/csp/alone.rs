@@ -13,7 +13,7 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Prints what `process` waits for, if no other thread is known to use that; returns whether it was
 /// printed.
-pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
+pub(crate) fn report_if_stuck(process: ProcessId) -> bool {
     let body = Sleeping {
         id: process,
         name: "main".into(),

@@ -52,8 +52,8 @@ pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
     Named {
         tree: None,
         untold: None,
-        is_told: false,
-        node: Place(UnsafeCell::new(Node::new(Label::new(name)))),
+        is_reported: false,
+        node: NodeCell(UnsafeCell::new(Node::new(Label::new(name)))),
         future,
         _pinned: PhantomPinned,
     }
@@ -72,20 +72,20 @@ pub struct Named<F> {
     /// The process in which it is listed while its turns are not recorded: that of almost every
     /// poll.
     untold: Option<ProcessId>,
-    is_told: bool,
-    node: Place,
+    is_reported: bool,
+    node: NodeCell,
     future: F,
     _pinned: PhantomPinned,
 }
 
 /// Where a node lies.
-struct Place(UnsafeCell<Node>);
+struct NodeCell(UnsafeCell<Node>);
 
 // SAFETY: a node's links are guarded by the list's lock, wherever the future is; all else is its
 // future's, or does not change while listed.
-unsafe impl Send for Place {}
+unsafe impl Send for NodeCell {}
 // SAFETY: `&Named` gives access to the name alone, which does not change.
-unsafe impl Sync for Place {}
+unsafe impl Sync for NodeCell {}
 
 thread_local! {
     /// The tree of the system to which this thread belongs.
@@ -154,8 +154,8 @@ impl<F> Named<F> {
             id
         };
         self.tree = Some(tree);
-        self.is_told = events::is_on();
-        if self.is_told {
+        self.is_reported = events::is_on();
+        if self.is_reported {
             events::name_in_ring(Kind::SubProcess, id as u32, self.name());
         } else {
             self.untold = Some(process);
@@ -167,7 +167,7 @@ impl<F> Named<F> {
     fn unlist(&mut self, how: u64) {
         self.untold = None;
         if let Some(tree) = self.tree.take() {
-            if std::mem::take(&mut self.is_told) {
+            if std::mem::take(&mut self.is_reported) {
                 // On a thread of another system its number would denote another sub-process.
                 let is_here = TREE.try_with(|here| {
                     let here = here.borrow();
@@ -176,7 +176,7 @@ impl<F> Named<F> {
                 if is_here.unwrap_or(false) {
                     // SAFETY: this future alone writes the field.
                     let id = unsafe { (*self.node.0.get()).id };
-                    events::tell(code::SUB_DONE, id as u32, || [how, 0]);
+                    events::report(code::SUB_DONE, id as u32, || [how, 0]);
                 }
             }
             let node = NonNull::from(&self.node.0).cast::<Node>();
@@ -233,10 +233,10 @@ impl<F: Future> Named<F> {
         let id = unsafe { self.list(process) };
         let around = WITHIN.get();
         let within = if id == 0 { around } else { id };
-        let is_told = self.is_told;
+        let is_reported = self.is_reported;
         // SAFETY: the contract.
         let mut poll = || unsafe { self.poll_within(within, cx) };
-        if is_told {
+        if is_reported {
             events::sub_turn(id as u32, [process.get().into(), around], poll)
         } else {
             poll()

@@ -1,7 +1,7 @@
 //! The channels, barriers and locks of the program at one moment: the users of each, and the
 //! waiters.
 
-use luna_channels::inspect::{self, PlaceKind, PlaceView};
+use luna_channels::inspect::{self, WaitPointKind, WaitPointView};
 use luna_core::current::{ProcessId, User};
 use std::fmt;
 use std::panic::Location;
@@ -18,7 +18,7 @@ pub(crate) struct Waiting {
 /// A channel, a barrier or a lock.
 #[derive(Debug, Clone)]
 pub(crate) struct Meeting {
-    pub(crate) kind: PlaceKind,
+    pub(crate) kind: WaitPointKind,
     /// What its ends have in them.
     pub(crate) address: usize,
     pub(crate) name: Option<String>,
@@ -46,8 +46,8 @@ impl Meeting {
     }
 }
 
-impl From<PlaceView> for Meeting {
-    fn from(view: PlaceView) -> Self {
+impl From<WaitPointView> for Meeting {
+    fn from(view: WaitPointView) -> Self {
         let waiting = view.waiting.into_iter().map(|one| Waiting {
             user: one.user,
             role: one.role,
@@ -70,17 +70,20 @@ impl From<PlaceView> for Meeting {
 
 /// All that live in the program, in the order in which they were made. Not for the real-time path.
 pub(crate) fn meetings() -> Vec<Meeting> {
-    inspect::places().into_iter().map(Meeting::from).collect()
+    inspect::wait_points()
+        .into_iter()
+        .map(Meeting::from)
+        .collect()
 }
 
 /// What a report calls it: its name, or where it was made.
 impl fmt::Display for Meeting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = match self.kind {
-            PlaceKind::Barrier => "barrier",
-            PlaceKind::Mutex => "mutex",
-            PlaceKind::Condition => "condition",
-            PlaceKind::Semaphore => "semaphore",
+            WaitPointKind::Barrier => "barrier",
+            WaitPointKind::Mutex => "mutex",
+            WaitPointKind::Condition => "condition",
+            WaitPointKind::Semaphore => "semaphore",
             _ => "channel",
         };
         match &self.name {

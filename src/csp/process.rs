@@ -152,7 +152,7 @@ where
 impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
     fn prepare(self) -> Prepared<impl Build> {
         let resident = Resident::new(self);
-        let at = Place(resident.place);
+        let at = BodyPointer(resident.place);
         Prepared {
             resident: Some(Box::new(resident)),
             build: move || {
@@ -292,9 +292,9 @@ impl<P> Drop for Resident<P> {
 }
 
 /// A pointer that goes to the executor's thread.
-struct Place<P>(*mut P);
+struct BodyPointer<P>(*mut P);
 // SAFETY: it leads to a `P: Send` that one thread at a time accesses.
-unsafe impl<P: Send> Send for Place<P> {}
+unsafe impl<P: Send> Send for BodyPointer<P> {}
 
 /// Starts a body of any type where it is to run, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
@@ -342,10 +342,10 @@ impl<B: Build> Start for B {
         simulation: Option<&SimulationHandle>,
         frame: Frame,
     ) -> Result<OsThread, SpawnError<Infallible>> {
-        let living = frame.common.living.clone();
+        let registry = frame.common.registry.clone();
         let build = move || Supervised::make(|| (*self).build(), frame);
         match simulation {
-            None => OsThread::start_counted(attributes, spec, build, living),
+            None => OsThread::start_counted(attributes, spec, build, registry),
             Some(simulation) => Ok(OsThread::start_simulated(
                 simulation,
                 &attributes,
@@ -361,10 +361,10 @@ pub(crate) struct Common {
     pub(crate) scope: Arc<Scope>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) tree: Arc<Tree>,
-    pub(crate) living: Arc<ProcessRegistry>,
+    pub(crate) registry: Arc<ProcessRegistry>,
     pub(crate) clock: Clock,
     pub(crate) log: Log,
-    pub(crate) tapes: ReplayLogs,
+    pub(crate) replay_logs: ReplayLogs,
 }
 
 thread_local! {
@@ -450,7 +450,7 @@ impl Verdict {
         events::note_failure();
         // The failure is to be reported soon; the process' own end notifies only threads that wait
         // for any end.
-        Common::with(|common| common.living.announce_next());
+        Common::with(|common| common.registry.announce_next());
         Self(Some(ended))
     }
 }
@@ -505,7 +505,7 @@ impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.common.enter_thread();
-        frame.common.log.enter_home();
+        frame.common.log.enter_executor();
         let alarm = Alarm;
         let body = make();
         std::mem::forget(alarm);
@@ -614,6 +614,6 @@ pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
     FAILURE.set(None);
     let mut body = std::pin::pin!(body);
     let body = std::future::poll_fn(|cx| poll_until_failure(body.as_mut(), cx));
-    luna_executors::block_on_patiently(body, alone::PATIENCE, alone::tell_if_stuck)?
+    luna_executors::block_on_patiently(body, alone::PATIENCE, alone::report_if_stuck)?
         .map_err(Error::from)?
 }

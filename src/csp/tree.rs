@@ -49,19 +49,19 @@ impl Node {
 /// A name in room of fixed size.
 #[derive(Clone, Copy)]
 pub(crate) struct Label {
-    bytes: [u8; Label::MOST],
+    bytes: [u8; Label::MAX],
     length: u8,
 }
 
 impl Label {
-    const MOST: usize = 63;
+    const MAX: usize = 63;
 
     pub(crate) fn new(name: &str) -> Self {
-        let length = (0..=name.len().min(Self::MOST))
+        let length = (0..=name.len().min(Self::MAX))
             .rev()
             .find(|&length| name.is_char_boundary(length))
             .unwrap_or(0);
-        let mut bytes = [0; Self::MOST];
+        let mut bytes = [0; Self::MAX];
         bytes[..length].copy_from_slice(&name.as_bytes()[..length]);
         Self {
             bytes,

@@ -51,10 +51,10 @@ pub enum Error {
     #[error("the other ends of the channel are gone")]
     Closed,
     /// A send that does not wait: no receiver waits, and there is no room.
-    #[error("nobody waits to receive and there is no room")]
+    #[error("no receiver waits and there is no room")]
     Full,
     /// Receiving at once: nothing is there.
-    #[error("nobody waits to send and nothing is buffered")]
+    #[error("no sender waits and nothing is buffered")]
     Empty,
     /// A call that its server has taken and dropped without a reply.
     #[error("the server has dropped the call without a reply")]
@@ -63,11 +63,11 @@ pub enum Error {
     #[error("the time ran out")]
     Timeout,
     /// A lock that does not wait: the mutex is held.
-    #[error("somebody holds the mutex")]
+    #[error("the mutex is locked")]
     Locked,
     /// A mutex's owner has died while it held it: see [`OwnerDied`](crate::sync::OwnerDied).
     #[error(
-        "who held the mutex has died with it, and what it guards may be half done: take the guard from the error of `lock`, and recover it"
+        "a process ended while it held the mutex, and the guarded value may be incomplete: take the guard from the error of `lock`, and recover it"
     )]
     OwnerDied,
     /// A process failed.

@@ -76,7 +76,7 @@ impl Device {
         to: &mut [u8],
         ended: Pin<&mut Ended<'_>>,
     ) -> Result<usize, Stop> {
-        if !current::is_taped() {
+        if !current::has_replay_log() {
             return self.read_file(to, ended).await;
         }
         match replay::enters().await {
@@ -142,7 +142,7 @@ impl Device {
         number: u64,
         ended: Pin<&mut Ended<'_>>,
     ) -> Result<(), Stop> {
-        if !current::is_taped() {
+        if !current::has_replay_log() {
             return self.write_file(bytes, number, ended).await;
         }
         replay::note_written(bytes);
@@ -247,7 +247,7 @@ fn leave_by(stop: &Stop) {
         Stop::Ended(ChannelEnd::Poisoned) => replay::leave(Event::failed(1)),
         // An error of the system has too many forms.
         Stop::Failed(_) => {
-            current::tape(|tape| tape.outside("a file of `luna::external` that fails"));
+            current::replay_log(|log| log.outside("a file of `luna::external` that fails"));
             replay::leave(Event::failed(0));
         }
     }

@@ -22,7 +22,7 @@ pub enum LinkError {
     },
     /// The framing's prefix is too short for the length of its longest records.
     #[error(
-        "a framing has records of up to {most} bytes, but its prefix tells {longest} at most; take a wider one"
+        "a framing has records of up to {most} bytes, but its prefix can state {longest} at most; take a wider one"
     )]
     PrefixTooSmall {
         /// The most bytes of a record.

@@ -159,11 +159,11 @@ impl Log {
     pub(crate) fn enter_thread(&self) {}
 
     #[inline(always)]
-    pub(crate) fn enter_home(&self) {}
+    pub(crate) fn enter_executor(&self) {}
 
-    pub(crate) fn tell_stolen(&self, _: usize, _: Duration, _: Duration) {}
+    pub(crate) fn report_stolen(&self, _: usize, _: Duration, _: Duration) {}
 
-    pub(crate) fn tell_safety(&self, _: u32, _: u8) {}
+    pub(crate) fn report_safety(&self, _: u32, _: u8) {}
 
     pub(crate) fn start(&self, _: Asked) -> Result<Session, SetupError> {
         Ok(Session)

@@ -76,7 +76,7 @@ impl Log {
         #[cfg(feature = "events")]
         if self.0.records_events() {
             // Those that are made from now on are named as they are made.
-            for place in luna_channels::inspect::places() {
+            for place in luna_channels::inspect::wait_points() {
                 if let Some(kind) = place.kind.in_events() {
                     self.0.name(kind, place.id as u32, place.name_in_events());
                 }
@@ -87,15 +87,15 @@ impl Log {
 
     /// A process is about to run on the calling thread, or on the executor that it is now.
     #[inline]
-    pub(crate) fn enter_home(&self) {
+    pub(crate) fn enter_executor(&self) {
         #[cfg(feature = "events")]
-        self.0.enter_home();
+        self.0.enter_executor();
     }
 
     /// A hypervisor took so much of a core in the time that has just passed.
-    pub(crate) fn tell_stolen(&self, core: usize, stolen: Duration, within: Duration) {
+    pub(crate) fn report_stolen(&self, core: usize, stolen: Duration, within: Duration) {
         #[cfg(feature = "events")]
-        self.0.tell(
+        self.0.report(
             luna_core::events::code::STOLEN,
             core as u32,
             [nanos(stolen), nanos(within)],
@@ -105,9 +105,9 @@ impl Log {
     }
 
     /// Records a change of the safety state, by a process or from outside of processes (0).
-    pub(crate) fn tell_safety(&self, process: u32, degree: u8) {
+    pub(crate) fn report_safety(&self, process: u32, degree: u8) {
         #[cfg(feature = "events")]
-        self.0.tell(
+        self.0.report(
             luna_core::events::code::EMERGENCY,
             process,
             [degree.into(), 0],

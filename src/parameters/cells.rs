@@ -33,16 +33,16 @@ impl Reader {
     #[inline]
     pub(crate) fn latch(&self) {
         if is_current(self.process) {
-            match current::is_taped() {
+            match current::has_replay_log() {
                 false => drop(self.slots.latch()),
-                true => self.latch_taped(),
+                true => self.latch_with_log(),
             }
         }
     }
 
     /// Latches a set that is recorded or replayed.
     #[cold]
-    fn latch_taped(&self) {
+    fn latch_with_log(&self) {
         if !replay::input("parameters", || self.slots.latch()) {
             return;
         }

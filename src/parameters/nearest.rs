@@ -6,7 +6,7 @@ pub(super) fn nearest<'a>(
     wrong: &str,
     names: impl IntoIterator<Item = &'a str>,
 ) -> Option<&'a str> {
-    let wrong: Vec<char> = wrong.chars().take(MOST).collect();
+    let wrong: Vec<char> = wrong.chars().take(MAX).collect();
     let most = 2.max(wrong.len() / 3);
     names
         .into_iter()
@@ -17,10 +17,10 @@ pub(super) fn nearest<'a>(
 }
 
 /// Longer names are compared as far as this.
-const MOST: usize = 100;
+const MAX: usize = 100;
 
 fn distance(one: &[char], other: &str) -> usize {
-    let other: Vec<char> = other.chars().take(MOST).collect();
+    let other: Vec<char> = other.chars().take(MAX).collect();
     let mut before = Vec::new();
     let mut row: Vec<usize> = (0..=other.len()).collect();
     for (i, a) in one.iter().enumerate() {

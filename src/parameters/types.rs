@@ -3,7 +3,7 @@
 use super::form::Kind;
 
 /// The most elements of an array.
-pub(super) const MOST_ELEMENTS: usize = 32;
+pub(super) const MAX_ELEMENTS: usize = 32;
 
 mod sealed {
     pub trait Sealed {}
@@ -97,7 +97,7 @@ impl<T: Number, const N: usize> Tunable for [T; N] {
     type Element = T;
     const WORDS: usize = {
         assert!(
-            N >= 1 && N <= MOST_ELEMENTS,
+            N >= 1 && N <= MAX_ELEMENTS,
             "a parameter has 1 to 32 elements"
         );
         N

@@ -51,7 +51,7 @@ pub use value::Value;
 
 use crate::error::Result;
 use luna_core::current;
-use luna_core::replay_log::{About, Event, Taper, Turn};
+use luna_core::replay_log::{About, Event, LogInstaller, Turn};
 use luna_executors::ProcessSpec;
 use recorder::{RecordReport, Recorder};
 use replayer::Replayer;
@@ -70,7 +70,7 @@ use value::name_of;
 /// assert!(!luna::replay::is_recorded());
 /// ```
 pub fn is_recorded() -> bool {
-    current::is_taped()
+    current::has_replay_log()
 }
 
 /// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was
@@ -87,16 +87,16 @@ pub fn is_recorded() -> bool {
 pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
     const { assert!(T::SIZE <= LONGEST, "a value has at most 256 bytes") };
     let mut bytes = [0; LONGEST];
-    match current::tape(|tape| tape.is_replay()) {
+    match current::replay_log(|log| log.is_replay()) {
         None => read(),
         Some(true) => {
-            current::tape(|tape| tape.get(About::Input, name_of(name), &mut bytes[..T::SIZE]));
+            current::replay_log(|log| log.get(About::Input, name_of(name), &mut bytes[..T::SIZE]));
             T::read(&bytes[..T::SIZE])
         }
         Some(false) => {
             let value = read();
             value.write(&mut bytes[..T::SIZE]);
-            current::tape(|tape| tape.put(About::Input, name_of(name), &bytes[..T::SIZE]));
+            current::replay_log(|log| log.put(About::Input, name_of(name), &bytes[..T::SIZE]));
             value
         }
     }
@@ -104,12 +104,12 @@ pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
 
 /// As [`input`], for bytes that `fill` writes: returns whether the recording gave them instead.
 pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [u8])) -> bool {
-    let is_replay = current::tape(|tape| tape.is_replay()) == Some(true);
-    current::tape(|tape| match is_replay {
-        true => tape.get(About::Input, name_of(name), bytes).is_some(),
+    let is_replay = current::replay_log(|log| log.is_replay()) == Some(true);
+    current::replay_log(|log| match is_replay {
+        true => log.get(About::Input, name_of(name), bytes).is_some(),
         false => {
             fill(bytes);
-            tape.put(About::Input, name_of(name), bytes);
+            log.put(About::Input, name_of(name), bytes);
             false
         }
     })
@@ -127,10 +127,10 @@ pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [
 /// ```
 pub fn output<T: Value>(name: &str, value: &T) {
     const { assert!(T::SIZE <= LONGEST, "a value has at most 256 bytes") };
-    if current::is_taped() {
+    if current::has_replay_log() {
         let mut bytes = [0; LONGEST];
         value.write(&mut bytes[..T::SIZE]);
-        current::tape(|tape| tape.put(About::Output, name_of(name), &bytes[..T::SIZE]));
+        current::replay_log(|log| log.put(About::Output, name_of(name), &bytes[..T::SIZE]));
     }
 }
 
@@ -140,27 +140,27 @@ const CYCLE: u32 = 0;
 /// Lets a loop's wait in. `true`: it is replayed, and does not wait for the time.
 pub(crate) async fn enters_cycle() -> bool {
     enters().await;
-    current::tape(|tape| tape.is_replay()).unwrap_or_default()
+    current::replay_log(|log| log.is_replay()).unwrap_or_default()
 }
 
 /// Records a loop's cycle.
-pub(crate) fn note_cycle(told: [u64; 4]) {
+pub(crate) fn note_cycle(cycle: [u64; 4]) {
     let mut bytes = [0; 32];
-    told.write(&mut bytes);
-    current::tape(|tape| tape.put(About::Cycle, CYCLE, &bytes));
+    cycle.write(&mut bytes);
+    current::replay_log(|log| log.put(About::Cycle, CYCLE, &bytes));
 }
 
 /// The cycle of a replayed loop.
 pub(crate) fn cycle() -> Option<[u64; 4]> {
     let mut bytes = [0; 32];
-    current::tape(|tape| tape.get(About::Cycle, CYCLE, &mut bytes)).flatten()?;
+    current::replay_log(|log| log.get(About::Cycle, CYCLE, &mut bytes)).flatten()?;
     Some(<[u64; 4]>::read(&bytes))
 }
 
 /// Waits until the loop may go on.
 pub(crate) async fn hold() {
     std::future::poll_fn(|cx| {
-        current::tape(|tape| tape.hold(cx)).unwrap_or(std::task::Poll::Ready(()))
+        current::replay_log(|log| log.hold(cx)).unwrap_or(std::task::Poll::Ready(()))
     })
     .await;
 }
@@ -185,7 +185,7 @@ pub async fn blocking<T: Value + Send + 'static>(
     name: &str,
     call: impl FnOnce() -> T + Send + 'static,
 ) -> T {
-    let given = match current::tape(|tape| tape.is_replay()) {
+    let given = match current::replay_log(|log| log.is_replay()) {
         Some(true) => None,
         _ => Some(Untaped(luna_executors::blocking(call)).await),
     };
@@ -204,36 +204,36 @@ impl<F: Future> Future for Untaped<F> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
         // SAFETY: the future is pinned with the whole.
         let inner = unsafe { self.map_unchecked_mut(|this| &mut this.0) };
-        current::without_tape(|| inner.poll(cx))
+        current::without_replay_log(|| inner.poll(cx))
     }
 }
 
 /// Begins an operation that waits for something outside: returns whether it is to be done.
 pub(crate) async fn enters() -> Turn {
     std::future::poll_fn(|cx| {
-        current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
+        current::replay_log(|log| log.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
     })
     .await
 }
 
 /// Reports the result of an operation that has begun by [`enters`].
 pub(crate) fn leave(event: Event) {
-    current::tape(|tape| tape.leave(event));
+    current::replay_log(|log| log.leave(event));
 }
 
 /// Records what an operation that has begun by [`enters`] has read.
 pub(crate) fn note_read(bytes: &[u8]) {
-    current::tape(|tape| tape.put(About::Read, 0, bytes));
+    current::replay_log(|log| log.put(About::Read, 0, bytes));
 }
 
 /// Gives what the recorded operation had read.
 pub(crate) fn read(into: &mut [u8]) -> Option<usize> {
-    current::tape(|tape| tape.get(About::Read, 0, into))?
+    current::replay_log(|log| log.get(About::Read, 0, into))?
 }
 
 /// Records what is written outside, or compares it.
 pub(crate) fn note_written(bytes: &[u8]) {
-    current::tape(|tape| tape.put(About::Output, 0, bytes));
+    current::replay_log(|log| log.put(About::Output, 0, bytes));
 }
 
 /// Whether a system is to be recorded or replayed.
@@ -301,14 +301,14 @@ impl ReplayLogs {
 
     /// Gives the process its replay log.
     #[cold]
-    pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
-        let parent = current::tape(|tape| tape.process()).unwrap_or_default();
+    pub(crate) fn give_log(&self, spec: ProcessSpec) -> ProcessSpec {
+        let parent = current::replay_log(|log| log.process()).unwrap_or_default();
         let track = match self {
             ReplayLogs::None => return spec,
             ReplayLogs::Record(recorder) => Track::Record(recorder.track(parent, spec.name())),
             ReplayLogs::Replay(replayer) => Track::Replay(replayer.track(parent, spec.name())),
         };
-        spec.taped(Arc::new(Kept(track)))
+        spec.with_replay_log(Arc::new(Kept(track)))
     }
 
     pub(crate) fn is_replay(&self) -> bool {
@@ -353,7 +353,7 @@ unsafe impl Send for Kept {}
 // SAFETY: as above.
 unsafe impl Sync for Kept {}
 
-impl Taper for Kept {
+impl LogInstaller for Kept {
     fn poll(
         &self,
         cx: &mut Context<'_>,
@@ -361,7 +361,7 @@ impl Taper for Kept {
     ) -> Poll<()> {
         match &self.0 {
             Track::Record(track) => {
-                let polled = current::with_tape(track, || poll(cx));
+                let polled = current::with_replay_log(track, || poll(cx));
                 if polled.is_ready() {
                     track.end();
                 }
@@ -373,7 +373,7 @@ impl Taper for Kept {
                 }
                 let polled = match track.rests() {
                     true => Poll::Pending,
-                    false => current::with_tape(track, || poll(cx)),
+                    false => current::with_replay_log(track, || poll(cx)),
                 };
                 if polled.is_ready() {
                     track.end();

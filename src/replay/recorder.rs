@@ -23,11 +23,11 @@ use std::time::Duration;
 /// The default room of a process' ring.
 pub(crate) const ROOM: usize = 64 << 10;
 /// Highest number of distinct branches of a process, the process itself among them.
-const MOST_STRANDS: usize = 64;
+const MAX_BRANCH_LOGS: usize = 64;
 /// The interval at which the thread looks at the rings.
 const PAUSE: Duration = Duration::from_millis(2);
 /// The longest part of a ring in one block.
-const MOST_AT_ONCE: usize = 32 << 10;
+const MAX_AT_ONCE: usize = 32 << 10;
 
 /// Counters of a recording or a replay: in the [`Report`](crate::Report).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -163,7 +163,7 @@ impl Recorder {
     ) -> std::io::Result<u64> {
         let mut announced = 0;
         let mut rings: Vec<Listed> = Vec::new();
-        let mut bytes = Vec::with_capacity(MOST_AT_ONCE);
+        let mut bytes = Vec::with_capacity(MAX_AT_ONCE);
         // If the recorder is gone, the recording has never begun.
         while let Some(recorder) = shared.upgrade() {
             // Before the look: no end is waited for that is entered after the flag has been set.
@@ -183,7 +183,7 @@ impl Recorder {
             for (number, Listed { ring, .. }) in rings.iter().enumerate() {
                 loop {
                     bytes.clear();
-                    ring.take(&mut bytes, MOST_AT_ONCE);
+                    ring.take(&mut bytes, MAX_AT_ONCE);
                     if bytes.is_empty() {
                         break;
                     }
@@ -295,7 +295,7 @@ impl std::io::Write for Counting {
 pub(crate) struct Track {
     recorder: Arc<Recorder>,
     ring: Arc<ByteRing>,
-    branch_logs: [BranchLog; MOST_STRANDS],
+    branch_logs: [BranchLog; MAX_BRANCH_LOGS],
     /// The stamp that the current operation has taken.
     own_stamp: Cell<u64>,
     /// The current operation takes a stamp in any case.

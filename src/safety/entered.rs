@@ -102,9 +102,9 @@ impl Waiting {
         // SAFETY: what is listed is the first field of a live waiter, which the lock guards.
         unsafe {
             lists.called.remove_first(node);
-            let wakeup = (*waiter).wait.wakeup_mut().take();
+            let wake_handle = (*waiter).wait.wake_handle_mut().take();
             (*waiter).is_listed.store(false, Ordering::Release);
-            Some(wakeup.map_or(PendingWake::NOBODY, WakeHandle::take))
+            Some(wake_handle.map_or(PendingWake::NONE, WakeHandle::take))
         }
     }
 }
@@ -121,7 +121,7 @@ pub struct SafeStateEntered {
     /// Whether it reports each safe state once.
     is_edge: bool,
     /// The level that it has reported.
-    told: Option<Level>,
+    reported: Option<Level>,
     /// The waker with which it was listed.
     listed_for: Option<(*const (), &'static RawWakerVTable)>,
     _pinned: PhantomPinned,
@@ -143,7 +143,7 @@ impl SafeStateEntered {
                 round: 0,
             }),
             is_edge: false,
-            told: None,
+            reported: None,
             listed_for: None,
             _pinned: PhantomPinned,
         }
@@ -158,14 +158,14 @@ impl SafeStateEntered {
     /// The level that this future is to report, if the system is in one.
     fn news(&self) -> Option<Level> {
         let level = self.emergency.journal.level();
-        let is_news = !self.is_edge || self.told != Some(level);
+        let is_news = !self.is_edge || self.reported != Some(level);
         (level.degree() >= Degree::SafeState && is_news).then_some(level)
     }
 
     /// Reports it.
-    fn tell(self: Pin<&mut Self>, news: Level) -> Poll<()> {
+    fn report(self: Pin<&mut Self>, news: Level) -> Poll<()> {
         // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.told = Some(news);
+        unsafe { self.get_unchecked_mut() }.reported = Some(news);
         Poll::Ready(())
     }
 
@@ -186,29 +186,29 @@ impl Future for SafeStateEntered {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         if let Some(news) = self.news() {
-            return self.tell(news);
+            return self.report(news);
         }
         let waker = Some((cx.waker().data(), cx.waker().vtable()));
         if self.is_listed().load(Ordering::Acquire) && self.listed_for == waker {
             events::waits_for_other();
             return Poll::Pending;
         }
-        let wakeup = WakeHandle::of(cx);
+        let wake_handle = WakeHandle::of(cx);
         let node = self.node();
         let mut lists = self.emergency.waiting.0.lock();
         // A thread that enters the safe state sets the degree before it takes the lock: one of the
         // two sees the other.
         if let Some(news) = self.news() {
             drop(lists);
-            return self.tell(news);
+            return self.report(news);
         }
         // SAFETY: the lock is held; the node is pinned, and leaves the list when this is dropped.
         let former = unsafe {
             if self.is_listed().load(Ordering::Relaxed) {
-                (*node.as_ptr()).wakeup_mut().replace(wakeup)
+                (*node.as_ptr()).wake_handle_mut().replace(wake_handle)
             } else {
                 (*self.waiter.get()).round = lists.round;
-                lists.waiting.insert(node, current::priority(), wakeup);
+                lists.waiting.insert(node, current::priority(), wake_handle);
                 self.is_listed().store(true, Ordering::Relaxed);
                 None
             }
@@ -237,7 +237,7 @@ impl Drop for SafeStateEntered {
                 return;
             }
             lists.of_round((*self.waiter.get()).round).remove(node);
-            (*node.as_ptr()).wakeup_mut().take()
+            (*node.as_ptr()).wake_handle_mut().take()
         };
         drop(lists);
         drop(unused);

@@ -131,7 +131,8 @@ impl Safety {
     ///         };
     ///         outputs.push(output);
     ///     }
-    ///     assert_eq!(outputs, [0.5, 0.0, 0.0, 0.0]); // between two values neutral, once; and for each that comes
+    ///     // between two values neutral, once; and for each that comes
+    ///     assert_eq!(outputs, [0.5, 0.0, 0.0, 0.0]);
     ///     Ok(())
     /// })?;
     /// main.process("controller").spawn(async move {

@@ -43,4 +43,4 @@ pub use handle::{Safety, SafetyFunction, current};
 pub use luna_platform::panics::catch as catch_panic;
 pub(crate) use parent::ParentThread;
 pub use state::{Cause, Degree, ResetError, SafetyEvent, SafetyState};
-pub use watchdog::{Bite, Watchdog, WatchdogProcess};
+pub use watchdog::{Watchdog, WatchdogExpiry, WatchdogProcess};

@@ -208,7 +208,7 @@ pub(crate) struct Journal {
     log: OnceLock<Log>,
     /// The levels that were recorded.
     #[cfg(test)]
-    told: std::sync::Mutex<Vec<Degree>>,
+    reported: std::sync::Mutex<Vec<Degree>>,
 }
 
 #[derive(Debug)]
@@ -245,7 +245,7 @@ impl Journal {
             }),
             log: OnceLock::new(),
             #[cfg(test)]
-            told: std::sync::Mutex::default(),
+            reported: std::sync::Mutex::default(),
         }
     }
 
@@ -258,11 +258,11 @@ impl Journal {
     /// Records the new degree. The book is locked meanwhile, so that the last record is the current
     /// degree. Recording is wait-free, except on a thread without a ring: there it takes a lock
     /// that is held for a few moves, and under which no other lock is taken.
-    fn tell(&self, _: &Book, degree: Degree, process: Option<ProcessId>) {
+    fn report(&self, _: &Book, degree: Degree, process: Option<ProcessId>) {
         #[cfg(test)]
-        self.told.lock().unwrap().push(degree);
+        self.reported.lock().unwrap().push(degree);
         if let Some(log) = self.log.get() {
-            log.tell_safety(process.map_or(0, ProcessId::get), degree as u8);
+            log.report_safety(process.map_or(0, ProcessId::get), degree as u8);
         }
     }
 
@@ -326,7 +326,7 @@ impl Journal {
         }
         // A crash has made it that bad before it is noted here.
         if changes || latches.is_some() && degree >= self.degree() {
-            self.tell(&book, degree, by);
+            self.report(&book, degree, by);
         }
         drop(book);
         drop(event);
@@ -382,7 +382,7 @@ impl Journal {
         let by = event.process;
         let mut event = Some(event);
         self.keep(&mut book, &mut event);
-        self.tell(&book, Degree::Normal, by);
+        self.report(&book, Degree::Normal, by);
         drop(book);
         drop((before, event));
         Ok(())
@@ -438,7 +438,7 @@ impl Journal {
         let written = room.set(event.take()?);
         debug_assert!(
             written.is_ok(),
-            "only who holds the lock writes, each place once"
+            "only the lock's holder writes, each place once"
         );
         book.kept += 1;
         Some(place)

@@ -1,6 +1,6 @@
 //! How a system is described: builders of executors, threads and processes.
 
-use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
+use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
 use crate::safety::{Budgets, Ledger, OnOverrun};
@@ -127,7 +127,8 @@ impl ExecutorBuilder {
     ///
     /// let mut system = System::new("wrong");
     /// let refused = system.executor("control").policy(Policy::fifo(98)).build();
-    /// assert!(matches!(refused, Err(Error::Setup(SetupError::Attributes(_))))); // 1 to 97 are the user's
+    /// // 1 to 97 are the user's
+    /// assert!(matches!(refused, Err(Error::Setup(SetupError::Attributes(_)))));
     /// assert!(system.executor("control").build().is_ok());
     /// let twice = system.executor("control").build();
     /// assert!(matches!(twice, Err(Error::Setup(SetupError::DuplicateName { .. }))));
@@ -157,7 +158,7 @@ thread_local! {
 /// Keeps a reference to a system that runs for the next spawn: on a thread that runs processes,
 /// which ends some time. What waits to be started does not wait for that.
 fn spare(system: Arc<Plan>) {
-    if current::home().is_some() {
+    if current::executor_id().is_some() {
         SPARE_PLANS.with(|spare| {
             if !spare.keeps(&system) {
                 spare.keep(&system);
@@ -179,7 +180,7 @@ impl Executor {
     /// A process to be, on this executor.
     pub fn process(&self, name: &str) -> ProcessBuilder {
         let plan = SPARE_PLANS.with(|spare| spare.another(&self.plan));
-        ProcessBuilder::new(plan, name, Ok(Place::Executor(self.number)))
+        ProcessBuilder::new(plan, name, Ok(Placement::Executor(self.number)))
     }
 
     /// A spawned process of this system, from when it runs. Not for the real-time path, as
@@ -218,7 +219,7 @@ impl Thread {
             .map_err(Into::into)
             .and_then(|()| check_core(&self.plan, &self.name, self.core))
             .and_then(|()| self.plan.take_thread_name(&self.name))
-            .map(|()| Place::Thread {
+            .map(|()| Placement::Thread {
                 name: self.name,
                 attributes: Box::new(self.attributes),
             });
@@ -231,7 +232,7 @@ impl Thread {
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
     name: Name,
-    place: Result<Place>,
+    place: Result<Placement>,
     level: u8,
     timed: bool,
     shares_name: bool,
@@ -239,7 +240,7 @@ pub struct ProcessBuilder {
 }
 
 impl ProcessBuilder {
-    fn new(plan: Arc<Plan>, name: &str, place: Result<Place>) -> Self {
+    fn new(plan: Arc<Plan>, name: &str, place: Result<Placement>) -> Self {
         Self {
             plan,
             name: Name::from(name),
@@ -482,7 +483,7 @@ impl ProcessBuilder {
     /// The description of the process, if it is valid.
     #[inline]
     #[expect(clippy::type_complexity, reason = "the parts of a plan")]
-    fn checked(self) -> Result<(Arc<Plan>, Place, ProcessSpec, Option<Arc<Ledger>>)> {
+    fn checked(self) -> Result<(Arc<Plan>, Placement, ProcessSpec, Option<Arc<Ledger>>)> {
         let place = self.place.inspect_err(|_| self.plan.note_refusal())?;
         if self.level >= LEVELS {
             self.plan.note_refusal();
@@ -498,7 +499,7 @@ impl ProcessBuilder {
             .level(self.level)
             .timed(self.timed);
         if let Some(ledger) = &ledger {
-            spec = spec.overseen(ledger.clone());
+            spec = spec.monitored(ledger.clone());
         }
         Ok((self.plan, place, spec, ledger))
     }

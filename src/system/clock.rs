@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 /// How many turns are taken at one instant of a virtual clock before that is called a livelock, if
 /// not stated.
-const MOST_TURNS: u64 = 1_000_000_000;
+const MAX_TURNS: u64 = 1_000_000_000;
 
 /// The clock that a system is to go by.
 #[derive(Debug, Default)]
@@ -30,7 +30,7 @@ impl ClockPlan {
     /// Starts what runs the processes, unless that is threads of their own.
     pub(super) fn start(
         self,
-        living: &Arc<ProcessRegistry>,
+        registry: &Arc<ProcessRegistry>,
         most_turns: Option<u64>,
     ) -> Result<Option<Simulation>> {
         let pace = match self {
@@ -38,7 +38,7 @@ impl ClockPlan {
             ClockPlan::Virtual => Pace::Jumping,
             ClockPlan::Driven(clock) => Pace::Driven(clock),
         };
-        Simulation::start(pace, living.clone(), most_turns.unwrap_or(MOST_TURNS))
+        Simulation::start(pace, registry.clone(), most_turns.unwrap_or(MAX_TURNS))
             .map(Some)
             .map_err(|error| Error::not_started("the virtual clock", error))
     }

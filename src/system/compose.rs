@@ -1,13 +1,13 @@
 //! Makes the picture of a system from its plan, its threads, and the views of its processes.
 
-use super::plan::{ExecutorPlan, Members, On, Place, Plan};
+use super::plan::{ExecutorPlan, Members, On, Placement, Plan};
 use crate::csp::composition::{
     ChannelKind, ChannelPart, Composition, EndUser, ProcessKind, ProcessPart, ThreadKind,
     ThreadPart, WaitingPart,
 };
 use crate::csp::network::{self, Meeting, Role};
 use crate::csp::tree::SubProcess;
-use luna_channels::inspect::PlaceKind;
+use luna_channels::inspect::WaitPointKind;
 use luna_core::current::{ProcessId, User};
 use luna_executors::ProcessState;
 use std::collections::HashMap;
@@ -108,8 +108,8 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
             children: Vec::new(),
         };
         let on = match &process.place {
-            Place::Executor(number) => On::Executor(*number),
-            Place::Thread { name, attributes } => On::Thread(Box::new(ThreadPart::asked(
+            Placement::Executor(number) => On::Executor(*number),
+            Placement::Thread { name, attributes } => On::Thread(Box::new(ThreadPart::asked(
                 name,
                 ThreadKind::OsThread,
                 attributes,
@@ -185,11 +185,11 @@ fn channel_part(meeting: &Meeting, names: &HashMap<ProcessId, String>) -> Channe
         name: meeting.name.clone(),
         made_at: meeting.made_at.to_string(),
         kind: match meeting.kind {
-            PlaceKind::Buffered(most) => ChannelKind::Buffered(most),
-            PlaceKind::Barrier => ChannelKind::Barrier,
-            PlaceKind::Mutex => ChannelKind::Mutex,
-            PlaceKind::Condition => ChannelKind::Condition,
-            PlaceKind::Semaphore => ChannelKind::Semaphore,
+            WaitPointKind::Buffered(most) => ChannelKind::Buffered(most),
+            WaitPointKind::Barrier => ChannelKind::Barrier,
+            WaitPointKind::Mutex => ChannelKind::Mutex,
+            WaitPointKind::Condition => ChannelKind::Condition,
+            WaitPointKind::Semaphore => ChannelKind::Semaphore,
             _ => ChannelKind::Rendezvous,
         },
         buffered: meeting.buffered,

@@ -47,13 +47,13 @@ pub(super) struct Ended {
 /// Makes the report, which the plan keeps, and gives it or the error of the run.
 pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
     let running = ended.running.clone();
-    let (emergency, tapes) = (&running.common.emergency, &running.common.tapes);
+    let (emergency, replay_logs) = (&running.common.emergency, &running.common.replay_logs);
     let mut members = plan.members();
     keep_residents_left_behind(&mut members.started);
     for line in Warnings::rest(&members) {
         notice!("{line}");
     }
-    let recorded = tapes.finish();
+    let recorded = replay_logs.finish();
     let started = &members.started;
     let raised = raised_error(started, emergency);
     let end = end_of(&ended, started, raised.is_some());
@@ -99,7 +99,7 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
         // Errors that processes return in a replay that has diverged do not count.
         (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
         (None, Err(error)) => Some(error.into()),
-        (None, Ok(_)) => tapes.outside().map(Error::from),
+        (None, Ok(_)) => replay_logs.outside().map(Error::from),
         (error, _) => error,
     };
     members.report = Some(report.clone());

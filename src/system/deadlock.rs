@@ -7,7 +7,7 @@
 // whether a thread or device outside could still wake one, and finds the cycle in the wait-for
 // graph.
 
-mod words;
+mod text;
 
 use crate::csp::network::{Meeting, Role};
 use luna_core::current::{ProcessId, User};

@@ -13,7 +13,7 @@ use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::log::{Log, Session};
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
-use crate::time::{MOST_CALLBACKS, Manager, ManagerThread, Scope};
+use crate::time::{MAX_CALLBACKS, Manager, ManagerThread, Scope};
 use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
@@ -69,13 +69,13 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         )
     };
     let settings = std::mem::take(&mut *plan.settings());
-    let living = Arc::new(ProcessRegistry::new());
+    let registry = Arc::new(ProcessRegistry::new());
     // Also a start that fails on these takes the settings, so that the driver of its clock is
     // notified.
     let launched =
-        stand_ins.and_then(|()| launch_described(plan, settings, executors, waiting, &living));
+        stand_ins.and_then(|()| launch_described(plan, settings, executors, waiting, &registry));
     launched.inspect_err(|_| {
-        living.close_ended(|_| ());
+        registry.close_ended(|_| ());
         plan.parameters().end();
         let mut members = plan.members();
         members.phase = Phase::Ended;
@@ -93,11 +93,11 @@ fn launch_described(
     mut settings: Settings,
     mut executor_plans: Vec<ExecutorPlan>,
     mut waiting: Vec<ProcessPlan>,
-    living: &Arc<ProcessRegistry>,
+    registry: &Arc<ProcessRegistry>,
 ) -> Result<Launched> {
     let clock_kind = settings.clock.kind();
     let is_virtual = clock_kind.is_virtual();
-    let simulation = std::mem::take(&mut settings.clock).start(living, settings.most_turns)?;
+    let simulation = std::mem::take(&mut settings.clock).start(registry, settings.most_turns)?;
     let handle = simulation.as_ref().map(Simulation::handle);
     let clock = handle.as_ref().map_or(Clock::REAL, SimulationHandle::clock);
     // What runs of the user's on this thread until the release sees the system's time.
@@ -112,8 +112,8 @@ fn launch_described(
     let latency = needs.hold_latency(&mut shortfalls);
     let log = Log::new(plan.name(), is_virtual);
     let recording = log.start(std::mem::take(&mut settings.logging))?;
-    let recorded = settings.tapes.recorded_parameters();
-    settings.tapes.parameters = plan.parameters().begin(&log, &clock, recorded.as_deref())?;
+    let recorded = settings.replay_logs.recorded_parameters();
+    settings.replay_logs.parameters = plan.parameters().begin(&log, &clock, recorded.as_deref())?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;
@@ -123,7 +123,7 @@ fn launch_described(
     if let Some(simulation) = &handle {
         emergency.simulate(simulation.clone());
     }
-    let safety = SafetyThreads::start(&emergency, living, &settings, &needs)?;
+    let safety = SafetyThreads::start(&emergency, registry, &settings, &needs)?;
     shortfalls.extend_from_slice(safety.emergency.shortfalls());
     let loops = settings.max_loops.unwrap_or(LOOPS);
     let manager = settings.manager.take();
@@ -141,8 +141,8 @@ fn launch_described(
         None => (None, None),
     };
     let parameters = plan.parameters().clone();
-    let scope = Scope::with_room_for(loops, living.clone(), clock.clone(), manager, parameters);
-    let executors = start_executors(executor_plans, handle.as_ref(), needs.mode, living)?;
+    let scope = Scope::with_room_for(loops, registry.clone(), clock.clone(), manager, parameters);
+    let executors = start_executors(executor_plans, handle.as_ref(), needs.mode, registry)?;
     let places = executors.iter().map(|(name, executor)| {
         ThreadPart::obtained(name, ThreadKind::Executor, executor.obtained())
     });
@@ -158,10 +158,10 @@ fn launch_described(
             scope,
             emergency,
             tree: plan.tree().clone(),
-            living: living.clone(),
+            registry: registry.clone(),
             clock: clock.clone(),
             log,
-            tapes: std::mem::take(&mut settings.tapes).start(plan.name())?,
+            replay_logs: std::mem::take(&mut settings.replay_logs).start(plan.name())?,
         }),
         mode: needs.mode,
         simulation: handle,
@@ -194,7 +194,7 @@ fn start_timers(
     loops: usize,
     emergency: &Arc<Emergency>,
 ) -> Result<ManagerThread> {
-    manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS), loops)?;
+    manager.prepare(settings.max_timers.unwrap_or(MAX_CALLBACKS), loops)?;
     let policy = match needs.real_time {
         true => Policy::fifo(TIMER_PRIORITY),
         false => Policy::Other,
@@ -210,11 +210,11 @@ fn start_executors(
     plans: Vec<ExecutorPlan>,
     simulation: Option<&SimulationHandle>,
     mode: Mode,
-    living: &Arc<ProcessRegistry>,
+    registry: &Arc<ProcessRegistry>,
 ) -> Result<Vec<(String, Executor)>> {
     let start = |executor: ExecutorPlan| {
         let started = match simulation {
-            None => Executor::start_counted(executor.attributes.mode(mode), living.clone())
+            None => Executor::start_counted(executor.attributes.mode(mode), registry.clone())
                 .map_err(|error| Error::not_started(&executor.name, error))?,
             Some(simulation) => Executor::start_simulated(simulation, &executor.attributes),
         };

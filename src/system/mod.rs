@@ -27,7 +27,7 @@ mod neighbours;
 mod parameters;
 mod pending_errors;
 mod plan;
-mod quiet;
+mod quiescence;
 mod reaper;
 mod register;
 mod safety;
@@ -309,14 +309,14 @@ impl System {
 
     /// As [`record`](Self::record), with room for `bytes` bytes of each process; at least 256.
     pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
-        self.plan.settings().tapes.mode = Mode::Record(path.into(), bytes);
+        self.plan.settings().replay_logs.mode = Mode::Record(path.into(), bytes);
         self
     }
 
     /// Stores a text in the recording: what the program needs to describe the same system again.
     /// [`Recording::note`] gives it.
     pub fn record_note(&mut self, note: impl Into<String>) -> &mut Self {
-        self.plan.settings().tapes.note = note.into();
+        self.plan.settings().replay_logs.note = note.into();
         self
     }
 
@@ -330,7 +330,7 @@ impl System {
     /// on as far as it had come, and is ended then.
     pub fn replay(&mut self, recording: &Recording) -> &mut Self {
         self.virtual_clock();
-        self.plan.settings().tapes.replay(recording);
+        self.plan.settings().replay_logs.replay(recording);
         self
     }
 

@@ -4,7 +4,7 @@
 //! User space does not see which threads wait for a core, so this module uses the plan. A thread
 //! that is not pinned may come to any core, so it shares all of them.
 
-use super::plan::{ExecutorPlan, NamedThread, Place, ProcessPlan};
+use super::plan::{ExecutorPlan, NamedThread, Placement, ProcessPlan};
 use crate::csp::composition::ThreadPart;
 use crate::notice::notice;
 use luna_executors::ExecutorHandle;
@@ -37,7 +37,7 @@ pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPla
         all.push((executor.name.clone(), &mut executor.attributes));
     }
     for process in processes {
-        if let Place::Thread { name, attributes } = &mut process.place {
+        if let Placement::Thread { name, attributes } = &mut process.place {
             all.push((name.clone(), attributes));
         }
     }
@@ -67,7 +67,7 @@ pub(super) fn join(
     parts: &[ThreadPart],
     threads: &[NamedThread],
 ) {
-    if let Place::Thread { name, attributes } = &mut plan.place {
+    if let Placement::Thread { name, attributes } = &mut plan.place {
         join_as(name, attributes, executors, parts, threads);
     }
 }

@@ -2,9 +2,9 @@
 
 use super::pending_errors::PendingErrors;
 use super::plan::{Plan, Running};
-use super::register::Funeral;
+use super::register::Reaped;
 use crate::csp::process::{Common, clean_up};
-use luna_core::{current, reclaim};
+use luna_core::{current, deferred_free};
 use luna_platform::clock::Instant;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
@@ -24,25 +24,25 @@ impl Reaper<'_> {
     pub(super) fn reap(&self) -> bool {
         let mut have_ended = false;
         let Common {
-            living,
+            registry,
             emergency,
             clock,
             ..
         } = &*self.running.common;
-        let hurried = living.hurried();
+        let hurried = registry.hurried();
         let clock = clock.enter();
         loop {
             // One at a time and without the lock, since `post_run` may take long, and spawn.
             let next = {
                 let mut members = self.plan.members();
-                members.started.note_ends(living, emergency);
+                members.started.note_ends(registry, emergency);
                 have_ended |= members.started.take_news();
-                members.started.next_funeral()
+                members.started.next_reaped()
             };
-            let Some(Funeral {
+            let Some(Reaped {
                 resident,
                 of,
-                was_sentenced,
+                ended_for_overrun,
                 error,
                 forgotten,
             }) = next
@@ -53,7 +53,7 @@ impl Reaper<'_> {
             if let (Some(error), Some(errors)) = (error, self.errors) {
                 errors.add(&error);
             }
-            let panicked = if was_sentenced {
+            let panicked = if ended_for_overrun {
                 // What it holds outside of its body is dropped in the same way as the body was.
                 current::poison_dropped_ends(|| clean_up(resident))
             } else {
@@ -69,7 +69,7 @@ impl Reaper<'_> {
                 self.plan.members().started.note_cleanup(order, &error);
             }
         }
-        reclaim::collect();
+        deferred_free::collect();
         drop(clock);
         if let Some(simulation) = &self.running.simulation {
             simulation.attended(hurried);

@@ -61,12 +61,12 @@ impl Hasher for Spread {
 }
 
 /// Work that is left for a process that has ended, to be done outside of the plan's lock.
-pub(super) struct Funeral {
+pub(super) struct Reaped {
     pub(super) resident: Option<Box<dyn Phases>>,
     /// The process that owns it, and its place in the order of starts.
     pub(super) of: Option<(u64, ProcessHandle)>,
     /// Its poll monitor ended it for an overrun.
-    pub(super) was_sentenced: bool,
+    pub(super) ended_for_overrun: bool,
     pub(super) error: Option<Error>,
     /// The handle of a forgotten process: a panic's payload is the user's, and is dropped with it.
     pub(super) forgotten: Option<ProcessHandle>,
@@ -81,10 +81,10 @@ pub(crate) struct Register {
     /// Number of processes ever started: the next one's place in the order.
     started: u64,
     /// The processes with budgets, in the order of their start.
-    overseen: BTreeSet<(u64, ProcessId)>,
+    monitored: BTreeSet<(u64, ProcessId)>,
     /// The processes that ended before they were entered here.
     premature: HashSet<ProcessId>,
-    funerals: VecDeque<Funeral>,
+    reaped: VecDeque<Reaped>,
     has_news: bool,
     /// The processes that have ended and may be forgotten, in the order of their ends.
     ended: VecDeque<ProcessId>,
@@ -106,9 +106,9 @@ impl Default for Register {
             members: ById::new(),
             names: HashSet::default(),
             started: 0,
-            overseen: BTreeSet::new(),
+            monitored: BTreeSet::new(),
             premature: HashSet::new(),
-            funerals: VecDeque::new(),
+            reaped: VecDeque::new(),
             has_news: false,
             ended: VecDeque::new(),
             most_ended: REMEMBERED,
@@ -142,7 +142,7 @@ impl Register {
         member.order = self.started;
         self.started += 1;
         if member.ledger().is_some() {
-            self.overseen.insert((member.order, id));
+            self.monitored.insert((member.order, id));
         }
         self.members.insert(id, member);
         if !self.premature.is_empty() && self.premature.remove(&id) {
@@ -156,8 +156,8 @@ impl Register {
     }
 
     /// Looks at the processes that have ended. O(their number).
-    pub(super) fn note_ends(&mut self, living: &ProcessRegistry, emergency: &Emergency) {
-        living.take_ended(|id| self.note_end(id, emergency));
+    pub(super) fn note_ends(&mut self, registry: &ProcessRegistry, emergency: &Emergency) {
+        registry.take_ended(|id| self.note_end(id, emergency));
     }
 
     /// Looks at all processes that live: some may have ended and not been reported yet. O(their
@@ -176,8 +176,8 @@ impl Register {
     }
 
     /// As [`note_ends`](Self::note_ends), for the last time.
-    pub(super) fn note_last_ends(&mut self, living: &ProcessRegistry, emergency: &Emergency) {
-        living.close_ended(|id| self.note_end(id, emergency));
+    pub(super) fn note_last_ends(&mut self, registry: &ProcessRegistry, emergency: &Emergency) {
+        registry.close_ended(|id| self.note_end(id, emergency));
     }
 
     /// Whether any end was noted since the last call.
@@ -199,7 +199,7 @@ impl Register {
         }
         self.has_news = true;
         let exit = member.handle.exit();
-        let said = member.handle.take_last_words::<Verdict>();
+        let said = member.handle.take_exit_value::<Verdict>();
         let said = said.and_then(|verdict| verdict.0);
         let may_be_forgotten = member.is_late && member.is_on_executor();
         member.handle.forget_body();
@@ -236,7 +236,7 @@ impl Register {
         if matches!(exit, Some(Exit::Panicked(_))) {
             emergency.trigger(Cause::Panic);
         }
-        let was_sentenced = exit == Some(Exit::Cancelled)
+        let ended_for_overrun = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
@@ -248,12 +248,12 @@ impl Register {
             }
         }
         if resident.is_some() || error.is_some() {
-            self.funerals.push_back(Funeral {
+            self.reaped.push_back(Reaped {
                 of: resident
                     .is_some()
                     .then(|| (member.order, member.handle.clone())),
                 resident,
-                was_sentenced,
+                ended_for_overrun,
                 error,
                 forgotten: None,
             });
@@ -275,7 +275,7 @@ impl Register {
                 self.ended.push_back(id);
                 return;
             }
-            self.overseen.remove(&(member.order, id));
+            self.monitored.remove(&(member.order, id));
         }
         if !member.shares_name {
             self.names.remove(member.name());
@@ -287,10 +287,10 @@ impl Register {
             .count(&member.handle, member.has_failed, overruns);
         self.forgotten.insert(id.get());
         if member.has_failed {
-            self.funerals.push_back(Funeral {
+            self.reaped.push_back(Reaped {
                 resident: None,
                 of: None,
-                was_sentenced: false,
+                ended_for_overrun: false,
                 error: None,
                 forgotten: Some(member.handle),
             });
@@ -298,8 +298,8 @@ impl Register {
     }
 
     /// The next piece of work for a process that has ended.
-    pub(super) fn next_funeral(&mut self) -> Option<Funeral> {
-        self.funerals.pop_front()
+    pub(super) fn next_reaped(&mut self) -> Option<Reaped> {
+        self.reaped.pop_front()
     }
 
     pub(super) fn handle(&self, id: ProcessId) -> Option<ProcessHandle> {
@@ -324,10 +324,10 @@ impl Register {
     }
 
     /// The processes with budgets, in the order of their start.
-    pub(super) fn overseen(&self) -> impl Iterator<Item = (ProcessId, &Member)> {
-        self.count_looks(self.overseen.len());
+    pub(super) fn monitored(&self) -> impl Iterator<Item = (ProcessId, &Member)> {
+        self.count_looks(self.monitored.len());
         let members = &self.members;
-        self.overseen
+        self.monitored
             .iter()
             .filter_map(|(_, id)| Some((*id, members.get(*id)?)))
     }
@@ -340,7 +340,7 @@ impl Register {
 
     /// The overrun that ends the system, if one does, with the process that caused it.
     pub(super) fn overrun(&self) -> Option<Error> {
-        self.overseen().find_map(|(_, member)| {
+        self.monitored().find_map(|(_, member)| {
             let offence = member.ledger()?.emergency()?;
             Some(Error::from(offence).in_process(member.name()))
         })
@@ -388,9 +388,9 @@ impl Register {
     pub(super) fn size(&self) -> usize {
         self.members.len()
             + self.names.len()
-            + self.overseen.len()
+            + self.monitored.len()
             + self.premature.len()
-            + self.funerals.len()
+            + self.reaped.len()
             + self.ended.len()
             + self.forgotten.len()
     }

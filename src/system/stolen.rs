@@ -23,7 +23,7 @@ const KEPT: usize = 4096;
 
 /// Highest number of cores reported for one sample: they go where changes of the safety state go
 /// too, which has room for 64.
-const MOST_TOLD: usize = 16;
+const MAX_REPORTED: usize = 16;
 
 /// The samples of one run.
 pub(super) struct Stolen {
@@ -77,12 +77,12 @@ impl Stolen {
     }
 
     /// Takes a sample if it is time to, as [`sample`](Self::sample); gives when the next one is.
-    pub(super) fn sample_if_due(&mut self, tell: impl FnMut(&Window)) -> Instant {
+    pub(super) fn sample_if_due(&mut self, report: impl FnMut(&Window)) -> Instant {
         if self.meter.is_none() {
             return Instant::NEVER;
         }
         if Instant::now() >= self.sampled + self.pause() {
-            self.sample(tell);
+            self.sample(report);
         }
         self.sampled + self.pause()
     }
@@ -96,16 +96,16 @@ impl Stolen {
     }
 
     /// Takes a sample, and reports the cores from which time was stolen since the one before:
-    /// [`MOST_TOLD`] at most, those that have lost most.
-    pub(super) fn sample(&mut self, tell: impl FnMut(&Window)) {
+    /// [`MAX_REPORTED`] at most, those that have lost most.
+    pub(super) fn sample(&mut self, report: impl FnMut(&Window)) {
         if let Some(meter) = &mut self.meter {
             let read = meter.read();
             let now = Instant::now();
-            self.add(read, now, tell);
+            self.add(read, now, report);
         }
     }
 
-    fn add(&mut self, read: Vec<(usize, Duration)>, now: Instant, tell: impl FnMut(&Window)) {
+    fn add(&mut self, read: Vec<(usize, Duration)>, now: Instant, report: impl FnMut(&Window)) {
         let mut windows = Vec::new();
         for &(core, stolen) in &read {
             let before = self.last.iter().find(|(other, _)| *other == core);
@@ -123,7 +123,7 @@ impl Stolen {
             });
         }
         windows.sort_by_key(|window| std::cmp::Reverse(window.stolen));
-        windows.iter().take(MOST_TOLD).for_each(tell);
+        windows.iter().take(MAX_REPORTED).for_each(report);
         self.windows.extend(windows);
         while self.windows.len() > KEPT {
             if let Some(forgotten) = self.windows.pop_front() {
@@ -225,11 +225,11 @@ mod tests {
         let mut stolen = Stolen::of(StealMeter::open_at(&path));
         let tick = stolen.last[0].1 / 100;
         assert!(!tick.is_zero());
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         let mut sample = |stolen: &mut Stolen| {
             stolen.sample(|window| {
                 assert_eq!(window.until, window.from + window.length());
-                told.push((window.core, window.stolen));
+                reported.push((window.core, window.stolen));
             });
             stolen.sampled
         };
@@ -239,7 +239,7 @@ mod tests {
         cores(103, 2);
         let third = sample(&mut stolen);
         std::fs::remove_file(&path).unwrap();
-        assert_eq!(told, [(0, 3 * tick), (1, 2 * tick)]);
+        assert_eq!(reported, [(0, 3 * tick), (1, 2 * tick)]);
         let most = |core, from, until| {
             let both = stolen.between(core, from, until);
             both.map(|both| both.at_most)

@@ -5,7 +5,7 @@ use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
 use super::plan::{Phase, Plan, Running};
-use super::quiet::Lookout;
+use super::quiescence::Lookout;
 use super::reaper::{Reaper, wait_until};
 use super::shortfalls::announce_shortfalls;
 use super::stolen::{Stolen, Window};
@@ -32,7 +32,7 @@ const LONGEST_REST: Duration = Duration::from_millis(16);
 
 /// See [`System::run`](crate::System::run).
 pub(super) fn run(plan: &Plan) -> Result<Report> {
-    if current::home().is_some() {
+    if current::executor_id().is_some() {
         return Err(SetupError::Nested.into());
     }
     // Also in a blocking call of a process on virtual time: this system has a clock of its own.
@@ -130,7 +130,7 @@ fn end(
     let Common {
         scope,
         emergency,
-        living,
+        registry,
         clock,
         ..
     } = &*running.common;
@@ -158,7 +158,7 @@ fn end(
     let threads = system_threads.end(|deadline, done| wait_until(&reaper, deadline, done));
     reaper.reap();
     // A detached thread may have ended since.
-    plan.members().started.note_last_ends(living, emergency);
+    plan.members().started.note_last_ends(registry, emergency);
     reaper.reap();
     drop(parent);
     let signal = guard.stop().or_else(|| match emergency.cause() {
@@ -174,7 +174,7 @@ fn end(
     stolen.sample(|window| {
         // On virtual time each recording must be the same.
         if scope.has_loops() && !clock_kind.is_virtual() {
-            tell_stolen(&running, window);
+            report_stolen(&running, window);
         }
     });
     let safety = emergency.conclude();
@@ -213,9 +213,9 @@ fn end(
     }
 }
 
-fn tell_stolen(running: &Running, window: &Window) {
+fn report_stolen(running: &Running, window: &Window) {
     let log = &running.common.log;
-    log.tell_stolen(window.core, window.stolen, window.length());
+    log.report_stolen(window.core, window.stolen, window.length());
 }
 
 /// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way.
@@ -232,7 +232,7 @@ fn watch(
     let Common {
         scope,
         emergency,
-        living,
+        registry,
         ..
     } = &*running.common;
     let mut lookout = Lookout::new();
@@ -246,11 +246,11 @@ fn watch(
         .filter(|_| !launched.clock.is_virtual());
     let mut file = every.and_then(|every| FileWatch::new(plan.parameters(), every));
     loop {
-        let seen = living.changes();
+        let seen = registry.changes();
         if emergency.has_begun() && !emergency.is_safe() {
             // The emergency functions come first: no `post_run` runs before they have, which is
             // announced.
-            living.wait(seen, Instant::NEVER);
+            registry.wait(seen, Instant::NEVER);
             continue;
         }
         let reaper = Reaper {
@@ -281,7 +281,7 @@ fn watch(
         }
         // Time that a hypervisor takes makes no loop late where time stands meanwhile.
         let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
-            stolen.sample_if_due(|window| tell_stolen(running, window))
+            stolen.sample_if_due(|window| report_stolen(running, window))
         } else {
             Instant::NEVER
         };
@@ -310,10 +310,10 @@ fn watch(
         }
         if have_ended {
             // More may end soon, and need not wake this thread one by one.
-            living.rest(seen, until.min(Instant::now() + rest));
+            registry.rest(seen, until.min(Instant::now() + rest));
             rest = (rest * 2).min(LONGEST_REST);
         } else {
-            living.wait(seen, until);
+            registry.wait(seen, until);
             rest = SHORTEST_REST;
         }
     }

@@ -23,7 +23,7 @@ impl Warnings {
         let mut lines = Vec::new();
         let mut next = Instant::NEVER;
         self.said.retain(|_, said| now < *said + PAUSE);
-        for (id, member) in members.started.overseen() {
+        for (id, member) in members.started.monitored() {
             let Some(ledger) = member.ledger() else {
                 continue;
             };
@@ -42,7 +42,7 @@ impl Warnings {
 
     /// What has not been reported yet, at the end.
     pub(super) fn rest(members: &Members) -> Vec<String> {
-        let with_news = members.started.overseen().filter_map(|(_, member)| {
+        let with_news = members.started.monitored().filter_map(|(_, member)| {
             let ledger = member.ledger()?;
             ledger.has_news().then(|| take_lines(member.name(), ledger))
         });

@@ -12,7 +12,7 @@ use luna_platform::clock::Instant;
 /// ```
 #[inline]
 pub fn now() -> Instant {
-    if current::is_taped() {
+    if current::has_replay_log() {
         return luna_core::replay_log::now();
     }
     Instant::now()

@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn who_joins_later_answers_for_what_follows() {
+    fn one_that_joins_later_answers_for_what_follows() {
         let grid = Grid::joined_at(at(100), 10, at(137));
         assert_eq!(grid.joined(), 3);
         assert_eq!(grid.slot(grid.joined() + 1), at(140));

@@ -148,8 +148,8 @@ impl LateCycles {
 
     /// Records the event of the late cycle that has just begun, with its cause.
     #[cold]
-    pub(crate) fn tell(&self, number: u32, slot: Instant, began: Instant) {
-        events::tell(code::LATE, number, || {
+    pub(crate) fn report(&self, number: u32, slot: Instant, began: Instant) {
+        events::report(code::LATE, number, || {
             [began.nanos_since(slot), self.in_event]
         });
     }
@@ -294,8 +294,11 @@ mod tests {
         cycles.begin(Duration::from_millis(1), at(0));
         cycles.asked(at(1040), None);
         cycles.cycle_begins(1, at(1000), at(1900));
-        let told = cycles.in_event;
-        assert_eq!((late::cause(told), late::percent(told)), (late::UNKNOWN, 0));
+        let reported = cycles.in_event;
+        assert_eq!(
+            (late::cause(reported), late::percent(reported)),
+            (late::UNKNOWN, 0)
+        );
         let text = cycles.reports(&Nobody)[0].to_string();
         assert!(!text.contains("overran"), "{text}");
     }

@@ -46,7 +46,7 @@ pub(crate) use late_cycle::StolenTime;
 pub use luna_channels::{After, after, at};
 pub use luna_platform::clock::Instant;
 pub use manager::{Firing, TimerCallback, TimerManager, Timers};
-pub(crate) use manager::{MOST_CALLBACKS, Manager, ManagerThread};
+pub(crate) use manager::{MAX_CALLBACKS, Manager, ManagerThread};
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};
 pub use ticks::{NextTick, Tick, Ticks, ticks};

@@ -20,16 +20,16 @@ use std::time::Duration;
 /// A loop's name, in room of fixed size: taking one allocates nothing.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) struct LoopName {
-    bytes: [u8; LoopName::MOST],
+    bytes: [u8; LoopName::MAX],
     length: u8,
 }
 
 impl LoopName {
     /// The most bytes a name may have.
-    pub(crate) const MOST: usize = 63;
+    pub(crate) const MAX: usize = 63;
 
     fn new(name: &str) -> Option<Self> {
-        let mut bytes = [0; Self::MOST];
+        let mut bytes = [0; Self::MAX];
         bytes
             .get_mut(..name.len())?
             .copy_from_slice(name.as_bytes());
@@ -48,7 +48,7 @@ impl LoopName {
 impl Default for LoopName {
     fn default() -> Self {
         Self {
-            bytes: [0; Self::MOST],
+            bytes: [0; Self::MAX],
             length: 0,
         }
     }
@@ -73,7 +73,7 @@ pub(crate) struct Scope {
     has_begun: AtomicBool,
     has_loops: AtomicBool,
     /// Through this the first loop notifies the thread that runs the system.
-    living: Option<Arc<ProcessRegistry>>,
+    registry: Option<Arc<ProcessRegistry>>,
     clock: Clock,
     /// The manager that wakes the loops, if their executors do not.
     manager: Option<Arc<Manager>>,
@@ -104,7 +104,7 @@ impl Scope {
     /// Reserves room for `most` loops.
     pub(crate) fn with_room_for(
         most: usize,
-        living: Arc<ProcessRegistry>,
+        registry: Arc<ProcessRegistry>,
         clock: Clock,
         manager: Option<Arc<Manager>>,
         parameters: Arc<Store>,
@@ -120,7 +120,7 @@ impl Scope {
             start: AtomicU64::new(clock.now().as_nanos()),
             has_begun: AtomicBool::new(false),
             has_loops: AtomicBool::new(false),
-            living: Some(living),
+            registry: Some(registry),
             clock,
             manager,
             parameters: Some(parameters),
@@ -140,7 +140,7 @@ impl Scope {
             start: AtomicU64::new(Instant::now().as_nanos()),
             has_begun: AtomicBool::new(true),
             has_loops: AtomicBool::new(false),
-            living: None,
+            registry: None,
             clock: Clock::REAL,
             manager: None,
             parameters: None,
@@ -237,7 +237,7 @@ impl Scope {
         let Some(short) = LoopName::new(name) else {
             return Err(SetupError::NameTooLong {
                 name: name.to_owned(),
-                most: LoopName::MOST,
+                most: LoopName::MAX,
             });
         };
         let made = self.grows.then(Statistics::new);
@@ -271,9 +271,9 @@ impl Scope {
             statistics.late.begin(period, Instant::now());
         }
         if !self.has_loops.swap(true, Ordering::Relaxed)
-            && let Some(living) = &self.living
+            && let Some(registry) = &self.registry
         {
-            living.announce();
+            registry.announce();
         }
         Ok(statistics)
     }

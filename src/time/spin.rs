@@ -55,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_ready_at_its_level_or_above_runs_and_nobody_below() {
+    fn one_that_is_ready_at_its_level_or_above_runs_and_nobody_below() {
         let _alive = watchdog();
         for level in [16, 17, 31] {
             let (stop, stopped) = crate::channel();

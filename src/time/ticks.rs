@@ -89,7 +89,7 @@ pub struct Tick {
 /// The clock that the process goes by. One that is recorded goes by its recording, and by no clock
 /// of the process that described the system.
 fn clock_here() -> usize {
-    match current::is_taped() {
+    match current::has_replay_log() {
         true => usize::MAX,
         false => Clock::number_here(),
     }

@@ -39,19 +39,19 @@ pub(crate) fn real_time_core() -> Option<usize> {
 
 /// Where a process can be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Place {
+pub(crate) enum Placement {
     Executor,
     Thread,
 }
 
-pub(crate) const PLACES: [Place; 2] = [Place::Executor, Place::Thread];
+pub(crate) const PLACEMENTS: [Placement; 2] = [Placement::Executor, Placement::Thread];
 
-impl Place {
+impl Placement {
     /// A process called `name`, on an executor or thread of its own called `on`.
     pub(crate) fn process(self, system: &mut System, on: &str, name: &str) -> ProcessBuilder {
         match self {
-            Place::Executor => system.executor(on).build().unwrap().process(name),
-            Place::Thread => system.thread(on).process(name),
+            Placement::Executor => system.executor(on).build().unwrap().process(name),
+            Placement::Thread => system.thread(on).process(name),
         }
     }
 }

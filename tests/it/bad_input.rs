@@ -1,7 +1,7 @@
 //! Bad input: each is a typed error that names the value and says what to do.
 
 use crate::common;
-use common::{COMPLETE, PLACES, SpawnOk, setup_error, skip};
+use common::{COMPLETE, PLACEMENTS, SpawnOk, setup_error, skip};
 use luna::Error;
 use luna::error::SetupError;
 use luna::prelude::*;
@@ -84,7 +84,7 @@ fn a_priority_out_of_range() {
 
 #[test]
 fn a_level_out_of_range() {
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("wrong");
         for (number, level) in [32, 255].into_iter().enumerate() {
             let process = place

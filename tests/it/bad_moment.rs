@@ -1,7 +1,7 @@
 //! Right calls at the wrong moment: a second run, a run inside a process, a spawn after the end.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::{Error, Exit};
@@ -55,7 +55,7 @@ fn a_second_run_beside_the_first_does_not_disturb_it() {
 #[test]
 fn a_system_inside_a_process() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let inner = {
             let mut inner = System::new("inner");
             let executor = inner.executor("inner").build().unwrap();

@@ -1,7 +1,7 @@
 //! Blocking calls of processes that share an executor.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Error, Exit};
@@ -32,7 +32,7 @@ fn the_executor_goes_on_meanwhile() {
 #[test]
 fn a_call_runs_on_an_ordinary_thread_of_its_own() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("where");
         let process = place.process(&mut system, "place", "calling");
         process.spawn_ok(async {

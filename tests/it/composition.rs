@@ -2,7 +2,7 @@
 //! sub-processes and channels.
 
 use crate::common;
-use common::{PLACES, Place, SpawnOk, watchdog};
+use common::{PLACEMENTS, Placement, SpawnOk, watchdog};
 use luna::inspect::Composition;
 use luna::inspect::{ChannelKind, EndUser, ProcessKind, ThreadKind};
 use luna::prelude::*;
@@ -218,7 +218,7 @@ fn while_it_runs_it_shows_what_there_is_and_what_each_does() {
 #[test]
 fn it_is_seen_from_within_by_a_process_that_runs() {
     let _watchdog = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("within");
         let observer = system.observer();
         place
@@ -350,7 +350,7 @@ fn looking_from_many_threads_disturbs_nobody() {
     let _watchdog = watchdog();
     let mut system = System::new("busy");
     let observer = system.observer();
-    for place in [Place::Executor, Place::Thread] {
+    for place in [Placement::Executor, Placement::Thread] {
         let name = format!("{place:?}");
         place.process(&mut system, &name, &name).spawn_ok(async {
             for n in 0..500 {

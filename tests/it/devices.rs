@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{PLACES, SpawnOk, skip, watchdog};
+use common::{PLACEMENTS, SpawnOk, skip, watchdog};
 use luna::devices::{Device, DeviceError, DeviceManager, DeviceState, Holder, OnLoss, Sharing};
 use luna::prelude::*;
 use luna::safety::Degree;
@@ -61,7 +61,7 @@ fn it_is_closed_with_the_last_user_and_may_be_opened_anew() {
 }
 
 #[test]
-fn who_wants_it_alone_does_not_share_it() {
+fn one_that_wants_it_alone_does_not_share_it() {
     let system = System::new("sharing");
     let devices = system.devices();
     for (first, second) in [
@@ -125,7 +125,7 @@ fn a_driver_may_open_what_lies_below_it_but_not_itself() {
 #[test]
 fn in_an_emergency_its_functions_run_in_order_and_then_it_is_closed() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("emergency");
         let devices = system.devices();
         let (motor, log) = open(&devices, Sharing::Exclusive).unwrap();

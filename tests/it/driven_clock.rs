@@ -297,9 +297,12 @@ fn a_driver_of_a_system_whose_start_fails_is_told() {
     let _alive = watchdog();
     let (mut system, _main, mut driver) = driven();
     system.stand_in("nobody", |_: u8| async { Ok(()) }).unwrap();
-    let (report, told) = beside(&system, move || driver.advance_by(MS));
+    let (report, outcome) = beside(&system, move || driver.advance_by(MS));
     assert!(report.unwrap_err().to_string().contains("nobody"));
-    assert!(matches!(told, Err(DriveError::Ended { .. })), "{told:?}");
+    assert!(
+        matches!(outcome, Err(DriveError::Ended { .. })),
+        "{outcome:?}"
+    );
     let again = system.run().unwrap_err().to_string();
     assert!(
         again.contains("run"),
@@ -353,10 +356,10 @@ fn a_panic_on_the_way_stops_time_and_tells_the_driver() {
         Ok(())
     };
     main.process("other").spawn_ok(other);
-    let (report, told) = beside(&system, move || driver.advance_by(MS * 50));
+    let (report, outcome) = beside(&system, move || driver.advance_by(MS * 50));
     assert!(matches!(report, Err(Error::Process { .. })), "{report:?}");
     assert_eq!(
-        told,
+        outcome,
         Err(DriveError::Ended {
             now: Instant::from_nanos(1_003_000_000)
         })

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, SpawnOk, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, SpawnOk, skip, watchdog};
 use luna::external::{Frame, Framing, FromBytes, Malformed, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::{Buffer, Error};
@@ -62,8 +62,8 @@ fn typed_values_go_out_and_come_in() {
         return;
     }
     const COUNT: u32 = 2000;
-    for out_place in PLACES {
-        for in_place in PLACES {
+    for out_place in PLACEMENTS {
+        for in_place in PLACEMENTS {
             for framing in [Framing::fixed(12), Framing::prefixed(Prefix::U16Big, 12)] {
                 let (near, far) = UnixStream::pair().unwrap();
                 let (source, outgoing) = luna::channel::<Pose>();
@@ -167,7 +167,7 @@ fn bytes_that_come_one_by_one() {
     if cannot_wait() {
         return;
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (near, mut far) = std::io::pipe().unwrap();
         let (sender, lines) = luna::channel::<Frame<8>>();
         let (next, go) = luna::channel::<()>();

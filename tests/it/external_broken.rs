@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, Random, SpawnOk, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, Random, SpawnOk, skip, watchdog};
 use luna::Error;
 use luna::external::{BadRecord, Fault, Frame, Framing, FromBytes, LinkError, Malformed, Prefix};
 use luna::prelude::*;
@@ -31,7 +31,7 @@ impl FromBytes for Digit {
 
 /// What a receiver gets of a file with these bytes, and how the link ended.
 fn read<T: FromBytes + Send + 'static>(
-    place: common::Place,
+    place: common::Placement,
     bytes: &[u8],
     framing: Framing,
 ) -> (Vec<T>, luna::Result<()>) {
@@ -89,7 +89,7 @@ fn a_plain_channel_ends_at_the_first_broken_record() {
         return;
     }
     let malformed = Fault::Malformed(Malformed("it is no digit"));
-    for place in PLACES {
+    for place in PLACEMENTS {
         for (bytes, framing, good, number, fault) in [
             (&b"1\n2\nx\n4\n"[..], Framing::lines(3), 2, 3, malformed),
             (
@@ -132,7 +132,7 @@ fn a_channel_of_results_goes_on() {
     if cannot_wait() {
         return;
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (got, outcome) = read::<Result<Digit, BadRecord>>(
             place,
             b"1\nx\n22222222\n4\n\n6\n7",
@@ -171,7 +171,7 @@ fn a_record_that_no_frame_holds() {
     if cannot_wait() {
         return;
     }
-    let (got, outcome) = read::<Frame<2>>(PLACES[0], b"ab\nabc\n", Framing::lines(3));
+    let (got, outcome) = read::<Frame<2>>(PLACEMENTS[0], b"ab\nabc\n", Framing::lines(3));
     assert_eq!(got, [Frame::new(b"ab").unwrap()]);
     let fault = Fault::Malformed(Malformed("it does not fit in its `Frame`"));
     assert_bad(outcome, 2, fault);
@@ -191,7 +191,7 @@ fn no_byte_is_lost_in_silence() {
         let bytes: Vec<u8> = (0..length).map(|_| random.below(24) as u8 + 1).collect();
         let most = 1 + random.below(40) as usize;
         let framing = Framing::delimited(7, most).or_end_of_file();
-        let (got, outcome) = read::<Result<Frame<64>, BadRecord>>(PLACES[1], &bytes, framing);
+        let (got, outcome) = read::<Result<Frame<64>, BadRecord>>(PLACEMENTS[1], &bytes, framing);
         outcome.unwrap();
         let mut expected: Vec<&[u8]> = bytes.split(|byte| *byte == 7).collect();
         if expected.last().is_some_and(|last| last.is_empty()) {
@@ -216,7 +216,7 @@ fn a_value_that_no_reader_would_understand() {
     if cannot_wait() {
         return;
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (source, outgoing) = luna::channel::<Frame<8>>();
         let mut system = System::new("refused");

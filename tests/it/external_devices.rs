@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, SpawnOk, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, SpawnOk, skip, watchdog};
 use futures_lite::future;
 use luna::Buffer;
 use luna::external::{BadRecord, Frame, Framing};
@@ -29,7 +29,7 @@ fn a_terminal_in_both_directions_until_it_hangs_up() {
     if !COMPLETE {
         return skip("the portable layer cannot wait for files");
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (near, mut far) = terminal();
         let (sender, commands) = luna::channel::<Frame<16>>();
         let (answers, receiver) = luna::channel::<Frame<16>>();
@@ -92,7 +92,7 @@ fn scratch() -> File {
 #[test]
 fn files_on_a_disk() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut file = scratch();
         let (source, outgoing) = luna::channel::<[u8; 8]>();
         let mut system = System::new("write");

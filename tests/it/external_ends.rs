@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, SpawnOk, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, skip, watchdog};
 use luna::external::{Frame, Framing, LinkError, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::{Buffer, Error};
@@ -57,7 +57,7 @@ fn a_link_that_has_ended_closes_its_file() {
     if cannot_wait() {
         return;
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (near, mut far) = UnixStream::pair().unwrap();
         let (source, outgoing) = luna::channel::<[u8; 1]>();
         let mut system = System::new("closes");
@@ -109,7 +109,7 @@ fn an_output_whose_far_side_has_gone() {
     if cannot_wait() {
         return;
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (far, near) = std::io::pipe().unwrap();
         drop(far);
         let (source, outgoing) = luna::channel::<[u8; 4]>();
@@ -224,7 +224,10 @@ fn what_cannot_be_set_up() {
         let (near, far) = std::io::pipe().unwrap();
         let (sender, receiver) = luna::channel::<[u8; 1]>();
         let mut system = System::new("wrong");
-        for (name, place) in [("input", Place::Executor), ("output", Place::Thread)] {
+        for (name, place) in [
+            ("input", Placement::Executor),
+            ("output", Placement::Thread),
+        ] {
             let process = place.process(&mut system, name, name);
             if name == "input" {
                 let near = near.try_clone().unwrap();
@@ -251,7 +254,7 @@ fn poison_ends_a_link_that_waits_for_its_file() {
     if cannot_wait() {
         return;
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         for from_far_end in [false, true] {
             let (near, mut far) = UnixStream::pair().unwrap();
             let (sender, receiver) = luna::channel::<[u8; 4]>();
@@ -297,7 +300,7 @@ fn poison_ends_a_link_that_waits_for_room() {
     if cannot_wait() {
         return;
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (sender, receiver) = luna::channel::<Full>();
         let mut system = System::new("poisoned");

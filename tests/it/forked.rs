@@ -5,7 +5,7 @@
 
 use crate::common;
 
-use common::{PLACES, Place, Program, SpawnOk, watchdog};
+use common::{PLACEMENTS, Placement, Program, SpawnOk, watchdog};
 use luna::End;
 use luna::prelude::*;
 use nix::libc;
@@ -81,8 +81,8 @@ fn part() {
     });
     let (crash, place) = part.split_once(" on ").unwrap();
     let place = match place {
-        "Executor" => Place::Executor,
-        _ => Place::Thread,
+        "Executor" => Placement::Executor,
+        _ => Placement::Thread,
     };
     let crash = CRASHES.iter().find(|(name, _)| *name == crash);
     place
@@ -106,7 +106,7 @@ fn part() {
 fn it_ends_at_once_and_the_parent_goes_on() {
     let _watch = watchdog();
     for (crash, _) in CRASHES {
-        for place in PLACES {
+        for place in PLACEMENTS {
             let part = format!("{crash} on {place:?}");
             let ended = Program::start(&part).end();
             assert!(ended.status.success(), "{part}: {ended:?}");

@@ -1,7 +1,7 @@
 //! Processes seen from outside: their handles.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::process::ProcessState;
 use luna::{Error, Exit};
@@ -88,9 +88,9 @@ fn a_process_that_runs_says_so() {
     let mut system = System::new("running");
     let executor = system.executor("main").build().unwrap();
     let own = executor.clone();
-    let (tell, told) = luna::buffered(Buffer::fifo(1));
+    let (notify, notified) = luna::buffered(Buffer::fifo(1));
     let id = executor.process("self").spawn_ok(async move {
-        let id = told.recv().await?;
+        let id = notified.recv().await?;
         let myself = own.process_handle(id).unwrap();
         assert_eq!(myself.state(), ProcessState::Running);
         // Cancelled by itself: at its next await.
@@ -98,7 +98,7 @@ fn a_process_that_runs_says_so() {
         assert_eq!(myself.state(), ProcessState::Running);
         std::future::pending().await
     });
-    tell.try_send(id).unwrap();
+    notify.try_send(id).unwrap();
     assert!(system.run().is_err());
     assert_eq!(
         system.process_handle(id).unwrap().exit(),
@@ -109,7 +109,7 @@ fn a_process_that_runs_says_so() {
 #[test]
 fn a_cancelled_process_withdraws_what_it_waited_for() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (sender, receiver) = luna::channel();
         let counted = Arc::new(());
         let value = counted.clone();

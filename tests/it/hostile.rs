@@ -228,9 +228,9 @@ fn partners_elsewhere_learn_that_a_foreign_waker_has_ended_an_executor() {
     // The partner is cancelled when the functions have ended, so one of them waits for what it
     // learns.
     let received = Arc::new(Mutex::new(None));
-    let told = received.clone();
+    let reported = received.clone();
     system.on_emergency_within("waits", Duration::from_secs(30), move || {
-        *told.lock().unwrap() = learned.recv_timeout(Duration::from_secs(20)).ok();
+        *reported.lock().unwrap() = learned.recv_timeout(Duration::from_secs(20)).ok();
     });
     let error = ends(move || system.run()).unwrap_err();
     assert_eq!(*received.lock().unwrap(), Some(Err(RecvError::Poisoned)));
@@ -313,8 +313,8 @@ fn a_failure_beside_a_panic_is_not_the_next_ones() {
 
 #[test]
 fn rephasing_tells_the_cycles_what_it_tells_the_report() {
-    let told = Arc::new(AtomicU64::new(0));
-    let sum = told.clone();
+    let reported = Arc::new(AtomicU64::new(0));
+    let sum = reported.clone();
     let mut system = System::new("rephase");
     let executor = system.executor("one").build().unwrap();
     let body = async move {
@@ -329,6 +329,6 @@ fn rephasing_tells_the_cycles_what_it_tells_the_report() {
     executor.process("body").spawn_ok(body);
     let report = system.run().unwrap();
     let one = &report.loops["loop"];
-    assert_eq!(one.missed, told.load(Ordering::Relaxed));
+    assert_eq!(one.missed, reported.load(Ordering::Relaxed));
     assert_eq!(one.cycles + one.missed, one.slots_elapsed);
 }

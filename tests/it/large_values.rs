@@ -1,7 +1,7 @@
 //! Values of some tens of kilobytes, moved through channels on stacks of the default size.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::prelude::*;
 
 /// An unoptimized build moves a value many times on its way, each time with stack of its own.
@@ -12,7 +12,7 @@ type Image = [u8; SIZE];
 #[test]
 fn values_of_24_kib_pass_wherever_processes_run() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("images");
         let (output, input) = luna::channel::<Image>();
         let (stored, found) = luna::buffered::<Image>(Buffer::fifo(2));

@@ -1,7 +1,7 @@
 //! A process that cannot be ended is detached, with all that it borrows.
 
 use crate::common;
-use common::{PLACES, Place, SpawnOk, watchdog};
+use common::{PLACEMENTS, Placement, SpawnOk, watchdog};
 use luna::Error;
 use luna::prelude::*;
 use std::sync::{Arc, Mutex};
@@ -38,7 +38,7 @@ fn a_process_that_is_blocked_is_left_behind_and_keeps_what_it_borrows() {
             self.log.lock().unwrap().push("dropped".to_owned());
         }
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let log = Log::default();
         let (release, released) = std::sync::mpsc::channel();
         let mut system = System::new("blocked");
@@ -48,7 +48,7 @@ fn a_process_that_is_blocked_is_left_behind_and_keeps_what_it_borrows() {
                 released,
                 log: log.clone(),
             });
-        let culprit = Place::Thread.process(&mut system, "other", "culprit");
+        let culprit = Placement::Thread.process(&mut system, "other", "culprit");
         let own = log.clone();
         culprit.spawn_ok(async move {
             while own.lock().unwrap().is_empty() {

@@ -1,7 +1,7 @@
 //! Locks in a system: in parallel constructs, in reports, and as errors.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::inspect::Deadlock;
 use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
@@ -123,8 +123,8 @@ fn strict(name: &str) -> System {
 #[test]
 fn two_mutexes_in_opposite_order_are_reported_with_their_holders() {
     let _watch = watchdog();
-    for left in PLACES {
-        for right in PLACES {
+    for left in PLACEMENTS {
+        for right in PLACEMENTS {
             let mut system = strict("two");
             let mutexes = ["one", "other"].map(|name| Mutex::new(()).named(name));
             let meet = Barrier::new(2);
@@ -159,7 +159,7 @@ fn two_mutexes_in_opposite_order_are_reported_with_their_holders() {
 }
 
 #[test]
-fn who_locks_what_it_holds_is_reported() {
+fn one_that_locks_what_it_holds_is_reported() {
     let _watch = watchdog();
     let mut system = strict("own");
     let main = system.executor("main").build().unwrap();
@@ -180,7 +180,7 @@ fn who_locks_what_it_holds_is_reported() {
 }
 
 #[test]
-fn who_waits_at_a_condition_or_for_permits_is_reported() {
+fn one_that_waits_at_a_condition_or_for_permits_is_reported() {
     let _watch = watchdog();
     let mut system = strict("both");
     let main = system.executor("main").build().unwrap();
@@ -224,7 +224,7 @@ fn what_a_thread_outside_may_do_is_no_deadlock() {
     std::thread::scope(|scope| {
         let running = scope.spawn(|| system.run().map(drop));
         let is_waiting = || {
-            let places = luna::inspect::places();
+            let places = luna::inspect::wait_points();
             let shared = places
                 .iter()
                 .find(|one| one.name.as_deref() == Some("shared"));
@@ -241,7 +241,7 @@ fn what_a_thread_outside_may_do_is_no_deadlock() {
 }
 
 #[test]
-fn the_composition_shows_who_holds_a_mutex() {
+fn the_composition_shows_the_one_that_holds_a_mutex() {
     let _watch = watchdog();
     let mut system = System::new("shown");
     let main = system.executor("main").build().unwrap();

@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::{Ended, PLACES, Program, watchdog};
+use common::{Ended, PLACEMENTS, Program, watchdog};
 use luna::End;
 use luna::prelude::*;
 use luna::time::Timers;
@@ -39,7 +39,7 @@ fn part() {
     let Some(part) = common::part() else { return };
     let _watch = watchdog();
     let (what, place) = part.rsplit_once(" on ").unwrap();
-    let place = PLACES
+    let place = PLACEMENTS
         .into_iter()
         .find(|one| format!("{one:?}") == place)
         .unwrap();
@@ -131,7 +131,7 @@ fn said(ended: &Ended) -> Vec<&str> {
 fn the_functions_run_before_the_hook() {
     let _watch = watchdog();
     for what in ["body", "builder", "drop", "callback"] {
-        for place in PLACES {
+        for place in PLACEMENTS {
             let part = format!("{what} on {place:?}");
             let ended = run(&part);
             let order = [
@@ -148,7 +148,7 @@ fn the_functions_run_before_the_hook() {
 #[test]
 fn a_hook_that_is_set_later_runs_before_them() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let ended = run(&format!("another hook on {place:?}"));
         let order = ["panicked at", "function 1", "ended by Panic"];
         assert_eq!(said(&ended), order, "{ended:?}");
@@ -158,7 +158,7 @@ fn a_hook_that_is_set_later_runs_before_them() {
 #[test]
 fn a_panic_that_the_body_catches() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let ended = run(&format!("caught on {place:?}"));
         let order = [
             "function 1",
@@ -175,7 +175,7 @@ fn a_panic_that_the_body_catches() {
 fn a_panic_that_is_announced_to_be_caught_is_none() {
     let _watch = watchdog();
     for what in ["caught on purpose", "preparation"] {
-        for place in PLACES {
+        for place in PLACEMENTS {
             let ended = run(&format!("{what} on {place:?}"));
             let order = [
                 "panicked at",

@@ -2,7 +2,7 @@
 //! `run` names the process that panicked.
 
 use crate::common;
-use common::{PLACES, Place, SpawnOk, has_real_time, skip, watchdog};
+use common::{PLACEMENTS, Placement, SpawnOk, has_real_time, skip, watchdog};
 use luna::Error;
 use luna::prelude::*;
 use std::sync::{Arc, Mutex};
@@ -48,7 +48,7 @@ impl Process for Waiting {
 #[test]
 fn functions_run_in_order_then_the_others_are_cancelled() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let log = Log::default();
         let (begun, both_have) = luna::channel();
         let mut system = System::new("panicking");
@@ -59,7 +59,10 @@ fn functions_run_in_order_then_the_others_are_cancelled() {
                 log.lock().unwrap().push(name.clone())
             });
         }
-        for (other, name) in [(Place::Executor, "beside"), (Place::Thread, "on a thread")] {
+        for (other, name) in [
+            (Placement::Executor, "beside"),
+            (Placement::Thread, "on a thread"),
+        ] {
             let process = Waiting {
                 name: name.to_owned(),
                 begun: begun.clone(),
@@ -108,7 +111,7 @@ fn the_last_process_that_lives_panics() {
     // The system's end and the emergency come at the same time: the functions must not be lost
     // between the two.
     for round in 0..100 {
-        let place = PLACES[round % 2];
+        let place = PLACEMENTS[round % 2];
         let log = Log::default();
         let own = log.clone();
         let mut system = System::new("alone");
@@ -154,7 +157,7 @@ fn a_function_that_panics_does_not_stop_the_next() {
     let mut system = System::new("unsafe");
     system.on_emergency("bad", || panic!("in an emergency function"));
     system.on_emergency("good", move || own.lock().unwrap().push("good".to_owned()));
-    Place::Executor
+    Placement::Executor
         .process(&mut system, "main", "culprit")
         .spawn_ok(async { panic!("first") });
     assert_eq!(system.run().unwrap_err(), panicked("culprit", "first"));
@@ -165,7 +168,7 @@ fn a_function_that_panics_does_not_stop_the_next() {
 fn a_panic_without_a_text() {
     let _watch = watchdog();
     let mut system = System::new("speechless");
-    let process = Place::Executor.process(&mut system, "main", "culprit");
+    let process = Placement::Executor.process(&mut system, "main", "culprit");
     process.spawn_ok(async { std::panic::panic_any(42) });
     assert_eq!(
         system.run().unwrap_err(),
@@ -176,7 +179,7 @@ fn a_panic_without_a_text() {
 #[test]
 fn where_a_body_is_made() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let log = Log::default();
         let (function, body) = (log.clone(), log.clone());
         let mut system = System::new("unmade");
@@ -211,7 +214,7 @@ fn where_a_cancelled_body_is_dropped() {
             panic!("in a drop");
         }
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let log = Log::default();
         let own = log.clone();
         let (begun, has_begun) = luna::channel();
@@ -268,10 +271,10 @@ fn several_at_once() {
             own.lock().unwrap().push("neutral".to_owned())
         });
         for (number, place) in [
-            (0, Place::Executor),
-            (1, Place::Thread),
-            (2, Place::Executor),
-            (3, Place::Thread),
+            (0, Placement::Executor),
+            (1, Placement::Thread),
+            (2, Placement::Executor),
+            (3, Placement::Thread),
         ] {
             let name = format!("process {number}");
             place

@@ -2,7 +2,7 @@
 //! end.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Error, RecvError, SendError};
@@ -82,7 +82,7 @@ fn all_errors_in_written_order_after_all_have_ended() {
 #[test]
 fn siblings_of_a_failed_branch_are_poisoned_where_they_wait_and_later() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (pending, _kept_open) = luna::channel::<u32>();
         let (served, service) = luna::buffered::<u32>(Buffer::fifo(8));
         let body = async move {

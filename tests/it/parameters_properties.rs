@@ -136,9 +136,10 @@ impl Process for Tries {
             assert_eq!(few.get(), before);
             few.f.latch();
             assert_eq!(few.get(), model);
-            let told = self.parameters.list().into_iter();
-            let told: BTreeMap<String, Value> = told.map(|one| (one.name, one.value)).collect();
-            assert!(model.iter().all(|(name, value)| told[*name] == *value));
+            let reported = self.parameters.list().into_iter();
+            let reported: BTreeMap<String, Value> =
+                reported.map(|one| (one.name, one.value)).collect();
+            assert!(model.iter().all(|(name, value)| reported[*name] == *value));
         }
         *self.taken.lock().unwrap() = taken;
         Ok(())

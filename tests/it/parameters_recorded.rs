@@ -230,23 +230,26 @@ fn a_set_that_is_taken_is_a_message_for_each_value_that_changes() {
     system.run().unwrap();
     let bytes = std::fs::read(&file.0).unwrap();
     let mut reader = Reader::new(&bytes[..]).unwrap();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     while let Some(record) = reader.next().unwrap() {
         if let Record::Message {
             time, target, text, ..
         } = record
         {
             assert_eq!(target, "parameters");
-            told.push((time / 1_000_000_000, text.to_owned()));
+            reported.push((time / 1_000_000_000, text.to_owned()));
         }
     }
-    let start = told[0].0;
-    told.iter_mut().for_each(|(time, _)| *time -= start);
+    let start = reported[0].0;
+    reported.iter_mut().for_each(|(time, _)| *time -= start);
     let expected = [
         (0, "set 0: pan/kp 2.0 -> 2.5 1/rad"),
         (1, "set 1: pan/kp 2.5 -> 3.0 1/rad"),
         (1, "set 1: pan/kd 0.1 -> 0.25"),
         (2, "set 2: pan/ki 0.5 -> 7.0"),
     ];
-    assert_eq!(told, expected.map(|(time, text)| (time, text.to_owned())));
+    assert_eq!(
+        reported,
+        expected.map(|(time, text)| (time, text.to_owned()))
+    );
 }

@@ -2,7 +2,7 @@
 //! off the executor's thread.
 
 use crate::common;
-use common::{PLACES, Place, SpawnOk, watchdog};
+use common::{PLACEMENTS, Placement, SpawnOk, watchdog};
 use luna::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -107,7 +107,7 @@ impl Process for Announcer {
 #[test]
 fn post_run_runs_when_its_own_body_has_ended_while_others_run() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (ended, announced) = luna::channel();
         let mut system = System::new("announced");
         place
@@ -138,7 +138,7 @@ fn a_process_is_dropped_after_its_post_run_and_its_channels_end_with_it() {
             log(&self.log, "post", "holder");
         }
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let events = Log::default();
         let (output, input) = luna::channel::<()>();
         let mut system = System::new("held");
@@ -187,7 +187,7 @@ fn a_post_run_that_panics_does_not_keep_the_others_from_theirs() {
     let count = Arc::new(AtomicUsize::new(0));
     let mut system = System::new("untidy");
     for name in ["a", "b", "c"] {
-        Place::Thread
+        Placement::Thread
             .process(&mut system, name, name)
             .spawn_ok(Counts(count.clone()));
     }
@@ -268,7 +268,7 @@ fn signals_and_parameters_are_registered_in_pre_run_alone() {
         Ok(())
     })
     .unwrap();
-    for place in PLACES {
+    for place in PLACEMENTS {
         for is_virtual in [false, true] {
             let mut system = System::new("registering");
             if is_virtual {

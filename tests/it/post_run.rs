@@ -1,7 +1,7 @@
 //! `post_run` runs once, off the executor's thread, whatever ended the body.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{Error, Exit};
 use std::sync::{Arc, Mutex};
@@ -81,7 +81,7 @@ impl Drop for Traced {
 #[test]
 fn post_run_runs_once_off_the_executors_thread_whatever_ended_the_body() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         for ending in [
             Ending::Returns,
             Ending::Fails,
@@ -167,7 +167,7 @@ impl Drop for Untidy {
 #[test]
 fn a_panic_while_cleaning_up_is_the_runs_error_and_ends_nobody_else() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         for (in_drop, body, expected) in [
             (false, Ok(()), "process `untidy`: panicked: in post_run"),
             (true, Ok(()), "process `untidy`: panicked: in the drop"),

@@ -2,7 +2,7 @@
 //! first.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::Error;
 use luna::error::SetupError;
 use luna::prelude::*;
@@ -65,7 +65,7 @@ impl Drop for Prepared {
 
 /// Five processes. The second and the third are prepared as given; the third fails. Those before it
 /// are cleaned up in the opposite order. Returns the error.
-fn run_five(place: common::Place, second: Preparing, third: Preparing) -> Error {
+fn run_five(place: common::Placement, second: Preparing, third: Preparing) -> Error {
     let log = Log::default();
     let mut system = System::new("five");
     for (name, preparing) in [
@@ -108,7 +108,7 @@ fn run_five(place: common::Place, second: Preparing, third: Preparing) -> Error 
 #[test]
 fn an_error_names_the_process_and_no_body_runs() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let error = run_five(place, Preparing::Succeeds, Preparing::Fails);
         let Error::Process { name, source } = &error else {
             panic!("{error:?}")
@@ -125,7 +125,7 @@ fn an_error_names_the_process_and_no_body_runs() {
 #[test]
 fn a_panic_is_such_an_error_with_its_message() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let error = run_five(place, Preparing::Succeeds, Preparing::Panics);
         let panicked = Error::Panicked("the sensor answers 42".to_owned());
         assert_eq!(
@@ -141,7 +141,7 @@ fn a_panic_is_such_an_error_with_its_message() {
 #[test]
 fn a_post_run_that_panics_on_the_way_does_not_keep_the_others_from_theirs() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let error = run_five(place, Preparing::SucceedsAndFailsToClean, Preparing::Fails);
         assert_eq!(
             error.to_string(),

@@ -2,7 +2,7 @@
 //! and `run` returns that cause.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{End, Error};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ fn cause() -> Error {
 #[test]
 fn the_cause_is_what_run_returns_wherever_it_is_raised() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("raised");
         let calls = Arc::new(AtomicU32::new(0));
         let counted = calls.clone();
@@ -69,7 +69,7 @@ fn the_first_cause_stays() {
 }
 
 #[test]
-fn who_raises_it_may_go_on_and_the_cause_is_told_all_the_same() {
+fn one_that_raises_it_may_go_on_and_the_cause_is_told_all_the_same() {
     let _watch = watchdog();
     let mut system = System::new("goes on");
     let executor = system.executor("main").build().unwrap();

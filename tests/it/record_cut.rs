@@ -227,7 +227,7 @@ fn constructs_that_came_after_one_another_are_gone_through() {
 }
 
 #[test]
-fn who_only_yields_does_not_go_on_for_ever() {
+fn one_that_only_yields_does_not_go_on_for_ever() {
     check("one that only yields");
 }
 

@@ -73,7 +73,7 @@ fn an_emergency_is_not_reset() {
 }
 
 #[test]
-fn the_cause_and_who_of_each_kind() {
+fn the_cause_and_the_process_of_each_kind() {
     let _watch = watchdog();
     let mut system = System::new("panic");
     let main = system.executor("main").build().unwrap();
@@ -299,7 +299,7 @@ fn after_the_end_a_safe_state_can_be_reset() {
 }
 
 #[test]
-fn who_waits_for_the_safe_state_is_woken_once_it_is_entered() {
+fn one_that_waits_for_the_safe_state_is_woken_once_it_is_entered() {
     let _watch = watchdog();
     let mut system = System::new("awaited");
     system.virtual_clock();

@@ -1,7 +1,7 @@
 //! Processes that are spawned while the system starts, or ends.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::{Error, Executor, Exit};
@@ -60,7 +60,7 @@ fn in_a_pre_run_it_starts_with_the_others() {
 #[test]
 fn where_a_body_is_made() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("early");
         let other = system.executor("other").build().unwrap();
         let made = place.process(&mut system, "place", "parent");

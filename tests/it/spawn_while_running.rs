@@ -1,7 +1,7 @@
 //! Processes that are spawned while the system runs, or starts, or ends.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::{Error, Executor, Exit};
@@ -39,7 +39,7 @@ impl Process for Noting {
 #[test]
 fn from_a_process() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let phases = Arc::new(Mutex::new(Phases::default()));
         let (parent_thread, of_parent) = luna::buffered(Buffer::fifo(1));
         let mut system = System::new("growing");
@@ -327,7 +327,7 @@ fn nothing_is_started_at_once_before_the_start_and_after_the_end() {
 
 /// Also one with phases, and one on a thread of its own.
 #[test]
-fn who_starts_a_process_has_its_handle() {
+fn one_that_starts_a_process_has_its_handle() {
     let _watch = watchdog();
     let mut system = System::new("handles");
     let main = system.executor("main").build().unwrap();

@@ -1,7 +1,7 @@
 //! Processes that are replaced by name, and the errors if a replacement does not fit.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::Error;
 use luna::error::SetupError;
 use luna::prelude::*;
@@ -22,10 +22,10 @@ struct OtherEnds {
 /// A network of a sensor, which says 1, and a reader, which says what it read.
 fn build(
     system: &mut System,
-    place: common::Place,
+    place: common::Placement,
 ) -> luna::Result<std::sync::mpsc::Receiver<u32>> {
     let (values, read) = luna::channel();
-    let (tell, told) = std::sync::mpsc::channel();
+    let (notify, notified) = std::sync::mpsc::channel();
     place
         .process(system, "sensors", "sensor")
         .priority(20)
@@ -39,11 +39,11 @@ fn build(
         .process("reader")
         .spawn(async move {
             while let Ok(value) = read.recv().await {
-                tell.send(value).unwrap();
+                notify.send(value).unwrap();
             }
             Ok(())
         })?;
-    Ok(told)
+    Ok(notified)
 }
 
 fn setup(error: Error) -> SetupError {
@@ -56,7 +56,7 @@ fn setup(error: Error) -> SetupError {
 #[test]
 fn the_stand_in_runs_instead_with_its_ends() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("replaced");
         system
             .stand_in("sensor", |ends: SensorEnds| async move {
@@ -65,9 +65,9 @@ fn the_stand_in_runs_instead_with_its_ends() {
                 Ok(())
             })
             .unwrap();
-        let told = build(&mut system, place).unwrap();
+        let notified = build(&mut system, place).unwrap();
         let report = system.run().unwrap();
-        assert_eq!(told.iter().collect::<Vec<_>>(), [7, 8]);
+        assert_eq!(notified.iter().collect::<Vec<_>>(), [7, 8]);
         assert_eq!(report.stand_ins, ["sensor"]);
         assert!(report.to_string().contains("stand-ins for: sensor\n"));
         let names: Vec<_> = report.processes.iter().map(|one| &*one.name).collect();
@@ -78,11 +78,11 @@ fn the_stand_in_runs_instead_with_its_ends() {
 #[test]
 fn without_one_it_is_the_process_itself() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("itself");
-        let told = build(&mut system, place).unwrap();
+        let notified = build(&mut system, place).unwrap();
         let report = system.run().unwrap();
-        assert_eq!(told.iter().collect::<Vec<_>>(), [1]);
+        assert_eq!(notified.iter().collect::<Vec<_>>(), [1]);
         assert!(report.stand_ins.is_empty());
         assert!(!report.to_string().contains("stand-ins"));
     }
@@ -100,12 +100,12 @@ fn all_that_can_be_spawned_can_stand_in() {
     }
 
     let _watch = watchdog();
-    let place = PLACES[0];
+    let place = PLACEMENTS[0];
     let mut system = System::new("a type");
     system.stand_in("sensor", Sensor).unwrap();
-    let told = build(&mut system, place).unwrap();
+    let notified = build(&mut system, place).unwrap();
     system.run().unwrap();
-    assert_eq!(told.iter().collect::<Vec<_>>(), [2]);
+    assert_eq!(notified.iter().collect::<Vec<_>>(), [2]);
 
     // A closure with a future that stays on its thread.
     let mut system = System::new("a closure");
@@ -118,9 +118,9 @@ fn all_that_can_be_spawned_can_stand_in() {
             }
         })
         .unwrap();
-    let told = build(&mut system, place).unwrap();
+    let notified = build(&mut system, place).unwrap();
     system.run().unwrap();
-    assert_eq!(told.iter().collect::<Vec<_>>(), [3]);
+    assert_eq!(notified.iter().collect::<Vec<_>>(), [3]);
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn channels_that_do_not_fit_are_named_with_both_types() {
             Ok(())
         })
         .unwrap();
-    let error = setup(build(&mut system, PLACES[0]).unwrap_err());
+    let error = setup(build(&mut system, PLACEMENTS[0]).unwrap_err());
     let SetupError::StandInDoesNotFit {
         process,
         has,
@@ -169,7 +169,7 @@ fn a_name_that_nobody_declared_is_said_with_those_there_are() {
     system
         .stand_in("sensr", |_: SensorEnds| async { Ok(()) })
         .unwrap();
-    let told = build(&mut system, PLACES[0]).unwrap();
+    let notified = build(&mut system, PLACEMENTS[0]).unwrap();
     let error = system.run().unwrap_err();
     assert_eq!(
         error.to_string(),
@@ -177,7 +177,7 @@ fn a_name_that_nobody_declared_is_said_with_those_there_are() {
     );
     // Nothing has run.
     drop(system);
-    assert_eq!(told.iter().count(), 0);
+    assert_eq!(notified.iter().count(), 0);
 
     let mut system = System::new("none");
     system
@@ -192,7 +192,7 @@ fn what_comes_too_late_twice_or_without_ends_is_refused() {
     let _watch = watchdog();
     let ready = |_: SensorEnds| async { Ok(()) };
     let mut system = System::new("late");
-    let _told = build(&mut system, PLACES[0]).unwrap();
+    let _told = build(&mut system, PLACEMENTS[0]).unwrap();
     let late = |system: &mut System| setup(system.stand_in("sensor", ready).unwrap_err());
     assert!(matches!(
         late(&mut system),
@@ -247,9 +247,9 @@ fn a_declaration_that_fails_does_not_use_up_the_stand_in() {
         refused
             .replaceable(SensorEnds { values }, |_| async { Ok(()) })
             .unwrap_err();
-        let told = build(&mut system, PLACES[0]).unwrap();
+        let notified = build(&mut system, PLACEMENTS[0]).unwrap();
         let report = system.run().unwrap();
-        assert_eq!(told.iter().collect::<Vec<_>>(), [7]);
+        assert_eq!(notified.iter().collect::<Vec<_>>(), [7]);
         assert_eq!(report.stand_ins, ["sensor"]);
     }
 }
@@ -271,7 +271,7 @@ fn a_name_that_is_taken_leaves_the_stand_in_and_the_declaration_as_they_were() {
     system
         .stand_in("sensor", |_: SensorEnds| async { Ok(()) })
         .unwrap();
-    duplicate(build(&mut system, PLACES[0]).unwrap_err());
+    duplicate(build(&mut system, PLACEMENTS[0]).unwrap_err());
     let error = setup(system.run().unwrap_err());
     assert!(matches!(error, SetupError::NobodyToReplace { .. }));
 
@@ -283,7 +283,7 @@ fn a_name_that_is_taken_leaves_the_stand_in_and_the_declaration_as_they_were() {
             Ok(())
         })
         .unwrap();
-    let told = build(&mut system, PLACES[0]).unwrap();
+    let notified = build(&mut system, PLACEMENTS[0]).unwrap();
     let other = system.executor("other").build().unwrap();
     let values = luna::channel().0;
     let again = other
@@ -291,7 +291,7 @@ fn a_name_that_is_taken_leaves_the_stand_in_and_the_declaration_as_they_were() {
         .replaceable(SensorEnds { values }, |_| async { Ok(()) });
     duplicate(again.unwrap_err());
     assert_eq!(system.run().unwrap().stand_ins, ["sensor"]);
-    assert_eq!(told.iter().collect::<Vec<_>>(), [7]);
+    assert_eq!(notified.iter().collect::<Vec<_>>(), [7]);
 }
 
 #[test]

@@ -258,18 +258,18 @@ fn best_effort_runs_without_and_says_so_in_one_line() {
         assert!(line.contains(part), "{part} in {line}");
     }
     // As many as in the report, in the same words.
-    let told = ended
+    let reported = ended
         .output
         .lines()
         .filter(|line| line.trim_start().starts_with("best effort:"))
         .count();
     assert_eq!(
-        ended.said(&[&format!("missing {told}")]).len(),
+        ended.said(&[&format!("missing {reported}")]).len(),
         1,
         "{ended:?}"
     );
     assert!(
-        line.contains(&format!("without {told} of what it asked for")),
+        line.contains(&format!("without {reported} of what it asked for")),
         "{line}"
     );
 }

@@ -61,15 +61,16 @@ fn a_panic_of_the_thread_that_runs_the_system_is_an_emergency() {
     let mut system = System::new("unspeakable");
     let ran = has_run.clone();
     system.on_emergency("brakes", move || ran.store(true, Ordering::SeqCst));
-    let told = std::env::temp_dir().join(format!("luna-told-{}", std::process::id()));
+    let reported = std::env::temp_dir().join(format!("luna-reported-{}", std::process::id()));
     let has_shell = std::path::Path::new("/bin/sh").exists();
     if has_shell {
-        let script = "echo ready; while read line; do last=$line; done; echo \"told:$last\" > $0";
+        let script =
+            "echo ready; while read line; do last=$line; done; echo \"reported:$last\" > $0";
         system.guardian(
             Guardian::command("/bin/sh")
                 .arg("-c")
                 .arg(script)
-                .arg(&told),
+                .arg(&reported),
         );
     }
     add_failing(&mut system, Arc::new(AtomicBool::new(true)));
@@ -78,8 +79,8 @@ fn a_panic_of_the_thread_that_runs_the_system_is_an_emergency() {
     if has_shell {
         // The guardian has ended before the panic left the run. It was not notified that all is
         // safe.
-        assert_eq!(std::fs::read_to_string(&told).unwrap(), "told:\n");
-        let _ = std::fs::remove_file(told);
+        assert_eq!(std::fs::read_to_string(&reported).unwrap(), "reported:\n");
+        let _ = std::fs::remove_file(reported);
     }
 }
 

@@ -2,7 +2,7 @@
 //! code test their exact limits, with instants passed in.
 
 use crate::common;
-use common::{PLACES, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::safety::Watchdog;
 use luna::{Error, Timer};
@@ -17,24 +17,24 @@ const LONG: Duration = Duration::from_secs(1000);
 #[test]
 fn it_expires_when_nobody_feeds_it_and_stays_so() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("hungry");
         let process = place.process(&mut system, "place", "guard");
         process.spawn_ok(async {
-            let dog = Watchdog::new(2 * MS);
+            let watchdog = Watchdog::new(2 * MS);
             let start = luna::now();
-            dog.expired().await;
+            watchdog.expired().await;
             assert!(luna::now() - start > 2 * MS);
             for _ in 0..3 {
-                dog.feed();
-                assert!(dog.has_expired());
-                dog.expired().await;
-                let expired = luna::pri_alt! { _ = dog.expired() => true, skip => false };
+                watchdog.feed();
+                assert!(watchdog.has_expired());
+                watchdog.expired().await;
+                let expired = luna::pri_alt! { _ = watchdog.expired() => true, skip => false };
                 assert!(expired);
             }
             let start = luna::now();
-            dog.reset();
-            dog.expired().await;
+            watchdog.reset();
+            watchdog.expired().await;
             assert!(luna::now() - start > 2 * MS);
             Ok(())
         });
@@ -47,8 +47,8 @@ fn it_expires_when_nobody_feeds_it_and_stays_so() {
 #[test]
 fn fed_in_time_it_does_not_expire() {
     let _watch = watchdog();
-    let dog = Watchdog::new(LONG);
-    let fed = dog.clone();
+    let watchdog = Watchdog::new(LONG);
+    let fed = watchdog.clone();
     let (sender, receiver) = luna::channel::<u32>();
     let mut system = System::new("fed");
     system
@@ -66,7 +66,7 @@ fn fed_in_time_it_does_not_expire() {
         for expected in 0..200 {
             luna::alt! {
                 n = receiver.recv() => assert_eq!(n?, expected),
-                _ = dog.expired() => panic!("it was fed"),
+                _ = watchdog.expired() => panic!("it was fed"),
             }
         }
         Ok(())
@@ -80,8 +80,8 @@ fn fed_in_time_it_does_not_expire() {
 fn a_wait_is_counted_from_the_last_feed() {
     let _watch = watchdog();
     let timeout = 20 * MS;
-    let dog = Watchdog::new(timeout);
-    let fed = dog.clone();
+    let watchdog = Watchdog::new(timeout);
+    let fed = watchdog.clone();
     let mut system = System::new("counted");
     let executor = system.executor("main").build().unwrap();
     let (last, fed_last) = luna::channel();
@@ -101,7 +101,7 @@ fn a_wait_is_counted_from_the_last_feed() {
     });
     executor.process("guard").spawn_ok(async move {
         let expired = async {
-            dog.expired().await;
+            watchdog.expired().await;
             Ok(luna::now())
         };
         let (expired, (fed, was_in_time)) =
@@ -118,15 +118,15 @@ fn a_wait_is_counted_from_the_last_feed() {
 #[test]
 fn a_process_that_calls_a_function() {
     let _watch = watchdog();
-    for place in PLACES {
-        let dog = Watchdog::new(MS);
+    for place in PLACEMENTS {
+        let watchdog = Watchdog::new(MS);
         let calls = Arc::new(AtomicU32::new(0));
-        let (own, own_calls) = (dog.clone(), calls.clone());
+        let (own, own_calls) = (watchdog.clone(), calls.clone());
         let (signal, signals) = luna::buffered(Buffer::fifo(8));
         let mut system = System::new("called");
         place
-            .process(&mut system, "dog", "dog")
-            .spawn_ok(dog.process(move || {
+            .process(&mut system, "watchdog", "watchdog")
+            .spawn_ok(watchdog.process(move || {
                 own_calls.fetch_add(1, Ordering::SeqCst);
                 signal.try_send(()).unwrap();
             }));
@@ -152,21 +152,23 @@ fn a_process_that_calls_a_function() {
                 }
                 Ok(())
             });
-        drop(dog);
+        drop(watchdog);
         system.run().unwrap();
     }
 }
 
 /// A system with a watchdog ends when all processes that send its heartbeat have ended.
 #[test]
-fn the_process_ends_with_those_who_feed() {
+fn the_process_ends_with_those_that_feed() {
     let _watch = watchdog();
-    let dog = Watchdog::new(50 * MS);
-    let own = dog.clone();
+    let watchdog = Watchdog::new(50 * MS);
+    let own = watchdog.clone();
     let mut system = System::new("ends");
     let executor = system.executor("main").build().unwrap();
-    executor.process("dog").spawn_ok(dog.process(|| ()));
-    drop(dog);
+    executor
+        .process("watchdog")
+        .spawn_ok(watchdog.process(|| ()));
+    drop(watchdog);
     executor.process("feeder").spawn_ok(async move {
         own.feed();
         luna::yield_now().await;
@@ -181,24 +183,24 @@ fn the_process_ends_with_those_who_feed() {
 #[test]
 fn a_late_feed_hides_nothing() {
     let _watch = watchdog();
-    let dog = Watchdog::new(MS);
-    let own = dog.clone();
+    let watchdog = Watchdog::new(MS);
+    let own = watchdog.clone();
     let mut system = System::new("hog");
     let executor = system.executor("main").build().unwrap();
-    let (bitten, bites) = luna::buffered(Buffer::fifo(1));
+    let (expired, expiries) = luna::buffered(Buffer::fifo(1));
     executor
-        .process("dog")
+        .process("watchdog")
         .priority(1)
-        .spawn_ok(dog.process(move || bitten.try_send(()).unwrap()));
-    drop(dog);
+        .spawn_ok(watchdog.process(move || expired.try_send(()).unwrap()));
+    drop(watchdog);
     executor.process("hog").priority(31).spawn_ok(async move {
         own.feed();
         common::burn_until(luna::now() + 3 * MS);
         own.feed();
         // On the same executor, at a higher priority: no process has looked.
-        assert!(bites.try_recv().is_err());
+        assert!(expiries.try_recv().is_err());
         assert!(own.has_expired());
-        bites.recv().await.map_err(Error::from)
+        expiries.recv().await.map_err(Error::from)
     });
     system.run().unwrap();
 }
@@ -208,12 +210,12 @@ fn a_late_feed_hides_nothing() {
 fn beside_other_clocks() {
     let _watch = watchdog();
     luna::run(async {
-        let dog = Watchdog::new(LONG);
+        let watchdog = Watchdog::new(LONG);
         let mut timer = Timer::new();
         let mut ticks = luna::ticks(MS)?;
         for _ in 0..5 {
             luna::alt! {
-                _ = dog.expired() => panic!("it has long time"),
+                _ = watchdog.expired() => panic!("it has long time"),
                 _ = timer.expired() => panic!("it is not set"),
                 tick = ticks.tick() => assert!(tick.number > 0),
             }

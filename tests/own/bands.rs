@@ -87,7 +87,7 @@ fn long_polls(
     most: Duration,
 ) -> Vec<Found> {
     let (begin, begun) = channel::<Arc<LongPoll>>();
-    let (tell, told) = channel::<Found>();
+    let (notify, notified) = channel::<Found>();
     let all = Arc::new(Mutex::new(Vec::new()));
     let found = all.clone();
     low.process("low").priority(0).spawn_ok(async move {
@@ -95,7 +95,7 @@ fn long_polls(
             let poll = Arc::new(LongPoll::default());
             begin.send(poll.clone()).await?;
             poll.run(most);
-            let round = told.recv().await?;
+            let round = notified.recv().await?;
             found.lock().unwrap().push(round);
         }
         Ok(())
@@ -104,7 +104,7 @@ fn long_polls(
         while let Ok(poll) = begun.recv().await {
             let found = poll.look().await;
             poll.see();
-            tell.send(found).await?;
+            notify.send(found).await?;
         }
         Ok(())
     });

@@ -1,7 +1,7 @@
 //! Budgets: a process that takes too long is counted and named, and the requested reaction follows.
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, Program, SpawnOk, burn_until, setup_error, skip};
+use common::{COMPLETE, PLACEMENTS, Placement, Program, SpawnOk, burn_until, setup_error, skip};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::report::{BudgetReport, ProcessReport, ThreadUsage};
@@ -46,7 +46,7 @@ async fn hog() -> luna::Result<()> {
 #[test]
 fn a_hog_is_counted_and_nobody_else_is() {
     own_process!();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("counted");
         let at = |system: &mut System, name: &str| place.process(system, name, name);
         at(&mut system, "hog")
@@ -84,7 +84,7 @@ fn a_hog_is_counted_and_nobody_else_is() {
 #[test]
 fn a_cycle_is_measured_from_its_begin_and_lateness_is_not_the_loops_fault() {
     own_process!();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("cycles");
         place
             .process(&mut system, "control", "loop")
@@ -150,7 +150,7 @@ impl Process for Hog {
 #[test]
 fn the_culprit_is_poisoned_with_its_channels() {
     own_process!();
-    for place in PLACES {
+    for place in PLACEMENTS {
         for by_cycle in [false, true] {
             let (output, input) = luna::channel();
             let (feed, held) = luna::channel();
@@ -206,9 +206,9 @@ fn the_culprit_is_poisoned_with_its_channels() {
 }
 
 #[test]
-fn who_ends_by_itself_in_that_poll_has_ended() {
+fn one_that_ends_by_itself_in_that_poll_has_ended() {
     own_process!();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (output, input) = luna::channel::<u32>();
         let mut system = System::new("ended");
         place
@@ -230,7 +230,7 @@ fn who_ends_by_itself_in_that_poll_has_ended() {
 #[test]
 fn the_emergency_runs_and_names_the_culprit() {
     own_process!();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let safe = Arc::new(AtomicBool::new(false));
         let done = safe.clone();
         let mut system = System::new("emergency");
@@ -263,7 +263,7 @@ fn the_emergency_runs_and_names_the_culprit() {
 }
 
 #[test]
-fn an_emergency_of_one_who_ends_in_that_poll_is_one_too() {
+fn an_emergency_of_one_that_ends_in_that_poll_is_one_too() {
     own_process!();
     let mut system = System::new("emergency");
     let main = system.executor("main").build().unwrap();
@@ -366,7 +366,7 @@ fn a_long_poll_is_told_from_one_that_was_off_the_processor() {
     let of_thread = || ThreadUsage::of_current_thread().unwrap().cpu_time;
     let mut system = System::new("accounted");
     let mut at = |name: &str| {
-        let process = Place::Thread.process(&mut system, name, name);
+        let process = Placement::Thread.process(&mut system, name, name);
         process.poll_budget(BUDGET).accounted()
     };
     at("computes").spawn_ok(async move {

@@ -207,7 +207,7 @@ fn client_number() -> u64 {
 }
 
 #[test]
-fn what_was_lent_is_given_back_however_the_call_ends() {
+fn a_boost_ends_however_the_call_ends() {
     own_process!();
     on_one_executor(|process| {
         let (client, server) = call_channel::<u8, ()>();
@@ -288,7 +288,7 @@ fn a_client_that_waits_lends_to_the_server_that_is_busy() {
 }
 
 #[test]
-fn of_several_servers_the_last_that_came_is_who_clients_wait_for() {
+fn of_several_servers_the_last_that_came_is_the_one_that_clients_wait_for() {
     own_process!();
     on_one_executor(|process| {
         let (client, server) = call_channel::<u8, ()>();

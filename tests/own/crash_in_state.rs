@@ -54,7 +54,7 @@ fn part() {
 }
 
 #[test]
-fn who_looks_holds_no_lock_meanwhile() {
+fn one_that_looks_holds_no_lock_meanwhile() {
     own_process!();
     if has_no_signals() {
         return;

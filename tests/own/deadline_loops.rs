@@ -38,8 +38,8 @@ fn a_loop_on_a_thread_of_its_own_keeps_its_slots() {
     if thread.policy != policy() {
         // Then it says why, and what to do.
         assert_eq!(thread.policy, Policy::Other);
-        let told = report.all_shortfalls().find(|(who, _)| *who == "servo");
-        let (_, shortfall) = told.expect("a refused policy is a shortfall");
+        let found = report.all_shortfalls().find(|(who, _)| *who == "servo");
+        let (_, shortfall) = found.expect("a refused policy is a shortfall");
         skip(&shortfall.to_string());
     }
 }
@@ -48,18 +48,18 @@ fn a_loop_on_a_thread_of_its_own_keeps_its_slots() {
 fn a_call_from_a_fifo_server_to_a_deadline_client_changes_neither_policy_for_good() {
     own_process!();
     let (client, server) = luna::channel::call_channel::<(), Policy>();
-    let (tell, told) = luna::buffered(Buffer::fifo(2));
+    let (notify, notified) = luna::buffered(Buffer::fifo(2));
     let mut system = System::new("inherits");
     system
         .thread("client")
         .policy(policy())
         .process("client")
         .spawn_ok({
-            let tell = tell.clone();
+            let notify = notify.clone();
             async move {
                 let mine = current_policy();
                 let while_served = client.call(()).await?;
-                tell.try_send(("client", mine, current_policy(), while_served))?;
+                notify.try_send(("client", mine, current_policy(), while_served))?;
                 Ok(())
             }
         });
@@ -69,13 +69,13 @@ fn a_call_from_a_fifo_server_to_a_deadline_client_changes_neither_policy_for_goo
         let call = server.accept().await?;
         let now = current_policy();
         let _ = call.reply(now);
-        tell.try_send(("server", mine, current_policy(), now))?;
+        notify.try_send(("server", mine, current_policy(), now))?;
         Ok(())
     });
     let report = system.run().unwrap();
     let mut raised = None;
     for _ in 0..2 {
-        let (who, before, after, served) = told.try_recv().unwrap();
+        let (who, before, after, served) = notified.try_recv().unwrap();
         assert_eq!(before, after, "{who}");
         raised = Some(served);
     }

@@ -153,12 +153,12 @@ fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
     use nix::sys::signal::{SigSet, Signal};
     let _watch = watchdog();
     for core in places() {
-        let (told, masks) = mpsc::channel();
+        let (notify, masks) = mpsc::channel();
         let mut system = System::new("masked");
         for name in ["first", "second"] {
-            let told = told.clone();
+            let notify = notify.clone();
             system.on_emergency(name, move || {
-                told.send(SigSet::thread_get_mask().unwrap()).unwrap();
+                notify.send(SigSet::thread_get_mask().unwrap()).unwrap();
             });
         }
         let _ = raise_on(core, &mut system);
@@ -266,7 +266,7 @@ fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
 
 /// Not known at the start.
 #[test]
-fn functions_that_come_late_have_somebody_who_goes_on() {
+fn functions_that_come_late_have_somebody_that_goes_on() {
     own_process!();
     let log = Log::default();
     let (first, let_first_go) = hang();
@@ -297,7 +297,7 @@ fn one_that_computes_for_ever_loses_its_priority() {
     for core in places() {
         let log = Log::default();
         let is_over = Arc::new(AtomicBool::new(false));
-        let (told, policy_before) = mpsc::channel();
+        let (notify, policy_before) = mpsc::channel();
         let mut system = System::new("computing");
         system
             .executor("control")
@@ -313,7 +313,7 @@ fn one_that_computes_for_ever_loses_its_priority() {
             while !over.load(Ordering::Relaxed) || policy() != Policy::Other {
                 std::hint::spin_loop();
             }
-            let _ = told.send(before);
+            let _ = notify.send(before);
         });
         let over = is_over.clone();
         let mut note = log.noter("last");
@@ -502,7 +502,7 @@ fn on_every_clock() {
 fn the_report_says_how_it_went() {
     own_process!();
     let (hangs, _let_go) = hang();
-    let mut system = System::new("told");
+    let mut system = System::new("notify");
     system.on_emergency_within("brakes", SHORT, hangs);
     system.on_emergency_within("lamp", LONG, || ());
     raise_in(&mut system);

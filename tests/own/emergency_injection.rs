@@ -107,8 +107,8 @@ fn add(
     };
     let place = random.below(4);
     let process = |system: &mut System| match place {
-        0 => common::Place::Executor.process(system, &name, &name),
-        1 => common::Place::Thread.process(system, &name, &name),
+        0 => common::Placement::Executor.process(system, &name, &name),
+        1 => common::Placement::Thread.process(system, &name, &name),
         // On a real-time core, where an emergency worker waits.
         _ => {
             let cores = luna_platform::thread::available_cores();
@@ -149,13 +149,13 @@ fn add(
         }
         Kind::Watchdog => {
             let trigger = system.emergency_trigger();
-            let dog = Watchdog::new(delay);
-            dog.feed();
-            let bites = dog.process(move || {
+            let watchdog = Watchdog::new(delay);
+            watchdog.feed();
+            let expiries = watchdog.process(move || {
                 reach(true);
                 trigger.raise(Error::other("not fed"));
             });
-            process(system).spawn_ok(bites);
+            process(system).spawn_ok(expiries);
         }
         Kind::Device => {
             let trigger = system.emergency_trigger();
@@ -206,7 +206,7 @@ fn round(number: u64, seed: u64, has_signals: bool) -> (usize, bool) {
             after: micros(random, 200),
         };
         let name = format!("phased {number}");
-        let place = common::PLACES[random.below(2) as usize];
+        let place = common::PLACEMENTS[random.below(2) as usize];
         place.process(&mut system, &name, &name).spawn_ok(process);
     }
     let mut kinds = vec![KINDS[random.below(KINDS.len() as u64) as usize]];

@@ -77,7 +77,7 @@ fn part() {
         println!("no priorities");
         return;
     }
-    let (told, seen) = mpsc::channel();
+    let (notify, seen) = mpsc::channel();
     let mut system = System::new("limited");
     system.on_emergency_within("where", HOUR, move || {
         let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
@@ -85,7 +85,8 @@ fn part() {
             .lines()
             .find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
         let cores = core_list(cores.unwrap()).unwrap();
-        told.send((luna_platform::thread::current_policy(), cores))
+        notify
+            .send((luna_platform::thread::current_policy(), cores))
             .unwrap();
     });
     on(available_cores()[0], &mut system, "control")

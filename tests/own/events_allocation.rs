@@ -16,7 +16,7 @@ fn nothing_is_allocated_on_the_path() -> luna::Result<()> {
     system.log(Logging::to_sink(sink).room_for_events(1 << 18));
     let (there, from_there) = luna::channel::<u64>();
     let (back, from_back) = luna::channel::<u64>();
-    let (tell, told) = luna::channel::<u64>();
+    let (notify, notified) = luna::channel::<u64>();
     let main = system.executor("main").build()?;
     main.process("ping").spawn(async move {
         // Its name comes on the path.
@@ -26,7 +26,7 @@ fn nothing_is_allocated_on_the_path() -> luna::Result<()> {
             assert_eq!(from_back.recv().await?, number);
             if number % 500 == 0 {
                 tick.next().await;
-                tell.send(number).await?;
+                notify.send(number).await?;
             }
         }
         Ok(())
@@ -43,7 +43,7 @@ fn nothing_is_allocated_on_the_path() -> luna::Result<()> {
         .thread("console")
         .process("console")
         .spawn(async move {
-            while told.recv().await.is_ok() {}
+            while notified.recv().await.is_ok() {}
             Ok(())
         })?;
     let report = system.run()?;

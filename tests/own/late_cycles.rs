@@ -2,7 +2,7 @@
 //! the loop itself.
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, SpawnOk, burn_until, has_real_time, skip};
+use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, burn_until, has_real_time, skip};
 use luna::Instant;
 use luna::prelude::*;
 use luna::report::{LateCauseKind, LateCycle, LoopReport, ThreadUsage};
@@ -25,7 +25,7 @@ fn at(report: &LoopReport, slot: Instant) -> &LateCycle {
 }
 
 #[test]
-fn who_ran_instead_is_named() {
+fn one_that_ran_instead_is_named() {
     own_process!();
     // Again if a busy machine gave the hog its turn too late.
     assert!((0..50).any(|_| a_hog_is_named()));
@@ -33,7 +33,7 @@ fn who_ran_instead_is_named() {
 
 /// Whether the hog began in time to be in the way; then it is named.
 fn a_hog_is_named() -> bool {
-    let (told, slot) = luna::buffered(Buffer::fifo(1));
+    let (notify, slot) = luna::buffered(Buffer::fifo(1));
     let (begins, began) = luna::buffered(Buffer::fifo(1));
     let (busy, free) = luna::channel::<Instant>();
     let mut system = System::new("named");
@@ -43,7 +43,7 @@ fn a_hog_is_named() -> bool {
         let first = tick.next().await;
         // The hog gets its message within a cycle, and runs past the end of the next slot.
         busy.send(first.deadline + PERIOD + HOG).await?;
-        told.try_send(first.deadline + PERIOD)?;
+        notify.try_send(first.deadline + PERIOD)?;
         tick.next().await;
         Ok(())
     });
@@ -91,8 +91,8 @@ fn the_one_before_is_named() -> bool {
     let main = system.executor("main").build().unwrap();
     let (ready, go) = luna::channel::<Instant>();
     let (begins, began) = luna::buffered(Buffer::fifo(1));
-    let (told, took) = luna::buffered::<Duration>(Buffer::fifo(2));
-    let tell = told.clone();
+    let (notify, took) = luna::buffered::<Duration>(Buffer::fifo(2));
+    let notify_too = notify.clone();
     main.process("first").priority(30).spawn_ok(async move {
         let mut tick = luna::periodic("first", PERIOD)?;
         let begun = luna::now();
@@ -101,13 +101,13 @@ fn the_one_before_is_named() -> bool {
         // Longer than the one before, also where a busy machine held that one up.
         let turn = luna::now();
         burn_until(turn + 2 * (HOG + (turn - begun)));
-        Ok(tell.try_send(luna::now() - turn)?)
+        Ok(notify_too.try_send(luna::now() - turn)?)
     });
     main.process("second").priority(20).spawn_ok(async move {
         luna::periodic("second", PERIOD)?.next().await;
         let turn = luna::now();
         burn_until(turn + HOG);
-        Ok(told.try_send(luna::now() - turn)?)
+        Ok(notify.try_send(luna::now() - turn)?)
     });
     main.process("third").priority(15).spawn_ok(async {
         luna::periodic("third", PERIOD)?.next().await;
@@ -142,15 +142,15 @@ fn the_one_before_is_named() -> bool {
 #[test]
 fn a_loop_that_overran_itself_blames_nobody() {
     own_process!();
-    for place in PLACES {
-        let (told, slot) = luna::buffered(Buffer::fifo(1));
+    for place in PLACEMENTS {
+        let (notify, slot) = luna::buffered(Buffer::fifo(1));
         let mut system = System::new("itself");
         place
             .process(&mut system, "main", "loop")
             .spawn_ok(async move {
                 let mut tick = luna::periodic("loop", PERIOD)?;
                 let cycle = tick.next().await;
-                told.try_send(cycle.deadline + PERIOD)?;
+                notify.try_send(cycle.deadline + PERIOD)?;
                 burn_until(cycle.deadline + PERIOD + HOG);
                 tick.next().await;
                 Ok(())
@@ -176,8 +176,8 @@ fn page_faults_of_the_cycle_before_are_counted() {
         skip("the portable layer does not know of page faults");
         return;
     }
-    for place in PLACES {
-        let (told, faults) = luna::buffered(Buffer::fifo(1));
+    for place in PLACEMENTS {
+        let (notify, faults) = luna::buffered(Buffer::fifo(1));
         let mut system = System::new("faults");
         place
             .process(&mut system, "main", "loop")
@@ -199,7 +199,7 @@ fn page_faults_of_the_cycle_before_are_counted() {
                 let before = count();
                 let mut second = fresh();
                 touch(&mut second);
-                told.try_send((count() - before, cycle.deadline + PERIOD))?;
+                notify.try_send((count() - before, cycle.deadline + PERIOD))?;
                 burn_until(cycle.deadline + PERIOD + HOG);
                 tick.next().await;
                 Ok(())
@@ -275,7 +275,7 @@ fn a_thread_that_was_preempted_has_waited_in_the_queue() {
 fn only_the_worst_are_kept_and_all_are_counted() {
     own_process!();
     let mut system = System::new("many");
-    Place::Executor
+    Placement::Executor
         .process(&mut system, "main", "loop")
         .spawn_ok(async {
             let mut tick = luna::periodic("loop", Duration::from_millis(1))?

@@ -31,7 +31,7 @@ fn locker(process: ProcessBuilder, mutex: &Mutex<()>) -> luna::Sender<()> {
 }
 
 #[test]
-fn nobody_between_the_holder_and_who_waits_runs_before_it_unlocks() {
+fn nobody_between_the_holder_and_the_one_that_waits_runs_before_it_unlocks() {
     own_process!();
     let log = Log::default();
     on_one_executor(|process| {
@@ -122,7 +122,7 @@ fn a_chain_of_holders_passes_it_on() {
 }
 
 #[test]
-fn who_holds_several_falls_to_the_highest_of_what_remains() {
+fn one_that_holds_several_falls_to_the_highest_of_what_remains() {
     own_process!();
     for high_first in [false, true] {
         on_one_executor(|process| {
@@ -154,7 +154,7 @@ fn who_holds_several_falls_to_the_highest_of_what_remains() {
 }
 
 #[test]
-fn who_gives_up_takes_back_what_it_lent_along_the_chain() {
+fn a_waiter_that_gives_up_ends_its_boosts_along_the_chain() {
     own_process!();
     on_one_executor(|process| {
         let (first, second) = (Mutex::new(()), Mutex::new(()));
@@ -200,9 +200,9 @@ fn the_next_holder_inherits_from_those_behind_it() {
         let mutex = Mutex::new(());
         let go = locker(process("behind", 20), &mutex);
         let wanted = mutex.clone();
-        let (tell, told) = luna::channel::<()>();
+        let (notify, notified) = luna::channel::<()>();
         process("next", 5).spawn_ok(async move {
-            told.recv().await?;
+            notified.recv().await?;
             let guard = wanted.lock().await?;
             assert_eq!(level(), 5, "nobody else waits");
             go.send(()).await?;
@@ -214,7 +214,7 @@ fn the_next_holder_inherits_from_those_behind_it() {
         });
         process("holder", 1).spawn_ok(async move {
             let guard = mutex.lock().await?;
-            tell.send(()).await?;
+            notify.send(()).await?;
             yield_now().await;
             assert_eq!(level(), 5);
             drop(guard);
@@ -226,7 +226,7 @@ fn the_next_holder_inherits_from_those_behind_it() {
 /// The next holder was handed the mutex and has not run yet when a more urgent waiter comes: the
 /// holder moves up before the levels between.
 #[test]
-fn who_was_handed_the_mutex_and_is_queued_moves_up() {
+fn one_that_was_handed_the_mutex_and_is_queued_moves_up() {
     own_process!();
     let (log, mutex) = (Log::default(), Mutex::new(()));
     on_one_executor(|process| {
@@ -281,7 +281,7 @@ fn who_was_handed_the_mutex_and_is_queued_moves_up() {
 /// A branch that waits for what another branch of its process holds does not boost that branch;
 /// least of all does it pass on what the process inherits.
 #[test]
-fn who_inherits_does_not_lend_it_to_itself() {
+fn one_that_inherits_does_not_lend_it_to_itself() {
     own_process!();
     let (mutex, log) = (Mutex::new(()), Log::default());
     on_one_executor(|process| {
@@ -542,7 +542,7 @@ fn plain_threads_wait_at_their_own_priority() {
                 move |()| theirs.blocking_lock().unwrap().push(policy),
             );
             let waiting = || {
-                let places = luna::inspect::places();
+                let places = luna::inspect::wait_points();
                 let place = places
                     .iter()
                     .find(|one| one.name.as_deref() == Some("order"));

@@ -3,7 +3,7 @@
 use crate::ALLOCATOR;
 use crate::common;
 
-use common::{PLACES, SpawnOk};
+use common::{PLACEMENTS, SpawnOk};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Error, Result, par_all, par_for};
@@ -17,7 +17,7 @@ use std::time::Duration;
 type Boxed<'a, T> = Pin<Box<dyn Future<Output = Result<T>> + 'a>>;
 
 #[test]
-fn values_come_in_order_whoever_ends_first() {
+fn values_come_in_order_whichever_ends_first() {
     own_process!();
     for count in [0, 1, 2, 63, 64, 65, 128, 200, 4096, 4097, 9000] {
         let ended = Cell::new(0);
@@ -69,7 +69,7 @@ fn ten_thousand_pass_a_token_and_only_the_woken_are_polled() {
     own_process!();
     const STAGES: usize = 10_000;
     const ROUNDS: usize = 3;
-    for place in PLACES {
+    for place in PLACEMENTS {
         let body = move || async move {
             let ends: Vec<_> = (0..STAGES).map(|_| luna::channel::<usize>()).collect();
             let polls = Cell::new(0);
@@ -208,7 +208,7 @@ fn wakes_from_other_threads_are_not_lost() {
     own_process!();
     const STAGES: usize = 150;
     const MESSAGES: usize = 100;
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("threads");
         let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
         for _ in 0..STAGES {

@@ -2,7 +2,7 @@
 //! it is done.
 
 use crate::common;
-use common::{COMPLETE, PLACES, Place, SpawnOk, setup_error, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, setup_error, skip, watchdog};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::report::Shortfall;
@@ -18,7 +18,7 @@ const SPIN: Duration = Duration::from_micros(50);
 /// `spins`.
 fn add(
     system: &mut System,
-    place: Place,
+    place: Placement,
     name: &str,
     core: Option<usize>,
     spins: bool,
@@ -34,8 +34,8 @@ fn add(
         }};
     }
     let process = match place {
-        Place::Executor => described!(system.executor(name)).build()?.process(name),
-        Place::Thread => described!(system.thread(name)).process(name),
+        Placement::Executor => described!(system.executor(name)).build()?.process(name),
+        Placement::Thread => described!(system.thread(name)).process(name),
     };
     process.spawn(async { Ok(()) }).map(drop)
 }
@@ -58,14 +58,14 @@ fn a_time_that_is_too_long() {
     own_process!();
     let time = Duration::from_micros(1000) + Duration::from_nanos(1);
     let mut system = System::new("wrong");
-    for place in PLACES {
+    for place in PLACEMENTS {
         let outcome = match place {
-            Place::Executor => system
+            Placement::Executor => system
                 .executor("place")
                 .spin_before_sleep(time)
                 .build()
                 .map(drop),
-            Place::Thread => system
+            Placement::Thread => system
                 .thread("place")
                 .spin_before_sleep(time)
                 .process("one")
@@ -87,7 +87,7 @@ fn a_thread_with_a_core_to_itself_is_refused_nothing() {
         return skip("the portable layer does not pin threads");
     }
     let core = available_cores()[0];
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("alone");
         add(&mut system, place, "io", Some(core), true).unwrap();
         let report = system.strict().run().unwrap();
@@ -102,7 +102,10 @@ fn a_thread_that_shares_its_core_sleeps_at_once_and_says_with_whom() {
         return skip("the portable layer does not pin threads");
     }
     let core = available_cores()[0];
-    for (first, second) in PLACES.iter().flat_map(|one| PLACES.map(|two| (*one, two))) {
+    for (first, second) in PLACEMENTS
+        .iter()
+        .flat_map(|one| PLACEMENTS.map(|two| (*one, two)))
+    {
         let mut system = System::new("shared");
         add(&mut system, first, "io", Some(core), true).unwrap();
         add(&mut system, second, "main", Some(core), false).unwrap();
@@ -126,8 +129,8 @@ fn threads_on_cores_of_their_own_do_not_share() {
         return skip("the portable layer does not pin threads");
     }
     let mut system = System::new("apart");
-    add(&mut system, Place::Executor, "one", Some(first), true).unwrap();
-    add(&mut system, Place::Thread, "two", Some(second), true).unwrap();
+    add(&mut system, Placement::Executor, "one", Some(first), true).unwrap();
+    add(&mut system, Placement::Thread, "two", Some(second), true).unwrap();
     let report = system.run().unwrap();
     assert_eq!(
         (refusal(&report, "one"), refusal(&report, "two")),
@@ -138,7 +141,7 @@ fn threads_on_cores_of_their_own_do_not_share() {
 #[test]
 fn a_thread_without_a_core_shares_with_all() {
     own_process!();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("unpinned");
         add(&mut system, place, "io", None, true).unwrap();
         let report = system.run().unwrap();
@@ -148,9 +151,9 @@ fn a_thread_without_a_core_shares_with_all() {
         return skip("the portable layer does not pin threads");
     }
     let core = available_cores()[0];
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("unpinned");
-        add(&mut system, Place::Executor, "io", Some(core), true).unwrap();
+        add(&mut system, Placement::Executor, "io", Some(core), true).unwrap();
         add(&mut system, place, "console", None, false).unwrap();
         let report = system.run().unwrap();
         let name = "console".to_owned();
@@ -165,7 +168,7 @@ fn a_thread_without_a_core_shares_with_all() {
 fn a_strict_system_does_not_start_with_one_that_shares() {
     own_process!();
     let mut system = System::new("strict");
-    add(&mut system, Place::Executor, "io", None, true).unwrap();
+    add(&mut system, Placement::Executor, "io", None, true).unwrap();
     let error = system.strict().run().unwrap_err();
     let Error::Setup(SetupError::Refused { of, shortfall }) = &error else {
         panic!("{error:?}")
@@ -189,7 +192,7 @@ fn sleeps() -> i64 {
 
 /// How often a thread slept in so many short waits, with this time to look.
 #[cfg(unix)]
-fn sleeps_in(place: Place, waits: u32, spin: Duration) -> i64 {
+fn sleeps_in(place: Placement, waits: u32, spin: Duration) -> i64 {
     use std::sync::{Arc, Mutex};
     let slept = Arc::new(Mutex::new(0));
     let result = slept.clone();
@@ -204,11 +207,11 @@ fn sleeps_in(place: Place, waits: u32, spin: Duration) -> i64 {
     let core = available_cores()[0];
     let mut system = System::new("waits");
     let process = match place {
-        Place::Executor => {
+        Placement::Executor => {
             let executor = system.executor("io").core(core).spin_before_sleep(spin);
             executor.build().unwrap().process("waiter")
         }
-        Place::Thread => {
+        Placement::Thread => {
             let thread = system.thread("io").core(core).spin_before_sleep(spin);
             thread.process("waiter")
         }
@@ -226,7 +229,7 @@ fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
         return skip("the portable layer does not pin threads");
     }
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         // A thread that is kept from its core may sleep where it would have looked, or find the
         // deadline there where it would have slept. So this repeats.
         let times = |spin| (0..20).map(move |_| sleeps_in(place, 20, spin));
@@ -242,7 +245,7 @@ fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
 fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
     own_process!();
     let core = COMPLETE.then(|| available_cores()[0]);
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (reader, mut writer) = std::io::pipe().unwrap();
         let (sender, receiver) = luna::channel::<u32>();
         let (answers, answered) = luna::channel::<u32>();
@@ -272,11 +275,11 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
             }};
         }
         let process = match place {
-            Place::Executor => described!(system.executor("io"))
+            Placement::Executor => described!(system.executor("io"))
                 .build()
                 .unwrap()
                 .process("server"),
-            Place::Thread => described!(system.thread("io")).process("server"),
+            Placement::Thread => described!(system.thread("io")).process("server"),
         };
         process.spawn_ok(body);
         let client = std::thread::spawn(move || {
@@ -303,7 +306,7 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
         return skip("the portable layer does not pin threads");
     }
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (calls, called) = luna::channel::<u64>();
         let (answers, answered) = luna::channel::<u64>();
         let (outside, from_outside) = luna::channel::<u32>();
@@ -316,12 +319,12 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
         let main = system.executor("main").core(first).spin_before_sleep(spin);
         let main = main.build().unwrap();
         let server = match place {
-            Place::Executor => {
+            Placement::Executor => {
                 let other = system.executor("other").core(second);
                 let other = other.spin_before_sleep(spin).build().unwrap();
                 other.process("server")
             }
-            Place::Thread => {
+            Placement::Thread => {
                 let other = system.thread("other").core(second);
                 other.spin_before_sleep(spin).process("server")
             }

@@ -3,7 +3,7 @@
 use crate::ALLOCATOR;
 use crate::common;
 
-use common::{PLACES, SpawnOk, burn_until};
+use common::{PLACEMENTS, SpawnOk, burn_until};
 use luna::prelude::*;
 use luna::{Error, Instant, Timer};
 use std::time::Duration;
@@ -15,7 +15,7 @@ const MS: Duration = Duration::from_millis(1);
 #[test]
 fn ticks_lie_on_their_grid() {
     own_process!();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = System::new("grid");
         let process = place.process(&mut system, "place", "ticking");
         process.spawn_ok(async {
@@ -217,22 +217,22 @@ fn nothing_is_allocated() {
     luna::run(async {
         let mut ticks = luna::ticks(MS / 10)?;
         let mut timer = Timer::new();
-        let dog = luna::safety::Watchdog::new(MS);
+        let watchdog = luna::safety::Watchdog::new(MS);
         let before = ALLOCATOR.here();
         for _ in 0..50 {
             timer.set(MS);
-            dog.reset();
+            watchdog.reset();
             for _ in 0..3 {
                 luna::alt! {
-                    _ = ticks.tick() => dog.feed(),
+                    _ = ticks.tick() => watchdog.feed(),
                     _ = timer.expired() => timer.set(MS),
-                    _ = dog.expired() => dog.reset(),
+                    _ = watchdog.expired() => watchdog.reset(),
                 }
             }
             timer.set(MS / 10);
             timer.expired().await;
         }
-        dog.expired().await;
+        watchdog.expired().await;
         assert_eq!(ALLOCATOR.here(), before);
         Ok(())
     })

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// As `eprintln`, but not captured by the harness.
 #[allow(unused_macros, reason = "each test program uses some of it")]
-macro_rules! tell {
+macro_rules! report {
     ($($text:tt)*) => {{
         let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
     }};
@@ -56,12 +56,12 @@ fn current_test() -> String {
 
 /// Writes a line to standard error itself, since the harness captures what a macro prints.
 pub(crate) fn say(text: &str) {
-    tell!("{text}");
+    report!("{text}");
 }
 
 /// Says that the calling test cannot run here.
 pub(crate) fn skip(why: &str) {
-    tell!("skipped: {}: {why}", current_test());
+    report!("skipped: {}: {why}", current_test());
 }
 
 /// The environment's LUNA_SEED, else one of the clock. It is printed, for when the test fails.

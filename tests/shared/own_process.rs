@@ -51,7 +51,7 @@ pub(crate) fn ran_in_child(here: &str) -> bool {
         child.status
     );
     for line in errors.lines().filter(|line| line.starts_with("skipped:")) {
-        tell!("{line}");
+        report!("{line}");
     }
     true
 }

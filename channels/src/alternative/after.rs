@@ -107,7 +107,7 @@ impl RawGuard for After {
         _: &mut Context<'_>,
     ) -> Attempt {
         if self.sleep.has_come() {
-            Attempt::Ready(PendingWake::NOBODY)
+            Attempt::Ready(PendingWake::NONE)
         } else {
             Attempt::NotReady
         }

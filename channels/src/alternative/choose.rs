@@ -6,7 +6,7 @@
 //! it holds another, so there is no deadlock. There is no retry.
 
 use super::guard::Attempt;
-use super::list::{MOST_GUARDS, Open};
+use super::list::{MAX_GUARDS, Open};
 use crate::select_state::SelectState;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use arrayvec::ArrayVec;
@@ -18,33 +18,33 @@ use std::task::Context;
 
 /// The locks of an alternative's wait points.
 pub(super) struct Locks<'a>(
-    ArrayVec<(NonNull<WaitPoint>, BiasedGuard<'a, WaitQueues>), MOST_GUARDS>,
+    ArrayVec<(NonNull<WaitPoint>, BiasedGuard<'a, WaitQueues>), MAX_GUARDS>,
 );
 
 impl Locks<'_> {
     /// Locks all wait points of `open`, each once. O(n) locks.
     pub(super) fn take(open: &Open<'_>) -> Self {
-        let mut places: ArrayVec<NonNull<WaitPoint>, MOST_GUARDS> = open
+        let mut wait_points: ArrayVec<NonNull<WaitPoint>, MAX_GUARDS> = open
             .iter()
-            .filter_map(|(_, guard)| guard.terms().place)
+            .filter_map(|(_, guard)| guard.terms().wait_point)
             .collect();
-        places.sort_unstable_by_key(|&place| order(place));
+        wait_points.sort_unstable_by_key(|&wait_point| order(wait_point));
         let mut locks = ArrayVec::new();
-        for place in places {
-            if locks.last().is_none_or(|&(last, _)| last != place) {
+        for wait_point in wait_points {
+            if locks.last().is_none_or(|&(last, _)| last != wait_point) {
                 // SAFETY: a wait point outlives its guards, and these locks do not outlive the poll
                 // of the alternative that borrows them.
-                locks.push((place, unsafe { place.as_ref() }.lock_lists()));
+                locks.push((wait_point, unsafe { wait_point.as_ref() }.lock_lists()));
             }
         }
         Locks(locks)
     }
 
-    fn lists(&mut self, place: Option<NonNull<WaitPoint>>) -> Option<&mut WaitQueues> {
-        let place = place?;
+    fn lists(&mut self, wait_point: Option<NonNull<WaitPoint>>) -> Option<&mut WaitQueues> {
+        let wait_point = wait_point?;
         let index = self
             .0
-            .binary_search_by_key(&order(place), |lock| order(lock.0))
+            .binary_search_by_key(&order(wait_point), |lock| order(lock.0))
             .ok()?;
         Some(&mut self.0[index].1)
     }
@@ -52,16 +52,16 @@ impl Locks<'_> {
 
 /// Key of the lock order.
 #[cfg(not(loom))]
-fn order(place: NonNull<WaitPoint>) -> NonNull<WaitPoint> {
-    place
+fn order(wait_point: NonNull<WaitPoint>) -> NonNull<WaitPoint> {
+    wait_point
 }
 
 /// In a model by age, not by address: loom repeats a run from the middle, and addresses differ from
 /// run to run.
 #[cfg(loom)]
-fn order(place: NonNull<WaitPoint>) -> u64 {
+fn order(wait_point: NonNull<WaitPoint>) -> u64 {
     // SAFETY: a wait point outlives its guards.
-    unsafe { place.as_ref() }.identity.id()
+    unsafe { wait_point.as_ref() }.identity.id()
 }
 
 /// Result of the first look at the guards.
@@ -75,8 +75,8 @@ pub(super) enum Choice {
     Listed,
 }
 
-/// Chooses the first ready guard by preference; with none, lists all of them in `selection` with
-/// the `wakeup`. Without a `wakeup` the alternative does not wait.
+/// Chooses the first ready guard by preference; with none, lists all of them in `select_state` with
+/// the `wake_handle`. Without a `wake_handle` the alternative does not wait.
 ///
 /// # Safety
 ///
@@ -84,40 +84,40 @@ pub(super) enum Choice {
 /// listed.
 pub(super) unsafe fn choose(
     open: &mut Open<'_>,
-    selection: &SelectState,
+    select_state: &SelectState,
     fair: bool,
-    wakeup: &mut Option<WakeHandle>,
+    wake_handle: &mut Option<WakeHandle>,
     cx: &mut Context<'_>,
 ) -> Choice {
     let mut locks = Locks::take(open);
-    let mut preference: ArrayVec<usize, MOST_GUARDS> = (0..open.len()).collect();
+    let mut preference: ArrayVec<usize, MAX_GUARDS> = (0..open.len()).collect();
     if fair {
         // Unlike the stable sort, this one never allocates.
         preference.sort_unstable_by_key(|&index| (stamp(open, index), index));
     }
     for &index in &preference {
         let (number, guard) = &mut open[index];
-        let lists = locks.lists(guard.terms().place);
+        let lists = locks.lists(guard.terms().wait_point);
         // SAFETY: the lists are those of its wait point; by the contract the guard is new.
         if let Attempt::Ready(ready) = unsafe { guard.as_mut().attempt(lists, cx) } {
             return Choice::Made(*number, ready);
         }
     }
-    let Some(wakeup) = wakeup.take() else {
+    let Some(wake_handle) = wake_handle.take() else {
         return Choice::None;
     };
-    let several = open.iter().any(|(_, guard)| guard.terms().claims_several);
+    let several = open.iter().any(|(_, guard)| guard.terms().commits_several);
     // SAFETY: by the contract this is the owner, and the select state is closed.
-    unsafe { selection.open(wakeup, several, limit(open, fair)) };
+    unsafe { select_state.open(wake_handle, several, limit(open, fair)) };
     // In this order too: a partner finds the preferred one of two guards of one channel.
     for index in preference {
         let (number, guard) = &mut open[index];
-        if let Some(lists) = locks.lists(guard.terms().place) {
+        if let Some(lists) = locks.lists(guard.terms().wait_point) {
             // SAFETY: as above.
             unsafe {
                 guard
                     .as_mut()
-                    .list(lists, NonNull::from(selection), *number)
+                    .list(lists, NonNull::from(select_state), *number)
             };
         }
     }

@@ -29,7 +29,7 @@ use std::ptr::NonNull;
 /// A guard on the fast path: a plain send or receive, of which the value does not matter.
 #[derive(Debug, Clone, Copy)]
 pub struct Plain<'a> {
-    pub(crate) place: &'a WaitPoint,
+    pub(crate) wait_point: &'a WaitPoint,
     /// The first field of the guard's waiter.
     pub(crate) node: NonNull<WaitNode>,
     pub(crate) of_sender: bool,
@@ -94,7 +94,7 @@ impl Ends {
 pub(super) struct Ready {
     pub(super) number: u32,
     pub(super) partner: NonNull<WaitNode>,
-    pub(super) place: NonNull<WaitPoint>,
+    pub(super) wait_point: NonNull<WaitPoint>,
     pub(super) of_sender: bool,
 }
 
@@ -140,7 +140,7 @@ impl<'a> Looks<'a> {
     #[inline(always)]
     pub(super) fn leaving(&self) -> Leaving {
         Leaving {
-            home: self.turn.home_number(),
+            executor: self.turn.executor_number(),
             end: self.end,
             kept: match (&self.ready, self.is_refused) {
                 (Some(ready), false) => ready.number,
@@ -153,7 +153,7 @@ impl<'a> Looks<'a> {
 impl Visit for Looks<'_> {
     #[inline(always)]
     fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
-        let Some(lists) = guard.place.enter_if_free(self.turn) else {
+        let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
             self.is_refused = true;
             return false;
         };
@@ -183,7 +183,7 @@ impl Visit for Looks<'_> {
             self.ready = Some(Ready {
                 number,
                 partner,
-                place: NonNull::from(guard.place),
+                wait_point: NonNull::from(guard.wait_point),
                 of_sender: guard.of_sender,
             });
             return self.ends.is_fair;
@@ -217,7 +217,7 @@ unsafe fn look_at_queues(
         false => lists.senders.first(),
     };
     // SAFETY: under the lock the nodes in the queues are accessible.
-    if partner.is_some_and(|first| !unsafe { Waiter::<()>::has_plain_wakeup(first.cast()) }) {
+    if partner.is_some_and(|first| !unsafe { Waiter::<()>::has_plain_wake_handle(first.cast()) }) {
         return None;
     }
     lists.keep();
@@ -227,7 +227,7 @@ unsafe fn look_at_queues(
 /// Releases the locks that [`Looks`] have kept, but for one.
 #[derive(Debug)]
 pub(super) struct Leaving {
-    home: u64,
+    executor: u64,
     end: u32,
     kept: u32,
 }
@@ -237,7 +237,7 @@ impl Visit for Leaving {
     fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
         if number != self.end && number != self.kept {
             // SAFETY: the look has kept the lock, on this thread.
-            drop(unsafe { guard.place.kept(self.home) });
+            drop(unsafe { guard.wait_point.kept(self.executor) });
         }
         number != self.end
     }
@@ -246,9 +246,9 @@ impl Visit for Leaving {
 /// Lists the guards, none of which is ready, and releases the locks that [`Looks`] have kept.
 #[derive(Debug)]
 pub(super) struct Listing {
-    home: u64,
+    executor: u64,
     by: (User, Priority),
-    selection: NonNull<SelectState>,
+    select_state: NonNull<SelectState>,
 }
 
 impl Listing {
@@ -257,11 +257,11 @@ impl Listing {
     /// The guards are pinned, hold their values if they are senders', and withdraw their nodes
     /// before they and the select state go.
     #[inline(always)]
-    pub(super) unsafe fn of(process: &Process, selection: NonNull<SelectState>) -> Self {
+    pub(super) unsafe fn of(process: &Process, select_state: NonNull<SelectState>) -> Self {
         Self {
-            home: process.home_number(),
+            executor: process.executor_number(),
             by: (User::Process(process.id()), process.priority()),
-            selection,
+            select_state,
         }
     }
 }
@@ -273,8 +273,8 @@ impl Visit for Listing {
         // SAFETY: the look has kept the lock, on this thread. The node is new, so no other thread
         // knows it.
         unsafe {
-            let mut lists = guard.place.kept(self.home);
-            Waiter::<()>::begin_guard(node.cast(), self.by, self.selection, number);
+            let mut lists = guard.wait_point.kept(self.executor);
+            Waiter::<()>::begin_guard(node.cast(), self.by, self.select_state, number);
             match of_sender {
                 true => lists.sender = LastUser::of(self.by.0),
                 false => lists.receiver = LastUser::of(self.by.0),
@@ -357,7 +357,7 @@ impl Visit for Withdrawing<'_> {
                 self.ends.chosen = Some(NonNull::from(guard.stamp));
                 self.is_over = outcome == Outcome::Done;
             } else if outcome == Outcome::Waiting {
-                match guard.place.try_enter(self.turn) {
+                match guard.wait_point.try_enter(self.turn) {
                     Some(mut lists)
                         if lists.waiting == Waiting::alone_guard(guard.node, guard.of_sender) =>
                     {
@@ -385,7 +385,7 @@ impl Visit for Withdrawing<'_> {
 unsafe fn withdraw_queued(guard: Plain<'_>) {
     let node = guard.node.cast::<Waiter<()>>();
     // No server is boosted by waiters here: clients' calls are no plain operations.
-    let mut lists = guard.place.lock_lists();
+    let mut lists = guard.wait_point.lock_lists();
     // SAFETY: the contract; under the lock a waiting node is listed.
     unsafe {
         if Waiter::outcome(node) == Outcome::Waiting {
@@ -419,18 +419,18 @@ pub(crate) unsafe fn commit(node: NonNull<WaitNode>, turn: PlainTurn<'_>) -> Com
     // SAFETY: the lock guards the node; its select state is live. The type of the value does not
     // matter.
     unsafe {
-        let Some((selection, guard)) = Waiter::selection(node) else {
+        let Some((select_state, guard)) = Waiter::select_state(node) else {
             return Commit::No;
         };
-        let selection = selection.as_ref();
-        if !selection.is_open() {
+        let select_state = select_state.as_ref();
+        if !select_state.is_open() {
             return Commit::Stale;
         }
         // The commit lock of a select state that the fast path has opened is biased too.
-        let Some(_gate) = selection.gate_if_favoured(turn.home_number()) else {
+        let Some(_commit_lock) = select_state.commit_lock_if_biased(turn.executor_number()) else {
             return Commit::No;
         };
-        match selection.claim_plainly(guard) {
+        match select_state.commit_plainly(guard) {
             Some(ready) => Commit::Chosen(ready),
             None => Commit::No,
         }
@@ -451,7 +451,7 @@ pub(crate) unsafe fn take_first(
     while let Some(first) = queue.first() {
         // SAFETY: the lock guards the node.
         unsafe {
-            let found = match Waiter::<()>::take_plain_wakeup(first.cast()) {
+            let found = match Waiter::<()>::take_plain_wake_handle(first.cast()) {
                 Some(ready) => Commit::Chosen(ready),
                 None => commit(first, turn),
             };

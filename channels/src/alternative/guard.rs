@@ -99,23 +99,23 @@ pub enum Attempt {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Terms<'a> {
     /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
-    pub(crate) place: Option<NonNull<WaitPoint>>,
+    pub(crate) wait_point: Option<NonNull<WaitPoint>>,
     /// When its end was last chosen.
     pub(crate) stamp: Option<&'a Stamp>,
     /// From when on it is ready, if that is known for certain: for a delay.
     pub(crate) deadline: Option<Instant>,
-    /// Whether a partner may claim several alternatives at once to make it happen.
-    pub(crate) claims_several: bool,
+    /// Whether a partner may commit several alternatives at once to make it happen.
+    pub(crate) commits_several: bool,
     /// Whether it has an error to return.
     pub(crate) can_fail: bool,
 }
 
 impl<'a> Terms<'a> {
-    /// Of an operation at `place`, through an end with this stamp.
+    /// Of an operation at `wait_point`, through an end with this stamp.
     #[inline(always)]
-    pub(crate) fn at(place: &WaitPoint, stamp: &'a Stamp) -> Self {
+    pub(crate) fn at(wait_point: &WaitPoint, stamp: &'a Stamp) -> Self {
         Self {
-            place: Some(NonNull::from(place)),
+            wait_point: Some(NonNull::from(wait_point)),
             stamp: Some(stamp),
             ..Self::default()
         }
@@ -132,22 +132,23 @@ pub trait RawGuard {
     ///
     /// # Safety
     ///
-    /// `lists` are those of its place. The guard is new: it is listed nowhere and has not happened.
+    /// `lists` are those of its wait point. The guard is new: it is listed nowhere and has not
+    /// happened.
     unsafe fn attempt(
         self: Pin<&mut Self>,
         lists: Option<&mut WaitQueues>,
         cx: &mut Context<'_>,
     ) -> Attempt;
 
-    /// Lists the guard at its wait point, as number `guard` of `selection`.
+    /// Lists the guard at its wait point, as number `guard` of `select_state`.
     ///
     /// # Safety
     ///
-    /// As for `attempt`; and `selection` outlives the guard's being listed.
+    /// As for `attempt`; and `select_state` outlives the guard's being listed.
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<SelectState>,
+        select_state: NonNull<SelectState>,
         guard: u32,
     );
 
@@ -165,7 +166,7 @@ pub trait RawGuard {
     /// As for `withdraw`; and the guard was chosen.
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()>;
 
-    /// Called when the lock of its place was released after `attempt` or `list`.
+    /// Called when the lock of its wait point was released after `attempt` or `list`.
     fn released(&self) {}
 
     /// The current process, which has a replay log, is about to look at it.
@@ -177,8 +178,8 @@ pub trait RawGuard {
         0
     }
 
-    /// Whether the guard's time has come, for one that has no place; arranges for a wake at that
-    /// time.
+    /// Whether the guard's time has come, for one that has no wait point; arranges for a wake at
+    /// that time.
     ///
     /// # Safety
     ///

@@ -9,10 +9,10 @@ use std::ptr::NonNull;
 
 /// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
 /// which also costs less for many.
-pub(super) const MOST_GUARDS: usize = 32;
+pub(super) const MAX_GUARDS: usize = 32;
 
 /// The open guards, and their numbers in the order written.
-pub(super) type Open<'a> = ArrayVec<(u32, Pin<&'a mut (dyn RawGuard + 'a)>), MOST_GUARDS>;
+pub(super) type Open<'a> = ArrayVec<(u32, Pin<&'a mut (dyn RawGuard + 'a)>), MAX_GUARDS>;
 
 /// Output of the first guard, or of one of the rest.
 #[derive(Debug)]

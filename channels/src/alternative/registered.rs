@@ -1,16 +1,18 @@
 //! An alternative over any number of channels that stays registered between its selections.
 //!
 //! Each channel keeps a node of the alternative in its list of *registered* nodes. While the
-//! alternative waits, its select state is open. A sender that comes claims it through the node and
-//! hands its value over, as to any receiver. While it does not wait, a claim fails and the node
+//! alternative waits, its select state is open. A sender that comes commits it through the node and
+//! hands its value over, as to any receiver. While it does not wait, a commit fails and the node
 //! stays. The operation that makes the channel ready (a sender that lists itself, a value in the
 //! buffer, the channel's end) pushes the node onto the alternative's stack of ready channels, under
 //! the channel's lock, once until the alternative has looked. So a selection costs nothing for
 //! channels without activity.
 //!
 //! ```text
-//!   sender, under the lock:  claim? no --> list itself; in the gate: push the node, was it open? ring;  release;  rung for: close it, ready its owner
-//!   owner:                   drain the stack; choose; nothing?  in the gate: is the stack still empty? open the selection
+//!   sender, under the lock:  can it commit? no: list itself, push the node under the commit
+//!                            lock, release; if it was open: close it, ready its owner
+//!   owner:                   drain the stack; choose; nothing to choose: open the select state
+//!                            under the commit lock, if the stack is still empty
 //! ```
 //!
 //! Both steps hold the commit lock of the select state, so one of the two sees the other. It is a
@@ -80,9 +82,9 @@ pub struct Alternative<'a, T> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// The select state cannot be claimed.
+    /// The select state cannot be committed.
     Closed,
-    /// It was opened: look whether it was claimed.
+    /// It was opened: look whether it was committed.
     Open,
     /// This entry holds a value that was received and not handed on yet.
     Holds(usize),
@@ -92,7 +94,7 @@ enum State {
     Begun,
 }
 
-// SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection;
+// SAFETY: what partners reach is guarded by the channels' locks, or passed on by the select state;
 // values pass between threads anyway.
 unsafe impl<T: Send> Send for Alternative<'_, T> {}
 // SAFETY: `&Alternative` gives access to nothing.
@@ -112,11 +114,11 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     fn new(inputs: &'a [Receiver<T>], is_fair: bool) -> Self {
-        let mut selection = SelectState::new();
+        let mut select_state = SelectState::new();
         // A sender that reports a ready channel closes the select state for its owner.
-        selection.set_gated();
+        select_state.require_lock();
         let hub = Box::new(Hub {
-            selection,
+            select_state,
             stack: AtomicPtr::new(ptr::null_mut()),
         });
         let mut alternative = Self {
@@ -154,7 +156,7 @@ impl<'a, T> Alternative<'a, T> {
     pub fn add(&mut self, input: &'a Receiver<T>) -> usize {
         // A `recv` that was forgotten may have left it open: it is to look at the new channel too.
         let closed = match self.state {
-            State::Open => self.hub().selection.close(),
+            State::Open => self.hub().select_state.close(),
             _ => None,
         };
         if closed.is_some() {
@@ -187,11 +189,11 @@ impl<'a, T> Alternative<'a, T> {
         // SAFETY: the hub lives as long as this alternative. No other thread knows the new entry;
         // its waiter is its first field.
         unsafe {
-            let selection = NonNull::new_unchecked(&raw mut (*self.hub.as_ptr()).selection);
+            let select_state = NonNull::new_unchecked(&raw mut (*self.hub.as_ptr()).select_state);
             Waiter::begin(
                 entry.cast::<Waiter<T>>(),
                 false,
-                Some((selection, index as u32)),
+                Some((select_state, index as u32)),
                 None,
             );
         }
@@ -233,7 +235,7 @@ impl<'a, T> Alternative<'a, T> {
         }
         let held = (self.holds() == Some(index)).then(|| {
             self.state = State::Closed;
-            // SAFETY: the selection was chosen through it, and this is the owner.
+            // SAFETY: the select state was chosen through it, and this is the owner.
             unsafe { Self::settled(entry) }
         });
         // SAFETY: no other thread knows it any more.
@@ -302,7 +304,7 @@ impl<'a, T> Alternative<'a, T> {
     /// The entry that holds a value, if one does.
     fn holds(&mut self) -> Option<usize> {
         if self.state == State::Open {
-            self.state = match self.hub().selection.chosen() {
+            self.state = match self.hub().select_state.chosen() {
                 Some(index) => State::Holds(index as usize),
                 None => return None,
             };
@@ -340,10 +342,10 @@ impl<'a, T> Alternative<'a, T> {
         if !hub.has_news() {
             return false;
         }
-        let gate = hub.selection.gate();
+        let commit_lock = hub.select_state.commit_lock();
         // SAFETY: the commit lock is held.
         let taken = unsafe { hub.take_stack() };
-        drop(gate);
+        drop(commit_lock);
         self.note_ready(taken);
         true
     }
@@ -356,7 +358,7 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: an entry on the stack is live, and what was taken off it is this thread's.
             let index = unsafe {
                 next = (*entry.as_ptr()).next;
-                Waiter::selection(entry.cast::<Waiter<T>>()).map(|(_, index)| index)
+                Waiter::select_state(entry.cast::<Waiter<T>>()).map(|(_, index)| index)
             };
             if let Some(index) = index
                 && self.entries[index as usize] == Some(entry)
@@ -377,8 +379,9 @@ impl<'a, T> Alternative<'a, T> {
     #[inline]
     fn take_held(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
-        // SAFETY: the selection was chosen through this entry, so it was claimed; its settled value
-        // is the owner's. The claiming thread holds the channel's lock until it has settled.
+        // SAFETY: the select state was chosen through this entry, so it was committed; its settled
+        // value is the owner's. The committing thread holds the channel's lock until it has
+        // settled.
         let received = unsafe { Self::settled(entry) };
         self.state = State::Closed;
         self.note_choice(index);
@@ -450,7 +453,7 @@ impl<'a, T> Alternative<'a, T> {
         first_open.or_else(|| self.entries.iter().position(Option::is_some))
     }
 
-    /// Takes the result of the entry through which the selection was chosen. The entry can be
+    /// Takes the result of the entry through which the select state was chosen. The entry can be
     /// chosen again afterwards.
     ///
     /// # Safety
@@ -462,7 +465,7 @@ impl<'a, T> Alternative<'a, T> {
         // node are looked at.
         unsafe {
             if Waiter::outcome(node) == Outcome::Waiting {
-                // The claiming thread holds the channel's lock until it has settled.
+                // The committing thread holds the channel's lock until it has settled.
                 drop((*(*entry.as_ptr()).channel.as_ptr()).lock());
             }
             let received = match Waiter::outcome(node) {
@@ -481,7 +484,7 @@ impl<'a, T> Alternative<'a, T> {
 impl<T> Drop for Alternative<'_, T> {
     fn drop(&mut self) {
         let closed = match self.state {
-            State::Open => self.hub().selection.close(),
+            State::Open => self.hub().select_state.close(),
             _ => None,
         };
         if closed.is_some() {
@@ -491,7 +494,7 @@ impl<T> Drop for Alternative<'_, T> {
         let held = self.holds().and_then(|index| self.entries[index]);
         let held = held.map(|entry| {
             self.state = State::Closed;
-            // SAFETY: the selection was chosen through the entry, and this is the owner. Its
+            // SAFETY: the select state was chosen through the entry, and this is the owner. Its
             // channel is borrowed.
             unsafe {
                 let channel: &Channel<T> = &*(*entry.as_ptr()).channel.as_ptr();

@@ -3,7 +3,7 @@
 use super::choose::{Choice, Locks, choose, note_choice};
 use super::fast_path::{Listing, Looks, Withdrawing};
 use super::guard::RawGuard;
-use super::list::{Collected, Guards, MOST_GUARDS, Open, Seeds};
+use super::list::{Collected, Guards, MAX_GUARDS, Open, Seeds};
 use super::stop::Stop;
 use crate::core::{FastPath, part_from};
 use crate::finally::Finally;
@@ -29,7 +29,7 @@ enum State {
     Seeds,
     /// The guards are there, and nothing has happened.
     New,
-    /// The guards are listed, and the selection was opened.
+    /// The guards are listed, and the select state was opened.
     Listed,
     /// The guards are withdrawn, and the branch is about to be dropped.
     Failed,
@@ -44,15 +44,15 @@ enum State {
 ///
 /// # Invariants
 ///
-/// `seeds` is there in `Seeds`, and `guards` from then on; then it is pinned. In `Listed`, and until
-/// their drop afterwards, guards may be listed and lead to `selection`, which is there if
-/// `has_selection`. Unless it is open, it has nothing to be dropped but its locks. In `Over`, `stop`
-/// is not listed.
+/// `seeds` is there in `Seeds`, and `guards` from then on; then it is pinned. In `Listed`, and
+/// until their drop afterwards, guards may be listed and lead to `select_state`, which is there if
+/// `has_selection`. Unless it is open, it has nothing to be dropped but its locks. In `Over`,
+/// `stop` is not listed.
 #[must_use = "an alternative does nothing unless awaited"]
 pub struct Select<const FAIR: bool, S: Seeds> {
     seeds: MaybeUninit<S>,
     guards: MaybeUninit<S::Guards>,
-    selection: MaybeUninit<SelectState>,
+    select_state: MaybeUninit<SelectState>,
     has_selection: bool,
     state: State,
     polled_by: Identity,
@@ -60,8 +60,8 @@ pub struct Select<const FAIR: bool, S: Seeds> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is
-// only compared.
+// SAFETY: the guards may be sent, the select state is shared by atomics and locks, and the identity
+// is only compared.
 unsafe impl<const FAIR: bool, S: Seeds<Guards: Send> + Send> Send for Select<FAIR, S> {}
 // SAFETY: `&Select` gives access to nothing.
 unsafe impl<const FAIR: bool, S: Seeds<Guards: Sync> + Sync> Sync for Select<FAIR, S> {}
@@ -71,14 +71,14 @@ unsafe impl<const FAIR: bool, S: Seeds<Guards: Sync> + Sync> Sync for Select<FAI
 pub fn select<const FAIR: bool, S: Seeds>(seeds: S) -> Select<FAIR, S> {
     const {
         assert!(
-            S::Guards::LEN <= MOST_GUARDS,
+            S::Guards::LEN <= MAX_GUARDS,
             "an alternative has at most 32 guards: use `Alternative` for more channels"
         )
     };
     Select {
         seeds: MaybeUninit::new(seeds),
         guards: MaybeUninit::uninit(),
-        selection: MaybeUninit::uninit(),
+        select_state: MaybeUninit::uninit(),
         has_selection: false,
         state: State::Seeds,
         polled_by: (std::ptr::null(), std::ptr::null()),
@@ -119,7 +119,7 @@ impl<const FAIR: bool, S: Seeds> Future for Select<FAIR, S> {
                 return polled;
             }
         }
-        self.poll_generally(cx)
+        self.poll_slow_path(cx)
     }
 }
 
@@ -138,7 +138,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         turn: PlainTurn<'_>,
         cx: &Context<'_>,
     ) -> Option<Poll<Outputs<S>>> {
-        // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
+        // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
@@ -147,13 +147,13 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         if looks.ready.is_none() && !looks.is_refused && !S::Guards::SKIP {
             // Before another thread can find a node that leads to it.
             // SAFETY: by the contract, and a wait point is locked by its bias.
-            let selection = this
-                .selection
+            let select_state = this
+                .select_state
                 .write(unsafe { SelectState::opened_fast(turn.process()) });
-            let selection = NonNull::from(selection);
+            let select_state = NonNull::from(select_state);
             this.has_selection = true;
-            // SAFETY: none is ready; the guards are pinned, and go before the selection.
-            guards.each(0, &mut unsafe { Listing::of(turn.process(), selection) });
+            // SAFETY: none is ready; the guards are pinned, and go before the select state.
+            guards.each(0, &mut unsafe { Listing::of(turn.process(), select_state) });
             guards.note_listed();
             this.state = State::Listed;
             this.polled_by = identity(cx);
@@ -170,8 +170,12 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             match looks.ready {
                 Some(ready) => {
                     guards.as_mut().meet(ready.number, ready.partner);
-                    let parted =
-                        part_from(ready.place.as_ref(), ready.partner, ready.of_sender, turn);
+                    let parted = part_from(
+                        ready.wait_point.as_ref(),
+                        ready.partner,
+                        ready.of_sender,
+                        turn,
+                    );
                     (ready.number, parted == FastPath::GaveWay)
                 }
                 None => (S::Guards::LEN as u32, current::gives_way(turn.process())),
@@ -194,16 +198,16 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     /// The guards are plain and listed.
     #[inline(always)]
     unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
-        // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
+        // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; both are there since the guards were listed.
-        let (guards, selection) = unsafe {
+        let (guards, select_state) = unsafe {
             (
                 Pin::new_unchecked(this.guards.assume_init_mut()),
-                this.selection.assume_init_ref(),
+                this.select_state.assume_init_ref(),
             )
         };
-        let chosen = selection.chosen()?;
+        let chosen = select_state.chosen()?;
         let mut others = Withdrawing::but(chosen, turn, FAIR);
         guards.each(0, &mut others);
         // SAFETY: the guards are there.
@@ -219,8 +223,8 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
 
     /// Polls wherever the process is, and whatever is offered.
     #[inline(never)]
-    fn poll_generally(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
-        // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
+    fn poll_slow_path(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
+        // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
@@ -234,7 +238,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             }
             let mut alternative = Polled {
                 open,
-                selection: NonNull::from(&mut this.selection).cast(),
+                select_state: NonNull::from(&mut this.select_state).cast(),
                 has_selection: &mut this.has_selection,
                 fair: FAIR,
                 state: &mut this.state,
@@ -251,7 +255,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         }
         polled.map(|number| {
             this.state = State::Over;
-            tell(guards.as_mut(), number);
+            report_choice(guards.as_mut(), number);
             // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
             unsafe { guards.output(number) }
         })
@@ -260,27 +264,29 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
 
 /// Records that the current process goes on with guard `number`.
 #[inline(always)]
-fn tell<G: Guards>(guards: Pin<&mut G>, number: u32) {
+fn report_choice<G: Guards>(guards: Pin<&mut G>, number: u32) {
     if events::is_on() {
-        tell_choice(guards, number);
+        report_choice_event(guards, number);
     }
 }
 
 #[cold]
-fn tell_choice<G: Guards>(guards: Pin<&mut G>, number: u32) {
+fn report_choice_event<G: Guards>(guards: Pin<&mut G>, number: u32) {
     let mut collected = Collected::default();
     guards.collect(0, &mut collected);
     let chosen = collected.0.iter().find(|(other, _)| *other == number);
-    let place = chosen.and_then(|(_, guard)| guard.terms().place);
-    // SAFETY: a place outlives its guards.
-    let place = place.map_or(0, |place| unsafe { place.as_ref() }.identity.number());
+    let wait_point = chosen.and_then(|(_, guard)| guard.terms().wait_point);
+    // SAFETY: a wait point outlives its guards.
+    let wait_point = wait_point.map_or(0, |wait_point| {
+        unsafe { wait_point.as_ref() }.identity.number()
+    });
     let process = events::current_process() as u32;
-    events::tell(events::code::ALTERNATIVE, process, || {
-        [number.into(), place.into()]
+    events::report(events::code::ALTERNATIVE, process, || {
+        [number.into(), wait_point.into()]
     });
 }
 
-/// The locks of these guards' places were released.
+/// The locks of these guards' wait points were released.
 fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {
     if let Some(((_, first), others)) = open.split_first() {
         // A wake may panic: the remaining wakes must still be done.
@@ -293,7 +299,7 @@ fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {
 struct Polled<'a> {
     open: Open<'a>,
     /// Of the alternative around it; there if `has_selection`.
-    selection: NonNull<SelectState>,
+    select_state: NonNull<SelectState>,
     has_selection: &'a mut bool,
     fair: bool,
     state: &'a mut State,
@@ -346,18 +352,18 @@ impl<'a> Polled<'a> {
     /// Looks at the guards for the first time: which has happened, or none, and all are listed.
     fn first_look(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<Option<u32>> {
         // Made before the locks are taken; dropped last, if a guard is chosen.
-        let mut wakeup = skip.is_none().then(|| WakeHandle::of(cx));
+        let mut wake_handle = skip.is_none().then(|| WakeHandle::of(cx));
         // SAFETY: it is room for one in the alternative.
-        unsafe { self.selection.write(SelectState::new()) };
+        unsafe { self.select_state.write(SelectState::new()) };
         *self.has_selection = true;
-        // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and
+        // SAFETY: in `New` nothing is listed and the select state is closed; it is pinned, and
         // outlives its guards.
         let choice = unsafe {
             choose(
                 &mut self.open,
-                self.selection.as_ref(),
+                self.select_state.as_ref(),
                 self.fair,
-                &mut wakeup,
+                &mut wake_handle,
                 cx,
             )
         };
@@ -381,17 +387,17 @@ impl<'a> Polled<'a> {
     }
 
     /// The select state of one that was listed.
-    fn selection(&self) -> &'a SelectState {
+    fn select_state(&self) -> &'a SelectState {
         debug_assert!(*self.has_selection);
         // SAFETY: it is there, and pinned with the alternative.
-        unsafe { self.selection.as_ref() }
+        unsafe { self.select_state.as_ref() }
     }
 
     fn poll_listed(&mut self, cx: &mut Context<'_>) -> Poll<u32> {
         let mut _former = None;
         if current::branch_failed() && (self.can_fail() || self.is_stuck()) {
             // A partner that was faster has communicated: that stays so.
-            let closed = self.selection().close();
+            let closed = self.select_state().close();
             if closed.is_some() || *self.state == State::Failed {
                 *self.state = State::Failed;
                 self.withdraw_but(None);
@@ -402,24 +408,24 @@ impl<'a> Polled<'a> {
                 return Poll::Pending;
             }
         }
-        let selection = self.selection();
-        if selection.chosen().is_none() {
+        let select_state = self.select_state();
+        if select_state.chosen().is_none() {
             for (number, guard) in self.open.iter_mut() {
-                if guard.terms().place.is_none()
+                if guard.terms().wait_point.is_none()
                     // SAFETY: this is the guard's alternative.
                     && unsafe { guard.as_mut().poll_time(cx) }.is_ready()
                 {
-                    // Committed here, by a partner or by this claim; this process need not be
+                    // Committed here, by a partner or by this commit; this process need not be
                     // woken.
-                    _former = selection.claim_own(*number);
+                    _former = select_state.commit_own(*number);
                     break;
                 }
             }
         }
-        if self.selection().chosen().is_none() && *self.polled_by != identity(cx) {
+        if self.select_state().chosen().is_none() && *self.polled_by != identity(cx) {
             self.rewake(cx);
         }
-        match self.selection().chosen() {
+        match self.select_state().chosen() {
             None => Poll::Pending,
             Some(number) => {
                 self.withdraw_but(Some(number));
@@ -434,14 +440,14 @@ impl<'a> Polled<'a> {
     /// their own come here. O(n) locks.
     #[cold]
     fn rewake(&mut self, cx: &mut Context<'_>) {
-        let wakeup = WakeHandle::of(cx);
+        let wake_handle = WakeHandle::of(cx);
         let _former;
         let _locks = Locks::take(&self.open);
-        if self.selection().chosen().is_some() {
+        if self.select_state().chosen().is_some() {
             return;
         }
-        // SAFETY: with all locks held no thread can claim the select state.
-        _former = unsafe { self.selection().replace_wakeup(wakeup) };
+        // SAFETY: with all locks held no thread can commit the select state.
+        _former = unsafe { self.select_state().replace_wake_handle(wake_handle) };
         *self.polled_by = identity(cx);
     }
 
@@ -476,7 +482,7 @@ impl<'a> Polled<'a> {
                 || self
                     .open
                     .iter()
-                    .any(|(_, guard)| guard.terms().place.is_some()))
+                    .any(|(_, guard)| guard.terms().wait_point.is_some()))
     }
 
     /// A sibling in a parallel construct has failed: the first guard that can fail does, as
@@ -519,7 +525,7 @@ impl Logged for Polled<'_> {
             Turn::Given(event) if event.what == What::Chosen => {
                 let choice = u32::try_from(event.number).unwrap_or(u32::MAX);
                 self.open.retain(|(number, _)| *number == choice);
-                match self.open.first().map(|(_, guard)| guard.terms().place) {
+                match self.open.first().map(|(_, guard)| guard.terms().wait_point) {
                     // The time had come, or none was ready: there is no partner to wait for.
                     Some(None) => *self.state = State::Chosen(choice),
                     None if self.skip == Some(choice) => *self.state = State::Chosen(choice),
@@ -569,7 +575,7 @@ impl<const FAIR: bool, S: Seeds> Drop for Select<FAIR, S> {
                 self.guards.assume_init_drop();
             }
             if SelectState::HAS_DROP && self.has_selection {
-                self.selection.assume_init_drop();
+                self.select_state.assume_init_drop();
             }
         }
     }
@@ -589,10 +595,10 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             State::New => replay::abandon(true),
             State::Listed => {
                 replay::abandon(false);
-                // From here on no thread can claim it; the guards then take themselves off their
+                // From here on no thread can commit it; the guards then take themselves off their
                 // lists. A guard that was chosen already keeps its result, and handles it as any
                 // operation that is dropped. SAFETY: in this state it is there.
-                _former = unsafe { self.selection.assume_init_ref() }.close();
+                _former = unsafe { self.select_state.assume_init_ref() }.close();
             }
             _ => {}
         }
@@ -600,9 +606,9 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         // select state outlives them.
         unsafe {
             let _stop = Finally::new(|| ManuallyDrop::drop(&mut self.stop));
-            let _selection = Finally::new(|| {
+            let _select_state = Finally::new(|| {
                 if self.has_selection {
-                    self.selection.assume_init_drop();
+                    self.select_state.assume_init_drop();
                 }
             });
             self.guards.assume_init_drop();

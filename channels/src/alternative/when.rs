@@ -120,7 +120,7 @@ impl<D: Due> Future for When<D> {
         }
         if !current::count_operation() {
             // One of too many in a row that did not have to wait: the next poll begins a new count.
-            current::ready_again(cx, current::Place::Last);
+            current::ready_again(cx, current::QueueEnd::Back);
             return Poll::Pending;
         }
         Poll::Ready(self.serve())
@@ -141,7 +141,7 @@ impl<D: Due> RawGuard for When<D> {
         _: &mut Context<'_>,
     ) -> Attempt {
         if self.is_due() {
-            Attempt::Ready(PendingWake::NOBODY)
+            Attempt::Ready(PendingWake::NONE)
         } else {
             Attempt::NotReady
         }

@@ -18,7 +18,7 @@ use luna_core::current::{self, PlainPendingWake, PlainTurn};
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
-/// The most parties that are released in one lock section.
+/// The most parties that are released in one critical section.
 const TOGETHER: usize = 16;
 
 /// What coming to the barrier has led to.
@@ -52,7 +52,7 @@ impl Shared {
     ) -> Arrival {
         let process = turn.process();
         // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
-        let mut lists = match unsafe { self.place.enter(turn) } {
+        let mut lists = match unsafe { self.wait_point.enter(turn) } {
             Ok(lists) => lists,
             Err(Refused::NotBiased) => return Arrival::SlowPath,
             Err(Refused::Revoked) => return self.revoked(),
@@ -88,7 +88,7 @@ impl Shared {
 
     #[cold]
     fn revoked(&self) -> Arrival {
-        self.place.after_revocation();
+        self.wait_point.after_revocation();
         Arrival::SlowPath
     }
 
@@ -114,7 +114,7 @@ impl Shared {
                 let mut count = 0;
                 while count < TOGETHER
                     && let Some(first) = lists.held.first()
-                    && let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<()>>())
+                    && let Some(ready) = Waiter::take_plain_wake_handle(first.cast::<Waiter<()>>())
                 {
                     lists.held.remove_first(first);
                     Waiter::settle_plain(first.cast::<Waiter<()>>());
@@ -132,7 +132,7 @@ impl Shared {
                         false => Arrival::Done,
                     };
                 }
-                match self.place.lock_if_favoured(turn.home_number()) {
+                match self.wait_point.lock_if_biased(turn.executor_number()) {
                     Some(again) if count > 0 => lists = again,
                     _ => return Arrival::Completes,
                 }

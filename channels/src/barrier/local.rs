@@ -11,8 +11,8 @@
 
 use super::sync::Came;
 use super::{Barrier, SyncOp};
-use luna_core::current::{self, Home, Renewal, WakeHandle};
-use luna_core::reclaim::Shared;
+use luna_core::current::{self, ExecutorId, Renewal, WakeHandle};
+use luna_core::deferred_free::Shared;
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -34,7 +34,7 @@ pub struct LocalBarrier {
 
 /// # Invariants
 ///
-/// `state` and `global` are accessed by the thread of executor `home` alone, once that is set.
+/// `state` and `global` are accessed by the thread of this executor alone, once that is set.
 /// Nodes in the lists are those of pinned [`LocalSync`]s, which stay on that thread. `global`
 /// borrows `barrier`, and stays where it is while it is there.
 struct Group {
@@ -42,7 +42,7 @@ struct Group {
     global: UnsafeCell<Option<SyncOp<'static>>>,
     state: UnsafeCell<State>,
     parties: usize,
-    home: OnceLock<Home>,
+    executor: OnceLock<ExecutorId>,
     barrier: Barrier,
 }
 
@@ -73,7 +73,7 @@ impl LocalBarrier {
                     number: 0,
                 }),
                 parties,
-                home: OnceLock::new(),
+                executor: OnceLock::new(),
                 barrier,
             }),
         }
@@ -115,11 +115,11 @@ impl Group {
     ///
     /// Where the group does not belong.
     fn enter(&self) {
-        let here = current::home().expect(
+        let here = current::executor_id().expect(
             "a local barrier was awaited on a thread that runs no LUNA process: use the barrier itself there",
         );
         assert!(
-            *self.home.get_or_init(|| here) == here,
+            *self.executor.get_or_init(|| here) == here,
             "a local barrier was awaited on two threads: its group belongs to the executor of its first sync; use the barrier itself elsewhere"
         );
     }
@@ -174,18 +174,18 @@ impl Group {
     fn ready_all(&self) {
         loop {
             // SAFETY: this is the group's thread; the nodes in the list are live.
-            let wakeup = unsafe {
+            let wake_handle = unsafe {
                 let Some(node) = (*self.state()).releasing.pop() else {
                     return;
                 };
                 let node = node.cast::<Node>().as_ptr();
                 (*node).is_listed = false;
-                (*node).wait.wakeup_mut().take()
+                (*node).wait.wake_handle_mut().take()
             };
             // A wake may panic: the remaining wakes must still be done.
             let rest = Rest(self);
-            if let Some(wakeup) = wakeup {
-                wakeup.take().wake();
+            if let Some(wake_handle) = wake_handle {
+                wake_handle.take().wake();
             }
             std::mem::forget(rest);
         }
@@ -321,7 +321,7 @@ impl LocalSync<'_> {
                     (*state).arrived -= 1;
                 }
             }
-            after.former[1] = (*node).wait.wakeup_mut().take();
+            after.former[1] = (*node).wait.wake_handle_mut().take();
         }
         (is_through, after)
     }
@@ -347,7 +347,7 @@ impl LocalSync<'_> {
     /// Comes to the group. Cloning the waker is user code, and comes first.
     fn enter(&mut self, cx: &Context<'_>) {
         self.group.enter();
-        let wakeup = WakeHandle::of(cx);
+        let wake_handle = WakeHandle::of(cx);
         // SAFETY: this is the group's thread; the node is in no list, pinned, and taken off before
         // it goes.
         unsafe {
@@ -356,7 +356,7 @@ impl LocalSync<'_> {
             (*node).is_listed = true;
             (*state)
                 .waiting
-                .insert(self.node().cast(), current::priority(), wakeup);
+                .insert(self.node().cast(), current::priority(), wake_handle);
             (*state).arrived += 1;
         }
         self.phase = Phase::Waiting;
@@ -366,14 +366,14 @@ impl LocalSync<'_> {
     fn renew(&mut self, cx: &Context<'_>) {
         // SAFETY: this future stays on the group's thread, which alone changes the node; no borrow
         // of it is left while user code runs.
-        let wakeup = || unsafe { (*self.node().as_ptr()).wait.wakeup_mut() };
-        if wakeup().as_ref().is_some_and(|known| known.is_of(cx)) {
+        let wake_handle = || unsafe { (*self.node().as_ptr()).wait.wake_handle_mut() };
+        if wake_handle().as_ref().is_some_and(|known| known.is_of(cx)) {
             return;
         }
         let mut new = Some(WakeHandle::of(cx));
         // The clone may have completed the round.
         if !self.is_through() {
-            std::mem::swap(wakeup(), &mut new);
+            std::mem::swap(wake_handle(), &mut new);
         }
         drop(new);
     }
@@ -414,7 +414,7 @@ impl Future for LocalSync<'_> {
         }
         let completes = this.come_for_all(cx);
         if !this.is_through() {
-            this.group.barrier.shared().place.waits();
+            this.group.barrier.shared().wait_point.waits();
             return Poll::Pending;
         }
         // It may be on its way to being woken.
@@ -431,7 +431,7 @@ impl Future for LocalSync<'_> {
 impl Drop for LocalSync<'_> {
     fn drop(&mut self) {
         if self.phase == Phase::Waiting {
-            self.group.barrier.shared().place.waits_no_more();
+            self.group.barrier.shared().wait_point.waits_no_more();
             self.leave().1.carry_out();
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! The last party completes the round. Under the barrier's lock it counts the round up and moves
 //! all waiting parties to the list of those to release, both in O(1). Then it releases them one by
-//! one, each in a lock section of its own: the most urgent first, then those that offered the
+//! one, each in a critical section of its own: the most urgent first, then those that offered the
 //! barrier in alternatives. A party that is polled before its turn sees by the round's number that
 //! it may go, and takes itself off. Among parties of one executor the same is done by plain stores,
 //! and the parties are released in sections of a bounded number: see `fast_path`.
@@ -26,13 +26,13 @@ pub use party::Party;
 pub use sync::SyncOp;
 
 use crate::finally::Finally;
-use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
+use crate::inspect::{Identity, Stored, WaitPointKind, register, unregister};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use crate::wait_point::{PlaceApart, WaitQueues};
+use crate::wait_point::{AlignedWaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use luna_core::current::{self, User};
-use luna_core::reclaim::{self, Retired};
+use luna_core::deferred_free::{self, Retired};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
@@ -57,15 +57,15 @@ struct Round {
 ///
 /// # Invariants
 ///
-/// `round` is accessed under the lock of `place` alone. All nodes in its lists are waiters of `()`;
-/// those of alternatives lead to select states that were opened for several claims, each to another
-/// one. A node's `ticket` is the round that it waits in.
+/// `round` is accessed under the lock of `wait_point` alone. All nodes in its lists are waiters of
+/// `()`; those of alternatives lead to select states that were opened for several commits, each to
+/// another one. A node's `ticket` is the round that it waits in.
 #[repr(C)]
 struct Shared {
     /// First, so that it leads back to this.
     retired: Retired,
     handles: AtomicUsize,
-    place: PlaceApart,
+    wait_point: AlignedWaitPoint,
     round: UnsafeCell<Round>,
 }
 
@@ -81,8 +81,10 @@ struct Shared {
 ///
 /// let barrier = Barrier::new(2);
 /// let other = barrier.clone();
-/// let thread = std::thread::spawn(move || luna_executors::block_on(async move { other.sync().await }));
-/// luna_executors::block_on(async { barrier.sync().await }).unwrap(); // returns when both have come
+/// let sync = async move { other.sync().await };
+/// let thread = std::thread::spawn(move || luna_executors::block_on(sync));
+/// // returns when both have come
+/// luna_executors::block_on(async { barrier.sync().await }).unwrap();
 /// thread.join().unwrap().unwrap();
 /// ```
 pub struct Barrier {
@@ -105,7 +107,7 @@ impl Barrier {
         let shared = Box::new(Shared {
             retired: Retired::new(Shared::free),
             handles: AtomicUsize::new(1),
-            place: PlaceApart::new(Identity::new(PlaceKind::Barrier)),
+            wait_point: AlignedWaitPoint::new(Identity::new(WaitPointKind::Barrier)),
             round: UnsafeCell::new(Round {
                 parties,
                 arrived: 0,
@@ -116,7 +118,7 @@ impl Barrier {
         let shared = NonNull::from(Box::leak(shared));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().place), |_| {
+            register(NonNull::from(&*shared.as_ref().wait_point), |_| {
                 Stored::default()
             })
         };
@@ -138,9 +140,9 @@ impl Barrier {
     /// In a branch of a parallel construct, after a sibling has failed, it does not wait: the
     /// branch ends there as poisoned. Cancel-safe: dropped while it waits, the party has not come;
     /// after the round was completed, it has. Real-time path: yes; no allocation, O(1) to wait
-    /// (O(waiting parties of lower priority)), O(parties) for the last one, each in a lock section
-    /// of its own. Parties that offer the barrier in alternatives cost each arriving party O(their
-    /// number) more under one lock.
+    /// (O(waiting parties of lower priority)), O(parties) for the last one, each in a critical
+    /// section of its own. Parties that offer the barrier in alternatives cost each arriving party
+    /// O(their number) more under one lock.
     #[inline]
     pub fn sync(&self) -> SyncOp<'_> {
         SyncOp::new(self)
@@ -161,7 +163,7 @@ impl Barrier {
 
     /// Number of parties that must come: for display, since it may have changed already.
     pub fn parties(&self) -> usize {
-        let lists = self.shared().place.lock();
+        let lists = self.shared().wait_point.lock();
         // SAFETY: the lists are the barrier's own.
         unsafe { self.shared().round(&lists, |round| round.parties) }
     }
@@ -197,20 +199,20 @@ impl Barrier {
     ///
     /// ```
     /// let barrier = luna_channels::Barrier::new(2).external().named("start");
-    /// let places = luna_channels::inspect::places();
-    /// assert!(places.iter().any(|place| place.external && place.name.as_deref() == Some("start")));
+    /// let points = luna_channels::inspect::wait_points();
+    /// assert!(points.iter().any(|point| point.external && point.name.as_deref() == Some("start")));
     /// # drop(barrier);
     /// ```
     #[must_use]
     pub fn external(self) -> Self {
-        self.shared().place.identity.set_external();
+        self.shared().wait_point.identity.set_external();
         self
     }
 
     /// Names the barrier in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.shared().place.identity.set_name(name);
+        self.shared().wait_point.identity.set_name(name);
         self
     }
 }
@@ -229,7 +231,7 @@ impl Drop for Barrier {
     fn drop(&mut self) {
         if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
             // SAFETY: this was the last handle, and operations borrow theirs.
-            unsafe { reclaim::retire(self.shared.cast()) };
+            unsafe { deferred_free::retire(self.shared.cast()) };
         }
     }
 }
@@ -247,7 +249,7 @@ impl Shared {
         // SAFETY: `Barrier::new` made it of a box, and the head is its first field.
         unsafe {
             let shared = head.cast::<Shared>();
-            unregister(&shared.as_ref().place);
+            unregister(&shared.as_ref().wait_point);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }
@@ -265,20 +267,20 @@ impl Shared {
     /// Remembers that a party is unknown to every system: from outside, or a thread of its own.
     fn note_user(&self) {
         if current::user() == User::Outside {
-            self.place.identity.set_external();
+            self.wait_point.identity.set_external();
         } else if !current::on_path() {
-            self.place.identity.set_stranger();
+            self.wait_point.identity.set_stranger();
         }
     }
 
     fn enroll(&self) {
-        let lists = self.place.lock();
+        let lists = self.wait_point.lock();
         // SAFETY: the lists are this barrier's.
         unsafe { self.round(&lists, |round| round.parties += 1) };
     }
 
     fn resign(&self) {
-        let mut lists = self.place.lock();
+        let mut lists = self.wait_point.lock();
         // SAFETY: the lists are this barrier's.
         let is_complete = unsafe {
             self.round(&lists, |round| {
@@ -312,7 +314,7 @@ impl Shared {
             return false;
         }
         // SAFETY: the contract.
-        if offering > 0 && !unsafe { self.claim_offering(lists, more) } {
+        if offering > 0 && !unsafe { self.commit_offering(lists, more) } {
             return false;
         }
         let WaitQueues {
@@ -340,7 +342,7 @@ impl Shared {
     /// # Safety
     ///
     /// `lists` are those of this barrier.
-    unsafe fn claim_offering(&self, lists: &mut WaitQueues, more: usize) -> bool {
+    unsafe fn commit_offering(&self, lists: &mut WaitQueues, more: usize) -> bool {
         // SAFETY: by the contract, nodes in the list are live waiters of alternatives, and the
         // invariant holds for their select states.
         unsafe {
@@ -349,13 +351,13 @@ impl Shared {
             while let Some(node) = next {
                 next = lists.receivers.after(node);
                 let waiter = node.cast::<Waiter<()>>();
-                let Some((selection, guard)) = Waiter::selection(waiter) else {
+                let Some((select_state, guard)) = Waiter::select_state(waiter) else {
                     continue;
                 };
-                if SelectState::enter(selection, guard) {
+                if SelectState::enter(select_state, guard) {
                     open += 1;
                 } else {
-                    selection.as_ref().leave(None);
+                    select_state.as_ref().leave(None);
                     lists.receivers.remove(node);
                     // An alternative's node holds no wake handle until it is chosen.
                     Waiter::settle_stale(waiter);
@@ -369,24 +371,24 @@ impl Shared {
             while let Some(node) = next {
                 next = lists.receivers.after(node);
                 let waiter = node.cast::<Waiter<()>>();
-                let Some((selection, guard)) = Waiter::selection(waiter) else {
+                let Some((select_state, guard)) = Waiter::select_state(waiter) else {
                     continue;
                 };
-                let wakeup = selection.as_ref().leave(is_enough.then_some(guard));
+                let wake_handle = select_state.as_ref().leave(is_enough.then_some(guard));
                 if is_enough {
                     // From now on it waits for its release as all others.
-                    *(*Waiter::link(waiter)).wait.wakeup_mut() = wakeup;
-                    Waiter::leave_selection(waiter);
+                    *(*Waiter::link(waiter)).wait.wake_handle_mut() = wake_handle;
+                    Waiter::leave_select_state(waiter);
                 }
             }
             is_enough
         }
     }
 
-    /// Releases the members of completed rounds. O(their number), in lock sections of O(1).
+    /// Releases the members of completed rounds. O(their number), in critical sections of O(1).
     fn release(&self) {
         loop {
-            let mut lists = self.place.lock();
+            let mut lists = self.wait_point.lock();
             let Some(node) = lists.held.pop() else {
                 return;
             };

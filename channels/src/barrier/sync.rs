@@ -97,7 +97,7 @@ impl<'a> SyncOp<'a> {
     pub(super) unsafe fn look(&mut self, renewal: &mut Renewal<'_, '_>) -> Came {
         let shared = self.shared();
         let is_new = self.phase == Phase::New;
-        let mut lists = shared.place.lock();
+        let mut lists = shared.wait_point.lock();
         // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
         // contract, and its drop takes it off. Under the lock a listed node may be changed, and the
         // round's number determines its list.
@@ -107,7 +107,7 @@ impl<'a> SyncOp<'a> {
                     self.phase = Phase::Over;
                     return Came::Completes;
                 }
-                if let Some(wakeup) = renewal.take() {
+                if let Some(wake_handle) = renewal.take() {
                     let number = shared.round(&lists, |round| {
                         round.arrived += 1;
                         round.number
@@ -116,7 +116,7 @@ impl<'a> SyncOp<'a> {
                     (*Waiter::link(self.node())).ticket = number;
                     lists
                         .senders
-                        .insert(self.node().cast(), current::priority(), wakeup);
+                        .insert(self.node().cast(), current::priority(), wake_handle);
                     self.phase = Phase::Listed;
                 }
                 return Came::Waits;
@@ -127,7 +127,7 @@ impl<'a> SyncOp<'a> {
                 return Came::IsOver(None);
             }
             if shared.round(&lists, |round| round.number) == (*node).ticket {
-                renewal.store(Waiter::change_wakeup(self.node()));
+                renewal.store(Waiter::change_wake_handle(self.node()));
                 return Came::Waits;
             }
             lists.held.remove(self.node().cast());
@@ -135,7 +135,7 @@ impl<'a> SyncOp<'a> {
                 .outcome
                 .store(Outcome::Done as u8, Ordering::Relaxed);
             self.phase = Phase::Over;
-            Came::IsOver((*node).wait.wakeup_mut().take())
+            Came::IsOver((*node).wait.wake_handle_mut().take())
         }
     }
 
@@ -145,7 +145,7 @@ impl<'a> SyncOp<'a> {
         // SAFETY: its callers are polled pinned, in these phases.
         match renewal.put(|renewal| unsafe { self.look(renewal) }) {
             Came::Waits => {
-                self.shared().place.waits();
+                self.shared().wait_point.waits();
                 Poll::Pending
             }
             Came::Completes => {
@@ -230,8 +230,8 @@ impl<'a> SyncOp<'a> {
             Phase::New => return (false, None),
             Phase::Completed | Phase::GaveWay | Phase::Over => return (true, None),
         }
-        self.shared().place.waits_no_more();
-        let mut lists = self.shared().place.lock();
+        self.shared().wait_point.waits_no_more();
+        let mut lists = self.shared().wait_point.lock();
         // SAFETY: as in `poll_round`.
         unsafe {
             match self.outcome() {
@@ -244,7 +244,7 @@ impl<'a> SyncOp<'a> {
             let is_complete = number != (*node).ticket;
             if is_complete {
                 lists.held.remove(self.node().cast());
-            } else if Waiter::selection(self.node()).is_some() {
+            } else if Waiter::select_state(self.node()).is_some() {
                 lists.receivers.remove(self.node().cast());
                 self.shared().round(&lists, |round| round.offering -= 1);
             } else {
@@ -257,7 +257,7 @@ impl<'a> SyncOp<'a> {
                 Outcome::Stale
             };
             (*node).outcome.store(outcome as u8, Ordering::Relaxed);
-            let former = (*node).wait.wakeup_mut().take();
+            let former = (*node).wait.wake_handle_mut().take();
             drop(lists);
             (is_complete, former)
         }
@@ -304,8 +304,8 @@ impl Future for SyncOp<'_> {
 impl RawGuard for SyncOp<'_> {
     fn terms(&self) -> Terms<'_> {
         Terms {
-            claims_several: true,
-            ..Terms::at(&self.shared().place, &self.barrier.chosen)
+            commits_several: true,
+            ..Terms::at(&self.shared().wait_point, &self.barrier.chosen)
         }
     }
 
@@ -323,7 +323,7 @@ impl RawGuard for SyncOp<'_> {
         // SAFETY: the contract: the lists are this barrier's.
         if unsafe { this.shared().complete_with(lists, 1) } {
             this.phase = Phase::Completed;
-            Attempt::Ready(PendingWake::NOBODY)
+            Attempt::Ready(PendingWake::NONE)
         } else {
             Attempt::NotReady
         }
@@ -332,7 +332,7 @@ impl RawGuard for SyncOp<'_> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<SelectState>,
+        select_state: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.
@@ -343,22 +343,22 @@ impl RawGuard for SyncOp<'_> {
             let mut before = None;
             let mut next = lists.receivers.first();
             while let Some(other) = next {
-                let of_other = Waiter::<()>::selection(other.cast());
+                let of_other = Waiter::<()>::select_state(other.cast());
                 let Some((of_other, _)) = of_other else {
                     break;
                 };
-                if of_other == selection {
+                if of_other == select_state {
                     // The barrier stands in another guard of this alternative already, and one is
                     // enough.
                     return;
                 }
-                if SelectState::order(of_other) > SelectState::order(selection) {
+                if SelectState::order(of_other) > SelectState::order(select_state) {
                     break;
                 }
                 before = next;
                 next = lists.receivers.after(other);
             }
-            Waiter::begin(this.node(), false, Some((selection, guard)), None);
+            Waiter::begin(this.node(), false, Some((select_state, guard)), None);
             (*Waiter::link(this.node())).ticket = this.shared().round(lists, |round| {
                 round.offering += 1;
                 round.number

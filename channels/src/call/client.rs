@@ -110,7 +110,7 @@ impl<Q, A> Client<Q, A> {
     /// ```
     /// let (client, _server) = luna_channels::call_channel::<u32, u32>();
     /// let _client = client.named("gripper");
-    /// assert!(luna_channels::inspect::places().iter().any(|place| place.name.as_deref() == Some("gripper")));
+    /// assert!(luna_channels::inspect::wait_points().iter().any(|point| point.name.as_deref() == Some("gripper")));
     /// ```
     #[must_use]
     pub fn named(self, name: &str) -> Self {
@@ -122,8 +122,8 @@ impl<Q, A> Client<Q, A> {
     /// ```
     /// let (client, _server) = luna_channels::call_channel::<u32, u32>();
     /// let _client = client.external().named("from outside");
-    /// let places = luna_channels::inspect::places();
-    /// assert!(places.iter().any(|place| place.external && place.name.as_deref() == Some("from outside")));
+    /// let points = luna_channels::inspect::wait_points();
+    /// assert!(points.iter().any(|point| point.external && point.name.as_deref() == Some("from outside")));
     /// ```
     #[must_use]
     pub fn external(self) -> Self {
@@ -186,7 +186,7 @@ impl<'a, Q, A> CallOp<'a, Q, A> {
     }
 
     fn is_poisoned(&self) -> bool {
-        self.sender.channel().place().lock().ending == Ending::Poisoned
+        self.sender.channel().wait_point().lock().ending == Ending::Poisoned
     }
 
     /// A failed branch does not wait for a server: its reply goes nowhere.
@@ -236,11 +236,11 @@ impl<Q, A> RawGuard for CallOp<'_, Q, A> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<SelectState>,
+        select_state: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: the contract is the same.
-        unsafe { self.send().list(lists, selection, guard) };
+        unsafe { self.send().list(lists, select_state, guard) };
     }
 
     unsafe fn withdraw(self: Pin<&mut Self>) {

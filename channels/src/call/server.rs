@@ -107,18 +107,18 @@ impl<Q, A> Server<Q, A> {
     /// assert!(server.try_accept().unwrap_err().is_closed());
     /// ```
     pub fn try_accept(&self) -> Result<Call<'_, Q, A>, TryRecvError> {
-        if current::is_taped() {
+        if current::has_replay_log() {
             replay::outside("`try_accept`");
         }
-        let mut section = self.receiver.channel().lock();
-        section.note_server();
-        let received = section.recv_now(true);
+        let mut locked = self.receiver.channel().lock();
+        locked.note_server();
+        let received = locked.recv_now(true);
         let mut inheritor = None;
         if let Received::Done(_, _, holding) = &received {
             Serving::holds(&mut inheritor, holding.priority);
-            section.boost_while_they_wait();
+            locked.boost_while_they_wait();
         }
-        section.release();
+        locked.release();
         match received {
             Received::Done(value, ready, holding) => {
                 // Before the client's waker can panic: then the call is dropped without a reply.
@@ -177,7 +177,7 @@ impl<Q, A> Server<Q, A> {
     /// ```
     /// let (_client, server) = luna_channels::call_channel::<u32, u32>();
     /// let _server = server.named("arm");
-    /// assert!(luna_channels::inspect::places().iter().any(|place| place.name.as_deref() == Some("arm")));
+    /// assert!(luna_channels::inspect::wait_points().iter().any(|point| point.name.as_deref() == Some("arm")));
     /// ```
     #[must_use]
     pub fn named(self, name: &str) -> Self {
@@ -190,8 +190,8 @@ impl<Q, A> Server<Q, A> {
     /// ```
     /// let (_client, server) = luna_channels::call_channel::<u32, u32>();
     /// let _server = server.external().named("panel");
-    /// let places = luna_channels::inspect::places();
-    /// assert!(places.iter().any(|place| place.external && place.name.as_deref() == Some("panel")));
+    /// let points = luna_channels::inspect::wait_points();
+    /// assert!(points.iter().any(|point| point.external && point.name.as_deref() == Some("panel")));
     /// ```
     #[must_use]
     pub fn external(self) -> Self {
@@ -254,11 +254,11 @@ impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<SelectState>,
+        select_state: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: the contract is the same.
-        unsafe { self.recv().list(lists, selection, guard) };
+        unsafe { self.recv().list(lists, select_state, guard) };
     }
 
     unsafe fn withdraw(self: Pin<&mut Self>) {

@@ -36,7 +36,7 @@ impl Mode for Serving {
     fn holds(note: &mut Option<Inheritor>, sender: Priority) {
         *note = Inheritor::current();
         if let Some(inheritor) = note {
-            inheritor.lend(sender);
+            inheritor.inherit(sender);
         }
     }
 
@@ -63,7 +63,7 @@ impl Mode for Serving {
 ///
 /// # Safety
 ///
-/// `receiver` was listed in this channel, and was claimed under the lock that is still held.
+/// `receiver` was listed in this channel, and was committed under the lock that is still held.
 #[inline]
 pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
     // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that
@@ -72,7 +72,7 @@ pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: 
         if (*Waiter::link(receiver)).inherits {
             let noted = receiver.cast::<Noted<T, Option<Inheritor>>>().as_ptr();
             if let Some(inheritor) = &mut (*noted).note {
-                inheritor.lend(sender);
+                inheritor.inherit(sender);
             }
         }
     }
@@ -83,12 +83,12 @@ impl<T> Channel<T> {
     /// waiting receiver gets it, or the sender waits again, before those of its priority. Otherwise
     /// the value is dropped. O(held senders), and O(waiting senders of higher priority).
     fn wait_again(&self, value: T, ticket: u32) {
-        let mut section = self.lock();
-        let mut next = section.lists.held.first();
+        let mut locked = self.lock();
+        let mut next = locked.lists.held.first();
         let sender = loop {
             let Some(node) = next else {
                 // The sender is gone, or the channel was poisoned.
-                drop(section);
+                drop(locked);
                 return drop(value);
             };
             // SAFETY: a node in the list is a live waiter that the lock guards.
@@ -96,33 +96,33 @@ impl<T> Channel<T> {
                 if (*Waiter::<T>::link(node.cast())).ticket == ticket {
                     break node;
                 }
-                next = section.lists.held.after(node);
+                next = locked.lists.held.after(node);
             }
         };
-        debug_assert!(section.lists.ending != Ending::Poisoned);
-        // SAFETY: the sender was found, and the receiver is claimed here; a held sender holds no
+        debug_assert!(locked.lists.ending != Ending::Poisoned);
+        // SAFETY: the sender was found, and the receiver is committed here; a held sender holds no
         // value, nor does a receiver before it is done.
         unsafe {
-            if let Some(receiver) = section.claim_receiver(true) {
+            if let Some(receiver) = locked.commit_receiver(true) {
                 receiver.as_ref().put_value(value);
                 (*Waiter::link(receiver)).ticket = ticket;
                 boost_to_receiver(receiver, sender.as_ref().priority());
                 let ready = Waiter::settle(receiver, Outcome::Done);
-                drop(section);
+                drop(locked);
                 ready.wake();
                 return;
             }
-            section.lists.held.remove(sender);
+            locked.lists.held.remove(sender);
             let waiter = sender.cast::<Waiter<T>>();
             let link = Waiter::link(waiter);
             waiter.as_ref().put_value(value);
-            // Its alternative has chosen it for good: no partner may claim that again.
-            Waiter::leave_selection(waiter);
+            // Its alternative has chosen it for good: no partner may commit that again.
+            Waiter::leave_select_state(waiter);
             (*link)
                 .outcome
                 .store(Outcome::Waiting as u8, Ordering::Release);
-            section.lists.senders.insert_again_first(sender);
-            section.boost_while_they_wait();
+            locked.lists.senders.insert_again_first(sender);
+            locked.boost_while_they_wait();
         }
     }
 }

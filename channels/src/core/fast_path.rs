@@ -10,7 +10,7 @@
 //! ```text
 //!   plain turn? --> lock biased to this executor? --> what waits, one word?
 //!      | no              | no                           | nothing: the node waits alone
-//!      '--> slow path <--'                              | a partner alone: move the value, leave, ready it
+//!      '--> slow path <--'                              | a partner alone: move, leave, ready it
 //!                ^                                      | a buffer: store or take a value
 //!                '--------------------------------------' anything else
 //! ```
@@ -79,20 +79,20 @@ impl FastPath {
 ///
 /// # Safety
 ///
-/// `node` is that of an operation of the channel around `place`, a send if `SEND`, and not listed. A
-/// send's holds its value, and a receive's none. No other thread accesses it, and it stays where it
-/// is until it is settled or withdrawn.
+/// `node` is that of an operation of the channel around `wait_point`, a send if `SEND`, and not
+/// listed. A send's holds its value, and a receive's none. No other thread accesses it, and it
+/// stays where it is until it is settled or withdrawn.
 #[inline(always)]
 unsafe fn meet<const SEND: bool>(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: a thread holds no lock of a wait point when it polls.
-    let mut lists = match unsafe { place.enter(turn) } {
+    let mut lists = match unsafe { wait_point.enter(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,
-        Err(Refused::Revoked) => return revoked(place, FastPath::No),
+        Err(Refused::Revoked) => return revoked(wait_point, FastPath::No),
     };
     // SAFETY: the contract. The lock is held: a node that waits alone is live, and belongs to a
     // process of this executor.
@@ -104,17 +104,17 @@ unsafe fn meet<const SEND: bool>(
             };
             if let Some(mover) = lists.mover {
                 lists.keep();
-                return part_long::<SEND>(place, (from, to), mover, turn);
+                return part_long::<SEND>(wait_point, (from, to), mover, turn);
             }
             Waiter::move_word(from, to);
-            return part::<SEND>(place, lists, partner, turn);
+            return part::<SEND>(wait_point, lists, partner, turn);
         }
         if lists.waiting.is_idle() {
             note_user::<SEND>(&mut lists, turn.process());
             Waiter::begin_alone(node, turn.process());
             lists.set_alone(node.cast(), SEND);
             if !lists.leave() {
-                return revoked(place, FastPath::Waits);
+                return revoked(wait_point, FastPath::Waits);
             }
             return FastPath::Waits;
         }
@@ -123,7 +123,7 @@ unsafe fn meet<const SEND: bool>(
         if is_store {
             return FastPath::Store;
         }
-        meet_otherwise::<SEND>(place, node, turn)
+        meet_otherwise::<SEND>(wait_point, node, turn)
     }
 }
 
@@ -134,7 +134,7 @@ unsafe fn meet<const SEND: bool>(
 /// The partner waits alone.
 #[inline(always)]
 unsafe fn part<const SEND: bool>(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     mut lists: InsideGuard<'_, WaitQueues>,
     partner: NonNull<WaitNode>,
     turn: PlainTurn<'_>,
@@ -144,7 +144,7 @@ unsafe fn part<const SEND: bool>(
     unsafe {
         let ready = WaitNode::take_alone(partner.as_ptr());
         lists.set_nothing_waits();
-        depart::<SEND>(place, lists, (partner, ready), turn)
+        depart::<SEND>(wait_point, lists, (partner, ready), turn)
     }
 }
 
@@ -155,7 +155,7 @@ unsafe fn part<const SEND: bool>(
 /// As there.
 #[inline(always)]
 unsafe fn depart<const SEND: bool>(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     mut lists: InsideGuard<'_, WaitQueues>,
     (partner, ready): (NonNull<WaitNode>, PlainPendingWake),
     turn: PlainTurn<'_>,
@@ -165,7 +165,7 @@ unsafe fn depart<const SEND: bool>(
         note_user::<SEND>(&mut lists, turn.process());
         Waiter::<()>::settle_plain(partner.cast());
         if !lists.leave() {
-            return part_revoked(place, ready, turn);
+            return part_revoked(wait_point, ready, turn);
         }
         match ready.wake_alone(turn) {
             Ok(()) => FastPath::Done,
@@ -182,7 +182,7 @@ unsafe fn depart<const SEND: bool>(
 /// partner's.
 #[inline(never)]
 unsafe fn part_long<const SEND: bool>(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     (from, to): (NonNull<Waiter<()>>, NonNull<Waiter<()>>),
     mover: Mover,
     turn: PlainTurn<'_>,
@@ -191,16 +191,16 @@ unsafe fn part_long<const SEND: bool>(
     unsafe {
         mover(from, to);
         let partner = if SEND { to } else { from };
-        let lists = place.kept(turn.home_number());
-        part::<SEND>(place, lists, partner.cast(), turn)
+        let lists = wait_point.kept(turn.executor_number());
+        part::<SEND>(wait_point, lists, partner.cast(), turn)
     }
 }
 
 /// The owner has left, and found the bias revoked.
 #[cold]
 #[inline(never)]
-fn revoked(place: &WaitPoint, result: FastPath) -> FastPath {
-    place.after_revocation();
+fn revoked(wait_point: &WaitPoint, result: FastPath) -> FastPath {
+    wait_point.after_revocation();
     // Not to be seen through: a known result would be set after a call, which then is no tail call.
     black_box(result)
 }
@@ -213,11 +213,11 @@ fn revoked(place: &WaitPoint, result: FastPath) -> FastPath {
 #[cold]
 #[inline(never)]
 unsafe fn part_revoked(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     ready: PlainPendingWake,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    place.after_revocation();
+    wait_point.after_revocation();
     // SAFETY: the contract.
     unsafe { wake_otherwise(ready, turn) }
 }
@@ -254,19 +254,19 @@ fn note_user<const SEND: bool>(lists: &mut WaitQueues, process: &Process) {
 #[cold]
 #[inline(never)]
 unsafe fn meet_otherwise<const SEND: bool>(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the contract; the lock was kept.
     unsafe {
-        let mut lists = place.kept(turn.home_number());
+        let mut lists = wait_point.kept(turn.executor_number());
         let mut nothing_waits = lists.leave_queues();
         if let Some(guard) = lists.waiting.guard(!SEND) {
             match commit(guard, turn) {
                 Commit::Chosen(ready) => {
                     lists.set_nothing_waits();
-                    return give::<SEND>(place, lists, node, (guard, ready), turn);
+                    return give::<SEND>(wait_point, lists, node, (guard, ready), turn);
                 }
                 Commit::Stale => {
                     lists.set_nothing_waits();
@@ -280,7 +280,7 @@ unsafe fn meet_otherwise<const SEND: bool>(
             && !lists.is_storing
         {
             match take_first(lists.waiting_for::<SEND>(), turn) {
-                Some(Some(partner)) => return give::<SEND>(place, lists, node, partner, turn),
+                Some(Some(partner)) => return give::<SEND>(wait_point, lists, node, partner, turn),
                 Some(None) => nothing_waits = lists.leave_queues(),
                 None => return FastPath::No,
             }
@@ -288,8 +288,8 @@ unsafe fn meet_otherwise<const SEND: bool>(
         if nothing_waits {
             drop(lists);
             return match SEND {
-                true => send(place, node, turn),
-                false => recv(place, node, turn),
+                true => send(wait_point, node, turn),
+                false => recv(wait_point, node, turn),
             };
         }
         if lists.waiting != Waiting::QUEUES {
@@ -316,7 +316,7 @@ unsafe fn meet_otherwise<const SEND: bool>(
 /// As for [`meet`]; the lock is held, and the partner waited for an operation of this side.
 #[inline(always)]
 unsafe fn give<const SEND: bool>(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     lists: InsideGuard<'_, WaitQueues>,
     node: NonNull<Waiter<()>>,
     partner: (NonNull<WaitNode>, PlainPendingWake),
@@ -332,7 +332,7 @@ unsafe fn give<const SEND: bool>(
             Some(mover) => mover(from, to),
             None => Waiter::move_word(from, to),
         }
-        depart::<SEND>(place, lists, partner, turn)
+        depart::<SEND>(wait_point, lists, partner, turn)
     }
 }
 
@@ -343,7 +343,7 @@ unsafe fn give<const SEND: bool>(
 /// The partner waits alone, or is the first of its queue and a plain operation.
 #[inline(always)]
 pub(crate) unsafe fn part_from(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     partner: NonNull<WaitNode>,
     by_sender: bool,
     turn: PlainTurn<'_>,
@@ -351,8 +351,8 @@ pub(crate) unsafe fn part_from(
     // SAFETY: the contract.
     unsafe {
         match by_sender {
-            true => part_kept::<true>(place, partner, turn),
-            false => part_kept::<false>(place, partner, turn),
+            true => part_kept::<true>(wait_point, partner, turn),
+            false => part_kept::<false>(wait_point, partner, turn),
         }
     }
 }
@@ -362,18 +362,18 @@ pub(crate) unsafe fn part_from(
 /// As for [`part_from`].
 #[inline(never)]
 unsafe fn part_kept<const SEND: bool>(
-    place: &WaitPoint,
+    wait_point: &WaitPoint,
     partner: NonNull<WaitNode>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the contract.
     unsafe {
-        let mut lists = place.kept(turn.home_number());
+        let mut lists = wait_point.kept(turn.executor_number());
         if lists.waiting.one(!SEND).is_some() {
-            return part::<SEND>(place, lists, partner, turn);
+            return part::<SEND>(wait_point, lists, partner, turn);
         }
         match take_first(lists.waiting_for::<SEND>(), turn) {
-            Some(Some(partner)) => depart::<SEND>(place, lists, partner, turn),
+            Some(Some(partner)) => depart::<SEND>(wait_point, lists, partner, turn),
             _ => unreachable!("the first of a queue has changed under the lock"),
         }
     }
@@ -385,9 +385,9 @@ unsafe fn part_kept<const SEND: bool>(
 ///
 /// As there.
 #[inline(never)]
-unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
+unsafe fn send(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<true>(place, node, turn) }
+    unsafe { meet::<true>(wait_point, node, turn) }
 }
 
 /// As [`meet`].
@@ -396,9 +396,9 @@ unsafe fn send(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>
 ///
 /// As there.
 #[inline(never)]
-unsafe fn recv(place: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
+unsafe fn recv(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<false>(place, node, turn) }
+    unsafe { meet::<false>(wait_point, node, turn) }
 }
 
 impl<T> Channel<T> {
@@ -408,8 +408,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` is not listed, no other thread accesses it, and it holds a value. It stays where it is
-    /// until it is settled or withdrawn.
+    /// `node` is not listed, no other thread accesses it, and it holds a value. It stays where it
+    /// is until it is settled or withdrawn.
     #[inline(always)]
     pub(crate) unsafe fn send_fast(
         &self,
@@ -417,7 +417,7 @@ impl<T> Channel<T> {
         turn: PlainTurn<'_>,
     ) -> FastPath {
         // SAFETY: the contract.
-        unsafe { send(&self.place, node.cast(), turn) }
+        unsafe { send(&self.wait_point, node.cast(), turn) }
     }
 
     /// Sends to a registered alternative, or lists the sender.
@@ -433,7 +433,7 @@ impl<T> Channel<T> {
         // SAFETY: the contract: this is a process' plain turn, and its executor has the lock.
         unsafe {
             let process = current::this_process();
-            let lists = self.place.kept(process.home_number());
+            let lists = self.wait_point.kept(process.executor_number());
             self.send_to_registered(lists, offered, process)
         }
     }
@@ -442,8 +442,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` holds a value; as for [`send_fast`](Self::send_fast), which was called just before and
-    /// has returned `Store`.
+    /// `node` holds a value; as for [`send_fast`](Self::send_fast), which was called just before
+    /// and has returned `Store`.
     #[inline]
     pub(crate) unsafe fn store_fast(
         &self,
@@ -453,14 +453,14 @@ impl<T> Channel<T> {
         // SAFETY: the contract: the executor has kept the lock, which guards the store too.
         unsafe {
             let process = turn.process();
-            let mut lists = self.place.kept(turn.home_number());
+            let mut lists = self.wait_point.kept(turn.executor_number());
             if self.store.with(|store| (*store).len() < self.capacity()) {
                 note_user::<true>(&mut lists, process);
                 let value = Waiter::take_value_of(node);
                 self.store.with_mut(|store| (*store).push_back(value));
                 lists.is_storing = true;
                 if !lists.leave() {
-                    self.place.after_revocation();
+                    self.wait_point.after_revocation();
                 }
                 return FastPath::done_in(turn);
             }
@@ -489,7 +489,7 @@ impl<T> Channel<T> {
         turn: PlainTurn<'_>,
     ) -> FastPath {
         // SAFETY: the contract.
-        unsafe { recv(&self.place, node.cast(), turn) }
+        unsafe { recv(&self.wait_point, node.cast(), turn) }
     }
 
     /// Receives a stored value, and a waiting sender moves up; or lets the receiver wait.
@@ -507,7 +507,7 @@ impl<T> Channel<T> {
         // SAFETY: the contract: the executor has kept the lock, which guards the store too.
         unsafe {
             let process = turn.process();
-            let mut lists = self.place.kept(turn.home_number());
+            let mut lists = self.wait_point.kept(turn.executor_number());
             let stored = self.store.with(|store| (*store).len());
             // Values given back by dropped futures may exceed the capacity.
             if stored > self.capacity() {
@@ -515,7 +515,7 @@ impl<T> Channel<T> {
             }
             let mut moves_up = None;
             if let Some(first) = lists.senders.first() {
-                let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<T>>()) else {
+                let Some(ready) = Waiter::take_plain_wake_handle(first.cast::<Waiter<T>>()) else {
                     return FastPath::No;
                 };
                 moves_up = Some((first, ready));
@@ -533,7 +533,7 @@ impl<T> Channel<T> {
             let Some((first, ready)) = moves_up else {
                 lists.is_storing = stored > 1;
                 if !lists.leave() {
-                    self.place.after_revocation();
+                    self.wait_point.after_revocation();
                 }
                 return FastPath::done_in(turn);
             };
@@ -565,7 +565,7 @@ pub(super) unsafe fn take_from_first<T>(
     // SAFETY: the contract; a listed sender's node holds its value.
     unsafe {
         let sender = first.cast::<Waiter<T>>();
-        let ready = Waiter::take_plain_wakeup(sender)?;
+        let ready = Waiter::take_plain_wake_handle(sender)?;
         note_user::<false>(lists, process);
         lists.senders.remove_first(first);
         let value = Waiter::take_value_of(sender);

@@ -23,7 +23,7 @@ pub(crate) enum Sent<T> {
     /// A receiver has it, or the buffer. Wake the receiver; drop what was overwritten.
     Done(PendingWake, Option<T>),
     /// A receiver has it, and holds the sender; the sender's node is listed as held. Wake the
-    /// receiver, and [give](Channel::update_wakeup) the node a wake handle if it has none.
+    /// receiver, and [give](Channel::update_wake_handle) the node a wake handle if it has none.
     Held(PendingWake),
     /// No receiver takes it now.
     Full,
@@ -53,7 +53,7 @@ pub(crate) struct Holding {
 }
 
 impl Holding {
-    pub(crate) const NOBODY: Holding = Holding {
+    pub(crate) const NONE: Holding = Holding {
         ticket: 0,
         priority: Priority {
             thread: 0,
@@ -118,7 +118,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// Claims the first registered alternative that waits and that `accepts` admits for its
     /// priority. Its node stays listed.
     #[cold]
-    fn claim_registered(
+    fn commit_registered(
         &mut self,
         accepts: impl Fn(Priority) -> bool,
     ) -> Option<NonNull<Waiter<T>>> {
@@ -130,7 +130,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 let waiter = node.cast::<Waiter<T>>();
                 if accepts(node.as_ref().priority())
                     && !Entry::<T>::has_news(node.cast())
-                    && Waiter::claim(waiter)
+                    && Waiter::commit(waiter)
                 {
                     return Some(waiter);
                 }
@@ -140,34 +140,34 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         None
     }
 
-    /// Takes out the most urgent receiver that can still be claimed. The caller settles it.
+    /// Takes out the most urgent receiver that can still be committed. The caller settles it.
     #[inline]
-    pub(crate) fn claim_receiver(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
+    pub(crate) fn commit_receiver(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
         if self.lists.registered.is_empty() {
-            self.claim_listed(may_hold)
+            self.commit_listed(may_hold)
         } else {
-            self.claim_any(may_hold)
+            self.commit_any(may_hold)
         }
     }
 
     #[cold]
-    fn claim_any(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
+    fn commit_any(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
         // SAFETY: a node in the list is live, and the lock is held.
         let priority_of = |node: NonNull<WaitNode>| unsafe { node.as_ref() }.priority();
         let first = self.lists.receivers.first().map(priority_of);
-        self.claim_registered(|priority| first.is_none_or(|first| priority > first))
-            .or_else(|| self.claim_listed(may_hold))
-            .or_else(|| self.claim_registered(|_| true))
+        self.commit_registered(|priority| first.is_none_or(|first| priority > first))
+            .or_else(|| self.commit_listed(may_hold))
+            .or_else(|| self.commit_registered(|_| true))
     }
 
     #[inline]
-    fn claim_listed(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
+    fn commit_listed(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
         let accepts = |node: NonNull<WaitNode>| {
             // SAFETY: a node in the list of receivers is a live waiter that the lock guards.
             may_hold || !unsafe { (*Waiter::<T>::link(node.cast())).extended }
         };
         // SAFETY: the nodes in the list are waiters.
-        unsafe { claim_first::<T>(&mut self.lists.receivers, accepts) }
+        unsafe { commit_first::<T>(&mut self.lists.receivers, accepts) }
     }
 
     /// Takes a waiting sender's value, and its node out of the list: settled, or held for
@@ -176,14 +176,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     fn take_waiting_sender(&mut self, extended: bool, into_store: bool) -> Option<Received<T>> {
         // SAFETY: the nodes in the list are senders' waiters, which hold or make their value once.
         unsafe {
-            let sender = claim_first::<T>(&mut self.lists.senders, |_| true)?;
+            let sender = commit_first::<T>(&mut self.lists.senders, |_| true)?;
             let Some(value) = Waiter::take_or_make(sender) else {
                 return Some(Received::Broken(Waiter::settle(sender, Outcome::Broken)));
             };
             if self.lists.is_unusual {
                 Waiter::put_order(sender, self.lists.stamp(Stamped::Meeting));
             }
-            self.channel.place.tell(|| {
+            self.channel.wait_point.report(|| {
                 let receiver = match into_store {
                     true => 0,
                     false => events::current_process(),
@@ -192,7 +192,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             });
             if !extended {
                 let ready = Waiter::settle(sender, Outcome::Done);
-                return Some(Received::Done(value, ready, Holding::NOBODY));
+                return Some(Received::Done(value, ready, Holding::NONE));
             }
             let ticket = self.next_ticket();
             // The sender waits on, and keeps its wake handle.
@@ -202,7 +202,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 ticket,
                 priority: (*Waiter::link(sender)).wait.priority(),
             };
-            Some(Received::Done(value, PendingWake::NOBODY, holding))
+            Some(Received::Done(value, PendingWake::NONE, holding))
         }
     }
 
@@ -210,12 +210,12 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// It was claimed, and is not settled.
+    /// It was committed, and is not settled.
     #[inline(always)]
-    unsafe fn tell_sent(&self, receiver: NonNull<Waiter<T>>) {
-        let place = &self.channel.place;
+    unsafe fn report_sent(&self, receiver: NonNull<Waiter<T>>) {
+        let wait_point = &self.channel.wait_point;
         // SAFETY: the contract, and the lock is held.
-        place.tell(|| unsafe { [events::current_process(), user_number(receiver.cast())] });
+        wait_point.report(|| unsafe { [events::current_process(), user_number(receiver.cast())] });
     }
 
     fn next_ticket(&mut self) -> u32 {
@@ -225,7 +225,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
 
     /// # Safety
     ///
-    /// `node` is that of a claimed sender after its value was taken. It is in the list of held
+    /// `node` is that of a committed sender after its value was taken. It is in the list of held
     /// senders, and stays where it is until it is settled or withdrawn.
     unsafe fn hold(node: NonNull<Waiter<T>>, ticket: u32) {
         // SAFETY: the contract; the lock is held.
@@ -285,14 +285,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             // SAFETY: the contract.
             return unsafe { self.send_or_be_held(offered, cx) };
         }
-        if let Some(receiver) = self.claim_receiver(may_hold) {
-            // SAFETY: the contract; the receiver was just claimed, and holds no value before it is
-            // done.
+        if let Some(receiver) = self.commit_receiver(may_hold) {
+            // SAFETY: the contract; the receiver was just committed, and holds no value before it
+            // is done.
             return unsafe {
                 match Offered::take(offered) {
                     Some(value) => {
                         receiver.as_ref().put_value(value);
-                        self.tell_sent(receiver);
+                        self.report_sent(receiver);
                         if self.lists.is_unusual {
                             Waiter::put_order(receiver, self.lists.stamp(Stamped::Meeting));
                         }
@@ -314,7 +314,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
         // SAFETY: the contract.
         let Some(value) = (unsafe { Offered::take(offered) }) else {
-            return Sent::Broken(PendingWake::NOBODY);
+            return Sent::Broken(PendingWake::NONE);
         };
         if self.lists.is_unusual {
             let stamp = self.lists.stamp(Stamped::Storing);
@@ -323,8 +323,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 self.lists.note_stored(stamp, stored);
             }
         }
-        let place = &self.channel.place;
-        place.tell(|| [events::current_process(), 0]);
+        let wait_point = &self.channel.wait_point;
+        wait_point.report(|| [events::current_process(), 0]);
         let overwritten = self.with_store(|store| {
             let overwritten = match buffer.when_full {
                 WhenFull::DropOldest if is_full => store.pop_front(),
@@ -335,7 +335,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             overwritten
         });
         self.announce();
-        Sent::Done(PendingWake::NOBODY, overwritten)
+        Sent::Done(PendingWake::NONE, overwritten)
     }
 
     /// Sends without a buffer, where receivers may hold their senders.
@@ -349,17 +349,17 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
     ) -> Sent<T> {
-        let Some(receiver) = self.claim_receiver(true) else {
+        let Some(receiver) = self.commit_receiver(true) else {
             return Sent::Full;
         };
-        // SAFETY: the contract; the receiver was just claimed, and holds no value before it is
+        // SAFETY: the contract; the receiver was just committed, and holds no value before it is
         // done.
         unsafe {
             let Some(value) = Offered::take(offered) else {
                 return Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned));
             };
             receiver.as_ref().put_value(value);
-            self.tell_sent(receiver);
+            self.report_sent(receiver);
             // Extended rendezvous are seldom enough for this.
             let stamp = self.lists.stamp(Stamped::Meeting);
             Waiter::put_order(receiver, stamp);
@@ -374,8 +374,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             let priority = current::priority();
             // A waker is not cloned under the lock: the future finds no wake handle, and brings
             // one.
-            let wakeup = WakeHandle::without_waker(cx);
-            self.lists.held.insert(node.cast(), priority, wakeup);
+            let wake_handle = WakeHandle::without_waker(cx);
+            self.lists.held.insert(node.cast(), priority, wake_handle);
             Self::hold(node, ticket);
             // Before it is woken.
             boost_to_receiver(receiver, priority);
@@ -412,8 +412,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                     self.lists.note_taken(stored + 1, stamp);
                 }
             }
-            let place = &self.channel.place;
-            place.tell(|| [0, events::current_process()]);
+            let wait_point = &self.channel.wait_point;
+            wait_point.report(|| [0, events::current_process()]);
             // A waiting sender moves up.
             let moved_up = if has_room {
                 self.take_waiting_sender(false, true)
@@ -428,9 +428,9 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 // The value counts as received; the next receive finds the sender gone and the
                 // channel as it is.
                 Some(Received::Broken(ready)) => ready,
-                _ => PendingWake::NOBODY,
+                _ => PendingWake::NONE,
             };
-            return Received::Done(value, ready, Holding::NOBODY);
+            return Received::Done(value, ready, Holding::NONE);
         }
         match self.take_waiting_sender(extended, false) {
             Some(received) => received,
@@ -466,10 +466,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         &mut self,
         node: NonNull<Waiter<T>>,
         priority: Priority,
-        wakeup: Option<WakeHandle>,
+        wake_handle: Option<WakeHandle>,
     ) {
         // SAFETY: the contract; the wait node is the first field.
-        unsafe { self.lists.senders.insert(node.cast(), priority, wakeup) };
+        unsafe {
+            self.lists
+                .senders
+                .insert(node.cast(), priority, wake_handle)
+        };
         self.boost_while_they_wait();
         self.announce();
     }
@@ -508,7 +512,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         match (&mut lists.server, most_urgent) {
             (Some(server), Some(priority)) => {
                 // It may be ready, and queued at a lower level.
-                if server.lend(priority).is_gt() {
+                if server.inherit(priority).is_gt() {
                     server.move_up();
                 }
             }
@@ -530,7 +534,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         &mut self,
         node: NonNull<Waiter<T>>,
         priority: Priority,
-        wakeup: Option<WakeHandle>,
+        wake_handle: Option<WakeHandle>,
     ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe {
@@ -538,7 +542,9 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 self.lists.extends = true;
                 self.lists.find_whether_plain();
             }
-            self.lists.receivers.insert(node.cast(), priority, wakeup);
+            self.lists
+                .receivers
+                .insert(node.cast(), priority, wake_handle);
         }
     }
 }
@@ -553,35 +559,35 @@ impl<T> Locked<'_, T> {
     }
 }
 
-/// Takes out the first accepted node that can still be claimed, and settles the stale ones before
+/// Takes out the first accepted node that can still be committed, and settles the stale ones before
 /// it.
 ///
 /// # Safety
 ///
 /// The nodes in the list are waiters of values of this type, and the lock is held that guards them.
 #[inline(always)]
-unsafe fn claim_first<T>(
+unsafe fn commit_first<T>(
     list: &mut WaitList,
     accepts: impl Fn(NonNull<WaitNode>) -> bool,
 ) -> Option<NonNull<Waiter<T>>> {
     let node = list.first()?;
     // SAFETY: the contract.
     unsafe {
-        // The most frequent case: a plain operation, which is accepted, and needs no claim.
+        // The most frequent case: a plain operation, which is accepted, and needs no commit.
         let waiter = node.cast::<Waiter<T>>();
-        if Waiter::selection(waiter).is_none() && accepts(node) {
+        if Waiter::select_state(waiter).is_none() && accepts(node) {
             list.remove(node);
             return Some(waiter);
         }
-        claim_first_of_many(list, accepts)
+        commit_first_of_many(list, accepts)
     }
 }
 
 /// # Safety
 ///
-/// As for [`claim_first`].
+/// As for [`commit_first`].
 #[cold]
-unsafe fn claim_first_of_many<T>(
+unsafe fn commit_first_of_many<T>(
     list: &mut WaitList,
     accepts: impl Fn(NonNull<WaitNode>) -> bool,
 ) -> Option<NonNull<Waiter<T>>> {
@@ -594,9 +600,9 @@ unsafe fn claim_first_of_many<T>(
                 continue;
             }
             let waiter = node.cast::<Waiter<T>>();
-            let is_claimed = Waiter::claim(waiter);
+            let is_committed = Waiter::commit(waiter);
             list.remove(node);
-            if is_claimed {
+            if is_committed {
                 return Some(waiter);
             }
             // A stale node holds no wake handle.

@@ -16,7 +16,7 @@ use std::task::Context;
 pub(crate) enum HandOff<'a, T, R> {
     /// It is done. There is no process to wake.
     Done(R),
-    /// It waits on its hand-off slot, and is to [look](Channel::look_from_spot).
+    /// It waits on its hand-off slot, and is to [look](Channel::look_from_slot).
     Waits,
     /// Nothing has happened. The lock is held, and no operation waits on a hand-off slot.
     No(Locked<'a, T>),
@@ -39,24 +39,24 @@ impl<T> Channel<T> {
     /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
     /// stays where it is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn send_on_spots<S: Source<T>>(
+    pub(crate) unsafe fn send_by_slot<S: Source<T>>(
         &self,
         offered: NonNull<Offered<T, S>>,
     ) -> HandOff<'_, T, ()> {
-        let hand_off_slots = &self.place.hand_off_slots;
+        let hand_off_slots = &self.wait_point.hand_off_slots;
         let node = offered.cast::<Waiter<T>>();
-        let mut lists = self.place.lock();
+        let mut lists = self.wait_point.lock();
         // SAFETY: the contract: the value lies in the node, unless it is made. On a hand-off slot a
         // receiver's node holds no value, and its future looks at the hand-off slot alone. The lock
         // is held.
         unsafe {
-            if S::MAKE.is_none() && lists.may_meet_on_spots() {
+            if S::MAKE.is_none() && lists.may_use_hand_off_slots() {
                 if hand_off_slots.is_waiting(Side::Receiver)
                     && let Some(receiver) = lists.hand_off.get(Side::Receiver)
                 {
                     lists.sender = LastUser::of(current::user());
-                    let place = &self.place;
-                    place.tell(|| [events::current_process(), user_number(receiver)]);
+                    let wait_point = &self.wait_point;
+                    wait_point.report(|| [events::current_process(), user_number(receiver)]);
                     let value = Waiter::take_value_of(node);
                     if has_room::<T>() {
                         hand_off_slots.put(Side::Receiver, value);
@@ -68,7 +68,7 @@ impl<T> Channel<T> {
                 }
                 if hand_off_slots.is_free(Side::Sender) && spin::may_look() {
                     lists.sender = LastUser::of(current::user());
-                    Waiter::begin_on_spot(node);
+                    Waiter::begin_in_slot(node);
                     lists.hand_off.note(Side::Sender, node.cast());
                     if has_room::<T>() {
                         // The value stays in the node too: it is taken from there if the node is
@@ -80,7 +80,7 @@ impl<T> Channel<T> {
                 }
             }
         }
-        self.place.clear_spots(&mut lists);
+        self.wait_point.clear_slots(&mut lists);
         HandOff::No(ChannelGuard {
             channel: self,
             lists,
@@ -94,19 +94,19 @@ impl<T> Channel<T> {
     /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
     /// is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn recv_on_spots(&self, node: NonNull<Waiter<T>>) -> HandOff<'_, T, T> {
-        let hand_off_slots = &self.place.hand_off_slots;
-        let mut lists = self.place.lock();
+    pub(crate) unsafe fn recv_by_slot(&self, node: NonNull<Waiter<T>>) -> HandOff<'_, T, T> {
+        let hand_off_slots = &self.wait_point.hand_off_slots;
+        let mut lists = self.wait_point.lock();
         // SAFETY: as above; a sender's node holds its value, and with room the hand-off slot does.
         unsafe {
             // Values given back by dropped receives come first.
-            if lists.may_meet_on_spots() && !lists.is_storing {
+            if lists.may_use_hand_off_slots() && !lists.is_storing {
                 if hand_off_slots.is_waiting(Side::Sender)
                     && let Some(sender) = lists.hand_off.get(Side::Sender)
                 {
                     lists.receiver = LastUser::of(current::user());
-                    let place = &self.place;
-                    place.tell(|| [user_number(sender), events::current_process()]);
+                    let wait_point = &self.wait_point;
+                    wait_point.report(|| [user_number(sender), events::current_process()]);
                     let value = match has_room::<T>() {
                         true => hand_off_slots.take(Side::Sender),
                         false => Waiter::take_value_of(sender.cast()),
@@ -116,14 +116,14 @@ impl<T> Channel<T> {
                 }
                 if hand_off_slots.is_free(Side::Receiver) && spin::may_look() {
                     lists.receiver = LastUser::of(current::user());
-                    Waiter::begin_on_spot(node);
+                    Waiter::begin_in_slot(node);
                     lists.hand_off.note(Side::Receiver, node.cast());
                     hand_off_slots.occupy(Side::Receiver);
                     return HandOff::Waits;
                 }
             }
         }
-        self.place.clear_spots(&mut lists);
+        self.wait_point.clear_slots(&mut lists);
         HandOff::No(ChannelGuard {
             channel: self,
             lists,
@@ -137,13 +137,13 @@ impl<T> Channel<T> {
     ///
     /// The operation waits on the hand-off slot of this side, with this node, and this is its poll.
     #[inline]
-    pub(crate) unsafe fn look_from_spot(
+    pub(crate) unsafe fn look_from_slot(
         &self,
         node: NonNull<Waiter<T>>,
         side: Side,
         cx: &Context<'_>,
     ) -> Outcome {
-        let hand_off_slots = &self.place.hand_off_slots;
+        let hand_off_slots = &self.wait_point.hand_off_slots;
         // The looking operation must leave the hand-off slot itself. A panic that would drop it on
         // the way (in the test for attention of its thread) ends the program.
         let stays = AbortOnDrop;
@@ -161,10 +161,10 @@ impl<T> Channel<T> {
 
     /// # Safety
     ///
-    /// As for [`look_from_spot`](Self::look_from_spot); and it is done.
+    /// As for [`look_from_slot`](Self::look_from_slot); and it is done.
     #[inline]
     unsafe fn leave_done(&self, node: NonNull<Waiter<T>>, side: Side) {
-        let hand_off_slots = &self.place.hand_off_slots;
+        let hand_off_slots = &self.wait_point.hand_off_slots;
         // SAFETY: by the contract; a finished operation is known to its future alone, and so is the
         // value in its hand-off slot.
         unsafe {
@@ -177,7 +177,7 @@ impl<T> Channel<T> {
 
     /// # Safety
     ///
-    /// As for [`look_from_spot`](Self::look_from_spot).
+    /// As for [`look_from_slot`](Self::look_from_slot).
     #[cold]
     unsafe fn leave_for_list(
         &self,
@@ -186,17 +186,17 @@ impl<T> Channel<T> {
         cx: &Context<'_>,
     ) -> Outcome {
         // Taking the lock lists an operation that still waits on a hand-off slot.
-        let section = self.lock();
+        let locked = self.lock();
         // SAFETY: by the contract; an unfinished operation was listed here.
         unsafe {
-            if self.place.hand_off_slots.is_done(side) {
-                drop(section);
+            if self.wait_point.hand_off_slots.is_done(side) {
+                drop(locked);
                 self.leave_done(node, side);
                 return Outcome::Done;
             }
-            self.place.hand_off_slots.leave(side);
+            self.wait_point.hand_off_slots.leave(side);
             let mut renewal = Renewal::of(cx);
-            self.renew_wakeup(Some(section), node, &mut renewal)
+            self.renew_wake_handle(Some(locked), node, &mut renewal)
         }
     }
 }

@@ -13,7 +13,7 @@
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```
 //!
-//! A partner that finds an alternative's node claims its
+//! A partner that finds an alternative's node commits its
 //! [`SelectState`](crate::select_state::SelectState) first. If the alternative has chosen another
 //! guard, the node is taken off the list and passed over: each such node costs one step, once.
 
@@ -36,7 +36,7 @@ pub(crate) use crate::wait_point::Ending;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Renewal, WakeHandle};
-use luna_core::reclaim::{self, Retired};
+use luna_core::deferred_free::{self, Retired};
 use luna_core::spin;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
@@ -52,11 +52,11 @@ const SPARE: usize = 2;
 ///
 /// # Invariants
 ///
-/// `store` is accessed under the lock of `place` alone.
+/// `store` is accessed under the lock of `wait_point` alone.
 #[repr(C, align(64))]
 pub(crate) struct Channel<T> {
     /// First, so that its lock lies at the beginning of a cache line.
-    place: WaitPoint,
+    wait_point: WaitPoint,
     retired: Retired,
     senders: AtomicU32,
     receivers: AtomicU32,
@@ -75,14 +75,14 @@ pub(crate) struct Channel<T> {
 impl<T> Channel<T> {
     /// A new channel on the heap, with one end of each kind.
     pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
-        let mut place = WaitPoint::new(identity);
-        place.with_mut(|lists| {
+        let mut wait_point = WaitPoint::new(identity);
+        wait_point.with_mut(|lists| {
             // A buffer that drops values, or grows, needs the slow path.
             let may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.set_up(buffer.capacity == 0, may_be_plain, Waiter::<T>::MOVER);
         });
         let channel = Box::new(Channel {
-            place,
+            wait_point,
             retired: Retired::new(Self::free),
             senders: AtomicU32::new(1),
             receivers: AtomicU32::new(1),
@@ -107,20 +107,20 @@ impl<T> Channel<T> {
         // SAFETY: `allocate` made it of a box, and registered it; the head is a field of it.
         unsafe {
             let channel = head.byte_sub(offset_of!(Self, retired)).cast::<Self>();
-            crate::inspect::unregister(&channel.as_ref().place);
+            crate::inspect::unregister(&channel.as_ref().wait_point);
             drop(Box::from_raw(channel.as_ptr()));
         }
     }
 
-    /// Number of buffered values in the channel around `place`, and the capacity.
+    /// Number of buffered values in the channel around `wait_point`, and the capacity.
     ///
     /// # Safety
     ///
-    /// `place` is that of a live channel of values of this type, by a pointer to the whole, and its
-    /// lock is held.
-    unsafe fn stored(place: NonNull<WaitPoint>) -> Stored {
-        // SAFETY: the contract; the place is the channel's first field.
-        let channel = unsafe { place.cast::<Channel<T>>().as_ref() };
+    /// `wait_point` is that of a live channel of values of this type, by a pointer to the whole,
+    /// and its lock is held.
+    unsafe fn stored(wait_point: NonNull<WaitPoint>) -> Stored {
+        // SAFETY: the contract; the wait point is the channel's first field.
+        let channel = unsafe { wait_point.cast::<Channel<T>>().as_ref() };
         Stored {
             // SAFETY: the lock is held.
             now: channel.store.with(|store| unsafe { (*store).len() }),
@@ -143,15 +143,15 @@ impl<T> Channel<T> {
     }
 
     #[inline]
-    pub(crate) fn place(&self) -> &WaitPoint {
-        &self.place
+    pub(crate) fn wait_point(&self) -> &WaitPoint {
+        &self.wait_point
     }
 
     #[inline]
     pub(crate) fn lock(&self) -> Locked<'_, T> {
         ChannelGuard {
             channel: self,
-            lists: self.place.lock_lists(),
+            lists: self.wait_point.lock_lists(),
         }
     }
 
@@ -161,7 +161,7 @@ impl<T> Channel<T> {
     ///
     /// `lists` are those of this channel.
     #[inline]
-    pub(crate) unsafe fn section<'a>(
+    pub(crate) unsafe fn guard_of<'a>(
         &'a self,
         lists: &'a mut WaitQueues,
     ) -> ChannelGuard<'a, T, &'a mut WaitQueues> {
@@ -183,21 +183,21 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         of_sender: bool,
     ) -> (Outcome, Option<WakeHandle>) {
-        self.place.waits_no_more();
-        let mut section = self.lock();
+        self.wait_point.waits_no_more();
+        let mut locked = self.lock();
         // SAFETY: under the lock a waiting node is listed.
         unsafe {
             let outcome = Waiter::outcome(node);
             let list = match outcome {
-                Outcome::Waiting if of_sender => &mut section.lists.senders,
-                Outcome::Waiting => &mut section.lists.receivers,
-                Outcome::Held => &mut section.lists.held,
+                Outcome::Waiting if of_sender => &mut locked.lists.senders,
+                Outcome::Waiting => &mut locked.lists.receivers,
+                Outcome::Held => &mut locked.lists.held,
                 _ => return (outcome, None),
             };
             list.remove(node.cast());
-            section.boost_while_they_wait();
+            locked.boost_while_they_wait();
             let link = Waiter::link(node);
-            let former = (*link).wait.wakeup_mut().take();
+            let former = (*link).wait.wake_handle_mut().take();
             let now = if outcome == Outcome::Held {
                 // The value was received: the receiver finds no sender to release.
                 Outcome::Done
@@ -214,35 +214,35 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// `node` was listed in this channel and was not withdrawn.
-    pub(crate) unsafe fn update_wakeup(
+    pub(crate) unsafe fn update_wake_handle(
         &self,
         node: NonNull<Waiter<T>>,
         cx: &Context<'_>,
     ) -> Outcome {
         let mut renewal = Renewal::of(cx);
         // SAFETY: the contract.
-        unsafe { self.renew_wakeup(None, node, &mut renewal) }
+        unsafe { self.renew_wake_handle(None, node, &mut renewal) }
     }
 
-    /// As [`update_wakeup`](Self::update_wakeup); a `section` that was taken already is used, and
-    /// released.
+    /// As [`update_wake_handle`](Self::update_wake_handle); a `locked` that was taken already is
+    /// used, and released.
     ///
     /// # Safety
     ///
-    /// As there; `section` is that of this channel.
-    unsafe fn renew_wakeup(
+    /// As there; `locked` is that of this channel.
+    unsafe fn renew_wake_handle(
         &self,
-        mut section: Option<Locked<'_, T>>,
+        mut locked: Option<Locked<'_, T>>,
         node: NonNull<Waiter<T>>,
         renewal: &mut Renewal<'_, '_>,
     ) -> Outcome {
         renewal.put(|renewal| {
-            let _section = section.take().unwrap_or_else(|| self.lock());
+            let _locked = locked.take().unwrap_or_else(|| self.lock());
             // SAFETY: under the lock a waiting node may be changed.
             unsafe {
                 let outcome = Waiter::outcome(node);
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                    renewal.store(Waiter::change_wakeup(node));
+                    renewal.store(Waiter::change_wake_handle(node));
                 }
                 outcome
             }
@@ -254,7 +254,7 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`update_wakeup`](Self::update_wakeup).
+    /// As for [`update_wake_handle`](Self::update_wake_handle).
     pub(crate) unsafe fn look_for_partner(
         &self,
         node: NonNull<Waiter<T>>,
@@ -269,7 +269,7 @@ impl<T> Channel<T> {
         let mut renewal = Renewal::made(cx);
         // Under the lock: a partner comes before it, and has settled the node, or finds the wake
         // handle. SAFETY: the contract.
-        unsafe { self.renew_wakeup(None, node, &mut renewal) }
+        unsafe { self.renew_wake_handle(None, node, &mut renewal) }
     }
 
     /// Takes back a value that was received by a future which was dropped before it could hand it
@@ -278,25 +278,25 @@ impl<T> Channel<T> {
     /// meantime drops what it would have dropped had the value never left. Allocates only if more
     /// than [`SPARE`] values, or one for each receiver, are back at once.
     pub(crate) fn give_back(&self, value: T) {
-        let mut section = self.lock();
-        if section.lists.ending == Ending::Poisoned {
-            drop(section);
+        let mut locked = self.lock();
+        if locked.lists.ending == Ending::Poisoned {
+            drop(locked);
             drop(value);
             return;
         }
         // Also by an extended rendezvous, which finds no sender to hold: the sender has gone on.
-        if let Some(receiver) = section.claim_receiver(true) {
-            // SAFETY: it was just claimed; a receiver's node holds no value before it is done.
+        if let Some(receiver) = locked.commit_receiver(true) {
+            // SAFETY: it was just committed; a receiver's node holds no value before it is done.
             let ready = unsafe {
                 receiver.as_ref().put_value(value);
                 Waiter::settle(receiver, Outcome::Done)
             };
-            drop(section);
+            drop(locked);
             ready.wake();
             return;
         }
         let buffer = self.buffer();
-        let overwritten = section.with_store(|store| {
+        let overwritten = locked.with_store(|store| {
             store.push_front(value);
             let length = store.len();
             match buffer.when_full {
@@ -306,8 +306,8 @@ impl<T> Channel<T> {
                 _ => None,
             }
         });
-        section.announce();
-        section.release();
+        locked.announce();
+        locked.release();
         // Drop of the user's value: not under the lock.
         drop(overwritten);
     }
@@ -320,17 +320,14 @@ impl<T> Channel<T> {
     /// The entry is for this channel, is listed nowhere, and stays where it is until
     /// [`unregister`](Self::unregister).
     pub(crate) unsafe fn register(&self, entry: NonNull<Entry<T>>) -> bool {
-        let mut section = self.lock();
+        let mut locked = self.lock();
         // SAFETY: the contract; the wait node is the first field.
         unsafe {
             let priority = current::priority();
-            section
-                .lists
-                .registered
-                .insert(entry.cast(), priority, None);
+            locked.lists.registered.insert(entry.cast(), priority, None);
         }
-        section.lists.find_whether_plain();
-        let is_ready = section.is_ready();
+        locked.lists.find_whether_plain();
+        let is_ready = locked.is_ready();
         // SAFETY: the lock is held that guards it from here on.
         unsafe { (*entry.as_ptr()).is_queued = is_ready };
         is_ready
@@ -342,10 +339,10 @@ impl<T> Channel<T> {
     ///
     /// The entry is registered here.
     pub(crate) unsafe fn unregister(&self, entry: NonNull<Entry<T>>) {
-        let mut section = self.lock();
+        let mut locked = self.lock();
         // SAFETY: the contract.
-        unsafe { section.lists.registered.remove(entry.cast()) };
-        section.lists.find_whether_plain();
+        unsafe { locked.lists.registered.remove(entry.cast()) };
+        locked.lists.find_whether_plain();
     }
 
     /// Wakes the registered alternatives that have a report, without the lock. O(their number).
@@ -359,8 +356,8 @@ impl<T> Channel<T> {
     #[cold]
     fn ring_all(&self) {
         loop {
-            let section = self.lock();
-            let mut next = section.lists.registered.first();
+            let locked = self.lock();
+            let mut next = locked.lists.registered.first();
             let closed = loop {
                 let Some(node) = next else {
                     self.rings.store(false, Ordering::Relaxed);
@@ -370,15 +367,15 @@ impl<T> Channel<T> {
                 // SAFETY: a node in the list is that of a live entry, which the lock guards.
                 unsafe {
                     if std::mem::take(&mut (*entry.as_ptr()).rings) {
-                        break Entry::selection(entry).close();
+                        break Entry::select_state(entry).close();
                     }
-                    next = section.lists.registered.after(node);
+                    next = locked.lists.registered.after(node);
                 }
             };
-            drop(section);
-            if let Some(wakeup) = closed.flatten() {
+            drop(locked);
+            if let Some(wake_handle) = closed.flatten() {
                 let rest = Finally::new(|| self.ring_all());
-                wakeup.take().wake();
+                wake_handle.take().wake();
                 rest.cancel();
             }
         }
@@ -401,28 +398,28 @@ impl<T> Channel<T> {
         ticket: u32,
         last: impl FnOnce(NonNull<Waiter<T>>) -> Outcome,
     ) -> bool {
-        let mut section = self.lock();
-        let mut next = section.lists.held.first();
+        let mut locked = self.lock();
+        let mut next = locked.lists.held.first();
         while let Some(node) = next {
             // SAFETY: a node in the list is a live waiter that the lock guards.
             unsafe {
                 let waiter = node.cast::<Waiter<T>>();
                 if (*Waiter::link(waiter)).ticket == ticket {
                     let outcome = last(waiter);
-                    section.lists.held.remove(node);
+                    locked.lists.held.remove(node);
                     let ready = Waiter::settle(waiter, outcome);
-                    drop(section);
+                    drop(locked);
                     ready.wake();
                     return true;
                 }
-                next = section.lists.held.after(node);
+                next = locked.lists.held.after(node);
             }
         }
         false
     }
 
     /// Poisons the channel: all operations that wait and all that come fail. O(waiting operations +
-    /// stored values), one lock section each.
+    /// stored values), one critical section each.
     pub(crate) fn poison(&self) {
         let _stored = Finally::new(|| self.drop_stored());
         self.end(Ending::Poisoned);
@@ -446,37 +443,44 @@ impl<T> Channel<T> {
     }
 
     fn end(&self, ending: Ending) {
-        let mut section = self.lock();
-        if section.lists.ending == Ending::Poisoned {
+        let mut locked = self.lock();
+        if locked.lists.ending == Ending::Poisoned {
             return;
         }
-        section.lists.ending = ending;
+        locked.lists.ending = ending;
         // No client waits for it any more; it may still answer the calls that it has accepted.
-        let server = section.lists.server.take();
-        section.lists.find_whether_plain();
-        section.announce();
-        drop(section);
+        let server = locked.lists.server.take();
+        locked.lists.find_whether_plain();
+        locked.announce();
+        drop(locked);
         drop(server);
-        self.end_those_who_wait(ending);
+        self.end_those_that_wait(ending);
     }
 
-    fn end_those_who_wait(&self, ending: Ending) {
+    fn end_those_that_wait(&self, ending: Ending) {
         let outcome = match ending {
             Ending::Poisoned => Outcome::Poisoned,
             _ => Outcome::Closed,
         };
-        let mut section = self.lock();
+        let mut locked = self.lock();
         // Operations that come from now on see the ending, so the lists only get shorter. One by
         // one, so that the lock is held for few steps.
         loop {
-            let lists = &mut *section.lists;
+            let lists = &mut *locked.lists;
             let ready = if let Some(node) = lists.senders.pop().or_else(|| lists.receivers.pop()) {
                 let node = node.cast::<Waiter<T>>();
                 // SAFETY: the node was listed, and the lock is held. A sender keeps its value, a
                 // receiver has none.
                 unsafe {
-                    let is_claimed = Waiter::claim(node);
-                    Waiter::settle(node, if is_claimed { outcome } else { Outcome::Stale })
+                    let is_committed = Waiter::commit(node);
+                    Waiter::settle(
+                        node,
+                        if is_committed {
+                            outcome
+                        } else {
+                            Outcome::Stale
+                        },
+                    )
                 }
             } else if let Some(node) = lists.held.pop() {
                 // It has communicated, whatever comes after (invariant 2); poisoning wakes every
@@ -487,14 +491,14 @@ impl<T> Channel<T> {
             } else {
                 break;
             };
-            drop(section);
+            drop(locked);
             // A wake may panic: the remaining wakes must still be done.
-            let rest = Finally::new(|| self.end_those_who_wait(ending));
+            let rest = Finally::new(|| self.end_those_that_wait(ending));
             ready.wake();
             rest.cancel();
-            section = self.lock();
+            locked = self.lock();
         }
-        section.release();
+        locked.release();
     }
 
     pub(crate) fn add_sender(&self) {
@@ -527,7 +531,7 @@ impl<T> Channel<T> {
                     channel.as_ref().end(Ending::Closed);
                 }
             });
-            channel.as_ref().poison_if_told();
+            channel.as_ref().poison_if_ended_for_cause();
         }
     }
 
@@ -544,12 +548,12 @@ impl<T> Channel<T> {
                     channel.as_ref().end(Ending::Closed);
                 }
             });
-            channel.as_ref().poison_if_told();
+            channel.as_ref().poison_if_ended_for_cause();
         }
     }
 
     /// Poisons the channel if one of its ends is dropped by a process that is ended for cause.
-    fn poison_if_told(&self) {
+    fn poison_if_ended_for_cause(&self) {
         if current::dropped_ends_poison() {
             self.poison();
         }
@@ -560,7 +564,7 @@ impl<T> Channel<T> {
         // thread, since the values are `Send`.
         unsafe {
             if channel.as_ref().kinds.fetch_sub(1, Ordering::AcqRel) == 1 {
-                reclaim::retire(NonNull::new_unchecked(&raw mut (*channel.as_ptr()).retired));
+                deferred_free::retire(NonNull::new_unchecked(&raw mut (*channel.as_ptr()).retired));
             }
         }
     }

@@ -35,10 +35,10 @@ impl<T> Channel<T> {
         let entry = node.cast::<Entry<T>>();
         let receiver = node.cast::<Waiter<T>>();
         // SAFETY: a registered node is that of a live entry, which the lock guards.
-        let claimed = unsafe { Entry::claim_or_announce(entry, process.home_number()) };
-        match claimed {
+        let committed = unsafe { Entry::commit_or_announce(entry, process.executor_number()) };
+        match committed {
             None => FastPath::No,
-            // SAFETY: the contract; the entry was just claimed, and holds no value before it is
+            // SAFETY: the contract; the entry was just committed, and holds no value before it is
             // done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
@@ -68,7 +68,7 @@ impl<T> Channel<T> {
         // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a
         // sender's holds its value.
         unsafe {
-            let mut lists = self.place.lock_if_favoured(process.home_number())?;
+            let mut lists = self.wait_point.lock_if_biased(process.executor_number())?;
             if !lists.is_plain_but_registered || lists.is_storing || !still() {
                 return None;
             }

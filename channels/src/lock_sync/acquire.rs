@@ -81,15 +81,17 @@ impl<'a> AcquireOp<'a> {
         shared.note_user(current::user());
         let mut renewal = Renewal::of(cx);
         renewal.put(|renewal| {
-            let mut lists = shared.place.lock();
+            let mut lists = shared.wait_point.lock();
             if shared.take(&mut lists, self.count, priority) {
                 self.phase = Phase::Keeps;
-            } else if let Some(wakeup) = renewal.take() {
+            } else if let Some(wake_handle) = renewal.take() {
                 // SAFETY: the node is in no list, the future is pinned, and its drop takes it off.
                 unsafe {
                     Waiter::begin(self.node(), false, None, None);
                     (*Waiter::link(self.node())).ticket = self.count;
-                    lists.senders.insert(self.node().cast(), priority, wakeup);
+                    lists
+                        .senders
+                        .insert(self.node().cast(), priority, wake_handle);
                 }
                 self.phase = Phase::Listed;
             }
@@ -97,7 +99,7 @@ impl<'a> AcquireOp<'a> {
         if self.phase == Phase::Keeps {
             return Poll::Ready(());
         }
-        shared.place.waits();
+        shared.wait_point.waits();
         Poll::Pending
     }
 
@@ -107,16 +109,16 @@ impl<'a> AcquireOp<'a> {
         }
         let mut renewal = Renewal::of(cx);
         let polled = renewal.put(|renewal| {
-            let _lists = self.semaphore.shared().place.lock();
+            let _lists = self.semaphore.shared().wait_point.lock();
             if self.outcome() == Outcome::Done {
                 return Poll::Ready(());
             }
             // SAFETY: under the lock a waiting node may be changed.
-            renewal.store(unsafe { (*Waiter::link(self.node())).wait.wakeup_mut() });
+            renewal.store(unsafe { (*Waiter::link(self.node())).wait.wake_handle_mut() });
             Poll::Pending
         });
         if polled.is_pending() {
-            self.semaphore.shared().place.waits();
+            self.semaphore.shared().wait_point.waits();
         }
         polled
     }
@@ -126,15 +128,15 @@ impl<'a> AcquireOp<'a> {
         if self.phase != Phase::Listed {
             return self.phase == Phase::Keeps;
         }
-        self.semaphore.shared().place.waits_no_more();
-        let mut lists = self.semaphore.shared().place.lock();
+        self.semaphore.shared().wait_point.waits_no_more();
+        let mut lists = self.semaphore.shared().wait_point.lock();
         if self.outcome() == Outcome::Done {
             return true;
         }
         // SAFETY: a node that waits is in the list.
         let _former = unsafe {
             lists.senders.remove(self.node().cast());
-            let former = (*Waiter::link(self.node())).wait.wakeup_mut().take();
+            let former = (*Waiter::link(self.node())).wait.wake_handle_mut().take();
             Waiter::settle_stale(self.node());
             former
         };

@@ -8,7 +8,8 @@ use luna_core::current::Inheritor;
 /// How many holders a chain is followed along.
 pub(super) const HOLDERS: usize = 8;
 
-/// How many places are looked at in all, since a process may wait for several: one in each branch.
+/// The number of wait points that are looked at in all, since a process may wait for several: one
+/// in each branch.
 pub(super) const STEPS: usize = 32;
 
 /// A holder with a changed boost.

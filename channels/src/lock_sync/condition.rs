@@ -6,10 +6,10 @@ use super::error::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
-use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
-use crate::wait_point::{LastUser, PlaceApart, WaitQueues};
+use crate::inspect::{Identity, Stored, WaitPointKind, register, unregister};
+use crate::wait_point::{AlignedWaitPoint, LastUser, WaitQueues};
 use luna_core::current::{self, User};
-use luna_core::reclaim::{self, Retired};
+use luna_core::deferred_free::{self, Retired};
 use luna_core::wait_list::WaitNode;
 use luna_platform::clock::Instant;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -29,7 +29,7 @@ pub(super) struct Shared {
     /// First, so that it leads back to this.
     retired: Retired,
     handles: AtomicUsize,
-    pub(super) place: PlaceApart,
+    pub(super) wait_point: AlignedWaitPoint,
 }
 
 /// Holders of a [`Mutex`](super::Mutex) that cannot go on yet wait here, until another process has
@@ -84,11 +84,11 @@ impl Condvar {
         let shared = NonNull::from(Box::leak(Box::new(Shared {
             retired: Retired::new(Shared::free),
             handles: AtomicUsize::new(1),
-            place: PlaceApart::new(Identity::new(PlaceKind::Condition)),
+            wait_point: AlignedWaitPoint::new(Identity::new(WaitPointKind::Condition)),
         })));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().place), |_| {
+            register(NonNull::from(&*shared.as_ref().wait_point), |_| {
                 Stored::default()
             })
         };
@@ -150,7 +150,8 @@ impl Condvar {
     /// # luna_executors::block_on(async {
     /// let (mutex, never) = (Mutex::new(()), Condvar::new());
     /// let guard = mutex.lock().await.unwrap();
-    /// let (guard, result) = never.wait_timeout(guard, std::time::Duration::from_millis(1)).await.unwrap();
+    /// let short = std::time::Duration::from_millis(1);
+    /// let (guard, result) = never.wait_timeout(guard, short).await.unwrap();
     /// assert!(result.timed_out());
     /// # drop(guard);
     /// # }).unwrap();
@@ -205,7 +206,8 @@ impl Condvar {
     /// # use luna_channels::lock_sync::{Condvar, Mutex};
     /// let (mutex, never) = (Mutex::new(()), Condvar::new());
     /// let guard = mutex.blocking_lock().unwrap();
-    /// let (guard, result) = never.blocking_wait_timeout(guard, std::time::Duration::from_millis(1)).unwrap();
+    /// let short = std::time::Duration::from_millis(1);
+    /// let (guard, result) = never.blocking_wait_timeout(guard, short).unwrap();
     /// assert!(result.timed_out());
     /// # drop(guard);
     /// ```
@@ -232,7 +234,7 @@ impl Condvar {
     /// mutex), a system call if the mutex is free and the thread of the notified waiter sleeps, or
     /// if the priority of a thread changes.
     pub fn notify_one(&self) {
-        let mut lists = self.shared().place.lock();
+        let mut lists = self.shared().wait_point.lock();
         self.note_notifier(&mut lists);
         let admitted = lists
             .senders
@@ -249,10 +251,10 @@ impl Condvar {
     /// Lets all present waiters go on, each as soon as it holds its mutex.
     ///
     /// Real-time path: yes; O(1) to fix the set of notified waiters, and then for each as for
-    /// [`notify_one`](Self::notify_one), in a lock section of its own. The most urgent are moved on
-    /// first.
+    /// [`notify_one`](Self::notify_one), in a critical section of its own. The most urgent are
+    /// moved on first.
     pub fn notify_all(&self) {
-        let mut guard = self.shared().place.lock();
+        let mut guard = self.shared().wait_point.lock();
         self.note_notifier(&mut guard);
         let lists = &mut *guard;
         lists.held.append(&mut lists.senders);
@@ -264,7 +266,7 @@ impl Condvar {
     /// Moves on the waiters that were notified together.
     fn release(&self) {
         loop {
-            let mut lists = self.shared().place.lock();
+            let mut lists = self.shared().wait_point.lock();
             let Some(node) = lists.held.pop() else {
                 return;
             };
@@ -289,7 +291,7 @@ impl Condvar {
     /// Remembers that a user is outside of the system.
     pub(super) fn note_user(&self, user: User) {
         if user == User::Outside {
-            self.shared().place.identity.set_external();
+            self.shared().wait_point.identity.set_external();
         }
     }
 
@@ -298,14 +300,14 @@ impl Condvar {
     /// is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
-        self.shared().place.identity.set_external();
+        self.shared().wait_point.identity.set_external();
         self
     }
 
     /// Names the condition in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.shared().place.identity.set_name(name);
+        self.shared().wait_point.identity.set_name(name);
         self
     }
 }
@@ -337,7 +339,7 @@ impl Shared {
         // SAFETY: `Condvar::new` made it of a box, and the head is its first field.
         unsafe {
             let shared = head.cast::<Shared>();
-            unregister(&shared.as_ref().place);
+            unregister(&shared.as_ref().wait_point);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }
@@ -356,7 +358,7 @@ impl Drop for Condvar {
     fn drop(&mut self) {
         if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
             // SAFETY: this was the last handle, and operations borrow theirs.
-            unsafe { reclaim::retire(self.shared.cast()) };
+            unsafe { deferred_free::retire(self.shared.cast()) };
         }
     }
 }

@@ -4,14 +4,14 @@
 use super::chain::{self, Changed};
 use super::entry::Entry;
 use crate::finally::Finally;
-use crate::inspect::{Identity, PlaceKind};
-use crate::wait_point::{LastUser, PlaceApart, WaitQueues};
+use crate::inspect::{Identity, WaitPointKind};
+use crate::wait_point::{AlignedWaitPoint, LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::Refused;
 use luna_core::current::{
     self, Inheritor, PendingWake, PlainTurn, Priority, Process, Renewal, User, WakeHandle,
 };
-use luna_core::reclaim::{self, Retired};
+use luna_core::deferred_free::{self, Retired};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::ops::Deref;
@@ -30,17 +30,17 @@ struct State {
 ///
 /// # Invariants
 ///
-/// `state` is accessed under the lock of `place` alone. Waiters are in its list of senders, and all
-/// its nodes are entries. If there is a waiter, the mutex is held. Its last user as a receiver is
-/// the holder. `has_died` is written by the holder, or under the lock as it ceases to hold the
-/// mutex.
+/// `state` is accessed under the lock of `wait_point` alone. Waiters are in its list of senders,
+/// and all its nodes are entries. If there is a waiter, the mutex is held. Its last user as a
+/// receiver is the holder. `has_died` is written by the holder, or under the lock as it ceases to
+/// hold the mutex.
 #[repr(C)]
 pub(super) struct Core {
     /// First, so that it leads back to the whole.
     retired: Retired,
     /// All handles count as one; the others are those of [`CoreRef`].
     references: AtomicUsize,
-    pub(super) place: PlaceApart,
+    pub(super) wait_point: AlignedWaitPoint,
     state: UnsafeCell<State>,
     has_died: AtomicBool,
 }
@@ -107,7 +107,7 @@ impl Core {
         Self {
             retired: Retired::new(free),
             references: AtomicUsize::new(1),
-            place: PlaceApart::new(Identity::new(PlaceKind::Mutex)),
+            wait_point: AlignedWaitPoint::new(Identity::new(WaitPointKind::Mutex)),
             state: UnsafeCell::new(State {
                 is_held: false,
                 inheritor: None,
@@ -126,7 +126,7 @@ impl Core {
         // not used any more.
         unsafe {
             if core.as_ref().references.fetch_sub(1, Ordering::AcqRel) == 1 {
-                reclaim::retire(core.cast());
+                deferred_free::retire(core.cast());
             }
         }
     }
@@ -156,11 +156,11 @@ impl Core {
     #[inline(never)]
     pub(super) fn take_fast(&self, turn: PlainTurn<'_>) -> bool {
         // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
-        let mut lists = match unsafe { self.place.enter(turn) } {
+        let mut lists = match unsafe { self.wait_point.enter(turn) } {
             Ok(lists) => lists,
             Err(Refused::NotBiased) => return false,
             Err(Refused::Revoked) => {
-                self.place.after_revocation();
+                self.wait_point.after_revocation();
                 return false;
             }
         };
@@ -180,7 +180,7 @@ impl Core {
 
     /// Locks it for the caller, if it is free; else gives the inheritor back.
     pub(super) fn take(&self, inheritor: Option<Inheritor>) -> Result<(), Option<Inheritor>> {
-        let mut lists = self.place.lock();
+        let mut lists = self.wait_point.lock();
         self.take_locked(&mut lists, inheritor, current::user())
     }
 
@@ -218,12 +218,12 @@ impl Core {
         let user = current::user();
         let mut changed = None;
         let listed = renewal.put(|renewal| {
-            let mut lists = self.place.lock();
+            let mut lists = self.wait_point.lock();
             inheritor = match self.take_locked(&mut lists, inheritor.take(), user) {
                 Ok(()) => return Poll::Ready(()),
                 Err(inheritor) => inheritor,
             };
-            let Some(wakeup) = renewal.take() else {
+            let Some(wake_handle) = renewal.take() else {
                 return Poll::Pending;
             };
             // SAFETY: the contract. Listed with its process before the priority is read, and in the
@@ -231,9 +231,9 @@ impl Core {
             changed = unsafe {
                 Entry::begin(entry, NonNull::from(self), inheritor.take());
                 let node = Entry::node(entry);
-                lists.senders.insert(node, current::priority(), wakeup);
+                lists.senders.insert(node, current::priority(), wake_handle);
                 // A plain thread's is known to its inheritor.
-                self.place_again(&mut lists, entry);
+                self.requeue(&mut lists, entry);
                 self.relend(&lists)
             };
             Poll::Pending
@@ -242,7 +242,7 @@ impl Core {
             return Poll::Ready(());
         }
         chain::follow(changed);
-        self.place.waits();
+        self.wait_point.waits();
         Poll::Pending
     }
 
@@ -260,15 +260,15 @@ impl Core {
             }
             let mut renewal = Renewal::of(cx);
             let polled = renewal.put(|renewal| {
-                let _lists = self.place.lock();
+                let _lists = self.wait_point.lock();
                 if Entry::outcome(entry) == Outcome::Done {
                     return Poll::Ready(());
                 }
-                Entry::renew_wakeup(entry, renewal);
+                Entry::renew_wake_handle(entry, renewal);
                 Poll::Pending
             });
             if polled.is_pending() {
-                self.place.waits();
+                self.wait_point.waits();
             }
             polled
         }
@@ -282,15 +282,15 @@ impl Core {
     /// As for [`poll_listed`](Self::poll_listed).
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> (bool, Option<WakeHandle>) {
-        self.place.waits_no_more();
-        let mut lists = self.place.lock();
+        self.wait_point.waits_no_more();
+        let mut lists = self.wait_point.lock();
         // SAFETY: the contract; a node that waits is in the list.
         let (changed, former) = unsafe {
             if Entry::outcome(entry) == Outcome::Done {
                 return (true, None);
             }
             lists.senders.remove(Entry::node(entry));
-            let former = Entry::take_wakeup(entry);
+            let former = Entry::take_wake_handle(entry);
             Waiter::settle_stale(Entry::waiter(entry));
             (self.relend(&lists), former)
         };
@@ -311,11 +311,12 @@ impl Core {
     /// executor. `false`: it is not so, and no state has changed. O(1), without atomic
     /// read-modify-writes.
     fn unlock_fast(&self) -> bool {
-        let Some(home) = current::process(|process| process.map(Process::home_number)) else {
+        let Some(executor) = current::process(|process| process.map(Process::executor_number))
+        else {
             return false;
         };
         // SAFETY: the current process is polled on the thread of its executor.
-        let Some(mut lists) = (unsafe { self.place.lock_if_favoured(home) }) else {
+        let Some(mut lists) = (unsafe { self.wait_point.lock_if_biased(executor) }) else {
             return false;
         };
         if !lists.senders.is_empty() {
@@ -325,7 +326,7 @@ impl Core {
             state.is_held = false;
             state.inheritor.take()
         });
-        lists.receiver = LastUser::NOBODY;
+        lists.receiver = LastUser::NONE;
         drop(lists);
         if let Some(inheritor) = former {
             give_back(Some(inheritor));
@@ -335,14 +336,14 @@ impl Core {
 
     #[inline(never)]
     fn unlock_slow(&self, died: bool) {
-        let mut lists = self.place.lock();
+        let mut lists = self.wait_point.lock();
         if died {
             self.set_died(true);
         }
         let former = self.state(&lists, |state| state.inheritor.take());
         let Some(node) = lists.senders.pop() else {
             self.state(&lists, |state| state.is_held = false);
-            lists.receiver = LastUser::NOBODY;
+            lists.receiver = LastUser::NONE;
             drop(lists);
             return give_back(former);
         };
@@ -364,7 +365,7 @@ impl Core {
     unsafe fn hand_over(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) -> Admitted {
         // SAFETY: the contract: the node is live until it is settled.
         unsafe {
-            let inheritor = Entry::take_heir(entry);
+            let inheritor = Entry::take_inheritor(entry);
             lists.receiver = LastUser::of(Entry::node(entry).as_ref().user());
             self.state(lists, |state| {
                 state.is_held = true;
@@ -384,7 +385,7 @@ impl Core {
     /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's
     /// lock.
     pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
-        let mut lists = self.place.lock();
+        let mut lists = self.wait_point.lock();
         // SAFETY: the contract.
         unsafe {
             if !self.state(&lists, |state| state.is_held) {
@@ -394,7 +395,7 @@ impl Core {
                 .senders
                 .insert_again_at(Entry::node(entry), Entry::priority(entry));
             Admitted {
-                ready: PendingWake::NOBODY,
+                ready: PendingWake::NONE,
                 changed: self.relend(&lists),
             }
         }
@@ -403,13 +404,13 @@ impl Core {
     /// Moves `entry`, if it still waits here, to where its process' priority belongs now. Returns
     /// the holder, if its boost changes by that. O(waiters).
     pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
-        let mut lists = self.place.lock();
+        let mut lists = self.wait_point.lock();
         let mut next = lists.senders.first();
         while let Some(node) = next {
             // SAFETY: the node is in the list, and the lock is held.
             unsafe {
                 if Entry::of(node) == entry {
-                    self.place_again(&mut lists, entry);
+                    self.requeue(&mut lists, entry);
                     return self.relend(&lists).map(|changed| changed.inheritor);
                 }
                 next = lists.senders.after(node);
@@ -424,7 +425,7 @@ impl Core {
     /// # Safety
     ///
     /// `entry` is in the list of senders of `lists`, which are this mutex's.
-    unsafe fn place_again(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) {
+    unsafe fn requeue(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) {
         let node = Entry::node(entry);
         // SAFETY: the contract.
         unsafe {

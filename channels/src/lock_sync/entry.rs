@@ -62,7 +62,7 @@ impl Entry {
         }
     }
 
-    /// The node of a place's list.
+    /// The node of a wait point's list.
     pub(super) fn of(node: NonNull<WaitNode>) -> NonNull<Entry> {
         node.cast()
     }
@@ -183,7 +183,7 @@ impl Entry {
     /// # Safety
     ///
     /// It is live, and the lock that guards it is held.
-    pub(super) unsafe fn take_heir(entry: NonNull<Entry>) -> Option<Inheritor> {
+    pub(super) unsafe fn take_inheritor(entry: NonNull<Entry>) -> Option<Inheritor> {
         // SAFETY: the contract; this borrows the one field.
         unsafe { (*entry.as_ptr()).inheritor.take() }
     }
@@ -240,9 +240,9 @@ impl Entry {
     ///
     /// It was begun and is in no list any more, and the lock is held that guarded it.
     #[must_use = "its drop is user code, and the caller's last step"]
-    pub(super) unsafe fn take_wakeup(entry: NonNull<Entry>) -> Option<WakeHandle> {
+    pub(super) unsafe fn take_wake_handle(entry: NonNull<Entry>) -> Option<WakeHandle> {
         // SAFETY: the contract.
-        unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() }.take()
+        unsafe { (*Waiter::link(Self::waiter(entry))).wait.wake_handle_mut() }.take()
     }
 
     /// Makes it wake the present poller.
@@ -250,9 +250,9 @@ impl Entry {
     /// # Safety
     ///
     /// It is listed, and the lock is held that guards it.
-    pub(super) unsafe fn renew_wakeup(entry: NonNull<Entry>, renewal: &mut Renewal<'_, '_>) {
+    pub(super) unsafe fn renew_wake_handle(entry: NonNull<Entry>, renewal: &mut Renewal<'_, '_>) {
         // SAFETY: the contract.
-        renewal.store(unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() });
+        renewal.store(unsafe { (*Waiter::link(Self::waiter(entry))).wait.wake_handle_mut() });
     }
 }
 

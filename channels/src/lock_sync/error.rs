@@ -4,7 +4,7 @@ use super::guard::{MutexGuard, OwnerDied};
 use std::error::Error;
 use std::fmt;
 
-const DIED: &str = "who held the mutex has died with it, and what it guards may be half done: recover the guard from the error";
+const DIED: &str = "a process ended while it held the mutex, and the guarded value may be incomplete: recover the guard from the error";
 const POISONED: &str =
     "a sibling of this branch of a parallel construct has failed, which poisons its operations";
 const TIMEOUT: &str = "the time ran out";
@@ -147,7 +147,7 @@ impl<T> fmt::Display for LockError<'_, T> {
 impl<T> fmt::Display for TryLockError<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            TryLockError::Locked => "somebody holds the mutex",
+            TryLockError::Locked => "the mutex is locked",
             TryLockError::OwnerDied(_) => DIED,
         })
     }

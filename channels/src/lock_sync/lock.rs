@@ -290,7 +290,7 @@ impl<'a, T> Logged for LockOp<'a, T> {
     /// The stamp is taken now, when the process has the lock: stamps of holders are in the order of
     /// their holding it.
     unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
-        Event::done(replay::meeting(&mut self.mutex.core().place.lock()))
+        Event::done(replay::meeting(&mut self.mutex.core().wait_point.lock()))
     }
 
     fn keep(&mut self, _: <Self as Logged>::Output) {

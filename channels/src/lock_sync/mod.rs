@@ -50,9 +50,9 @@
 // 6. *Restoring*: the boost lies in the inheritor in the mutex's state. It ends with the hold,
 //    after the next holder was woken: earlier, a process of middle priority could run in between.
 //
-// Bounds. Each section under a wait point's lock is O(1), or O(waiters of lower priority) to be
-// listed. A chain is followed over at most `chain::HOLDERS` holders and `chain::STEPS` wait points;
-// each costs O(its waiters).
+// Bounds. Each critical section under a wait point's lock is O(1), or O(waiters of lower priority)
+// to be listed. A chain is followed over at most `chain::HOLDERS` holders and `chain::STEPS` wait
+// points; each costs O(its waiters).
 
 mod acquire;
 mod chain;

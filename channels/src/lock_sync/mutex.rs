@@ -7,7 +7,7 @@ use super::lock::{LockOp, LockTimeout};
 use crate::inspect::{Stored, register, unregister};
 use crate::replay;
 use luna_core::current::{self, Inheritor};
-use luna_core::reclaim::Retired;
+use luna_core::deferred_free::Retired;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
@@ -93,7 +93,7 @@ impl<T: Send> Mutex<T> {
         })));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().core.place), |_| {
+            register(NonNull::from(&*shared.as_ref().core.wait_point), |_| {
                 Stored::default()
             })
         };
@@ -155,7 +155,7 @@ impl<T> Mutex<T> {
     /// ```
     pub fn try_lock(&self) -> Result<MutexGuard<'_, T>, TryLockError<'_, T>> {
         let take = || self.core().take(Inheritor::current_or_thread()).is_ok();
-        let has_taken = match current::is_taped() {
+        let has_taken = match current::has_replay_log() {
             true => replay::call(true, take, |taken| {
                 (!taken).then_some(replay::failure::NOTHING)
             })
@@ -261,7 +261,7 @@ impl<T> Mutex<T> {
     /// Names the mutex in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.core().place.identity.set_name(name);
+        self.core().wait_point.identity.set_name(name);
         self
     }
 }
@@ -274,7 +274,7 @@ impl<T> Shared<T> {
         // SAFETY: `Mutex::new` made it of a box, and the head is its first field's first.
         unsafe {
             let shared = head.cast::<Shared<T>>();
-            unregister(&shared.as_ref().core.place);
+            unregister(&shared.as_ref().core.wait_point);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }

@@ -4,12 +4,12 @@ use super::acquire::{AcquireOp, AcquireTimeout};
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::SemaphorePermit;
 use crate::finally::Finally;
-use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
+use crate::inspect::{Identity, Stored, WaitPointKind, register, unregister};
 use crate::replay;
-use crate::wait_point::{LastUser, PlaceApart, WaitQueues};
+use crate::wait_point::{AlignedWaitPoint, LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Priority, User};
-use luna_core::reclaim::{self, Retired};
+use luna_core::deferred_free::{self, Retired};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
@@ -22,14 +22,14 @@ use std::time::Duration;
 ///
 /// # Invariants
 ///
-/// `permits` is accessed under the lock of `place` alone. Waiters are in its list of senders; all
-/// its nodes are waiters of `()`, with the number of wanted permits as the ticket.
+/// `permits` is accessed under the lock of `wait_point` alone. Waiters are in its list of senders;
+/// all its nodes are waiters of `()`, with the number of wanted permits as the ticket.
 #[repr(C)]
 pub(super) struct Shared {
     /// First, so that it leads back to this.
     retired: Retired,
     handles: AtomicUsize,
-    pub(super) place: PlaceApart,
+    pub(super) wait_point: AlignedWaitPoint,
     permits: UnsafeCell<u64>,
 }
 
@@ -74,12 +74,12 @@ impl Semaphore {
         let shared = NonNull::from(Box::leak(Box::new(Shared {
             retired: Retired::new(Shared::free),
             handles: AtomicUsize::new(1),
-            place: PlaceApart::new(Identity::new(PlaceKind::Semaphore)),
+            wait_point: AlignedWaitPoint::new(Identity::new(WaitPointKind::Semaphore)),
             permits: UnsafeCell::new(u64::from(permits)),
         })));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().place), |_| {
+            register(NonNull::from(&*shared.as_ref().wait_point), |_| {
                 Stored::default()
             })
         };
@@ -133,10 +133,10 @@ impl Semaphore {
     pub fn try_acquire_many(&self, count: u32) -> Option<SemaphorePermit<'_>> {
         let take = || {
             self.shared().note_user(current::user());
-            let mut lists = self.shared().place.lock();
+            let mut lists = self.shared().wait_point.lock();
             self.shared().take(&mut lists, count, current::priority())
         };
-        let has_taken = match current::is_taped() {
+        let has_taken = match current::has_replay_log() {
             // Without a stamp: a replay need not wait for the process that makes room.
             true => replay::call(
                 false,
@@ -163,7 +163,8 @@ impl Semaphore {
     /// ```
     /// # use luna_channels::lock_sync::Semaphore;
     /// # luna_executors::block_on(async {
-    /// let late = Semaphore::new(0).acquire_timeout(std::time::Duration::from_millis(1)).await.is_err();
+    /// let short = std::time::Duration::from_millis(1);
+    /// let late = Semaphore::new(0).acquire_timeout(short).await.is_err();
     /// assert!(late);
     /// # }).unwrap();
     /// ```
@@ -238,10 +239,10 @@ impl Semaphore {
     /// Number of free permits: for display, since it may have changed already.
     pub fn available_permits(&self) -> u64 {
         let look = || {
-            let lists = self.shared().place.lock();
+            let lists = self.shared().wait_point.lock();
             self.shared().permits(&lists, |permits| *permits)
         };
-        match current::is_taped() {
+        match current::has_replay_log() {
             true => replay::look(look),
             false => look(),
         }
@@ -252,14 +253,14 @@ impl Semaphore {
     /// has used already is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
-        self.shared().place.identity.set_external();
+        self.shared().wait_point.identity.set_external();
         self
     }
 
     /// Names the semaphore in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.shared().place.identity.set_name(name);
+        self.shared().wait_point.identity.set_name(name);
         self
     }
 }
@@ -274,7 +275,7 @@ impl Shared {
     /// Remembers that a user is outside of the system.
     pub(super) fn note_user(&self, user: User) {
         if user == User::Outside {
-            self.place.identity.set_external();
+            self.wait_point.identity.set_external();
         }
     }
 
@@ -300,7 +301,7 @@ impl Shared {
     /// so their number is not tested, and may be below 0 for a while.
     #[cold]
     pub(super) fn take_given(&self, count: u32) -> bool {
-        let lists = self.place.lock();
+        let lists = self.wait_point.lock();
         self.permits(&lists, |permits| {
             *permits = permits.wrapping_sub(u64::from(count));
         });
@@ -309,7 +310,7 @@ impl Shared {
 
     /// Makes more permits, and serves the waiters.
     pub(super) fn add(&self, count: u32) {
-        let mut lists = self.place.lock();
+        let mut lists = self.wait_point.lock();
         self.permits(&lists, |permits| {
             *permits = match replay::is_replayed() {
                 true => permits.wrapping_add(u64::from(count)),
@@ -317,13 +318,13 @@ impl Shared {
             };
         });
         while self.serve_first(lists) {
-            lists = self.place.lock();
+            lists = self.wait_point.lock();
         }
     }
 
     /// Serves waiters, as far as the permits go.
     pub(super) fn serve(&self) {
-        while self.serve_first(self.place.lock()) {}
+        while self.serve_first(self.wait_point.lock()) {}
     }
 
     /// Serves the first waiter, if there are enough permits.
@@ -360,7 +361,7 @@ impl Shared {
         // SAFETY: `Semaphore::new` made it of a box, and the head is its first field.
         unsafe {
             let shared = head.cast::<Shared>();
-            unregister(&shared.as_ref().place);
+            unregister(&shared.as_ref().wait_point);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }
@@ -379,7 +380,7 @@ impl Drop for Semaphore {
     fn drop(&mut self) {
         if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
             // SAFETY: this was the last handle, and operations and permits borrow theirs.
-            unsafe { reclaim::retire(self.shared.cast()) };
+            unsafe { deferred_free::retire(self.shared.cast()) };
         }
     }
 }

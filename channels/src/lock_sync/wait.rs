@@ -84,16 +84,18 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let priority = inheritor
             .as_ref()
             .map_or_else(current::priority, Inheritor::priority_before_blocking);
-        let wakeup = WakeHandle::of(cx);
+        let wake_handle = WakeHandle::of(cx);
         let entry = self.entry();
         self.condition.note_user(current::user());
         // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and
         // keeps the mutex by its handle.
         unsafe {
             Entry::begin(entry, self.mutex.core_pointer(), inheritor);
-            let mut lists = self.condition.shared().place.lock();
+            let mut lists = self.condition.shared().wait_point.lock();
             Entry::set_ticket(entry, lists.tickets);
-            lists.senders.insert(Entry::node(entry), priority, wakeup);
+            lists
+                .senders
+                .insert(Entry::node(entry), priority, wake_handle);
         }
         self.phase = Phase::Listed;
         guard.unlock();
@@ -111,13 +113,13 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let entry = self.entry();
         let mut renewal = Renewal::of(cx);
         let waits_here = renewal.put(|renewal| {
-            let _lists = self.condition.shared().place.lock();
+            let _lists = self.condition.shared().wait_point.lock();
             // SAFETY: the lock is held; without a cause the entry is in one of the condition's
             // lists, else it was moved to the mutex.
             unsafe {
                 let waits_here = Entry::cause(entry) == Cause::None;
                 if waits_here {
-                    Entry::renew_wakeup(entry, renewal);
+                    Entry::renew_wake_handle(entry, renewal);
                 }
                 waits_here
             }
@@ -126,7 +128,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             // SAFETY: the entry is this future's, and was moved there.
             return unsafe { self.mutex.core().poll_listed(entry, cx) };
         }
-        self.condition.shared().place.waits();
+        self.condition.shared().wait_point.waits();
         Poll::Pending
     }
 
@@ -153,7 +155,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     pub(super) fn time_out(self: Pin<&mut Self>) -> WaitTimeoutResult {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        let mut lists = this.condition.shared().place.lock();
+        let mut lists = this.condition.shared().wait_point.lock();
         // SAFETY: the lock is held, and under it the entry's cause determines its list.
         let admitted = unsafe {
             if Entry::cause(this.entry()) != Cause::None {
@@ -185,14 +187,14 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     /// was handed is too.
     fn cancel(&mut self) {
         let entry = self.entry();
-        self.condition.shared().place.waits_no_more();
-        let mut lists = self.condition.shared().place.lock();
+        self.condition.shared().wait_point.waits_no_more();
+        let mut lists = self.condition.shared().wait_point.lock();
         // SAFETY: the lock is held; the entry's cause determines its list.
         unsafe {
             let cause = Entry::cause(entry);
             if cause == Cause::None {
                 self.take_off(&mut lists);
-                let _former = Entry::take_wakeup(entry);
+                let _former = Entry::take_wake_handle(entry);
                 drop(lists);
                 self.end();
                 return;
@@ -224,7 +226,7 @@ impl<'a, T> WaitOp<'_, 'a, T> {
             }
             Phase::New(guard) => {
                 self.begin(guard, cx);
-                self.condition.shared().place.waits();
+                self.condition.shared().wait_point.waits();
                 Poll::Pending
             }
             Phase::Listed => {
@@ -394,7 +396,7 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
     }
 
     unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
-        let stamp = replay::meeting(&mut self.mutex.core().place.lock());
+        let stamp = replay::meeting(&mut self.mutex.core().wait_point.lock());
         Event::new(What::Chosen, u64::from(self.has_timed_out), stamp)
     }
 

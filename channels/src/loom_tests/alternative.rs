@@ -186,7 +186,7 @@ fn two_partners_at_the_same_time_of_which_one_waits() {
 }
 
 #[test]
-fn two_partners_at_the_same_time_of_which_one_goes_to_who_waits_behind() {
+fn two_partners_at_the_same_time_of_which_one_goes_to_the_one_that_waits_behind() {
     check(|| {
         let drops = Drops::default();
         let ((to_one, one), (to_two, two)) = (channel(), channel());

@@ -24,7 +24,7 @@ fn rendezvous_and_close() {
 /// As on a thread that looks before it sleeps: its operations are listed without a wake handle at
 /// first.
 #[test]
-fn rendezvous_of_two_who_look_for_each_other() {
+fn rendezvous_of_two_that_look_for_each_other() {
     check(|| {
         let drops = Drops::default();
         let (sender, receiver) = channel();

@@ -6,7 +6,7 @@ use loom::future::block_on;
 use loom::sync::Arc;
 use loom::thread;
 use luna_core::biased_lock;
-use luna_core::current::{self, Home, Methods, Place, Process, ProcessId};
+use luna_core::current::{self, ExecutorId, Methods, Process, ProcessId, QueueEnd};
 use luna_core::timer_queue::TimerQueue;
 use std::cell::{Cell, RefCell};
 use std::future::Future;
@@ -79,17 +79,17 @@ unsafe fn free(owner: NonNull<()>) {
 
 /// Makes the calling model thread an executor's until it is dropped.
 struct Executor {
-    home: Home,
-    _entered: current::HomeGuard,
+    executor: ExecutorId,
+    _entered: current::ExecutorGuard,
 }
 
 impl Executor {
     fn enter() -> Self {
         biased_lock::bias_after(1);
-        let home = Home::new();
+        let executor = ExecutorId::new();
         Self {
-            home,
-            _entered: current::enter_home(home, Arc::new(TimerQueue::new()), false),
+            executor,
+            _entered: current::enter_executor(executor, Arc::new(TimerQueue::new()), false),
         }
     }
 
@@ -110,7 +110,7 @@ impl Executor {
         let mut level = 0;
         let tasks = bodies.map(|body| {
             let task = NonNull::from(Box::leak(Box::new(Task {
-                process: Process::new(ProcessId::new(), self.home, 0, level),
+                process: Process::new(ProcessId::new(), self.executor, 0, level),
                 body: RefCell::new(body),
                 is_over: Cell::new(false),
                 bell: bell.clone(),
@@ -120,7 +120,7 @@ impl Executor {
             unsafe {
                 task.as_ref().process.set_waker(Waker::noop().clone());
                 task.as_ref().process.set_owner(task.cast(), &METHODS);
-                task.as_ref().process.ready_at(level, Place::Last);
+                task.as_ref().process.ready_at(level, QueueEnd::Back);
             }
             level += 1;
             task
@@ -143,7 +143,7 @@ impl Executor {
                         tasks[number]
                             .as_ref()
                             .process
-                            .ready_at(number as u8, Place::Last)
+                            .ready_at(number as u8, QueueEnd::Back)
                     };
                 }
             }

@@ -74,7 +74,7 @@ fn trying_takes_it_or_leaves_it() {
 }
 
 #[test]
-fn who_waits_goes_as_it_is_handed_the_mutex() {
+fn one_that_waits_goes_as_it_is_handed_the_mutex() {
     check(|| {
         let mutex = Mutex::new(0);
         let (of_holder, of_next) = (mutex.clone(), mutex.clone());
@@ -140,7 +140,7 @@ fn a_notification_is_not_lost_between_unlocking_and_waiting() {
 }
 
 #[test]
-fn all_who_wait_are_notified() {
+fn all_that_wait_are_notified() {
     check_within(2, || {
         let mutex = Mutex::new(false);
         let condition = Condvar::new();
@@ -187,7 +187,7 @@ fn a_wait_returns_once_for_each_notification() {
 }
 
 #[test]
-fn a_notification_is_passed_on_by_who_goes() {
+fn a_notification_is_passed_on_by_the_one_that_goes() {
     check(|| {
         let mutex = Mutex::new(());
         let condition = Condvar::new();
@@ -206,7 +206,7 @@ fn a_notification_is_passed_on_by_who_goes() {
 }
 
 #[test]
-fn who_is_notified_with_all_and_goes_takes_nobody_elses() {
+fn one_that_is_notified_with_all_and_goes_takes_nobody_elses() {
     check(|| {
         let mutex = Mutex::new(());
         let condition = Condvar::new();
@@ -248,7 +248,7 @@ fn permits_are_neither_lost_nor_doubled() {
 }
 
 #[test]
-fn who_acquires_goes_as_it_is_given_its_permits() {
+fn one_that_acquires_goes_as_it_is_given_its_permits() {
     check(|| {
         let semaphore = Semaphore::new(0);
         let adds = semaphore.clone();
@@ -267,7 +267,7 @@ fn who_acquires_goes_as_it_is_given_its_permits() {
 }
 
 #[test]
-fn several_are_served_by_one_who_adds() {
+fn several_are_served_by_one_that_adds() {
     check_within(2, || {
         let semaphore = Semaphore::new(0);
         let threads = [0, 1].map(|_| {

@@ -21,7 +21,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     fn terms(&self) -> Terms<'_> {
         Terms {
             can_fail: true,
-            ..Terms::at(self.receiver.channel().place(), &self.receiver.chosen)
+            ..Terms::at(self.receiver.channel().wait_point(), &self.receiver.chosen)
         }
     }
 
@@ -36,23 +36,23 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
             return Attempt::NotReady;
         };
         // SAFETY: the contract: the lists are this channel's.
-        let mut section = unsafe { this.receiver.channel().section(lists) };
+        let mut locked = unsafe { this.receiver.channel().guard_of(lists) };
         if M::INHERITS {
-            section.note_server();
+            locked.note_server();
         }
-        let received = section.recv_now(M::HOLDS);
+        let received = locked.recv_now(M::HOLDS);
         let (outcome, ready) = match received {
             Received::Empty => return Attempt::NotReady,
             Received::Done(value, ready, holding) => {
                 if M::INHERITS {
                     M::holds(this.note(), holding.priority);
-                    section.boost_while_they_wait();
+                    locked.boost_while_they_wait();
                 }
                 this.keep(value, holding.ticket);
                 (Outcome::Done, ready)
             }
-            Received::Ended(Ending::Poisoned) => (Outcome::Poisoned, PendingWake::NOBODY),
-            Received::Ended(_) => (Outcome::Closed, PendingWake::NOBODY),
+            Received::Ended(Ending::Poisoned) => (Outcome::Poisoned, PendingWake::NONE),
+            Received::Ended(_) => (Outcome::Closed, PendingWake::NONE),
             Received::Broken(ready) => (Outcome::Broken, ready),
         };
         this.phase = Phase::Settled(outcome);
@@ -62,7 +62,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<SelectState>,
+        select_state: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.
@@ -70,9 +70,9 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         // SAFETY: the contract: the lists are this channel's; the node is new, and is withdrawn
         // before it goes.
         unsafe {
-            let node = this.begin(Some((selection, guard)));
-            let mut section = this.receiver.channel().section(lists);
-            section.list_receiver(node, current::priority(), None);
+            let node = this.begin(Some((select_state, guard)));
+            let mut locked = this.receiver.channel().guard_of(lists);
+            locked.list_receiver(node, current::priority(), None);
         }
         this.phase = Phase::Listed;
     }
@@ -88,8 +88,9 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         let receiver = self.receiver;
         let mut outcome = self.outcome();
         if outcome == Outcome::Waiting {
-            // The claiming thread holds the lock until it is settled. SAFETY: the node was listed.
-            outcome = unsafe { self.receiver.channel().update_wakeup(self.node(), cx) };
+            // The committing thread holds the lock until it is settled. SAFETY: the node was
+            // listed.
+            outcome = unsafe { self.receiver.channel().update_wake_handle(self.node(), cx) };
         }
         if outcome == Outcome::Broken {
             // SAFETY: nothing is moved.
@@ -143,7 +144,7 @@ impl<'a, T, M: Mode> Guard for RecvOp<'a, T, M> {
     #[inline(always)]
     fn plain(&self) -> Plain<'_> {
         Plain {
-            place: self.receiver.channel().place(),
+            wait_point: self.receiver.channel().wait_point(),
             node: self.node().cast(),
             of_sender: false,
             stamp: &self.receiver.chosen,

@@ -123,13 +123,13 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     #[inline]
     pub(super) fn begin(
         &mut self,
-        selection: Option<(NonNull<SelectState>, u32)>,
+        select_state: Option<(NonNull<SelectState>, u32)>,
     ) -> NonNull<Waiter<T>> {
         M::waits(self.note());
         let node = self.node();
         // SAFETY: a new receive's node is known to its future alone.
         unsafe {
-            Waiter::begin(node, M::HOLDS, selection, None);
+            Waiter::begin(node, M::HOLDS, select_state, None);
             if M::INHERITS {
                 (*Waiter::link(node)).inherits = true;
             }
@@ -218,7 +218,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
             } else {
                 // SAFETY: the node was listed.
-                outcome = unsafe { self.receiver.channel().update_wakeup(self.node(), cx) };
+                outcome = unsafe { self.receiver.channel().update_wake_handle(self.node(), cx) };
                 if outcome == Outcome::Waiting {
                     return self.waits();
                 }
@@ -231,14 +231,14 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     /// It waits at its channel.
     #[inline(always)]
     fn waits<R>(&self) -> Poll<R> {
-        self.receiver.channel().place().waits();
+        self.receiver.channel().wait_point().waits();
         Poll::Pending
     }
 
     /// It is done, maybe in the turn in which it was to wait.
     #[inline(always)]
     fn waits_no_more(&self) {
-        self.receiver.channel().place().waits_no_more();
+        self.receiver.channel().wait_point().waits_no_more();
     }
 
     /// It fails without having waited, after others if it is their turn.
@@ -275,17 +275,17 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
 
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
-    fn poll_generally(
+    fn poll_slow_path(
         &mut self,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         if replay::is_on() {
             return replay::poll(self, cx);
         }
-        self.poll_in_general(cx)
+        self.poll_under_lock(cx)
     }
 
-    fn poll_in_general(
+    fn poll_under_lock(
         &mut self,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
@@ -306,13 +306,13 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             current::stay_in_branch();
             return this.fails(Outcome::Poisoned, cx);
         }
-        let mut section = if M::HOLDS || M::INHERITS {
+        let mut locked = if M::HOLDS || M::INHERITS {
             this.receiver.channel().lock()
         } else {
             // SAFETY: a new receive's node holds no value, and no other thread knows it. The future
             // is pinned, and it looks until the hand-off slot is left.
-            match unsafe { this.receiver.channel().recv_on_spots(this.node()) } {
-                HandOff::No(section) => section,
+            match unsafe { this.receiver.channel().recv_by_slot(this.node()) } {
+                HandOff::No(locked) => locked,
                 HandOff::Done(value) => {
                     let taken = Taken::new(this.receiver.channel(), value, 0);
                     let gives_way = crate::gives_way(cx);
@@ -331,7 +331,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                     // SAFETY: the node waits on the hand-off slot.
                     let outcome = unsafe {
                         let channel = this.receiver.channel();
-                        channel.look_from_spot(this.node(), Side::Receiver, cx)
+                        channel.look_from_slot(this.node(), Side::Receiver, cx)
                     };
                     return match outcome {
                         Outcome::Waiting => this.waits(),
@@ -341,17 +341,17 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             }
         };
         if M::INHERITS {
-            section.note_server();
+            locked.note_server();
         }
-        match section.recv_now(M::HOLDS) {
+        match locked.recv_now(M::HOLDS) {
             Received::Done(value, ready, holding) => {
                 if M::INHERITS {
                     // Under the lock and in this order: a server that is between the two would not
                     // be as urgent as its client.
                     M::holds(this.note(), holding.priority);
-                    section.boost_while_they_wait();
+                    locked.boost_while_they_wait();
                 }
-                drop(section);
+                drop(locked);
                 let ticket = holding.ticket;
                 let taken = Taken::new(this.receiver.channel(), value, ticket);
                 ready.wake();
@@ -369,19 +369,19 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             Received::Empty => {
                 let looks = spin::may_look();
                 // A waker is not cloned under the lock, but brought when it is released.
-                let wakeup = match looks {
+                let wake_handle = match looks {
                     true => None,
                     false => WakeHandle::without_waker(cx),
                 };
-                let has_wakeup = wakeup.is_some();
+                let has_wake_handle = wake_handle.is_some();
                 // SAFETY: the future is pinned, and its drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
-                    section.list_receiver(node, current::priority(), wakeup);
+                    locked.list_receiver(node, current::priority(), wake_handle);
                 }
                 this.phase = Phase::Listed;
-                drop(section);
-                if has_wakeup {
+                drop(locked);
+                if has_wake_handle {
                     return this.waits();
                 }
                 let channel = this.receiver.channel();
@@ -392,7 +392,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
             }
             Received::Ended(ending) => {
-                drop(section);
+                drop(locked);
                 let outcome = match ending {
                     Ending::Poisoned => Outcome::Poisoned,
                     _ => Outcome::Closed,
@@ -400,7 +400,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 this.fails(outcome, cx)
             }
             Received::Broken(ready) => {
-                drop(section);
+                drop(locked);
                 this.phase = Phase::Over;
                 this.receiver.poison();
                 ready.wake();
@@ -435,7 +435,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 FastPath::Done => return this.done(),
                 FastPath::Waits => this.phase = Phase::Listed,
                 FastPath::GaveWay => this.phase = Phase::GaveWay,
-                _ => return this.poll_generally(cx),
+                _ => return this.poll_slow_path(cx),
             }
             return Poll::Pending;
         }
@@ -448,7 +448,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
             return this.done();
         }
         cold_path();
-        this.poll_generally(cx)
+        this.poll_slow_path(cx)
     }
 }
 
@@ -518,7 +518,7 @@ impl<'a, T, M: Mode> Logged for RecvOp<'a, T, M> {
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
-        self.poll_in_general(cx)
+        self.poll_under_lock(cx)
     }
 
     fn wait_logged(&mut self) {

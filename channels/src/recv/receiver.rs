@@ -118,8 +118,8 @@ impl<T> Receiver<T> {
     /// assert!(receiver.try_recv().unwrap_err().is_closed());
     /// ```
     pub fn try_recv(&self) -> Result<T, TryRecvError> {
-        if current::is_taped() {
-            return self.try_recv_taped();
+        if current::has_replay_log() {
+            return self.try_recv_with_log();
         }
         let received = self.channel().lock().recv_inline(false);
         self.received_at_once(received)
@@ -147,7 +147,7 @@ impl<T> Receiver<T> {
     /// Receives at once, as the process' replay log says.
     #[cold]
     #[inline(never)]
-    fn try_recv_taped(&self) -> Result<T, TryRecvError> {
+    fn try_recv_with_log(&self) -> Result<T, TryRecvError> {
         let look = || {
             self.channel().note_logged(false);
             self.channel().lock().recv_now(false)
@@ -296,7 +296,7 @@ impl<T> Receiver<T> {
 
     /// Poisons the channel: see [`Sender::poison`](crate::Sender::poison).
     pub fn poison(&self) {
-        if current::is_taped() {
+        if current::has_replay_log() {
             // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
             let _ = replay::call(true, poison, |()| None);
@@ -317,13 +317,13 @@ impl<T> Receiver<T> {
     /// assert_eq!(end, ChannelEnd::Poisoned);
     /// ```
     pub fn poisoned(&self) -> Ended<'_> {
-        Ended::new(self.channel().place(), true)
+        Ended::new(self.channel().wait_point(), true)
     }
 
     /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.channel().place().identity.set_name(name);
+        self.channel().wait_point().identity.set_name(name);
         self
     }
 
@@ -331,7 +331,7 @@ impl<T> Receiver<T> {
     /// [`Sender::external`](crate::Sender::external).
     #[must_use]
     pub fn external(self) -> Self {
-        self.channel().place().identity.set_external();
+        self.channel().wait_point().identity.set_external();
         self
     }
 

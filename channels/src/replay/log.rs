@@ -17,20 +17,20 @@ pub(crate) mod failure {
 
 /// Lets an operation in.
 pub(super) fn enter(cx: &mut Context<'_>) -> Poll<Turn> {
-    current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
+    current::replay_log(|log| log.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
 }
 
 /// The stamp of a success: as its partner gave it, or else its own.
 pub(crate) fn stamp(of_partner: u64, own: u64) -> u64 {
     match of_partner {
         0 => own,
-        stamp => current::tape(|tape| known(tape, stamp)).unwrap_or(0),
+        stamp => current::replay_log(|log| known(log, stamp)).unwrap_or(0),
     }
 }
 
 /// A stamp for an operation that gets one in any case.
 pub(crate) fn own_stamp() -> u64 {
-    current::tape(|tape| tape.stamp(true)).unwrap_or(0)
+    current::replay_log(|log| log.stamp(true)).unwrap_or(0)
 }
 
 /// As [`own_stamp`], of an operation that has met no partner, under the lock where it succeeded.
@@ -40,46 +40,46 @@ pub(crate) fn meeting(lists: &mut WaitQueues) -> u64 {
 
 /// In a replay: whether the other processes have done what comes before the present operation.
 pub(crate) fn settle(cx: &mut Context<'_>) -> Poll<()> {
-    current::tape(|tape| tape.settle(cx)).unwrap_or(Poll::Ready(()))
+    current::replay_log(|log| log.settle(cx)).unwrap_or(Poll::Ready(()))
 }
 
 /// The replayed operation cannot have its recorded outcome.
 #[cold]
 pub(crate) fn differs<R>(what: &'static str) -> Poll<R> {
-    current::tape(|tape| tape.differs(what));
+    current::replay_log(|log| log.differs(what));
     Poll::Pending
 }
 
 /// Whether the current process has a replay log.
 #[inline(always)]
 pub(crate) fn is_on() -> bool {
-    current::is_taped()
+    current::has_replay_log()
 }
 
 /// Whether the process is replayed, so that timeouts come from the replay log only.
 #[inline]
 pub(crate) fn is_replayed() -> bool {
-    current::is_taped() && current::is_replayed()
+    current::has_replay_log() && current::is_replayed()
 }
 
 /// Whether the process of a completed operation is still held by its replay log.
 pub(crate) fn is_held(cx: &mut Context<'_>) -> bool {
-    current::tape(|tape| tape.hold(cx).is_pending()).unwrap_or_default()
+    current::replay_log(|log| log.hold(cx).is_pending()).unwrap_or_default()
 }
 
 /// A replayed operation has completed without waiting. Returns whether its process is held.
 pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
-    current::tape(|tape| {
-        tape.leave(Event::done(tape.own_stamp()));
-        tape.hold(cx).is_pending()
+    current::replay_log(|log| {
+        log.leave(Event::done(log.own_stamp()));
+        log.hold(cx).is_pending()
     })
     .unwrap_or_default()
 }
 
 /// The stamp given by a partner; one that is not recorded gives none.
-fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
+fn known(log: &dyn ReplayLog, order: u64) -> u64 {
     if order == OUTSIDER {
-        tape.outside(OUTSIDE_PARTNER);
+        log.outside(OUTSIDE_PARTNER);
         return 0;
     }
     order
@@ -87,18 +87,18 @@ fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
 
 /// Records the result of an operation that did not wait.
 pub(crate) fn leave(event: Event) {
-    current::tape(|tape| tape.leave(event));
+    current::replay_log(|log| log.leave(event));
 }
 
 /// Records that the current process does something that cannot be recorded.
 #[cold]
 pub(crate) fn outside(construct: &'static str) {
-    current::tape(|tape| tape.outside(construct));
+    current::replay_log(|log| log.outside(construct));
 }
 
 /// The time: as it was recorded, in a process with a replay log.
 pub(crate) fn now() -> Instant {
-    if current::is_taped() {
+    if current::has_replay_log() {
         return luna_core::replay_log::now();
     }
     Instant::now()
@@ -112,7 +112,7 @@ pub(crate) fn call<R>(
     look: impl FnOnce() -> R,
     failure_of: impl FnOnce(&R) -> Option<u64>,
 ) -> Result<R, u64> {
-    match current::tape(|tape| tape.call(takes)) {
+    match current::replay_log(|log| log.call(takes)) {
         None => Ok(look()),
         Some(Turn::Given(Event {
             what: What::Failed,
@@ -125,14 +125,14 @@ pub(crate) fn call<R>(
         Some(turn) => {
             let came_to = look();
             let failure = failure_of(&came_to);
-            current::tape(|tape| match failure {
+            current::replay_log(|log| match failure {
                 Some(_) if turn != Turn::Record => {
-                    tape.differs("an operation at once does not succeed");
+                    log.differs("an operation at once does not succeed");
                 }
-                Some(number) => tape.leave(Event::failed(number)),
+                Some(number) => log.leave(Event::failed(number)),
                 // Its effects have the stamp of the lock under which they were made, or this stamp.
-                None => tape.leave(Event::done(match tape.own_stamp() {
-                    0 if takes => tape.stamp(true),
+                None => log.leave(Event::done(match log.own_stamp() {
+                    0 if takes => log.stamp(true),
                     stamp => stamp,
                 })),
             });
@@ -144,7 +144,7 @@ pub(crate) fn call<R>(
 /// Reads a state that others change: a replay sees what the recorded process saw.
 #[cold]
 pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
-    match current::tape(|tape| tape.call(false)) {
+    match current::replay_log(|log| log.call(false)) {
         Some(Turn::Given(event)) => {
             leave(Event::new(What::Chosen, event.number, 0));
             event.number
@@ -161,5 +161,5 @@ pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
 /// never polled.
 #[cold]
 pub(crate) fn abandon(is_new: bool) {
-    current::tape(|tape| tape.abandon(!is_new));
+    current::replay_log(|log| log.abandon(!is_new));
 }

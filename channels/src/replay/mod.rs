@@ -19,7 +19,7 @@ pub(crate) use log::{
     abandon, call, differs, failure, is_held_after, is_on, is_replayed, look, meeting, now,
     outside, own_stamp, settle, stamp,
 };
-pub(crate) use order::{Order, Stamped, Taped};
+pub(crate) use order::{LogState, Order, Stamped};
 
 use log::{enter, is_held, leave};
 use luna_core::current;
@@ -195,7 +195,7 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
     }
     let own = match before {
         // It may have met a partner that waited.
-        Stage::New => current::tape(|tape| tape.own_stamp()).unwrap_or(0),
+        Stage::New => current::replay_log(|log| log.own_stamp()).unwrap_or(0),
         _ => 0,
     };
     let output = match polled {
@@ -229,7 +229,7 @@ pub(crate) fn poll_until<O: GiveUp, S: Future<Output = ()>>(
     if operation.lets_others_run() {
         return Poll::Pending;
     }
-    if current::is_taped() {
+    if current::has_replay_log() {
         return self::stop(operation, stop, cx);
     }
     match events::beside(|| stop.poll(cx)) {
@@ -307,7 +307,9 @@ fn stop<O: GiveUp, S: Future<Output = ()>>(
         };
     }
     let is_logged = matches!(operation.stage(), Stage::Waits | Stage::Met);
-    ready!(events::beside(|| current::without_tape(|| stop.poll(cx))));
+    ready!(events::beside(|| current::without_replay_log(
+        || stop.poll(cx)
+    )));
     let outcome = operation.as_mut().give_up();
     match O::failure_in_time(&outcome) {
         Some(failure) => leave(failure),

@@ -22,7 +22,7 @@ pub(crate) enum Stamped {
 
 /// State of a wait point about the recorded processes that come there. Guarded by its lock.
 #[derive(Debug, Default)]
-pub(crate) struct Taped {
+pub(crate) struct LogState {
     /// The last sender and the last receiver; 0 for none.
     branch_logs: [u32; 2],
     /// The greatest stamps that were given here, of sends and of receives.
@@ -34,7 +34,7 @@ pub(crate) struct Taped {
     stored: Option<Box<VecDeque<u64>>>,
 }
 
-/// Properties of the order of recorded processes. Apart from [`Taped`], to use padding between
+/// Properties of the order of recorded processes. Apart from [`LogState`], to use padding between
 /// other fields.
 #[derive(Debug, Default)]
 pub(crate) struct Order {
@@ -45,7 +45,7 @@ pub(crate) struct Order {
     has_outsider: bool,
 }
 
-impl Taped {
+impl LogState {
     /// Whether a recorded process has come.
     pub(crate) fn is_used(&self) -> bool {
         self.branch_logs != [0; 2]
@@ -55,10 +55,10 @@ impl Taped {
 impl WaitQueues {
     /// Notes that the current process, which has a replay log, comes as a sender or as a receiver.
     #[cold]
-    pub(crate) fn note_taped(&mut self, is_sender: bool) {
-        let is_first = !self.taped.is_used();
-        let branch_log = current::tape(|tape| tape.branch_log()).unwrap_or_default();
-        let last = &mut self.taped.branch_logs[usize::from(is_sender)];
+    pub(crate) fn note_recorded(&mut self, is_sender: bool) {
+        let is_first = !self.log_state.is_used();
+        let branch_log = current::replay_log(|log| log.branch_log()).unwrap_or_default();
+        let last = &mut self.log_state.branch_logs[usize::from(is_sender)];
         let last = std::mem::replace(last, branch_log);
         self.order.is_ordered |= last != 0 && last != branch_log;
         if is_first {
@@ -67,19 +67,20 @@ impl WaitQueues {
             self.find_whether_plain();
         }
         if std::mem::take(&mut self.order.has_outsider) {
-            current::tape(|tape| tape.outside(OUTSIDE_PARTNER));
+            current::replay_log(|log| log.outside(OUTSIDE_PARTNER));
         }
     }
 
     /// Notes that an operation takes part here, where recorded processes come: it may be one that
     /// is not recorded.
     pub(crate) fn note_partner(&mut self) {
-        self.order.has_outsider |= self.taped.is_used() && !current::is_taped();
+        self.order.has_outsider |= self.log_state.is_used() && !current::has_replay_log();
     }
 
-    /// The stamp of the present event, if it has to have one: see [`ReplayLog::stamp`](luna_core::replay_log::ReplayLog::stamp).
+    /// The stamp of the present event, if it has to have one: see
+    /// [`ReplayLog::stamp`](luna_core::replay_log::ReplayLog::stamp).
     pub(crate) fn stamp(&mut self, of: Stamped) -> u64 {
-        match self.taped.is_used() {
+        match self.log_state.is_used() {
             true => self.stamp_if(self.order.is_ordered, of),
             false => 0,
         }
@@ -91,18 +92,18 @@ impl WaitQueues {
     /// buffer may come after one that stored later: it finds what was there then
     /// ([`overwritten`](Self::overwritten)).
     pub(crate) fn stamp_if(&mut self, several: bool, of: Stamped) -> u64 {
-        current::tape(|tape| {
-            let stamp = tape.stamp(several);
+        current::replay_log(|log| {
+            let stamp = log.stamp(several);
             if stamp == 0 {
                 return 0;
             }
-            let [sends, receives] = &mut self.taped.last_stamps;
+            let [sends, receives] = &mut self.log_state.last_stamps;
             let after = match of {
                 Stamped::Taking => *receives,
                 Stamped::Storing | Stamped::Meeting => (*sends).max(*receives),
             };
             if stamp < after {
-                tape.differs("an operation gets through after one that came after it");
+                log.differs("an operation gets through after one that came after it");
             }
             if of != Stamped::Storing {
                 *receives = after.max(stamp);
@@ -125,12 +126,12 @@ impl WaitQueues {
     pub(crate) fn note_taken(&mut self, stored: usize, stamp: u64) {
         let come = self.stamps_of(stored).pop_front().unwrap_or_default();
         if stamp != 0 && come > stamp {
-            current::tape(|tape| tape.differs("a receive finds a value that came after it"));
+            current::replay_log(|log| log.differs("a receive finds a value that came after it"));
         }
     }
 
     fn stamps_of(&mut self, stored: usize) -> &mut VecDeque<u64> {
-        let stamps = self.taped.stored.get_or_insert_default();
+        let stamps = self.log_state.stored.get_or_insert_default();
         // Values from before the begin of the record, and values that were given back, have none.
         while stamps.len() < stored {
             stamps.push_front(0);
@@ -174,30 +175,31 @@ impl<T> Channel<T> {
     /// Notes that the current process, which has a replay log, comes as a sender or a receiver.
     #[cold]
     pub(crate) fn note_logged(&self, is_sender: bool) {
-        let mut section = self.lock();
-        section.lists.note_taped(is_sender);
+        let mut locked = self.lock();
+        locked.lists.note_recorded(is_sender);
         if is_sender || !current::is_replayed() {
             return;
         }
-        let Some(stamp) = current::tape(|tape| tape.stamp(true)).filter(|&stamp| stamp != 0) else {
+        let Some(stamp) = current::replay_log(|log| log.stamp(true)).filter(|&stamp| stamp != 0)
+        else {
             return;
         };
-        let overwritten = section.take_overwritten(stamp);
+        let overwritten = locked.take_overwritten(stamp);
         // The user's code, so not under the lock.
-        drop(section);
+        drop(locked);
         drop(overwritten);
     }
 }
 
 #[cfg(all(test, not(loom)))]
 mod tests {
-    use crate::inspect::{Identity, PlaceKind};
+    use crate::inspect::{Identity, WaitPointKind};
     use crate::wait_point::WaitPoint;
 
     #[track_caller]
     fn check(come: &[u64], capacity: usize, stamp: u64, keeps_newest: bool) -> Vec<usize> {
-        let place = WaitPoint::new(Identity::new(PlaceKind::Buffered(capacity)));
-        let mut lists = place.lock();
+        let wait_point = WaitPoint::new(Identity::new(WaitPointKind::Buffered(capacity)));
+        let mut lists = wait_point.lock();
         for (stored, &stamp) in come.iter().enumerate() {
             lists.note_stored(stamp, stored);
         }

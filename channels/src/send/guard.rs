@@ -19,7 +19,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     fn terms(&self) -> Terms<'_> {
         Terms {
             can_fail: true,
-            ..Terms::at(self.sender.channel().place(), &self.sender.chosen)
+            ..Terms::at(self.sender.channel().wait_point(), &self.sender.chosen)
         }
     }
 
@@ -35,8 +35,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         };
         // SAFETY: the contract: the lists are this channel's, and the node is new.
         let sent = unsafe {
-            let mut section = this.sender.channel().section(lists);
-            section.send_now(this.place_of_offer(), Some(cx))
+            let mut locked = this.sender.channel().guard_of(lists);
+            locked.send_now(this.offer_pointer(), Some(cx))
         };
         let (outcome, ready) = match sent {
             Sent::Full => return Attempt::NotReady,
@@ -53,8 +53,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
                 this.phase = Phase::Listed;
                 return Attempt::Ready(ready);
             }
-            Sent::Ended(Ending::Poisoned) => (Outcome::Poisoned, PendingWake::NOBODY),
-            Sent::Ended(_) => (Outcome::Closed, PendingWake::NOBODY),
+            Sent::Ended(Ending::Poisoned) => (Outcome::Poisoned, PendingWake::NONE),
+            Sent::Ended(_) => (Outcome::Closed, PendingWake::NONE),
             Sent::Broken(ready) => (Outcome::Broken, ready),
         };
         this.phase = Phase::Settled(outcome);
@@ -64,7 +64,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<SelectState>,
+        select_state: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.
@@ -72,9 +72,9 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         // SAFETY: the contract: the lists are this channel's; the node is new, holds or can make
         // its value, and is withdrawn before it goes.
         unsafe {
-            let node = this.begin(Some((selection, guard)));
-            let mut section = this.sender.channel().section(lists);
-            section.list_sender(node, current::priority(), None);
+            let node = this.begin(Some((select_state, guard)));
+            let mut locked = this.sender.channel().guard_of(lists);
+            locked.list_sender(node, current::priority(), None);
         }
         this.phase = Phase::Listed;
     }
@@ -97,9 +97,9 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         if matches!(this.phase, Phase::Listed | Phase::Settled(_)) {
             let mut outcome = this.outcome();
             if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                // The claiming thread holds the lock until it is settled. SAFETY: the node was
+                // The committing thread holds the lock until it is settled. SAFETY: the node was
                 // listed.
-                outcome = unsafe { this.sender.channel().update_wakeup(this.node(), cx) };
+                outcome = unsafe { this.sender.channel().update_wake_handle(this.node(), cx) };
             }
             match outcome {
                 // One that is held waits again when its receive is dropped.
@@ -162,7 +162,7 @@ impl<T, S: Source<T>> Guard for SendOp<'_, T, S> {
     #[inline(always)]
     fn plain(&self) -> Plain<'_> {
         Plain {
-            place: self.sender.channel().place(),
+            wait_point: self.sender.channel().wait_point(),
             node: self.node().cast(),
             of_sender: true,
             stamp: &self.sender.chosen,

@@ -97,7 +97,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     }
 
     #[inline]
-    pub(super) fn place_of_offer(&self) -> NonNull<Offered<T, S>> {
+    pub(super) fn offer_pointer(&self) -> NonNull<Offered<T, S>> {
         // SAFETY: a cell's address is never null.
         unsafe { NonNull::new_unchecked(self.offered.get()) }
     }
@@ -105,7 +105,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     #[inline]
     pub(super) fn node(&self) -> NonNull<Waiter<T>> {
         // The waiter is the first field.
-        self.place_of_offer().cast()
+        self.offer_pointer().cast()
     }
 
     /// Not to be called while the node is listed: others change it then.
@@ -138,10 +138,10 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     #[inline]
     pub(super) fn begin(
         &mut self,
-        selection: Option<(NonNull<SelectState>, u32)>,
+        select_state: Option<(NonNull<SelectState>, u32)>,
     ) -> NonNull<Waiter<T>> {
         // SAFETY: a new send's node is known to its future alone.
-        unsafe { Waiter::begin(self.node(), false, selection, S::MAKE) };
+        unsafe { Waiter::begin(self.node(), false, select_state, S::MAKE) };
         self.node()
     }
 
@@ -242,7 +242,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 }
             } else {
                 // SAFETY: the node was listed.
-                outcome = unsafe { self.sender.channel().update_wakeup(self.node(), cx) };
+                outcome = unsafe { self.sender.channel().update_wake_handle(self.node(), cx) };
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
                     return self.waits();
                 }
@@ -282,14 +282,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     /// It waits at its channel.
     #[inline(always)]
     fn waits<R>(&self) -> Poll<R> {
-        self.sender.channel().place().waits();
+        self.sender.channel().wait_point().waits();
         Poll::Pending
     }
 
     /// It is done, maybe in the turn in which it was to wait.
     #[inline(always)]
     fn waits_no_more(&self) {
-        self.sender.channel().place().waits_no_more();
+        self.sender.channel().wait_point().waits_no_more();
     }
 
     /// It fails without having waited, after others if it is their turn.
@@ -324,7 +324,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         unsafe {
             match found {
                 FastPath::Store => channel.store_fast(self.node(), turn),
-                FastPath::More => channel.send_to_more(self.place_of_offer()),
+                FastPath::More => channel.send_to_more(self.offer_pointer()),
                 other => other,
             }
         }
@@ -332,14 +332,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
 
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
-    fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+    fn poll_slow_path(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         if replay::is_on() {
             return replay::poll(self, cx);
         }
-        self.poll_in_general(cx)
+        self.poll_under_lock(cx)
     }
 
-    fn poll_in_general(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+    fn poll_under_lock(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         let this = self;
         match this.phase {
             Phase::New => {}
@@ -367,28 +367,27 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         }
         // SAFETY: a new send's node holds or can make its value, and no other thread knows it. The
         // future is pinned, and it looks until the hand-off slot is left.
-        let mut section =
-            match unsafe { this.sender.channel().send_on_spots(this.place_of_offer()) } {
-                HandOff::No(section) => section,
-                HandOff::Done(()) => return this.sent(cx),
-                HandOff::Waits => {
-                    this.phase = Phase::Listed;
-                    // SAFETY: the node waits on the hand-off slot.
-                    let outcome = unsafe {
-                        let channel = this.sender.channel();
-                        channel.look_from_spot(this.node(), Side::Sender, cx)
-                    };
-                    return this.looked(outcome, cx);
-                }
-            };
+        let mut locked = match unsafe { this.sender.channel().send_by_slot(this.offer_pointer()) } {
+            HandOff::No(locked) => locked,
+            HandOff::Done(()) => return this.sent(cx),
+            HandOff::Waits => {
+                this.phase = Phase::Listed;
+                // SAFETY: the node waits on the hand-off slot.
+                let outcome = unsafe {
+                    let channel = this.sender.channel();
+                    channel.look_from_slot(this.node(), Side::Sender, cx)
+                };
+                return this.looked(outcome, cx);
+            }
+        };
         // SAFETY: a new send's node holds or can make its value, and no other thread knows it. The
         // future is pinned, and its drop withdraws it.
-        let sent = unsafe { section.send_now(this.place_of_offer(), Some(cx)) };
+        let sent = unsafe { locked.send_now(this.offer_pointer(), Some(cx)) };
         match sent {
             Sent::Done(ready, dropped) => {
                 // Before the user's code below (a waker, a drop) can panic: the value is gone.
                 this.phase = Phase::Over;
-                section.release();
+                locked.release();
                 ready.wake();
                 drop(dropped);
                 this.sent(cx)
@@ -396,20 +395,20 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             Sent::Full => {
                 let looks = spin::may_look();
                 // A waker is not cloned under the lock, but brought when it is released.
-                let wakeup = match looks {
+                let wake_handle = match looks {
                     true => None,
                     false => WakeHandle::without_waker(cx),
                 };
-                let has_wakeup = wakeup.is_some();
+                let has_wake_handle = wake_handle.is_some();
                 // SAFETY: the node still holds or can make its value; the future is pinned, and its
                 // drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
-                    section.list_sender(node, current::priority(), wakeup);
+                    locked.list_sender(node, current::priority(), wake_handle);
                 }
                 this.phase = Phase::Listed;
-                section.release();
-                if has_wakeup {
+                locked.release();
+                if has_wake_handle {
                     return this.waits();
                 }
                 let channel = this.sender.channel();
@@ -419,12 +418,12 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             }
             Sent::Held(ready) => {
                 this.phase = Phase::Listed;
-                section.release();
+                locked.release();
                 ready.wake();
                 this.poll_listed(cx)
             }
             Sent::Ended(ending) => {
-                section.release();
+                locked.release();
                 let outcome = match ending {
                     Ending::Poisoned => Outcome::Poisoned,
                     _ => Outcome::Closed,
@@ -433,7 +432,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             }
             Sent::Broken(ready) => {
                 this.phase = Phase::Over;
-                section.release();
+                locked.release();
                 ready.wake();
                 this.broken()
             }
@@ -454,8 +453,8 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
             && let Some(turn) = PlainTurn::of(cx)
         {
             let channel = this.sender.channel();
-            // SAFETY: a new send's node holds its value, and no other thread knows it. The future is
-            // pinned, and its drop withdraws it.
+            // SAFETY: a new send's node holds its value, and no other thread knows it. The future
+            // is pinned, and its drop withdraws it.
             let mut fast_path = unsafe { channel.send_fast(this.node(), turn) };
             // The two usual ways first: with more the compiler jumps by a table, which a processor
             // that has done something else meanwhile cannot foresee.
@@ -470,7 +469,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 }
                 FastPath::Waits => this.phase = Phase::Listed,
                 FastPath::GaveWay => this.phase = Phase::GaveWay,
-                _ => return this.poll_generally(cx),
+                _ => return this.poll_slow_path(cx),
             }
             return Poll::Pending;
         }
@@ -480,7 +479,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
             return Poll::Ready(Ok(()));
         }
         cold_path();
-        this.poll_generally(cx)
+        this.poll_slow_path(cx)
     }
 }
 
@@ -549,7 +548,7 @@ impl<T, S: Source<T>> Logged for SendOp<'_, T, S> {
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
-        self.poll_in_general(cx)
+        self.poll_under_lock(cx)
     }
 
     fn wait_logged(&mut self) {

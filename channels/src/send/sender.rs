@@ -134,15 +134,15 @@ impl<T> Sender<T> {
     /// assert!(sender.try_send(1).unwrap_err().is_closed());
     /// ```
     pub fn try_send(&self, value: T) -> Result<(), TrySendError<T>> {
-        if current::is_taped() {
-            return self.try_send_taped(value);
+        if current::has_replay_log() {
+            return self.try_send_with_log(value);
         }
         let mut offered = Offered::value(value);
         let offered = NonNull::from(&mut offered);
-        let mut section = self.channel().lock();
+        let mut locked = self.channel().lock();
         // SAFETY: the node is this call's alone, and holds its value.
-        let sent = unsafe { section.send_inline(offered, None) };
-        section.release();
+        let sent = unsafe { locked.send_inline(offered, None) };
+        locked.release();
         // SAFETY: it was offered, and this came of it.
         unsafe { Self::sent_at_once(offered, sent) }
     }
@@ -177,15 +177,15 @@ impl<T> Sender<T> {
     /// Sends at once, as the process' replay log says.
     #[cold]
     #[inline(never)]
-    fn try_send_taped(&self, value: T) -> Result<(), TrySendError<T>> {
+    fn try_send_with_log(&self, value: T) -> Result<(), TrySendError<T>> {
         let mut offered = Offered::value(value);
         let offered = NonNull::from(&mut offered);
         let look = || {
             self.channel().note_logged(true);
-            let mut section = self.channel().lock();
+            let mut locked = self.channel().lock();
             // SAFETY: the node is this call's alone, and holds its value.
-            let sent = unsafe { section.send_now(offered, None) };
-            section.release();
+            let sent = unsafe { locked.send_now(offered, None) };
+            locked.release();
             sent
         };
         let failure = |sent: &Sent<T>| match sent {
@@ -335,7 +335,7 @@ impl<T> Sender<T> {
     /// assert!(receiver.blocking_recv().unwrap_err().is_poisoned());
     /// ```
     pub fn poison(&self) {
-        if current::is_taped() {
+        if current::has_replay_log() {
             // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
             let _ = replay::call(true, poison, |()| None);
@@ -359,13 +359,13 @@ impl<T> Sender<T> {
     /// assert_eq!(end, ChannelEnd::Closed);
     /// ```
     pub fn ended(&self) -> Ended<'_> {
-        Ended::new(self.channel().place(), false)
+        Ended::new(self.channel().wait_point(), false)
     }
 
     /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.channel().place().identity.set_name(name);
+        self.channel().wait_point().identity.set_name(name);
         self
     }
 
@@ -374,7 +374,7 @@ impl<T> Sender<T> {
     /// has used already is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
-        self.channel().place().identity.set_external();
+        self.channel().wait_point().identity.set_external();
         self
     }
 }

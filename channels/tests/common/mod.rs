@@ -131,7 +131,7 @@ pub(crate) fn ready<F: Future + ?Sized>(future: &mut Pin<Box<F>>) -> F::Output {
 /// Gives way to other threads until so many wait at the place of this name.
 pub(crate) fn until_waiting(name: &str, count: usize) {
     let waiting = || {
-        let places = luna_channels::inspect::places();
+        let places = luna_channels::inspect::wait_points();
         let place = places
             .iter()
             .find(|place| place.name.as_deref() == Some(name));

@@ -443,7 +443,7 @@ fn nothing_is_left_of_it_for_a_report() {
     let (sender, receiver) = channel::<u8>();
     let sender = sender.named("of an alternative that goes");
     let count = || {
-        let places = inspect::places();
+        let places = inspect::wait_points();
         let mut places = places.iter();
         let place =
             places.find(|place| place.name.as_deref() == Some("of an alternative that goes"));

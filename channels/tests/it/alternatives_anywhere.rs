@@ -120,7 +120,7 @@ async fn either(one: &Receiver<u64>, two: &Receiver<u64>) -> u64 {
 }
 
 #[test]
-fn who_polled_last_is_woken_and_nobody_else() {
+fn one_that_polled_last_is_woken_and_nobody_else() {
     let ((_one, from_one), (two, from_two)) = (channel(), channel());
     let mut alternative = Box::pin(either(&from_one, &from_two));
     let wakers = [Wakes::new(), Wakes::new(), Wakes::new()];

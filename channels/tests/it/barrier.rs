@@ -62,7 +62,7 @@ fn one_that_is_dropped_after_the_round_has_come() {
 }
 
 #[test]
-fn who_enrolls_is_waited_for_and_who_resigns_is_not() {
+fn one_that_enrolls_is_waited_for_and_the_one_that_resigns_is_not() {
     let barrier = Barrier::new(1);
     let party = barrier.enroll();
     assert_eq!(barrier.parties(), 2);

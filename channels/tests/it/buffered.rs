@@ -47,7 +47,7 @@ fn a_send_into_room_completes_at_once_and_one_into_a_full_buffer_waits() {
 }
 
 #[test]
-fn who_waited_for_room_comes_before_who_comes_later() {
+fn one_that_waited_for_room_comes_before_the_one_that_comes_later() {
     let (sender, receiver) = buffered(Buffer::fifo(2));
     for n in 0..2 {
         sender.try_send(n).unwrap();
@@ -125,7 +125,7 @@ fn overwrite_newest_keeps_the_first_ones_and_the_last() {
 }
 
 #[test]
-fn an_overwriting_buffer_hands_to_who_waits_before_it_buffers() {
+fn an_overwriting_buffer_hands_to_the_one_that_waits_before_it_buffers() {
     for buffer in [Buffer::overwrite_oldest(1), Buffer::overwrite_newest(1)] {
         let (sender, receiver) = buffered(buffer);
         let mut recv = Box::pin(receiver.recv());
@@ -243,7 +243,5 @@ fn debug_output_names_what_it_is_and_needs_nothing_of_the_value() {
     assert!(
         format!("{:?} {:?}", sender.send(Opaque), receiver.recv()).contains("RecvOp { phase: New")
     );
-    assert!(
-        format!("{:?}", sender.try_send(Opaque).unwrap_err()).contains("nobody waits to receive")
-    );
+    assert!(format!("{:?}", sender.try_send(Opaque).unwrap_err()).contains("no receiver waits"));
 }

@@ -23,7 +23,7 @@ fn accepted<Q: Send, A: Send>(server: &Server<Q, A>) -> Call<'_, Q, A> {
 }
 
 #[test]
-fn the_reply_comes_whoever_was_first() {
+fn the_reply_comes_whichever_was_first() {
     for client_first in [false, true] {
         let (client, server) = call_channel();
         let (wakes, waker) = Wakes::new();
@@ -290,11 +290,18 @@ fn both_ends_are_guards() {
 /// Calls `f` in a process of an executor with another ready process of higher level: operations
 /// that complete at once let it run.
 fn outranked(f: impl FnOnce()) {
-    let home = current::Home::new();
+    let executor_id = current::ExecutorId::new();
     let timers = Arc::new(luna_core::timer_queue::TimerQueue::new());
-    let _home = current::enter_home(home, timers, false);
+    let _entered = current::enter_executor(executor_id, timers, false);
     let id = current::ProcessId::new();
-    let process = current::Lone::new(id, home, 0, 0, std::task::Waker::noop().clone(), 0..0);
+    let process = current::Lone::new(
+        id,
+        executor_id,
+        0,
+        0,
+        std::task::Waker::noop().clone(),
+        0..0,
+    );
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(1 << 5) };
     // SAFETY: this thread is the executor of the process, and the process lives.

@@ -119,7 +119,7 @@ fn a_value_that_came_back_to_a_full_buffer_takes_nobodys_place() {
 }
 
 #[test]
-fn a_value_that_came_back_to_a_rendezvous_is_received_before_who_waits_to_send() {
+fn a_value_that_came_back_to_a_rendezvous_is_received_before_the_one_that_waits_to_send() {
     let (sender, receiver) = channel();
     let mut recv = Box::pin(receiver.recv());
     pending(&mut recv);
@@ -135,7 +135,7 @@ fn a_value_that_came_back_to_a_rendezvous_is_received_before_who_waits_to_send()
 }
 
 #[test]
-fn a_value_that_came_back_goes_to_the_next_who_waits() {
+fn a_value_that_came_back_goes_to_the_next_that_waits() {
     let (sender, receiver) = channel();
     let (wakes, waker) = Wakes::new();
     let mut recvs: Vec<_> = (0..3).map(|_| Box::pin(receiver.recv())).collect();

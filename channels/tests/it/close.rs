@@ -187,7 +187,7 @@ fn values_do_not_outlive_what_they_borrow_on_the_real_time_path_either() {
     drop(receiver);
     luna_core::current::set_on_path(before);
     ledger.assert_all_dropped_once();
-    luna_core::reclaim::collect();
+    luna_core::deferred_free::collect();
     ledger.assert_all_dropped_once();
 }
 

@@ -36,7 +36,7 @@ fn waiting_unlocks_and_locks_again() {
 }
 
 #[test]
-fn who_is_notified_is_woken_once_when_it_can_go_on() {
+fn one_that_is_notified_is_woken_once_when_it_can_go_on() {
     let (mutex, condition) = (Mutex::new(()), Condvar::new());
     let (wakes, waker) = Wakes::new();
     let mut wait = Box::pin(condition.wait(mutex.try_lock().unwrap()));
@@ -61,7 +61,7 @@ fn nobody_to_notify_is_nothing() {
 }
 
 #[test]
-fn all_are_those_who_wait_now() {
+fn all_are_those_that_wait_now() {
     let (mutex, condition) = (Mutex::new(()), Condvar::new());
     let mut first = Box::pin(condition.wait(mutex.try_lock().unwrap()));
     pending(&mut first);
@@ -77,7 +77,7 @@ fn all_are_those_who_wait_now() {
 }
 
 #[test]
-fn who_goes_passes_on_what_was_for_it_alone() {
+fn one_that_goes_passes_on_what_was_for_it_alone() {
     let (mutex, condition) = (Mutex::new(()), Condvar::new());
     for hold in [false, true] {
         let mut goes = Box::pin(condition.wait(mutex.try_lock().unwrap()));
@@ -168,7 +168,7 @@ fn threads_wait_too() {
 }
 
 #[test]
-fn who_waits_learns_that_the_holder_died() {
+fn one_that_waits_learns_that_the_holder_died() {
     let (mutex, condition) = (Mutex::new(()), Condvar::new());
     let mut wait = Box::pin(condition.wait(mutex.try_lock().unwrap()));
     pending(&mut wait);

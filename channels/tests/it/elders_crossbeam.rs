@@ -168,7 +168,7 @@ fn against_a_partner_with_an_order_of_its_own() {
 /// crossbeam: `loop_try`. Two processes that try without waiting, against one that waits for either
 /// of them.
 #[test]
-fn two_who_try_against_one_that_waits() {
+fn two_that_try_against_one_that_waits() {
     let _watchdog = Watchdog::new();
     for _ in 0..50 {
         let ((s1, r1), (s2, r2), (end, ended)) = (channel(), channel(), channel::<()>());

@@ -58,7 +58,7 @@ fn basic_properties_at_many_capacities() {
 
 /// Go: `TestChan`, four senders and four receivers.
 #[test]
-fn four_who_send_and_four_who_receive() {
+fn four_that_send_and_four_that_receive() {
     let _watchdog = Watchdog::new();
     for capacity in [0, 1, 7] {
         let (sender, receiver) = of_capacity(capacity);
@@ -245,7 +245,7 @@ fn two_sends_on_one_channel_both_happen() {
 
 /// Go: `TestMultiConsumer`. A feeder, many workers, one collector; closed one after the other.
 #[test]
-fn a_feeder_many_workers_and_one_who_collects() {
+fn a_feeder_many_workers_and_one_that_collects() {
     let _watchdog = Watchdog::new();
     let (feed, work) = buffered::<u64>(Buffer::fifo(24));
     let (results, collected) = buffered::<u64>(Buffer::fifo(24));
@@ -270,7 +270,7 @@ fn a_feeder_many_workers_and_one_who_collects() {
 /// Go: `TestSelectDuplicateChannel`. One waits twice on a channel, another behind it; the first is
 /// chosen elsewhere; the other must be found.
 #[test]
-fn one_channel_twice_before_another_who_waits() {
+fn one_channel_twice_before_another_that_waits() {
     let ((c, from_c), (d, from_d)) = (channel(), channel());
     let mut twice = Box::pin(async {
         alt! {
@@ -497,7 +497,7 @@ fn values_come_out_in_the_order_in_which_their_senders_came() {
 /// Go: `test/chan/nonblock.go`. A non-blocking send and receive find a partner that waits, of
 /// values of several sizes; `test/chan/zerosize.go`.
 #[test]
-fn values_of_any_size_find_who_waits() {
+fn values_of_any_size_find_the_one_that_waits() {
     fn one<T: Send + Clone + PartialEq + std::fmt::Debug>(value: T) {
         let (sender, receiver) = channel();
         let mut recv = Box::pin(receiver.recv());

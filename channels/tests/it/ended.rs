@@ -44,7 +44,7 @@ fn what_ends_a_sender_and_what_a_receiver() {
 }
 
 #[test]
-fn the_end_wakes_all_who_wait_for_it_and_nobody_twice() {
+fn the_end_wakes_all_that_wait_for_it_and_nobody_twice() {
     let (sender, receiver) = channel::<u32>();
     let other = sender.clone();
     let count = Arc::new(Count::default());
@@ -104,7 +104,7 @@ fn a_dropped_wait_leaves_no_trace() {
 }
 
 #[test]
-fn whoever_polls_last_is_woken() {
+fn whichever_polls_last_is_woken() {
     let (sender, receiver) = channel::<u32>();
     let (first, last) = (Arc::new(Count::default()), Arc::new(Count::default()));
     let mut end = pin!(sender.ended());

@@ -166,7 +166,7 @@ fn an_end_comes_beside_a_branch_that_spends_all_operations() {
 }
 
 #[test]
-fn that_a_branch_had_failed_is_nothing_to_who_selects_later() {
+fn that_a_branch_had_failed_is_nothing_to_the_one_that_selects_later() {
     let _watchdog = Watchdog::new();
     let executor = Executor::start(Attributes::new("errors")).unwrap();
     let process = executor.spawn(ProcessSpec::new("selects"), || async move {

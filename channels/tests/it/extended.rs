@@ -236,7 +236,7 @@ fn as_a_guard_on_the_receivers_side() {
 
 /// Roles of the waiters on the channel of this name.
 fn roles(name: &str) -> Vec<Role> {
-    let places = inspect::places();
+    let places = inspect::wait_points();
     let place = places
         .iter()
         .find(|place| place.name.as_deref() == Some(name));
@@ -344,7 +344,7 @@ fn both_sides_are_alternatives() {
 }
 
 #[test]
-fn who_is_held_is_known_by_name() {
+fn one_that_is_held_is_known_by_name() {
     let _watchdog = Watchdog::new();
     let executor = Executor::start(Attributes::new("held")).unwrap();
     let (sender, receiver) = channel::<u8>();
@@ -354,7 +354,7 @@ fn who_is_held_is_known_by_name() {
     });
     let server = executor.spawn(ProcessSpec::new("server"), move || async move {
         let request = receiver.recv_extended().await.unwrap();
-        let places = inspect::places();
+        let places = inspect::wait_points();
         let place = places
             .iter()
             .find(|place| place.name.as_deref() == Some("holds its sender"))

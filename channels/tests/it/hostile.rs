@@ -140,7 +140,7 @@ fn a_clone_that_panics_leaves_a_barrier_as_it_was() {
 }
 
 #[test]
-fn a_clone_that_panics_leaves_those_who_watch_an_end() {
+fn a_clone_that_panics_leaves_those_that_watch_an_end() {
     let (sender, receiver) = channel::<u32>();
     let count = Arc::new(Count::default());
     let mut ended = Box::pin(sender.ended());

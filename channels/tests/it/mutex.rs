@@ -131,7 +131,7 @@ fn it_is_handed_over_by_priority_then_by_arrival() {
     const LEVELS: [u8; 6] = [3, 9, 3, 31, 9, 0];
     let mutex = Mutex::new(Vec::new());
     let executor = Executor::start(Attributes::new("one")).unwrap();
-    let (tell, told) = mpsc::channel();
+    let (notify, notified) = mpsc::channel();
     let mut gates = Vec::new();
     let mut processes = Vec::new();
     for (number, level) in LEVELS.into_iter().enumerate() {
@@ -159,11 +159,11 @@ fn it_is_handed_over_by_priority_then_by_arrival() {
                 of_director.try_lock().is_err_and(|error| error.is_locked()),
                 "it was handed over: nobody barges in"
             );
-            tell.send(()).unwrap();
+            notify.send(()).unwrap();
         }),
     );
     executor.release();
-    told.recv().unwrap();
+    notified.recv().unwrap();
     for process in processes {
         assert_eq!(process.wait(), Exit::Completed);
     }
@@ -171,7 +171,7 @@ fn it_is_handed_over_by_priority_then_by_arrival() {
 }
 
 #[test]
-fn who_goes_away_has_not_locked_and_passes_on_what_it_was_handed() {
+fn one_that_goes_away_has_not_locked_and_passes_on_what_it_was_handed() {
     let mutex = Mutex::new(());
     let guard = mutex.try_lock().unwrap();
     let mut gone = Box::pin(mutex.lock());
@@ -192,7 +192,7 @@ fn who_goes_away_has_not_locked_and_passes_on_what_it_was_handed() {
 }
 
 #[test]
-fn a_wait_is_woken_by_who_polled_last() {
+fn a_wait_is_woken_by_the_one_that_polled_last() {
     let mutex = Mutex::new(());
     let guard = mutex.try_lock().unwrap();
     let ((before, first), (now, second)) = (Wakes::new(), Wakes::new());
@@ -339,7 +339,7 @@ fn a_panic_marks_what_a_future_beside_it_held() {
 }
 
 #[test]
-fn who_waits_is_handed_it_and_learns_of_the_death() {
+fn one_that_waits_is_handed_it_and_learns_of_the_death() {
     let _watchdog = Watchdog::new();
     let mutex = Mutex::new(0).named("dying");
     let guard = mutex.try_lock().unwrap();
@@ -360,25 +360,25 @@ fn a_cancelled_holder_marks_it() {
     let _watchdog = Watchdog::new();
     for is_thread in [false, true] {
         let mutex = Mutex::new(0);
-        let (tell, told) = mpsc::channel();
+        let (notify, notified) = mpsc::channel();
         let theirs = mutex.clone();
         let body = move || async move {
             let _guard = theirs.lock().await.unwrap();
-            tell.send(()).unwrap();
+            notify.send(()).unwrap();
             std::future::pending::<()>().await;
         };
         let spec = ProcessSpec::new("holder");
         if is_thread {
             let thread = OsThread::start(Attributes::new("test"), spec, body).unwrap();
             thread.release();
-            told.recv().unwrap();
+            notified.recv().unwrap();
             thread.process().cancel();
             assert_eq!(thread.process().wait(), Exit::Cancelled);
         } else {
             let executor = Executor::start(Attributes::new("test")).unwrap();
             let process = executor.spawn(spec, body);
             executor.release();
-            told.recv().unwrap();
+            notified.recv().unwrap();
             process.cancel();
             assert_eq!(process.wait(), Exit::Cancelled);
         }
@@ -393,13 +393,13 @@ fn a_cancelled_one_that_waits_marks_nothing() {
     let guard = mutex.try_lock().unwrap();
     let theirs = mutex.clone();
     let executor = Executor::start(Attributes::new("test")).unwrap();
-    let (tell, told) = mpsc::channel();
+    let (notify, notified) = mpsc::channel();
     let process = executor.spawn(ProcessSpec::new("waits"), move || async move {
-        tell.send(()).unwrap();
+        notify.send(()).unwrap();
         let _ = theirs.lock().await;
     });
     executor.release();
-    told.recv().unwrap();
+    notified.recv().unwrap();
     process.cancel();
     assert_eq!(process.wait(), Exit::Cancelled);
     drop(guard);

@@ -16,7 +16,7 @@ use std::thread;
 use std::time::Duration;
 
 #[test]
-fn all_forms_fail_on_both_ends_whoever_poisoned() {
+fn all_forms_fail_on_both_ends_whichever_poisoned() {
     let _watchdog = Watchdog::new();
     for by_sender in [true, false] {
         for (sender, receiver) in [
@@ -64,7 +64,7 @@ fn all_forms_fail_on_both_ends_whoever_poisoned() {
 }
 
 #[test]
-fn all_who_wait_are_woken_once() {
+fn all_that_wait_are_woken_once() {
     let (sender, receiver) = channel::<u8>();
     let (wakes, waker) = Wakes::new();
     let mut recvs: Vec<_> = (0..3).map(|_| Box::pin(receiver.recv())).collect();
@@ -216,7 +216,7 @@ fn a_failed_sibling_branch_does_not_take_back_what_was_communicated() {
 }
 
 #[test]
-fn poison_races_with_many_who_communicate() {
+fn poison_races_with_many_that_communicate() {
     let _watchdog = Watchdog::new();
     let values = 40;
     for _ in 0..100 {
@@ -287,7 +287,7 @@ fn ends_that_go_with_a_culprit_poison_also_if_others_are_left() {
 }
 
 #[test]
-fn who_waits_is_told_that_the_other_end_went_with_a_culprit() {
+fn one_that_waits_is_told_that_the_other_end_went_with_a_culprit() {
     let _watchdog = Watchdog::new();
     let (sender, receiver) = channel::<u32>();
     let waiting = thread::spawn(move || receiver.blocking_recv());

@@ -133,7 +133,7 @@ fn senders_are_served_by_level_then_by_arrival() {
 }
 
 #[test]
-fn those_who_wait_for_room_move_up_by_level_too() {
+fn those_that_wait_for_room_move_up_by_level_too() {
     let order = order_of_service(&[5, 20, 10, 5], true, Some(Buffer::fifo(1)));
     assert_eq!(
         order,
@@ -224,7 +224,7 @@ fn a_sender_of_higher_level_runs_before_its_receiver_goes_on() {
 }
 
 #[test]
-fn who_gave_way_comes_before_the_others_of_its_level() {
+fn one_that_gave_way_comes_before_the_others_of_its_level() {
     let mut stage = Stage::new();
     let (sender, receiver) = channel();
     stage.process(20, move |log| async move {
@@ -243,9 +243,9 @@ fn who_gave_way_comes_before_the_others_of_its_level() {
 fn what_a_process_communicates_before_it_gives_way_stays_communicated_if_it_is_cancelled_there() {
     let mut stage = Stage::new();
     let (sender, receiver) = channel();
-    let (tell, told) = channel::<ProcessHandle>();
+    let (notify, notified) = channel::<ProcessHandle>();
     stage.process(20, move |log| async move {
-        let sending = told.recv().await.unwrap();
+        let sending = notified.recv().await.unwrap();
         log.add(format!("received {}", receiver.recv().await.unwrap()));
         sending.cancel(); // while it lets this one run
         log.add(format!("{}", sending.join().await));
@@ -259,7 +259,7 @@ fn what_a_process_communicates_before_it_gives_way_stays_communicated_if_it_is_c
         });
     stage.process(
         10,
-        move |_| async move { tell.send(sending).await.unwrap() },
+        move |_| async move { notify.send(sending).await.unwrap() },
     );
     assert_eq!(stage.run(), ["received 7", "cancelled"]);
 }
@@ -268,10 +268,10 @@ fn what_a_process_communicates_before_it_gives_way_stays_communicated_if_it_is_c
 fn what_a_process_received_before_it_gave_way_goes_back_if_it_is_cancelled_there() {
     let mut stage = Stage::new();
     let (sender, receiver) = channel();
-    let (tell, told) = channel::<ProcessHandle>();
+    let (notify, notified) = channel::<ProcessHandle>();
     let again = receiver.clone();
     stage.process(20, move |log| async move {
-        let receiving = told.recv().await.unwrap();
+        let receiving = notified.recv().await.unwrap();
         // Waits, is taken, and this process continues before its receiver.
         sender.send(7).await.unwrap();
         receiving.cancel();
@@ -287,7 +287,7 @@ fn what_a_process_received_before_it_gave_way_goes_back_if_it_is_cancelled_there
             });
     stage.process(
         10,
-        move |_| async move { tell.send(receiving).await.unwrap() },
+        move |_| async move { notify.send(receiving).await.unwrap() },
     );
     assert_eq!(stage.run(), ["cancelled", "again 7"]);
 }

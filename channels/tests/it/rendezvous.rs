@@ -63,7 +63,7 @@ fn nothing_is_buffered() {
 }
 
 #[test]
-fn those_who_wait_are_served_in_the_order_of_their_arrival() {
+fn those_that_wait_are_served_in_the_order_of_their_arrival() {
     let (sender, receiver) = channel();
     let mut sends: Vec<_> = (0..4).map(|n| Box::pin(sender.send(n))).collect();
     for index in [2, 0, 3, 1] {
@@ -96,7 +96,7 @@ fn an_operation_does_nothing_before_its_first_poll() {
 }
 
 #[test]
-fn who_polled_last_is_woken() {
+fn one_that_polled_last_is_woken() {
     let (sender, receiver) = channel();
     let ((first, first_waker), (second, second_waker)) = (Wakes::new(), Wakes::new());
     let mut recv = Box::pin(receiver.recv());
@@ -147,7 +147,7 @@ fn big_values_and_values_of_great_alignment_arrive_whole() {
 }
 
 #[test]
-fn each_value_is_dropped_once_and_by_who_has_it() {
+fn each_value_is_dropped_once_and_by_the_one_that_has_it() {
     let _watchdog = Watchdog::new();
     let ledger = Ledger::new(3);
     let (sender, receiver) = channel();

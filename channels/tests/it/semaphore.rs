@@ -29,7 +29,7 @@ fn permits_are_taken_and_given_back() {
 }
 
 #[test]
-fn who_wants_much_is_not_starved_and_who_goes_lets_others_by() {
+fn one_that_wants_much_is_not_starved_and_the_one_that_goes_lets_others_by() {
     let semaphore = Semaphore::new(1);
     let mut much = Box::pin(semaphore.acquire_many(3));
     pending(&mut much);

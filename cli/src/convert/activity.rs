@@ -33,16 +33,16 @@ pub(super) struct Activity {
     /// The process with an open slice on an executor's track; 0 while the executor sleeps.
     executors: HashMap<u32, u32>,
     /// The tracks of running sub-processes, and whether a slice is open there.
-    sub_processes: HashMap<u32, (Place, u64, bool)>,
+    sub_processes: HashMap<u32, (Position, u64, bool)>,
     /// The tracks of ended processes, for later ones at the same place.
-    free: HashMap<Place, Vec<u64>>,
+    free: HashMap<Position, Vec<u64>>,
     places: u64,
     flows: u64,
 }
 
 /// Where a sub-process stands: the track that it is below, and its name. One that begins again and
 /// again has one track.
-type Place = (u64, String);
+type Position = (u64, String);
 
 /// The packets of one event, in their order.
 struct Packets<'a, P> {
@@ -271,7 +271,7 @@ fn waiting(awaited: &str) -> String {
 /// A sub-process does something else now, or has ended. If its begin was lost, nothing is known of
 /// it.
 fn sub_turn<E, P: FnMut(Message) -> Result<(), E>>(
-    sub_processes: &mut HashMap<u32, (Place, u64, bool)>,
+    sub_processes: &mut HashMap<u32, (Position, u64, bool)>,
     packets: &mut Packets<'_, P>,
     one: u32,
     does: Option<&str>,

@@ -30,8 +30,8 @@ impl Names {
                 name,
                 ..
             } => {
-                let told = ((*name).to_owned(), *parent);
-                self.names.insert((*subject, *number), told);
+                let reported = ((*name).to_owned(), *parent);
+                self.names.insert((*subject, *number), reported);
             }
             Record::Thread { number, name } => {
                 self.threads.insert(*number, (*name).to_owned());

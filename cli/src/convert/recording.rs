@@ -9,7 +9,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 /// How many errors are printed in full.
-const MOST_SAID: usize = 5;
+const MAX_SAID: usize = 5;
 
 /// A recording that can be opened.
 fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
@@ -45,7 +45,7 @@ pub(super) fn each(
             Err(error) => {
                 let damage = &mut converted.damage;
                 damage.count += 1;
-                if damage.found.len() < MOST_SAID {
+                if damage.found.len() < MAX_SAID {
                     damage.found.push(error);
                 }
                 // The blocks after the damage are as good as those before.

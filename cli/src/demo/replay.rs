@@ -131,7 +131,7 @@ fn again(recording: &Recording, kept: Kept, arguments: &args::Demo) -> Result<()
         seconds: kept.seconds,
         rate: kept.rate,
         calibrated: kept.calibrated,
-        place: args::Place {
+        place: args::Placement {
             policy: Policy::Other,
             ..arguments.place.clone()
         },

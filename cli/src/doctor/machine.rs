@@ -105,7 +105,7 @@ impl Machine {
         let packed = self.source.read_bytes(config::PACKED)?;
         let mut text = String::new();
         let unpacked = GzDecoder::new(&*packed)
-            .take(MOST_CONFIG)
+            .take(MAX_CONFIG)
             .read_to_string(&mut text);
         match unpacked {
             Ok(size) if size > 0 => Ok(text),
@@ -145,7 +145,7 @@ impl Machine {
 const COMMAND_LINE: &str = "/proc/cmdline";
 
 /// No kernel's configuration has more bytes: a real one has some 300 000.
-const MOST_CONFIG: u64 = 16 << 20;
+const MAX_CONFIG: u64 = 16 << 20;
 
 /// A list of cores that has at least one.
 fn some_cores(text: &str) -> Option<Vec<usize>> {

@@ -219,7 +219,7 @@ fn an_empty_folder_makes_everything_unknown_or_told() {
     let root = std::env::temp_dir().join(format!("luna-empty-{}", std::process::id()));
     let machine = Machine::new(Source::folder(root), None);
     let found = look(&machine);
-    let told: Vec<_> = found
+    let reported: Vec<_> = found
         .iter()
         .filter(|finding| finding.verdict != Verdict::Unknown)
         .map(|finding| finding.name.as_str())
@@ -234,7 +234,7 @@ fn an_empty_folder_makes_everything_unknown_or_told() {
         "nmi-watchdog",
         "lockup-watchdog",
     ];
-    assert_eq!(told, by_absence);
+    assert_eq!(reported, by_absence);
     assert_eq!(Diagnosis::of(found, &machine).exit_code, 4);
 }
 

@@ -8,8 +8,8 @@ use std::collections::{HashMap, VecDeque};
 use std::fmt;
 
 /// How many names of processes and threads are kept, and how much of each.
-const MOST_NAMES: usize = 4096;
-const MOST_NAME: usize = 64;
+const MAX_NAMES: usize = 4096;
+const MAX_NAME: usize = 64;
 
 /// Shows messages of blocks.
 pub(super) struct Shown {
@@ -85,8 +85,8 @@ impl Shown {
 }
 
 fn keep(names: &mut HashMap<u32, String>, number: u32, name: &str) {
-    if names.len() < MOST_NAMES || names.contains_key(&number) {
-        let name = &name[..name.floor_char_boundary(MOST_NAME)];
+    if names.len() < MAX_NAMES || names.contains_key(&number) {
+        let name = &name[..name.floor_char_boundary(MAX_NAME)];
         names.insert(number, Line(name).to_string());
     }
 }

@@ -31,7 +31,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
     };
     let (end, ends) = channel();
     // Before any thread is made: all threads then leave the signals to the one that waits for them.
-    signals::tell(end.clone());
+    signals::notify(end.clone());
     let scope = arguments.scope.map(crate::scope::at).transpose()?;
     let receiver = match arguments.udp {
         true => Receiver::udp(&*arguments.listen),
@@ -77,7 +77,7 @@ struct Desk {
 }
 
 /// As many names as a receiver knows senders.
-const MOST_FILES: usize = 1024;
+const MAX_FILES: usize = 1024;
 
 impl Desk {
     fn path(&self, peer: &Peer) -> PathBuf {
@@ -98,7 +98,7 @@ impl Desk {
             false => name::new_file(&self.output, peer)?,
         };
         let sink = FileSink::create(&path)?;
-        if files.len() >= MOST_FILES {
+        if files.len() >= MAX_FILES {
             files.clear();
         }
         files.insert((peer.address, peer.part), path.clone());

@@ -6,7 +6,7 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 /// How many recordings of one system and second there may be in a folder.
-const MOST: u32 = 10_000;
+const MAX: u32 = 10_000;
 
 /// Makes a file in `folder` that was not there, for what `peer` records.
 pub(super) fn new_file(folder: &Path, peer: &Peer) -> io::Result<PathBuf> {
@@ -17,7 +17,7 @@ pub(super) fn new_file(folder: &Path, peer: &Peer) -> io::Result<PathBuf> {
         "{}-{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}",
         plain(&peer.system)
     );
-    for number in 1..=MOST {
+    for number in 1..=MAX {
         let path = folder.join(match number {
             1 => format!("{name}.luna"),
             _ => format!("{name}-{number}.luna"),

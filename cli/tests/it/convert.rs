@@ -276,7 +276,7 @@ fn events_are_tracks_by_the_schema_of_perfetto() {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let trace = folder.join("run.perfetto-trace");
     assert!(fs::metadata(&trace).unwrap().len() > 500);
-    let Some(told) = read_trace(&trace) else {
+    let Some(reported) = read_trace(&trace) else {
         return;
     };
     let expected = "process 1 test\n\
@@ -313,7 +313,7 @@ fn events_are_tracks_by_the_schema_of_perfetto() {
         lines.sort();
         lines
     };
-    assert_eq!(sorted(&told), sorted(expected));
+    assert_eq!(sorted(&reported), sorted(expected));
 }
 
 fn path(path: &Path) -> &str {
@@ -448,7 +448,7 @@ fn perfetto_traces_are_read_by_their_own_schema() {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let trace = folder.join("run.perfetto-trace");
     assert!(fs::metadata(&trace).unwrap().len() > 500);
-    let Some(told) = read_trace(&trace) else {
+    let Some(reported) = read_trace(&trace) else {
         return;
     };
     let expected = "process 1 test\n\
@@ -460,7 +460,7 @@ fn perfetto_traces_are_read_by_their_own_schema() {
                     counter arm/\"ok\", or so []: 1000000=1\n\
                     instant console WARN 1500000 too \"hot\", stop (target=arm)\n\
                     instant console INFO 4000000 two lines (target=arm)\n";
-    assert_eq!(told, expected);
+    assert_eq!(reported, expected);
 }
 
 /// What the schema finds in a trace, if there is one.

@@ -239,12 +239,12 @@ fn end_of(arguments: &[&str]) -> (Option<i32>, String) {
         .spawn()
         .expect("the program starts");
     let errors = BufReader::new(child.stderr.take().expect("a pipe"));
-    let (tell, told) = mpsc::channel();
+    let (notify, notified) = mpsc::channel();
     std::thread::spawn(move || {
         let lines: Vec<_> = errors.lines().map_while(Result::ok).collect();
-        tell.send(lines)
+        notify.send(lines)
     });
-    let lines = told.recv_timeout(Duration::from_secs(60));
+    let lines = notified.recv_timeout(Duration::from_secs(60));
     let Ok(lines) = lines else {
         end(child);
         panic!("{arguments:?} does not end");

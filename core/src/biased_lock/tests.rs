@@ -3,13 +3,13 @@
 #[cfg(not(loom))]
 mod running {
     use crate::biased_lock::{ALONE, BiasedLock};
-    use crate::current::{self, Home, HomeGuard as Entered};
+    use crate::current::{self, ExecutorGuard as Entered, ExecutorId};
     use crate::timer_queue::TimerQueue;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
     fn enter() -> Entered {
-        current::enter_home(Home::new(), Arc::new(TimerQueue::new()), false)
+        current::enter_executor(ExecutorId::new(), Arc::new(TimerQueue::new()), false)
     }
 
     /// Takes the lock until it is biased to this thread's executor. `false`: this platform has no
@@ -18,16 +18,16 @@ mod running {
         for _ in 0..ALONE {
             *lock.lock() += 1;
         }
-        let earned = lock.is_favouring();
+        let earned = lock.is_biased();
         if !earned {
-            println!("skipped: the platform has no asymmetric fences, so no lock favours a home");
+            println!("skipped: the platform has no asymmetric fences, so no lock is biased");
         }
         earned
     }
 
     #[test]
-    fn a_home_alone_is_favoured_until_another_thread_comes_and_never_again() {
-        let _home = enter();
+    fn biased_to_one_executor_until_another_thread_locks_and_never_again() {
+        let _entered = enter();
         let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
@@ -36,15 +36,15 @@ mod running {
         std::thread::scope(|scope| {
             scope.spawn(|| *lock.lock() += 1);
         });
-        assert!(!lock.is_favouring());
+        assert!(!lock.is_biased());
         earn(&lock);
-        assert!(!lock.is_favouring());
+        assert!(!lock.is_biased());
         assert_eq!(*lock.lock(), 2 * u64::from(ALONE) + 2);
     }
 
     #[test]
-    fn who_only_looks_leaves_the_favour() {
-        let _home = enter();
+    fn a_brief_lock_keeps_the_bias() {
+        let _entered = enter();
         let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
@@ -52,30 +52,30 @@ mod running {
         std::thread::scope(|scope| {
             scope.spawn(|| assert_eq!(*lock.lock_briefly(), u64::from(ALONE)));
         });
-        assert!(lock.is_favouring());
+        assert!(lock.is_biased());
         assert_eq!(*lock.lock_briefly(), u64::from(ALONE));
     }
 
     #[test]
-    fn a_plain_thread_and_two_homes_in_turn_are_not_favoured() {
+    fn no_bias_to_a_plain_thread_or_to_two_executors_in_turn() {
         let lock = BiasedLock::new(0);
         for _ in 0..2 * ALONE {
             *lock.lock() += 1;
         }
-        assert!(!lock.is_favouring());
+        assert!(!lock.is_biased());
         for _ in 0..3 {
-            let _home = enter();
+            let _entered = enter();
             for _ in 0..ALONE / 2 {
                 *lock.lock() += 1;
             }
         }
-        assert!(!lock.is_favouring());
+        assert!(!lock.is_biased());
     }
 
     #[test]
     #[should_panic(expected = "that it holds already")]
-    fn locked_twice_by_its_home_it_says_so() {
-        let _home = enter();
+    fn locked_twice_by_its_executor_it_panics() {
+        let _entered = enter();
         let lock = BiasedLock::new(0);
         if !earn(&lock) {
             panic!("that it holds already, it would say");
@@ -88,8 +88,8 @@ mod running {
     /// panics with a report, and the waiting thread gets the lock.
     #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]
-    fn locked_twice_while_its_favour_ends_it_says_so() {
-        let _home = enter();
+    fn locked_twice_during_a_revocation_it_panics() {
+        let _entered = enter();
         let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
@@ -119,26 +119,26 @@ mod running {
         let lock = BiasedLock::new(0);
         for _ in 0..2 {
             {
-                let _home = enter();
+                let _entered = enter();
                 *lock.lock() += 1;
             }
             *lock.lock() += 1;
         }
-        let _home = enter();
+        let _entered = enter();
         for _ in 0..2 * ALONE {
             *lock.lock() += 1;
         }
-        assert!(!lock.is_favouring());
+        assert!(!lock.is_biased());
     }
 
     #[test]
-    #[should_panic(expected = "another thread is this home")]
-    fn a_home_is_one_thread() {
-        let home = Home::new();
-        let _home = current::enter_home(home, Arc::new(TimerQueue::new()), false);
+    #[should_panic(expected = "another thread is this executor")]
+    fn an_executor_is_one_thread() {
+        let executor = ExecutorId::new();
+        let _entered = current::enter_executor(executor, Arc::new(TimerQueue::new()), false);
         let other = std::thread::spawn(move || {
-            drop(current::enter_home(
-                home,
+            drop(current::enter_executor(
+                executor,
                 Arc::new(TimerQueue::new()),
                 false,
             ));
@@ -150,33 +150,33 @@ mod running {
 
     #[test]
     fn a_guard_that_is_kept_holds_the_lock_until_it_is_given_again() {
-        let _home = enter();
+        let _entered = enter();
         let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
         }
-        let home = current::home_number();
+        let executor = current::executor_number();
         // SAFETY: this thread is the executor's, and the kept guard is taken again.
         unsafe {
-            lock.lock_if_favoured(home).unwrap().keep();
+            lock.lock_if_biased(executor).unwrap().keep();
             assert!(lock.inside.is_entered());
-            *lock.kept(home) += 1;
+            *lock.kept(executor) += 1;
             assert!(!lock.inside.is_entered());
-            assert!(lock.lock_if_favoured(home + 1).is_none());
+            assert!(lock.lock_if_biased(executor + 1).is_none());
         }
     }
 
     #[test]
-    fn a_lock_that_favours_a_home_from_the_start_is_shared_when_another_comes() {
-        let _home = enter();
+    fn biased_from_the_start_and_shared_when_another_locks() {
+        let _entered = enter();
         if !earn(&BiasedLock::new(0)) {
             return;
         }
-        let home = current::home_number();
+        let executor = current::executor_number();
         // SAFETY: this thread is the executor's, and another lock is biased to it.
-        let lock = unsafe { BiasedLock::biased_to(home, 0) };
+        let lock = unsafe { BiasedLock::biased_to(executor, 0) };
         // SAFETY: as above.
-        unsafe { *lock.lock_if_favoured(home).unwrap() += 1 };
+        unsafe { *lock.lock_if_biased(executor).unwrap() += 1 };
         let done = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -188,26 +188,26 @@ mod running {
                 *lock.lock() -= 2;
             }
         });
-        assert!(!lock.is_favouring());
+        assert!(!lock.is_biased());
         assert_eq!(*lock.lock(), 1001);
     }
 
     #[test]
-    fn a_lock_that_is_made_by_a_home_favours_it_and_one_of_a_plain_thread_nobody() {
-        assert!(!BiasedLock::biased_to_this_executor(0).is_favouring());
-        let _home = enter();
+    fn made_by_an_executor_it_is_biased_and_by_a_plain_thread_it_is_not() {
+        assert!(!BiasedLock::biased_to_this_executor(0).is_biased());
+        let _entered = enter();
         if !earn(&BiasedLock::new(0)) {
-            assert!(!BiasedLock::biased_to_this_executor(0).is_favouring());
+            assert!(!BiasedLock::biased_to_this_executor(0).is_biased());
             return;
         }
         let lock = BiasedLock::biased_to_this_executor(0);
-        assert!(lock.is_favouring());
+        assert!(lock.is_biased());
         *lock.lock() += 1;
-        assert!(lock.is_favouring());
+        assert!(lock.is_biased());
         std::thread::scope(|scope| {
             scope.spawn(|| *lock.lock() += 1);
         });
-        assert!(!lock.is_favouring());
+        assert!(!lock.is_biased());
         assert_eq!(*lock.lock(), 2);
     }
 
@@ -215,9 +215,9 @@ mod running {
     /// before the other thread sleeps there.
     #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]
-    fn who_finds_the_home_inside_waits_and_is_handed_over() {
+    fn a_thread_that_finds_the_owner_inside_waits_for_the_hand_over() {
         for _ in 0..20 {
-            let _home = enter();
+            let _entered = enter();
             let lock = BiasedLock::new(0);
             if !earn(&lock) {
                 return;
@@ -239,7 +239,7 @@ mod running {
                 inside.store(false, Ordering::Relaxed);
                 drop(guard);
             });
-            assert!(!lock.is_favouring());
+            assert!(!lock.is_biased());
             assert_eq!(*lock.lock(), u64::from(ALONE) + 2);
         }
     }
@@ -259,7 +259,7 @@ mod running {
             let began = AtomicBool::new(false);
             std::thread::scope(|scope| {
                 scope.spawn(|| {
-                    let _home = enter();
+                    let _entered = enter();
                     for _ in 0..EACH {
                         *lock.lock() += 1;
                         began.store(true, Ordering::Relaxed);
@@ -287,53 +287,53 @@ mod running {
 
 #[cfg(all(loom, not(shuttle)))]
 mod model {
-    use crate::biased_lock::{BiasedLock, NOBODY};
+    use crate::biased_lock::{BiasedLock, NO_EXECUTOR};
     use loom::sync::Arc;
     use luna_platform::sync::atomic::Ordering;
 
-    const HOME: u64 = 7;
+    const EXECUTOR: u64 = 7;
 
-    fn favouring() -> Arc<BiasedLock<u32>> {
+    fn biased_lock() -> Arc<BiasedLock<u32>> {
         let lock = BiasedLock::new(0);
-        lock.favoured.store(HOME, Ordering::SeqCst);
+        lock.bias.store(EXECUTOR, Ordering::SeqCst);
         Arc::new(lock)
     }
 
     #[test]
-    fn one_at_a_time_whoever_ends_the_favour() {
+    fn one_at_a_time_whichever_thread_revokes_the_bias() {
         loom::model(|| {
-            let lock = favouring();
+            let lock = biased_lock();
             let other = lock.clone();
             let other = loom::thread::spawn(move || *other.lock_as(0) += 1);
             for _ in 0..2 {
-                *lock.lock_as(HOME) += 1;
+                *lock.lock_as(EXECUTOR) += 1;
             }
             other.join().unwrap();
-            assert_eq!(*lock.lock_as(HOME), 3);
-            assert_eq!(lock.favoured.load(Ordering::SeqCst), NOBODY);
+            assert_eq!(*lock.lock_as(EXECUTOR), 3);
+            assert_eq!(lock.bias.load(Ordering::SeqCst), NO_EXECUTOR);
         });
     }
 
     #[test]
-    fn one_at_a_time_while_another_borrows() {
+    fn one_at_a_time_while_another_locks_briefly() {
         loom::model(|| {
-            let lock = favouring();
+            let lock = biased_lock();
             let other = lock.clone();
             // No thread of this model has entered an executor.
             let other = loom::thread::spawn(move || *other.lock_briefly() += 1);
             for _ in 0..2 {
-                *lock.lock_as(HOME) += 1;
+                *lock.lock_as(EXECUTOR) += 1;
             }
             other.join().unwrap();
-            assert_eq!(*lock.lock_as(HOME), 3);
-            assert_eq!(lock.favoured.load(Ordering::SeqCst), HOME);
+            assert_eq!(*lock.lock_as(EXECUTOR), 3);
+            assert_eq!(lock.bias.load(Ordering::SeqCst), EXECUTOR);
         });
     }
 
     #[test]
     fn one_at_a_time_of_three() {
         loom::model(|| {
-            let lock = favouring();
+            let lock = biased_lock();
             let others = [false, true].map(|briefly| {
                 let other = lock.clone();
                 loom::thread::spawn(move || match briefly {
@@ -341,11 +341,11 @@ mod model {
                     false => *other.lock_as(0) += 1,
                 })
             });
-            *lock.lock_as(HOME) += 1;
+            *lock.lock_as(EXECUTOR) += 1;
             for other in others {
                 other.join().unwrap();
             }
-            assert_eq!(*lock.lock_as(HOME), 3);
+            assert_eq!(*lock.lock_as(EXECUTOR), 3);
         });
     }
 }

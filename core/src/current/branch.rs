@@ -1,6 +1,6 @@
 //! The branch of the current process that is being polled.
 
-use super::{LEVELS, Place, THREAD, ready_again};
+use super::{LEVELS, QueueEnd, THREAD, ready_again};
 use std::task::Context;
 
 /// The branch of the current process that is being polled. The highest bit of the low byte says
@@ -16,7 +16,7 @@ impl Branch {
     pub(super) const WHOLE: Branch = Branch(0);
     const FAILED: u64 = 1 << 7;
     const PART: u64 = 1 << 6;
-    pub(super) const TAPED: u64 = 1 << 8;
+    pub(super) const HAS_LOG: u64 = 1 << 8;
 
     /// Whether it runs at its process' level, and no sibling has failed: it may be a branch.
     #[inline]
@@ -35,8 +35,8 @@ impl Branch {
     }
 
     #[inline]
-    pub(super) fn is_taped(self) -> bool {
-        self.0 & Self::TAPED != 0
+    pub(super) fn has_replay_log(self) -> bool {
+        self.0 & Self::HAS_LOG != 0
     }
 
     /// The path of parallel constructs down to it, as a number; 0 is the process itself.
@@ -53,8 +53,8 @@ impl Branch {
         let mut branch = Branch(
             self.0 & Self::FAILED | u64::from(failed) << 7 | Self::PART | u64::from(lowered),
         );
-        if self.is_taped() {
-            branch.0 |= Self::TAPED | u64::from(self.path_of(number)) << 32;
+        if self.has_replay_log() {
+            branch.0 |= Self::HAS_LOG | u64::from(self.path_of(number)) << 32;
         }
         branch
     }
@@ -93,7 +93,7 @@ pub fn branch_failed() -> bool {
 /// ([`stay_in_branch`]). In case that changes nothing, the branch is polled once more.
 pub fn end_branch(cx: &Context<'_>) {
     THREAD.with(|thread| thread.branch_ended.set(true));
-    ready_again(cx, Place::Last);
+    ready_again(cx, QueueEnd::Back);
 }
 
 /// Reverts [`end_branch`]: an operation returns the error to the branch, which may then clean up.

@@ -6,8 +6,10 @@
 //! one of these executors to another is a remote wake. A lock that is biased to one of them is left
 //! before another has its turn, since a critical section does not await.
 
-use super::home_thread::HomeThread;
-use super::{HOME_THREAD, Home, RunQueue, THREAD, entered, home, set_timers, take_timers};
+use super::executor_thread::ExecutorThread;
+use super::{
+    EXECUTOR_THREAD, ExecutorId, RunQueue, THREAD, entered, executor_id, set_timers, take_timers,
+};
 use crate::timer_queue::TimerQueue;
 use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
@@ -20,43 +22,43 @@ use std::marker::PhantomData;
 /// No thread is boosted through it: it has none for itself.
 ///
 /// ```
-/// use luna_core::current::{self, Guest, Home};
+/// use luna_core::current::{self, Guest, ExecutorId};
 /// use luna_platform::sync::Arc;
 /// use luna_core::timer_queue::TimerQueue;
 ///
-/// let homes = [Home::new(), Home::new()];
-/// let mut guests = homes.map(|home| Guest::new(home, Arc::new(TimerQueue::new())));
-/// for (guest, home) in guests.iter_mut().zip(homes) {
+/// let ids = [ExecutorId::new(), ExecutorId::new()];
+/// let mut guests = ids.map(|id| Guest::new(id, Arc::new(TimerQueue::new())));
+/// for (guest, executor_id) in guests.iter_mut().zip(ids) {
 ///     guest.enter();
-///     assert_eq!(current::home(), Some(home));
+///     assert_eq!(current::executor_id(), Some(executor_id));
 ///     guest.leave();
 /// }
-/// assert_eq!(current::home(), None);
+/// assert_eq!(current::executor_id(), None);
 /// ```
 pub struct Guest {
-    home: Home,
+    executor_id: ExecutorId,
     /// Stored here while it is not the thread's executor, as are the next two: moved, so that a
     /// turn counts no references.
     timers: Option<Arc<TimerQueue>>,
     queue: RunQueue,
-    thread: Option<std::sync::Arc<HomeThread>>,
+    thread: Option<std::sync::Arc<ExecutorThread>>,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
 impl Guest {
-    /// Makes `home` one of the calling thread's executors.
+    /// Makes `executor_id` one of the calling thread's executors.
     ///
     /// # Panics
     ///
     /// Panics if another thread is this executor, or this one already.
-    pub fn new(home: Home, timers: Arc<TimerQueue>) -> Self {
-        entered::enter(home);
+    pub fn new(executor_id: ExecutorId, timers: Arc<TimerQueue>) -> Self {
+        entered::enter(executor_id);
         luna_platform::fence::prepare();
         Self {
-            home,
+            executor_id,
             timers: Some(timers),
             queue: RunQueue::new(),
-            thread: Some(HomeThread::unlent()),
+            thread: Some(ExecutorThread::unboosted()),
             stays_on_its_thread: PhantomData,
         }
     }
@@ -73,9 +75,12 @@ impl Guest {
     ///
     /// Panics if the thread has another executor, or this one already.
     pub fn enter(&mut self) {
-        assert!(home().is_none(), "this thread runs processes already");
+        assert!(
+            executor_id().is_none(),
+            "this thread runs processes already"
+        );
         THREAD.with(|thread| {
-            thread.home.set(Some(self.home));
+            thread.executor_id.set(Some(self.executor_id));
             thread.thread_id.set(Inside::id_of_this_thread());
             thread.may_block.set(false);
             thread.queue.take_over(&self.queue);
@@ -83,7 +88,7 @@ impl Guest {
         if let Some(timers) = self.timers.take() {
             set_timers(timers);
         }
-        HOME_THREAD.with(|slot| *slot.borrow_mut() = self.thread.take());
+        EXECUTOR_THREAD.with(|slot| *slot.borrow_mut() = self.thread.take());
     }
 
     /// The thread has no executor any more, until the next one is entered.
@@ -92,30 +97,33 @@ impl Guest {
     ///
     /// Panics if the thread's executor is not this one.
     pub fn leave(&mut self) {
-        assert!(home() == Some(self.home), "this thread is another home");
+        assert!(
+            executor_id() == Some(self.executor_id),
+            "this thread is another executor"
+        );
         THREAD.with(|thread| {
             self.queue.take_over(&thread.queue);
-            thread.home.set(None);
+            thread.executor_id.set(None);
             thread.may_block.set(true);
         });
         self.timers = take_timers();
-        self.thread = HOME_THREAD.with(|slot| slot.borrow_mut().take());
+        self.thread = EXECUTOR_THREAD.with(|slot| slot.borrow_mut().take());
     }
 }
 
 impl Drop for Guest {
     fn drop(&mut self) {
-        if home() == Some(self.home) {
+        if executor_id() == Some(self.executor_id) {
             self.leave();
         }
-        entered::leave(self.home);
+        entered::leave(self.executor_id);
     }
 }
 
 impl fmt::Debug for Guest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Guest")
-            .field("home", &self.home)
+            .field("executor_id", &self.executor_id)
             .finish_non_exhaustive()
     }
 }
@@ -124,11 +132,11 @@ impl fmt::Debug for Guest {
 mod tests {
     use super::*;
     use crate::biased_lock::BiasedLock;
-    use crate::current::{LEVELS, Lone, ProcessId, enter_home, with_process};
+    use crate::current::{LEVELS, Lone, ProcessId, enter_executor, with_process};
     use std::task::Waker;
 
     fn guest() -> Guest {
-        Guest::new(Home::new(), Arc::new(TimerQueue::new()))
+        Guest::new(ExecutorId::new(), Arc::new(TimerQueue::new()))
     }
 
     #[test]
@@ -140,27 +148,27 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "another thread is this home")]
-    fn its_home_is_nobody_elses_also_between_its_turns() {
-        let home = Home::new();
-        let _guest = Guest::new(home, Arc::new(TimerQueue::new()));
-        let _second = enter_home(home, Arc::new(TimerQueue::new()), false);
+    #[should_panic(expected = "another thread is this executor")]
+    fn its_executor_id_is_taken_also_between_its_turns() {
+        let executor_id = ExecutorId::new();
+        let _guest = Guest::new(executor_id, Arc::new(TimerQueue::new()));
+        let _second = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
     }
 
     #[test]
-    fn a_lock_that_favours_one_is_taken_by_another_of_the_same_thread() {
+    fn a_lock_biased_to_one_is_taken_by_another_of_the_same_thread() {
         let (mut one, mut other) = (guest(), guest());
         let lock = BiasedLock::new(0);
         one.enter();
         (0..100).for_each(|_| *lock.lock() += 1);
-        let was_favouring = lock.is_favouring();
+        let was_favouring = lock.is_biased();
         one.leave();
         other.enter();
         (0..100).for_each(|_| *lock.lock() += 1);
         other.leave();
         one.enter();
         assert_eq!(*lock.lock(), 200);
-        assert!(!(was_favouring && lock.is_favouring()));
+        assert!(!(was_favouring && lock.is_biased()));
     }
 
     #[test]
@@ -168,10 +176,10 @@ mod tests {
         let (mut one, mut other) = (guest(), guest());
         one.enter();
         let ours = super::super::timers().unwrap();
-        let home = home().unwrap();
+        let executor_id = executor_id().unwrap();
         let process = Lone::new(
             ProcessId::new(),
-            home,
+            executor_id,
             7,
             LEVELS - 1,
             Waker::noop().clone(),

@@ -1,7 +1,7 @@
 //! The boosts and waits of a process: see [`Inheritor`](super::Inheritor).
 
-use super::home_thread::HomeThread;
-use super::inheritor::Lent;
+use super::executor_thread::ExecutorThread;
+use super::inheritor::Boost;
 use super::process::LEVELS;
 use crate::wait_list::WaitList;
 use std::cell::UnsafeCell;
@@ -20,10 +20,10 @@ pub(super) struct LevelNow(AtomicU8);
 ///
 /// # Invariants
 ///
-/// `counts` and `waits` are accessed under the lock of `home` alone.
+/// `counts` and `waits` are accessed under the lock of `thread` alone.
 pub(super) struct Inheritance {
     /// None for a process without an executor, which is never boosted.
-    pub(super) home: Option<Arc<HomeThread>>,
+    pub(super) thread: Option<Arc<ExecutorThread>>,
     /// The waits of the process for objects with a holder: see [`Inheritor::begin_wait`].
     pub(super) waits: UnsafeCell<WaitList>,
     counts: UnsafeCell<Counts>,
@@ -33,7 +33,7 @@ pub(super) struct Inheritance {
 /// counted.
 struct Counts {
     /// The levels with a boost, one bit each.
-    lent: u32,
+    boosts: u32,
     threads: u16,
     /// Of the upper half.
     high: [u16; HALF as usize],
@@ -49,7 +49,7 @@ impl Counts {
     /// For a process of this own level.
     fn new(own: u8) -> Self {
         Self {
-            lent: 0,
+            boosts: 0,
             threads: 0,
             high: [0; HALF as usize],
             low: (own < HALF - 1).then(|| Box::new([0; HALF as usize])),
@@ -82,15 +82,15 @@ impl LevelNow {
         if self.0.load(Ordering::Relaxed) & THREAD == 0 {
             return own;
         }
-        let home = inheritance.home.as_ref();
-        home.map_or(own, |thread| own.max(thread.lent()))
+        let thread = inheritance.thread.as_ref();
+        thread.map_or(own, |thread| own.max(thread.boost()))
     }
 }
 
 impl Drop for Inheritance {
     fn drop(&mut self) {
-        if let Some(home) = self.home.take() {
-            super::give_back_home_thread(home);
+        if let Some(thread) = self.thread.take() {
+            super::recycle_executor_thread(thread);
         }
     }
 }
@@ -98,32 +98,32 @@ impl Drop for Inheritance {
 impl Inheritance {
     /// Of a process at level `own`. Allocates, if that is in the lower half.
     #[inline]
-    pub(super) fn new(home: Option<Arc<HomeThread>>, own: u8) -> Self {
+    pub(super) fn new(thread: Option<Arc<ExecutorThread>>, own: u8) -> Self {
         Self {
-            home,
+            thread,
             waits: UnsafeCell::new(WaitList::new()),
             counts: UnsafeCell::new(Counts::new(own & LEVEL)),
         }
     }
 
-    /// See [`Process::count_lent`](super::Process::count_lent); of the process at level `now`, with
-    /// its own level `own`.
+    /// See [`Process::count_boost`](super::Process::count_boost); of the process at level `now`,
+    /// with its own level `own`.
     ///
     /// # Safety
     ///
     /// The executor's lock is held.
-    pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, lent: Lent, more: bool) -> bool {
+    pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, boost: Boost, more: bool) -> bool {
         // SAFETY: the caller holds the executor's lock, which guards the counts.
         let counts = unsafe { &mut *self.counts.get() };
         let own = own & LEVEL;
-        let count = match lent {
-            Lent::Nothing => return false,
-            Lent::Level(level) => match counts.of(level & LEVEL, own) {
+        let count = match boost {
+            Boost::Nothing => return false,
+            Boost::Level(level) => match counts.of(level & LEVEL, own) {
                 Some(count) => count,
                 // Its own level is at least that.
                 None => return true,
             },
-            Lent::Thread(_) => &mut counts.threads,
+            Boost::Thread(_) => &mut counts.threads,
         };
         let changed = if more {
             count.checked_add(1)
@@ -134,19 +134,19 @@ impl Inheritance {
             return false;
         };
         *count = changed;
-        if let Lent::Level(level) = lent {
+        if let Boost::Level(level) = boost {
             let bit = 1 << (level & LEVEL);
-            counts.lent = if changed == 0 {
-                counts.lent & !bit
+            counts.boosts = if changed == 0 {
+                counts.boosts & !bit
             } else {
-                counts.lent | bit
+                counts.boosts | bit
             };
         }
         let highest = if counts.threads > 0 {
             THREAD | LEVEL
         } else {
             // 0 without a boost, which is no more than its own.
-            own.max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
+            own.max(31_u32.saturating_sub(counts.boosts.leading_zeros()) as u8)
         };
         now.0.store(highest, Ordering::Relaxed);
         true
@@ -159,10 +159,10 @@ mod tests {
 
     /// Compared with a list of all boosts.
     #[test]
-    fn it_runs_at_the_highest_level_that_was_lent_whatever_its_own() {
+    fn it_runs_at_its_highest_boost_or_its_own_level() {
         for own in [0, 7, HALF - 2, HALF - 1, HALF, LEVEL - 1, LEVEL] {
             let (now, inheritance) = (LevelNow::new(own), Inheritance::new(None, own));
-            let mut lent: Vec<u8> = Vec::new();
+            let mut boosts: Vec<u8> = Vec::new();
             let mut state = 1_u64;
             for _ in 0..4000 {
                 state = state
@@ -171,16 +171,16 @@ mod tests {
                 let (more, level) = (state >> 63 == 0, (state >> 40) as u8 & LEVEL);
                 let level = match more {
                     true => {
-                        lent.push(level);
+                        boosts.push(level);
                         level
                     }
-                    false if lent.is_empty() => continue,
-                    false => lent.swap_remove(usize::from(level) % lent.len()),
+                    false if boosts.is_empty() => continue,
+                    false => boosts.swap_remove(usize::from(level) % boosts.len()),
                 };
                 // SAFETY: no other code has access to it, so no lock is needed.
-                let is_counted = unsafe { inheritance.count(&now, own, Lent::Level(level), more) };
+                let is_counted = unsafe { inheritance.count(&now, own, Boost::Level(level), more) };
                 assert!(is_counted);
-                let highest = lent.iter().copied().max().unwrap_or(0).max(own);
+                let highest = boosts.iter().copied().max().unwrap_or(0).max(own);
                 assert_eq!(now.get(), highest);
             }
         }

@@ -4,7 +4,7 @@
 //! hands it work can then boost it in the same step, before it is readied. Between processes of the
 //! same OS priority the boost is a *level*: the receiver is queued there from its next wake on. If
 //! the receiver's thread has a lower OS priority, the thread is boosted too: see
-//! [`HomeThread`](super::home_thread::HomeThread).
+//! [`ExecutorThread`](super::executor_thread::ExecutorThread).
 //!
 //! The holder of a lock, or of anything else that processes wait for, is an inheritor too; a plain
 //! thread can be one. The waits of a process are listed with it, so that a priority can be passed
@@ -13,11 +13,11 @@
 //! Boosts begin and end in any order and on any thread, so they are counted: O(1) each, under the
 //! lock of the process' executor.
 
-use super::home_thread::{self, HomeThread, LentThread};
+use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
-use super::process::{Place, Priority, Process};
+use super::process::{Priority, Process, QueueEnd};
 use super::wake_handle::Reference;
-use super::{home, process};
+use super::{executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
 use std::cmp::Ordering;
 use std::fmt;
@@ -26,7 +26,7 @@ use std::sync::Arc;
 
 /// The boost of an inheritor; a greater one raises it further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Lent {
+pub(super) enum Boost {
     Nothing,
     Level(u8),
     Thread(u8),
@@ -39,12 +39,12 @@ pub(super) enum Lent {
 /// its thread alone; if its executor has gone, a boost has no effect.
 pub struct Inheritor {
     to: To,
-    lent: Lent,
+    boost: Boost,
 }
 
 enum To {
     Process(Reference),
-    Thread(Arc<HomeThread>),
+    Thread(Arc<ExecutorThread>),
 }
 
 impl Inheritor {
@@ -73,7 +73,7 @@ impl Inheritor {
     fn to(to: To) -> Inheritor {
         Inheritor {
             to,
-            lent: Lent::Nothing,
+            boost: Boost::Nothing,
         }
     }
 
@@ -111,10 +111,10 @@ impl Inheritor {
         match &self.to {
             To::Process(reference) => reference.process().lowered_priority(reference.lowered()),
             To::Thread(thread) => {
-                let (own, lent) = (thread.own_rank(), thread.lent());
+                let (own, boost) = (thread.own_rank(), thread.boost());
                 Priority {
-                    thread: own.max(lent),
-                    level: if lent > own { LEVEL } else { 0 },
+                    thread: own.max(boost),
+                    level: if boost > own { LEVEL } else { 0 },
                 }
             }
         }
@@ -136,7 +136,7 @@ impl Inheritor {
     /// something, and one system call if the priority of its thread changes by that (three for a
     /// plain thread).
     #[inline]
-    pub fn lend(&mut self, priority: Priority) -> Ordering {
+    pub fn inherit(&mut self, priority: Priority) -> Ordering {
         // A branch is polled below the level of its process, so the process needs a level that is
         // higher by the difference.
         let lowered = match &self.to {
@@ -146,9 +146,9 @@ impl Inheritor {
         self.boost_above(priority, lowered)
     }
 
-    /// As [`lend`](Self::lend), but for the process as a whole: a branch of it then runs as far
-    /// below as it ever does. For inheritors that may wait for each other through other branches:
-    /// with `lend`, each round would raise the boost further.
+    /// As [`inherit`](Self::inherit), but for the process as a whole: a branch of it then runs as
+    /// far below as it ever does. For inheritors that may wait for each other through other
+    /// branches: with `inherit`, each round would raise the boost further.
     #[inline]
     pub fn boost_whole(&mut self, priority: Priority) -> Ordering {
         self.boost_above(priority, 0)
@@ -156,36 +156,36 @@ impl Inheritor {
 
     #[inline]
     fn boost_above(&mut self, priority: Priority, lowered: u8) -> Ordering {
-        let (before, lent) = (self.lent, self.lent_for(priority, lowered));
-        if lent != before {
-            self.change(lent);
+        let (before, boost) = (self.boost, self.boost_for(priority, lowered));
+        if boost != before {
+            self.change(boost);
         }
-        self.lent.cmp(&before)
+        self.boost.cmp(&before)
     }
 
     /// Ends the boost; returns whether there was one.
     #[inline]
     pub fn give_back(&mut self) -> bool {
-        let was_lent = self.lent != Lent::Nothing;
-        if was_lent {
-            self.change(Lent::Nothing);
+        let was_boosted = self.boost != Boost::Nothing;
+        if was_boosted {
+            self.change(Boost::Nothing);
         }
-        was_lent
+        was_boosted
     }
 
     #[inline]
-    fn lent_for(&self, priority: Priority, lowered: u8) -> Lent {
-        let thread = home_thread::lent_by(priority.thread);
+    fn boost_for(&self, priority: Priority, lowered: u8) -> Boost {
+        let thread = executor_thread::boost_from(priority.thread);
         match &self.to {
             To::Process(reference) => {
                 let own = reference.process().own_priority();
                 let level = priority.level + lowered;
                 if thread > own.thread {
-                    Lent::Thread(thread)
+                    Boost::Thread(thread)
                 } else if priority.thread == own.thread && level > own.level {
-                    Lent::Level(level.min(LEVEL))
+                    Boost::Level(level.min(LEVEL))
                 } else {
-                    Lent::Nothing
+                    Boost::Nothing
                 }
             }
             To::Thread(inheritor) => {
@@ -196,24 +196,24 @@ impl Inheritor {
                     inheritor.own_rank()
                 };
                 if thread > own {
-                    Lent::Thread(thread)
+                    Boost::Thread(thread)
                 } else {
-                    Lent::Nothing
+                    Boost::Nothing
                 }
             }
         }
     }
 
-    fn thread(&self) -> Option<&HomeThread> {
+    fn thread(&self) -> Option<&ExecutorThread> {
         match &self.to {
-            To::Process(reference) => reference.process().inheritance().home.as_deref(),
+            To::Process(reference) => reference.process().inheritance().thread.as_deref(),
             To::Thread(thread) => Some(thread),
         }
     }
 
     #[cold]
-    fn change(&mut self, to: Lent) {
-        let before = std::mem::replace(&mut self.lent, Lent::Nothing);
+    fn change(&mut self, to: Boost) {
+        let before = std::mem::replace(&mut self.boost, Boost::Nothing);
         let Some(thread) = self.thread() else {
             return;
         };
@@ -222,26 +222,26 @@ impl Inheritor {
             // Count the new boost first, so that the thread is never without either. SAFETY: the
             // executor's lock is held.
             counted = unsafe { self.count(state, to, true) };
-            if before != Lent::Nothing {
+            if before != Boost::Nothing {
                 // SAFETY: the executor's lock is held.
                 unsafe { self.count(state, before, false) };
             }
         });
         if counted {
-            self.lent = to;
+            self.boost = to;
         }
     }
 
     /// # Safety
     ///
     /// `state` is that of the executor, and its lock is held.
-    unsafe fn count(&self, state: &mut LentThread, lent: Lent, more: bool) -> bool {
+    unsafe fn count(&self, state: &mut Boosts, boost: Boost, more: bool) -> bool {
         let counted = match &self.to {
             // SAFETY: the caller holds the lock of the executor, which guards the counts.
-            To::Process(reference) => unsafe { reference.process().count_lent(lent, more) },
-            To::Thread(_) => lent != Lent::Nothing,
+            To::Process(reference) => unsafe { reference.process().count_boost(boost, more) },
+            To::Thread(_) => boost != Boost::Nothing,
         };
-        if let (true, Lent::Thread(priority)) = (counted, lent) {
+        if let (true, Boost::Thread(priority)) = (counted, boost) {
             state.count(priority, more);
         }
         counted
@@ -262,7 +262,7 @@ impl Inheritor {
         }
         if reference.is_here() {
             // SAFETY: this is the executor's thread.
-            unsafe { reference.ready_here(Place::Last) };
+            unsafe { reference.ready_here(QueueEnd::Back) };
         } else {
             // SAFETY: the reference keeps the process' memory, and this is not its executor's
             // thread.
@@ -344,7 +344,7 @@ impl fmt::Debug for Inheritor {
             To::Process(reference) => inheritor.field("process", reference.process()),
             To::Thread(_) => inheritor.field("thread", &self.priority()),
         };
-        inheritor.field("lent", &self.lent).finish()
+        inheritor.field("boost", &self.boost).finish()
     }
 }
 
@@ -352,24 +352,30 @@ impl Process {
     /// Whether it can be boosted: it is counted by references, and has an executor.
     #[inline]
     fn can_inherit(&self) -> bool {
-        self.is_counted() && self.inheritance().home.is_some() && home() == Some(self.home())
+        self.is_counted()
+            && self.inheritance().thread.is_some()
+            && executor_id() == Some(self.executor_id())
     }
 }
 
 #[cfg(all(test, not(loom)))]
 mod tests {
-    use super::super::{Home, Lone, ProcessId, enter_home, priority, with_process};
+    use super::super::{ExecutorId, Lone, ProcessId, enter_executor, priority, with_process};
     use super::*;
     use crate::timer_queue::TimerQueue;
     use std::task::Waker;
 
     /// Calls `f` within a process of this level.
     fn within(level: u8, f: impl FnOnce()) {
-        let home = Home::new();
-        let _home = enter_home(home, luna_platform::sync::Arc::new(TimerQueue::new()), true);
+        let executor_id = ExecutorId::new();
+        let _entered = enter_executor(
+            executor_id,
+            luna_platform::sync::Arc::new(TimerQueue::new()),
+            true,
+        );
         let process = Lone::new(
             ProcessId::new(),
-            home,
+            executor_id,
             0,
             level,
             Waker::noop().clone(),
@@ -384,13 +390,13 @@ mod tests {
     }
 
     #[test]
-    fn the_highest_that_is_lent_counts_in_whatever_order_they_go() {
+    fn the_highest_boost_counts_in_whatever_order_they_end() {
         within(5, || {
             let mut inheritors: Vec<Inheritor> = [9, 20, 9, 3]
                 .into_iter()
                 .map(|level| {
                     let mut inheritor = Inheritor::current().unwrap();
-                    inheritor.lend(at(level));
+                    inheritor.inherit(at(level));
                     inheritor
                 })
                 .collect();
@@ -401,9 +407,9 @@ mod tests {
             assert_eq!(priority(), at(9));
             drop(inheritors.remove(0));
             assert_eq!(priority(), at(5), "a lower one is not inherited");
-            inheritors[0].lend(at(31));
+            inheritors[0].inherit(at(31));
             assert_eq!(priority(), at(31));
-            inheritors[0].lend(at(7));
+            inheritors[0].inherit(at(7));
             assert_eq!(priority(), at(7));
             inheritors.clear();
             assert_eq!(priority(), at(5));
@@ -411,13 +417,13 @@ mod tests {
     }
 
     #[test]
-    fn a_branch_is_lent_what_its_process_is_above_it() {
+    fn a_branch_inherits_what_its_process_has_above_it() {
         within(10, || {
             let mut inheritor =
                 super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
-            inheritor.lend(at(20));
+            inheritor.inherit(at(20));
             super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(20)));
-            inheritor.lend(at(8));
+            inheritor.inherit(at(8));
             super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(8)));
             drop(inheritor);
             assert_eq!(priority(), at(10));
@@ -425,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn a_process_is_lent_as_a_whole_what_its_branch_then_is_below() {
+    fn a_process_inherits_as_a_whole_and_its_branch_is_below_that() {
         within(10, || {
             let mut inheritor =
                 super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
@@ -440,7 +446,7 @@ mod tests {
     fn it_is_given_back_on_another_thread_and_after_the_process() {
         within(5, || {
             let mut inheritor = Inheritor::current().unwrap();
-            inheritor.lend(at(9));
+            inheritor.inherit(at(9));
             std::thread::scope(|scope| {
                 scope.spawn(move || drop(inheritor));
             });
@@ -449,7 +455,7 @@ mod tests {
         let mut outlives = None;
         within(5, || outlives = Inheritor::current());
         let mut inheritor = outlives.unwrap();
-        inheritor.lend(Priority {
+        inheritor.inherit(Priority {
             thread: 50,
             level: 0,
         });
@@ -460,10 +466,10 @@ mod tests {
     fn lending_says_whether_it_is_more_or_less() {
         within(5, || {
             let mut inheritor = Inheritor::current().unwrap();
-            assert_eq!(inheritor.lend(at(3)), Ordering::Equal);
-            assert_eq!(inheritor.lend(at(9)), Ordering::Greater);
-            assert_eq!(inheritor.lend(at(9)), Ordering::Equal);
-            assert_eq!(inheritor.lend(at(7)), Ordering::Less);
+            assert_eq!(inheritor.inherit(at(3)), Ordering::Equal);
+            assert_eq!(inheritor.inherit(at(9)), Ordering::Greater);
+            assert_eq!(inheritor.inherit(at(9)), Ordering::Equal);
+            assert_eq!(inheritor.inherit(at(7)), Ordering::Less);
             assert_eq!(inheritor.copy().priority(), at(7));
             assert!(inheritor.give_back() && !inheritor.give_back());
             assert_eq!(inheritor.priority(), at(5));
@@ -510,8 +516,8 @@ mod tests {
         let mut inheritor = Inheritor::current_or_thread().unwrap();
         let before = inheritor.priority_before_blocking();
         let thread = before.thread + 7;
-        let lent = inheritor.lend(Priority { thread, level: 3 });
-        assert_eq!(lent, Ordering::Greater);
+        let boost = inheritor.inherit(Priority { thread, level: 3 });
+        assert_eq!(boost, Ordering::Greater);
         assert_eq!(inheritor.priority(), Priority { thread, level: 31 });
         if super::super::refused_boosts().is_none() {
             assert_eq!(
@@ -522,7 +528,7 @@ mod tests {
         // A process on this thread counts with the boost of the thread.
         within(5, || {
             let mut of_process = Inheritor::current().unwrap();
-            of_process.lend(Priority {
+            of_process.inherit(Priority {
                 thread: thread + 1,
                 level: 0,
             });

@@ -1,7 +1,7 @@
 //! A process that is alone on its thread.
 
-use super::process::{Home, Methods, Process, ProcessId};
-use crate::reclaim::{self, Retired};
+use super::process::{ExecutorId, Methods, Process, ProcessId};
+use crate::deferred_free::{self, Retired};
 use std::fmt;
 use std::mem::offset_of;
 use std::ops::{Deref, Range};
@@ -43,14 +43,14 @@ impl Lone {
     /// As [`Process::new`], with its waker, and the addresses at which its body lies.
     pub fn new(
         id: ProcessId,
-        home: Home,
+        executor_id: ExecutorId,
         thread_priority: u8,
         level: u8,
         waker: Waker,
         body: Range<usize>,
     ) -> Self {
         let memory = NonNull::from(Box::leak(Box::new(Memory {
-            process: Process::new(id, home, thread_priority, level),
+            process: Process::new(id, executor_id, thread_priority, level),
             retired: Retired::new(free_retired),
             body,
         })));
@@ -102,7 +102,7 @@ unsafe fn free(owner: NonNull<()>) {
     // there is no reference to it any more.
     unsafe {
         let memory = owner.cast::<Memory>().as_ptr();
-        reclaim::retire(NonNull::new_unchecked(&raw mut (*memory).retired));
+        deferred_free::retire(NonNull::new_unchecked(&raw mut (*memory).retired));
     }
 }
 

@@ -8,8 +8,8 @@
 
 mod branch;
 mod branches;
+mod executor_thread;
 mod guest;
-mod home_thread;
 mod inheritance;
 mod inheritor;
 mod lone;
@@ -18,8 +18,8 @@ mod process;
 mod ready;
 mod references;
 mod renewal;
+mod replay;
 mod run_queue;
-mod taped;
 mod turn;
 mod wake_handle;
 
@@ -28,21 +28,23 @@ pub use branch::{
     with_branch_below,
 };
 pub use branches::Branches;
-pub use guest::Guest;
 #[cfg(not(loom))]
-pub use home_thread::{RefusedBoosts, refused_boosts};
+pub use executor_thread::{RefusedBoosts, refused_boosts};
+pub use guest::Guest;
 pub use inheritor::Inheritor;
 pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use process::{
-    Activity, AfterTurn, Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User,
+    Activity, AfterTurn, ExecutorId, LEVELS, Methods, Priority, Process, ProcessId, QueueEnd, User,
 };
 pub use ready::{
     OPERATIONS_PER_POLL, count_operation, give_way, gives_way, is_outranked, next_ready,
     pretend_ready_levels, put_back, ready_again, ready_levels, spend_operation, yield_turn,
 };
 pub use renewal::Renewal;
-pub use taped::{branch_path, is_replayed, is_taped, tape, with_tape, without_tape};
+pub use replay::{
+    branch_path, has_replay_log, is_replayed, replay_log, with_replay_log, without_replay_log,
+};
 pub use turn::{
     PlainTurn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
     this_process, unrecorded_turn, user, with_process,
@@ -55,7 +57,7 @@ use crate::path;
 use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
-use home_thread::HomeThread;
+use executor_thread::ExecutorThread;
 use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
 use run_queue::RunQueue;
@@ -77,7 +79,7 @@ struct Thread {
     /// Where the waker of that process lies, while its turn is a [plain](plain_turn) one.
     plain: Cell<*const Waker>,
     branch: Cell<Branch>,
-    home: Cell<Option<Home>>,
+    executor_id: Cell<Option<ExecutorId>>,
     operations_left: Cell<u32>,
     /// What the thread writes into the locks that it is inside of.
     thread_id: Cell<u32>,
@@ -86,7 +88,7 @@ struct Thread {
     on_path: Cell<bool>,
     abandons: Cell<bool>,
     queue: RunQueue,
-    tape: Cell<Option<NonNull<dyn ReplayLog>>>,
+    replay_log: Cell<Option<NonNull<dyn ReplayLog>>>,
 }
 
 model_local! {
@@ -94,7 +96,7 @@ model_local! {
         Thread {
             process: Cell::new(None),
             plain: Cell::new(std::ptr::null()),
-            home: Cell::new(None),
+            executor_id: Cell::new(None),
             queue: RunQueue::new(),
             operations_left: Cell::new(0),
             thread_id: Cell::new(0),
@@ -103,13 +105,13 @@ model_local! {
             may_block: Cell::new(true),
             on_path: Cell::new(false),
             abandons: Cell::new(false),
-            tape: Cell::new(None),
+            replay_log: Cell::new(None),
         }
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
-    static HOME_THREAD: RefCell<Option<std::sync::Arc<HomeThread>>> = const { RefCell::new(None) };
-    /// References to the thread's `HomeThread`, kept from processes that have ended.
-    static SPARE_HOME_THREADS: ArcCache<HomeThread> = const { ArcCache::new() };
+    static EXECUTOR_THREAD: RefCell<Option<std::sync::Arc<ExecutorThread>>> = const { RefCell::new(None) };
+    /// References to the thread's `ExecutorThread`, kept from processes that have ended.
+    static SPARE_EXECUTOR_THREADS: ArcCache<ExecutorThread> = const { ArcCache::new() };
     /// References to the thread's timers, kept from sleeps that have ended, as long as the thread
     /// is an executor: so nothing is left to be dropped with the thread. A model counts each.
     #[cfg(not(loom))]
@@ -117,55 +119,62 @@ model_local! {
         const { ManuallyDrop::new(ArcCache::new()) };
 }
 
-/// Marks this thread as the executor `home` with its `timers` until the guard is dropped.
+/// Marks this thread as the executor `executor_id` with its `timers` until the guard is dropped.
 /// `may_block`: its processes may make blocking calls, since it runs a single one.
 ///
 /// # Panics
 ///
 /// Panics if another thread is this executor: operations without atomics rely on there being one.
 /// Panics if the thread is an executor already: a process must not run a system or an executor
-/// inside itself, since that would block its own. Check [`home`] first if that depends on the
-/// caller.
-pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeGuard {
-    assert!(self::home().is_none(), "this thread runs processes already");
-    entered::enter(home);
+/// inside itself, since that would block its own. Check [`executor_id`] first if that depends on
+/// the caller.
+pub fn enter_executor(
+    executor_id: ExecutorId,
+    timers: Arc<TimerQueue>,
+    may_block: bool,
+) -> ExecutorGuard {
+    assert!(
+        self::executor_id().is_none(),
+        "this thread runs processes already"
+    );
+    entered::enter(executor_id);
     luna_platform::fence::prepare();
     THREAD.with(|thread| {
-        thread.home.set(Some(home));
+        thread.executor_id.set(Some(executor_id));
         thread.thread_id.set(Inside::id_of_this_thread());
         thread.may_block.set(may_block);
     });
     set_timers(timers);
     // The boosts of a plain thread count while it is an executor too: two records of one thread
     // would each restore what the other had set.
-    let thread = match home_thread::known_plain() {
+    let thread = match executor_thread::known_plain() {
         Some(plain) => {
             plain.refresh();
             plain
         }
-        None => HomeThread::new(),
+        None => ExecutorThread::new(),
     };
-    SPARE_HOME_THREADS.with(|spare| spare.keep(&thread));
-    HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
-    HomeGuard {
-        home,
+    SPARE_EXECUTOR_THREADS.with(|spare| spare.keep(&thread));
+    EXECUTOR_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
+    ExecutorGuard {
+        executor_id,
         stays_on_its_thread: PhantomData,
     }
 }
 
-/// Ends what [`enter_home`] began: on the same thread, so it is not `Send`.
+/// Ends what [`enter_executor`] began: on the same thread, so it is not `Send`.
 ///
 /// ```compile_fail,E0277
 /// fn can_be_sent(_: impl Send) {}
 /// use luna_core::{current, timer_queue::TimerQueue};
 /// use luna_platform::sync::Arc;
-/// let (executor, timers) = (current::Home::new(), Arc::new(TimerQueue::new()));
-/// can_be_sent(current::enter_home(executor, timers, false));
+/// let (executor, timers) = (current::ExecutorId::new(), Arc::new(TimerQueue::new()));
+/// can_be_sent(current::enter_executor(executor, timers, false));
 /// ```
 #[derive(Debug)]
-#[must_use = "the thread stops being a home when the guard is dropped"]
-pub struct HomeGuard {
-    home: Home,
+#[must_use = "the thread stops being an executor when the guard is dropped"]
+pub struct ExecutorGuard {
+    executor_id: ExecutorId,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
@@ -196,94 +205,94 @@ impl Thread {
     }
 }
 
-impl Drop for HomeGuard {
+impl Drop for ExecutorGuard {
     fn drop(&mut self) {
         THREAD.with(|thread| {
-            thread.home.set(None);
+            thread.executor_id.set(None);
             thread.may_block.set(true);
             thread.queue.pretend(0);
         });
         set_on_path(false);
         take_timers();
-        SPARE_HOME_THREADS.with(ArcCache::release);
-        if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take())
+        SPARE_EXECUTOR_THREADS.with(ArcCache::release);
+        if let Some(thread) = EXECUTOR_THREAD.with(|slot| slot.borrow_mut().take())
             && !thread.is_plain()
         {
             thread.leave();
         }
-        entered::leave(self.home);
+        entered::leave(self.executor_id);
     }
 }
 
 /// The executors that threads are now.
 #[cfg(not(loom))]
 mod entered {
-    use super::Home;
+    use super::ExecutorId;
     use luna_platform::lock::PiLock;
 
-    static ENTERED: PiLock<Vec<Home>> = PiLock::new(Vec::new());
+    static ENTERED: PiLock<Vec<ExecutorId>> = PiLock::new(Vec::new());
 
-    pub(super) fn enter(home: Home) {
+    pub(super) fn enter(executor_id: ExecutorId) {
         let mut entered = ENTERED.lock();
-        let is_free = !entered.contains(&home);
+        let is_free = !entered.contains(&executor_id);
         if is_free {
-            entered.push(home);
+            entered.push(executor_id);
         }
         drop(entered);
-        assert!(is_free, "another thread is this home");
+        assert!(is_free, "another thread is this executor");
     }
 
-    pub(super) fn leave(home: Home) {
-        ENTERED.lock().retain(|&other| other != home);
+    pub(super) fn leave(executor_id: ExecutorId) {
+        ENTERED.lock().retain(|&other| other != executor_id);
     }
 }
 
 /// A model runs many times, with an executor of its own each time.
 #[cfg(loom)]
 mod entered {
-    pub(super) fn enter(_: super::Home) {}
+    pub(super) fn enter(_: super::ExecutorId) {}
 
-    pub(super) fn leave(_: super::Home) {}
+    pub(super) fn leave(_: super::ExecutorId) {}
 }
 
 /// The executor of this thread, if it runs processes.
 #[inline]
-pub fn home() -> Option<Home> {
-    THREAD.with(|thread| thread.home.get())
+pub fn executor_id() -> Option<ExecutorId> {
+    THREAD.with(|thread| thread.executor_id.get())
 }
 
 /// The id of this thread's executor; 0 if it runs no processes.
 #[inline(always)]
-pub(crate) fn home_number() -> u64 {
-    THREAD.with(|thread| thread.home.get().map_or(0, Home::number))
+pub(crate) fn executor_number() -> u64 {
+    THREAD.with(|thread| thread.executor_id.get().map_or(0, ExecutorId::number))
 }
 
-/// The state of the thread of `home`, if it is this thread.
-fn home_thread_of(home: Home) -> Option<std::sync::Arc<HomeThread>> {
-    if self::home() != Some(home) {
+/// The state of the thread of `executor_id`, if it is this thread.
+fn executor_thread_of(executor_id: ExecutorId) -> Option<std::sync::Arc<ExecutorThread>> {
+    if self::executor_id() != Some(executor_id) {
         return None;
     }
-    HOME_THREAD.with(|slot| {
+    EXECUTOR_THREAD.with(|slot| {
         let slot = slot.borrow();
         let thread = slot.as_ref()?;
-        Some(SPARE_HOME_THREADS.with(|spare| spare.another(thread)))
+        Some(SPARE_EXECUTOR_THREADS.with(|spare| spare.another(thread)))
     })
 }
 
-/// Returns a reference of [`home_thread_of`] to the cache.
-fn give_back_home_thread(thread: std::sync::Arc<HomeThread>) {
+/// Returns a reference of [`executor_thread_of`] to the cache.
+fn recycle_executor_thread(thread: std::sync::Arc<ExecutorThread>) {
     // A thread that is ending has no cache any more.
-    let _ = SPARE_HOME_THREADS.try_with(move |spare| spare.give_back(thread));
+    let _ = SPARE_EXECUTOR_THREADS.try_with(move |spare| spare.give_back(thread));
 }
 
 /// The calling thread, with its own boosts: as an executor's, or as a plain one. None while it
 /// ends, and in a model.
-fn this_thread() -> Option<std::sync::Arc<HomeThread>> {
+fn this_thread() -> Option<std::sync::Arc<ExecutorThread>> {
     #[cfg(not(loom))]
-    return HOME_THREAD
+    return EXECUTOR_THREAD
         .try_with(|slot| slot.borrow().clone())
         .ok()?
-        .or_else(home_thread::plain);
+        .or_else(executor_thread::plain);
     #[cfg(loom)]
     None
 }

@@ -1,7 +1,7 @@
 //! The process control block.
 
 use super::inheritance::{Inheritance, LevelNow};
-use super::inheritor::Lent;
+use super::inheritor::Boost;
 use super::lone;
 use super::references::References;
 use super::run_queue::Link;
@@ -71,9 +71,9 @@ pub enum User {
 
 /// Id of an executor: a thread that runs processes, or that of an OS-thread process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Home(NonZeroU64);
+pub struct ExecutorId(NonZeroU64);
 
-impl Home {
+impl ExecutorId {
     /// A new id.
     #[expect(clippy::new_without_default, reason = "each call gives another value")]
     pub fn new() -> Self {
@@ -102,11 +102,11 @@ pub struct Priority {
 
 /// Where in the queue of its level a process is put.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum QueueEnd {
     /// Before the others: it only yielded to more urgent ones.
-    First,
+    Front,
     /// Behind the others.
-    Last,
+    Back,
 }
 
 /// An executor's operations on its processes. All take the owner that the process was made with.
@@ -119,8 +119,8 @@ pub struct Methods {
     /// more.
     pub free: unsafe fn(NonNull<()>),
     /// Polls the body of a process that was taken from the run queue, in its turn, and marks the
-    /// process if its body has ended ([`Process::set_ended`]). It is here and not in each process because all processes of a kind share it:
-    /// a turn then reads one cache line less.
+    /// process if its body has ended ([`Process::set_ended`]). It is here and not in each process
+    /// because all processes of a kind share it: a turn then reads one cache line less.
     pub poll: unsafe fn(NonNull<()>, &mut Context<'_>),
     /// The addresses of the body and its captures. The owner is live; its body may have ended.
     pub body: unsafe fn(NonNull<()>) -> Range<usize>,
@@ -206,7 +206,7 @@ pub struct Process {
     own_level: u8,
     level: LevelNow,
     id: ProcessId,
-    home: Home,
+    executor_id: ExecutorId,
     pub(super) references: References,
     waker: UnsafeCell<Option<Waker>>,
     polls: AtomicU64,
@@ -229,10 +229,10 @@ impl Process {
     /// branch in the address bits below.
     pub const ALIGN: usize = LEVELS as usize;
 
-    /// A process of the executor `home`, the thread of which has the real-time priority
+    /// A process of the executor `executor_id`, the thread of which has the real-time priority
     /// `thread_priority` (0: none), at `level`.
     #[inline]
-    pub fn new(id: ProcessId, home: Home, thread_priority: u8, level: u8) -> Self {
+    pub fn new(id: ProcessId, executor_id: ExecutorId, thread_priority: u8, level: u8) -> Self {
         Self {
             link: Link::new(),
             state: AtomicU8::new(state::NEW),
@@ -242,12 +242,12 @@ impl Process {
             own_level: level,
             level: LevelNow::new(level),
             id,
-            home,
+            executor_id,
             references: References::new(),
             waker: UnsafeCell::new(None),
             polls: AtomicU64::new(0),
             methods: Cell::new(None),
-            inheritance: Inheritance::new(super::home_thread_of(home), level),
+            inheritance: Inheritance::new(super::executor_thread_of(executor_id), level),
         }
     }
 
@@ -402,8 +402,8 @@ impl Process {
 
     /// The id of its executor; a value that no thread has if it has none.
     #[inline]
-    pub fn home_number(&self) -> u64 {
-        self.home.number()
+    pub fn executor_number(&self) -> u64 {
+        self.executor_id.number()
     }
 
     /// Whether `cx` has the process' own waker; its address is almost always the same.
@@ -431,24 +431,24 @@ impl Process {
         &self.inheritance
     }
 
-    /// Counts one boost `lent` more or less. `false`: the count would overflow, and nothing has
+    /// Counts one boost `boost` more or less. `false`: the count would overflow, and nothing has
     /// changed.
     ///
     /// # Safety
     ///
     /// The executor's lock is held.
-    pub(super) unsafe fn count_lent(&self, lent: Lent, more: bool) -> bool {
+    pub(super) unsafe fn count_boost(&self, boost: Boost, more: bool) -> bool {
         let before = events::is_on().then(|| self.level.get());
         // SAFETY: the caller holds the executor's lock, which guards the counts.
         let is_counted = unsafe {
             self.inheritance
-                .count(&self.level, self.own_level, lent, more)
+                .count(&self.level, self.own_level, boost, more)
         };
         if let Some(before) = before
             && self.level.get() != before
         {
             let levels = || [before.into(), self.level.get().into()];
-            events::tell(events::code::PRIORITY, self.id.get(), levels);
+            events::report(events::code::PRIORITY, self.id.get(), levels);
         }
         is_counted
     }
@@ -460,7 +460,7 @@ impl Process {
     /// This is the executor's thread, the process is one of an executor's, and stays where it is
     /// until it was popped.
     #[inline]
-    pub(super) unsafe fn ready_here(&self, lowered: u8, place: Place) {
+    pub(super) unsafe fn ready_here(&self, lowered: u8, place: QueueEnd) {
         // SAFETY: the caller's promises are those that `ready_at` requires; the level is at most
         // the process' own.
         unsafe { self.ready_at(self.level().saturating_sub(lowered), place) };
@@ -501,7 +501,7 @@ impl Process {
     /// This is the executor's thread, the process is one of an executor's, and stays where it is
     /// until it was popped. `level` is below [`LEVELS`].
     #[inline]
-    pub unsafe fn ready_at(&self, level: u8, place: Place) {
+    pub unsafe fn ready_at(&self, level: u8, place: QueueEnd) {
         let now = self.state.load(Ordering::Relaxed);
         if now & (state::QUEUED | state::YIELDED | state::ENDED | state::RECORDED) != 0 {
             // SAFETY: the caller's promises are those that `ready_more` requires.
@@ -515,7 +515,7 @@ impl Process {
     ///
     /// As for [`ready_at`](Self::ready_at), where the state is `now`: neither queued nor ended.
     #[inline(always)]
-    unsafe fn queue_at(&self, now: u8, level: u8, place: Place) {
+    unsafe fn queue_at(&self, now: u8, level: u8, place: QueueEnd) {
         self.state
             .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
         // SAFETY: the caller promises that the process is one of an executor's.
@@ -524,8 +524,8 @@ impl Process {
         // the invariant its link is in no queue.
         super::ready::with_queue(|queue| unsafe {
             match place {
-                Place::First => queue.push_front(level, link),
-                Place::Last => queue.push_back(level, link),
+                QueueEnd::Front => queue.push_front(level, link),
+                QueueEnd::Back => queue.push_back(level, link),
             }
         });
     }
@@ -534,7 +534,7 @@ impl Process {
     ///
     /// As for [`ready_at`](Self::ready_at).
     #[cold]
-    unsafe fn ready_more(&self, level: u8, place: Place) {
+    unsafe fn ready_more(&self, level: u8, place: QueueEnd) {
         let queued = self.link.level.get();
         let now = self.state.load(Ordering::Relaxed);
         if now & (state::QUEUED | state::YIELDED | state::ENDED) == 0 {
@@ -552,8 +552,8 @@ impl Process {
             super::ready::with_queue(|queue| unsafe {
                 queue.remove(link);
                 match place {
-                    Place::First => queue.push_front(level, link),
-                    Place::Last => queue.push_back(level, link),
+                    QueueEnd::Front => queue.push_front(level, link),
+                    QueueEnd::Back => queue.push_back(level, link),
                 }
             });
         }
@@ -581,7 +581,7 @@ impl Process {
         if now & state::YIELDED != 0 {
             // SAFETY: it has yielded in a plain turn: it is a process of an executor, and this is
             // the executor's thread. Its executor keeps it until it was popped.
-            unsafe { self.ready_at(self.level(), Place::Last) };
+            unsafe { self.ready_at(self.level(), QueueEnd::Back) };
         }
     }
 
@@ -725,8 +725,8 @@ impl Process {
 
     /// The executor of the process.
     #[inline]
-    pub fn home(&self) -> Home {
-        self.home
+    pub fn executor_id(&self) -> ExecutorId {
+        self.executor_id
     }
 
     /// The level that the process runs at: its own, or a higher one that it

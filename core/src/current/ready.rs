@@ -2,7 +2,7 @@
 
 use super::branch::lowered;
 use super::run_queue::RunQueue;
-use super::{Place, Process, THREAD, is_replayed, local, plain_turn, process};
+use super::{Process, QueueEnd, THREAD, is_replayed, local, plain_turn, process};
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -62,11 +62,11 @@ pub fn is_outranked() -> bool {
 /// before it in any case. The caller returns `Pending`. Outside of LUNA processes, or within a
 /// combinator, the waker is woken.
 #[inline]
-pub fn ready_again(cx: &Context<'_>, place: Place) {
+pub fn ready_again(cx: &Context<'_>, place: QueueEnd) {
     match plain_turn(cx) {
         // SAFETY: this is the executor's thread, and the process lives while it is polled.
-        Some(process) if place == Place::Last => unsafe {
-            process.ready_at(process.level(), Place::Last);
+        Some(process) if place == QueueEnd::Back => unsafe {
+            process.ready_at(process.level(), QueueEnd::Back);
         },
         _ => ready_again_attentively(cx, place),
     }
@@ -79,7 +79,7 @@ pub fn ready_again(cx: &Context<'_>, place: Place) {
 pub fn yield_turn(cx: &Context<'_>) {
     match plain_turn(cx) {
         Some(process) => process.yield_at_end(),
-        None => ready_again_attentively(cx, Place::Last),
+        None => ready_again_attentively(cx, QueueEnd::Back),
     }
 }
 
@@ -91,8 +91,8 @@ pub fn yield_turn(cx: &Context<'_>) {
 /// since.
 #[cold]
 pub unsafe fn put_back(owner: NonNull<()>) {
-    // SAFETY: the caller promises that it was just taken, so it is live and in no queue; the link is
-    // the first field of a process, and the process that of its owner.
+    // SAFETY: the caller promises that it was just taken, so it is live and in no queue; the link
+    // is the first field of a process, and the process that of its owner.
     with_queue(|queue| unsafe {
         let link = owner.cast::<super::run_queue::Link>();
         queue.push_front(link.as_ref().level.get(), link);
@@ -101,7 +101,7 @@ pub unsafe fn put_back(owner: NonNull<()>) {
 
 #[cold]
 #[inline(never)]
-fn ready_again_attentively(cx: &Context<'_>, place: Place) {
+fn ready_again_attentively(cx: &Context<'_>, place: QueueEnd) {
     process(|process| match process {
         // SAFETY: this is the executor's thread, and the process lives while it is polled.
         Some(process) if process.is_owned() && process.is_polled_with(cx) => unsafe {
@@ -124,7 +124,7 @@ pub fn give_way(cx: &Context<'_>) -> bool {
                 process.is_some_and(|own| own.is_owned() && own.is_polled_with(cx))
             });
         if has_level {
-            ready_again(cx, Place::First);
+            ready_again(cx, QueueEnd::Front);
         }
         has_level
     }
@@ -172,9 +172,9 @@ pub unsafe fn gives_way(process: &Process) -> bool {
     let thread = local();
     let left = thread.operations_left.get();
     let place = if thread.queue.has_above(process.level()) {
-        Place::First
+        QueueEnd::Front
     } else if left == 0 {
-        Place::Last
+        QueueEnd::Back
     } else {
         thread.operations_left.set(left - 1);
         return false;

@@ -50,12 +50,12 @@ impl References {
         self.elsewhere.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts one less; `true` if it was the last one of a process that has ended. `is_home`: this
-    /// is the executor's thread.
+    /// Counts one less; `true` if it was the last one of a process that has ended.
+    /// `is_on_executor`: this is the executor's thread.
     #[inline]
     #[must_use = "the last one frees the process"]
-    pub(super) fn remove(&self, is_home: bool) -> bool {
-        if is_home && self.remove_here() {
+    pub(super) fn remove(&self, is_on_executor: bool) -> bool {
+        if is_on_executor && self.remove_here() {
             return false;
         }
         // AcqRel: all other references' uses of the process happen before it is freed.
@@ -218,9 +218,9 @@ mod loom_tests {
             for _ in 0..3 {
                 shared.0.0.add();
             }
-            let gone = |shared: &(Shared, AtomicUsize, AtomicUsize), is_home| {
+            let gone = |shared: &(Shared, AtomicUsize, AtomicUsize), is_on_executor| {
                 shared.2.fetch_sub(1, Ordering::SeqCst);
-                if shared.0.0.remove(is_home) {
+                if shared.0.0.remove(is_on_executor) {
                     assert_eq!(
                         shared.2.load(Ordering::SeqCst),
                         0,

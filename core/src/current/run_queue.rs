@@ -38,9 +38,10 @@ impl Link {
 /// # Invariants
 ///
 /// The slot is empty only if no process is ready. Its process comes before all others: at its level
-/// as the first, and none is queued at a higher one. A queued link has its level. Each level is a circle of live links that are in no other queue: `tails` has the
-/// last one of it, whose `next` is the first. The level's bit in `bits` says whether there is one;
-/// while there is none, its tail is not read.
+/// as the first, and none is queued at a higher one. A queued link has its level. Each level is a
+/// circle of live links that are in no other queue: `tails` has the last one of it, whose `next` is
+/// the first. The level's bit in `bits` says whether there is one; while there is none, its tail is
+/// not read.
 ///
 /// The most used fields come first.
 #[derive(Debug)]
@@ -369,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn who_resumes_comes_before_its_level_and_after_higher_ones() {
+    fn one_that_resumes_comes_before_its_level_and_after_higher_ones() {
         let links: Vec<Link> = (0..3).map(|_| Link::new()).collect();
         let queue = RunQueue::new();
         // SAFETY: the links outlive the queue and are pushed once.
@@ -383,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_taken_out_leaves_the_others_in_order() {
+    fn one_that_is_taken_out_leaves_the_others_in_order() {
         for gone in 0..4 {
             let links: Vec<Link> = (0..4).map(|_| Link::new()).collect();
             let queue = RunQueue::new();

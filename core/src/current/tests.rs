@@ -89,9 +89,9 @@ struct Aligned(Process);
 
 /// Calls `f` within a process of this level.
 fn within(level: u8, f: impl FnOnce(&Context<'_>)) {
-    let home = Home::new();
-    let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
-    let process = &Aligned(Process::new(ProcessId::new(), home, 0, level)).0;
+    let executor_id = ExecutorId::new();
+    let _entered = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
+    let process = &Aligned(Process::new(ProcessId::new(), executor_id, 0, level)).0;
     // SAFETY: the process is polled below, on this thread, and is not used after `f`; its methods
     // ignore the owner.
     unsafe {
@@ -147,31 +147,31 @@ fn wakeups_ready_at_the_level_of_the_branch_that_made_them() {
         with_branch_below(false, 2, 0, || assert!(own.is_of(cx)));
         own.take().wake();
         assert_eq!(readied(), 3);
-        with_branch_below(false, 9, 0, || ready_again(cx, Place::First));
+        with_branch_below(false, 9, 0, || ready_again(cx, QueueEnd::Front));
         assert_eq!(readied(), 0);
         drop(other);
-        ready_again(cx, Place::Last);
+        ready_again(cx, QueueEnd::Back);
         assert_eq!(readied(), 5);
     });
 }
 
 #[test]
-fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
+fn one_that_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
     within(5, |cx| {
         for levels in [1, 4, 2] {
-            with_branch_below(false, levels, 0, || ready_again(cx, Place::Last));
+            with_branch_below(false, levels, 0, || ready_again(cx, QueueEnd::Back));
         }
         assert_eq!(ready_levels(), 1 << 4);
         assert_eq!(readied(), 4);
-        with_branch_below(false, 3, 0, || ready_again(cx, Place::Last));
-        ready_again(cx, Place::Last);
+        with_branch_below(false, 3, 0, || ready_again(cx, QueueEnd::Back));
+        ready_again(cx, QueueEnd::Back);
         assert_eq!(ready_levels(), 1 << 5);
         assert_eq!(readied(), 5);
         // SAFETY: the queue is empty, so no process is taken.
         assert_eq!(unsafe { next_ready() }, None);
         // SAFETY: this is its executor's thread.
         process(|process| unsafe { process.expect("one is current").set_ended() });
-        ready_again(cx, Place::Last);
+        ready_again(cx, QueueEnd::Back);
         // SAFETY: the queue is empty, so no process is taken.
         let next = unsafe { next_ready() };
         assert_eq!(next, None, "an ended process is not readied");
@@ -179,14 +179,14 @@ fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
 }
 
 #[test]
-fn a_turn_that_panics_is_known_to_who_catches_it() {
-    let home = Home::new();
-    let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
-    let process = &Aligned(Process::new(ProcessId::new(), home, 0, 3)).0;
+fn a_turn_that_panics_is_known_to_the_one_that_catches_it() {
+    let executor_id = ExecutorId::new();
+    let _entered = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
+    let process = &Aligned(Process::new(ProcessId::new(), executor_id, 0, 3)).0;
     // SAFETY: the process lives on, and its methods ignore the owner.
     unsafe {
         process.set_owner(NonNull::from(process).cast(), &METHODS);
-        process.ready_at(3, Place::Last);
+        process.ready_at(3, QueueEnd::Back);
         assert_eq!(process.activity(), Activity::Ready);
         let next = next_ready().expect("it is ready").cast::<Process>();
         let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
@@ -208,7 +208,7 @@ fn a_turn_that_panics_is_known_to_who_catches_it() {
 fn a_process_within_a_branch_is_whole() {
     within(5, |_| {
         with_branch_below(true, 3, 0, || {
-            let inner = Process::new(ProcessId::new(), home().unwrap(), 0, 7);
+            let inner = Process::new(ProcessId::new(), executor_id().unwrap(), 0, 7);
             // SAFETY: this is its executor's thread.
             unsafe {
                 with_process(&inner, || {
@@ -241,9 +241,9 @@ fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
 
 #[test]
 fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
-    let home = Home::new();
-    let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
-    let process = &Aligned(Process::new(ProcessId::new(), home, 0, 3)).0;
+    let executor_id = ExecutorId::new();
+    let _entered = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
+    let process = &Aligned(Process::new(ProcessId::new(), executor_id, 0, 3)).0;
     #[cfg(feature = "events")]
     let mut reader = {
         let (writer, reader) = crate::events::ring(16, 0, None);
@@ -256,8 +256,8 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
         process.set_owner(NonNull::from(process).cast(), &METHODS);
         process.set_recorded();
-        process.ready_at(3, Place::Last);
-        process.ready_at(3, Place::Last);
+        process.ready_at(3, QueueEnd::Back);
+        process.ready_at(3, QueueEnd::Back);
         for _ in 0..2 {
             let next = next_ready().expect("it is ready").cast::<Process>();
             assert_eq!(next_ready(), None, "it is queued once");
@@ -265,7 +265,7 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
             give_turn(next.as_ref(), || {
                 process.keep_recorded();
                 assert!(plain_turn(&cx).is_none());
-                ready_again(&cx, Place::Last);
+                ready_again(&cx, QueueEnd::Back);
             });
             assert!(next.as_ref().is_queued());
         }
@@ -276,10 +276,10 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
         crate::events::detach();
         let mut words = Vec::new();
         reader.take(&mut words, 16);
-        let told: Vec<u64> = words.chunks(4).map(|event| event[0]).collect();
+        let reported: Vec<u64> = words.chunks(4).map(|event| event[0]).collect();
         let ready = u64::from(process.id().get()) << 32 | u64::from(code::READY) << 16;
         // Readied once from outside, and once in each turn.
-        assert_eq!(told, [ready; 3]);
+        assert_eq!(reported, [ready; 3]);
     }
 }
 

@@ -1,7 +1,9 @@
 //! The turn of the current process on this thread.
 
 use super::branch::{Branch, lowered};
-use super::{Home, OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, Thread, User, local};
+use super::{
+    ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, Thread, User, local,
+};
 use std::fmt;
 use std::ptr::NonNull;
 use std::task::Context;
@@ -110,8 +112,8 @@ pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
 }
 
 /// A [plain turn](plain_turn) of the current process: the state of its thread. Code that is not
-/// generic takes it from its caller, which is: a library's access to a thread-local counts as a call
-/// for the compiler, which then saves registers.
+/// generic takes it from its caller, which is: a library's access to a thread-local counts as a
+/// call for the compiler, which then saves registers.
 #[derive(Clone, Copy)]
 pub struct PlainTurn<'a>(&'a Thread);
 
@@ -134,8 +136,8 @@ impl<'a> PlainTurn<'a> {
 
     /// The id of the executor.
     #[inline(always)]
-    pub fn home_number(self) -> u64 {
-        self.0.home.get().map_or(0, Home::number)
+    pub fn executor_number(self) -> u64 {
+        self.0.executor_id.get().map_or(0, ExecutorId::number)
     }
 
     /// Counts an operation that was done without waiting; `false`: the process is to
@@ -169,8 +171,8 @@ impl fmt::Debug for PlainTurn<'_> {
 
 /// The current process, if its turn is a plain one: the process is an executor's, `cx` has its own
 /// waker and no combinator's, its events are not recorded and it has no replay log, and the branch
-/// that is being polled, if any, has not failed and runs at the process' level. Nearly all polls are
-/// plain. One compare: the waker lies in the process, so its address says which process it is.
+/// that is being polled, if any, has not failed and runs at the process' level. Nearly all polls
+/// are plain. One compare: the waker lies in the process, so its address says which process it is.
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     PlainTurn::of(cx).map(PlainTurn::process)

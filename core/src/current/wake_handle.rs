@@ -28,8 +28,8 @@
 //! it would make a value for a choice that may not be made. A panic in the closure is caught at
 //! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
-use super::process::{Place, Process};
-use super::{LEVELS, PlainTurn, home, lowered, process};
+use super::process::{Process, QueueEnd};
+use super::{LEVELS, PlainTurn, executor_id, lowered, process};
 use crate::{fetch, park};
 use std::fmt;
 use std::mem::{self, ManuallyDrop};
@@ -100,7 +100,7 @@ impl Reference {
 
     #[inline]
     pub(super) fn is_here(&self) -> bool {
-        home() == Some(self.process().home())
+        executor_id() == Some(self.process().executor_id())
     }
 
     /// Readies the process.
@@ -109,7 +109,7 @@ impl Reference {
     ///
     /// This is the executor's thread.
     #[inline]
-    pub(super) unsafe fn ready_here(&self, place: Place) {
+    pub(super) unsafe fn ready_here(&self, place: QueueEnd) {
         // SAFETY: the caller promises that this is the executor's thread; the reference keeps the
         // process' memory.
         unsafe { self.process().ready_here(self.lowered(), place) };
@@ -234,8 +234,8 @@ impl WakeHandle {
 
     /// Whether [`take_plain`](Self::take_plain) would take it.
     #[inline(always)]
-    pub fn is_plain(wakeup: &Option<WakeHandle>) -> bool {
-        matches!(wakeup, Some(WakeHandle(Inner::Process(_))))
+    pub fn is_plain(wake_handle: &Option<WakeHandle>) -> bool {
+        matches!(wake_handle, Some(WakeHandle(Inner::Process(_))))
     }
 
     /// Takes out a handle that was made [in a plain turn](Self::of_plain_turn); `None` for any
@@ -321,7 +321,7 @@ impl WakeHandle {
                 // SAFETY: the reference keeps the process' memory, and the caller has checked that
                 // it is not of this thread.
                 unsafe { reference.process().ready_elsewhere(reference.lowered()) };
-                PendingWake::NOBODY
+                PendingWake::NONE
             }
         }
     }
@@ -341,8 +341,8 @@ impl PlainPendingWake {
     }
 
     /// Readies the process and counts an operation of the current one; if the process waits, no
-    /// other one is ready, and the current one need not yield. Otherwise no state has changed. O(1),
-    /// without atomics.
+    /// other one is ready, and the current one need not yield. Otherwise no state has changed.
+    /// O(1), without atomics.
     ///
     /// # Errors
     ///
@@ -377,7 +377,7 @@ impl PlainPendingWake {
         let process = self.0.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's; the reference keeps the process' memory.
-        unsafe { process.ready_here(0, Place::Last) };
+        unsafe { process.ready_here(0, QueueEnd::Back) };
         if process.references.remove_here() {
             // It is not the last one, and is already counted off.
             std::mem::forget(self);
@@ -394,7 +394,7 @@ pub struct PendingWake(Readying);
 enum Readying {
     Process(Reference),
     Waker(Foreign),
-    Nobody,
+    Nothing,
 }
 
 impl fmt::Debug for Readying {
@@ -402,20 +402,20 @@ impl fmt::Debug for Readying {
         match self {
             Readying::Process(reference) => reference.fmt(f),
             Readying::Waker(waker) => waker.0.fmt(f),
-            Readying::Nobody => f.write_str("Nobody"),
+            Readying::Nothing => f.write_str("Nothing"),
         }
     }
 }
 
 impl PendingWake {
     /// No process to wake.
-    pub const NOBODY: PendingWake = PendingWake(Readying::Nobody);
+    pub const NONE: PendingWake = PendingWake(Readying::Nothing);
 
     /// Readies the process. O(1); a system call only if it is on another thread that sleeps.
     #[inline(always)]
     pub fn wake(self) {
         let this = ManuallyDrop::new(self);
-        if let Readying::Nobody = this.0 {
+        if let Readying::Nothing = this.0 {
             return;
         }
         // SAFETY: read once, since `this` is not dropped.
@@ -436,14 +436,14 @@ impl PendingWake {
 impl PendingWake {
     #[cold]
     fn wake_after_all(&mut self) {
-        mem::replace(&mut self.0, Readying::Nobody).carry_out();
+        mem::replace(&mut self.0, Readying::Nothing).carry_out();
     }
 }
 
 impl Drop for PendingWake {
     #[inline(always)]
     fn drop(&mut self) {
-        if !matches!(self.0, Readying::Nobody) {
+        if !matches!(self.0, Readying::Nothing) {
             self.wake_after_all();
         }
     }
@@ -458,7 +458,7 @@ impl Readying {
                 // the reference keeps the process' memory.
                 unsafe {
                     if reference.is_here() {
-                        reference.ready_here(Place::Last);
+                        reference.ready_here(QueueEnd::Back);
                     } else {
                         reference.process().ready_elsewhere(reference.lowered());
                     }
@@ -468,7 +468,7 @@ impl Readying {
                 let waker = waker.into_waker();
                 run_user_code(|| waker.wake());
             }
-            Readying::Nobody => {}
+            Readying::Nothing => {}
         }
     }
 }

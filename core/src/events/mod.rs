@@ -1,7 +1,7 @@
 //! Events of the processes of a thread: the contract between the operations and a logger.
 //!
 //! A thread that is recorded has a ring, made before it runs processes (`attach`). An operation
-//! [reports](tell) an event by its code, its subject and two numbers; a time stamp is added. The
+//! [reports](report) an event by its code, its subject and two numbers; a time stamp is added. The
 //! logger's documentation describes the events.
 //!
 //! Without the feature `events` this costs no code and no memory. With it, a thread that is not

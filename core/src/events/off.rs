@@ -11,7 +11,7 @@ pub const fn is_on() -> bool {
 
 /// Does nothing.
 #[inline(always)]
-pub fn tell(_: u16, _: u32, _: impl FnOnce() -> [u64; 2]) {}
+pub fn report(_: u16, _: u32, _: impl FnOnce() -> [u64; 2]) {}
 
 /// Does nothing.
 #[inline(always)]
@@ -91,7 +91,7 @@ pub fn name_executor(_: impl FnOnce() -> String) {}
 
 /// Does nothing.
 #[inline(always)]
-pub fn tell_executor(_: u16) {}
+pub fn report_executor(_: u16) {}
 
 /// The ring of an executor that shares its thread with others: none.
 #[derive(Debug, Default)]

@@ -39,7 +39,7 @@ pub fn is_on() -> bool {
 ///
 /// let (writer, mut reader) = events::ring(16, 0, None);
 /// events::attach(writer);
-/// events::tell(code::SLOT, 7, || [41, 250]);
+/// events::report(code::SLOT, 7, || [41, 250]);
 /// assert!(events::is_on());
 /// events::detach();
 /// let mut words = Vec::new();
@@ -104,15 +104,15 @@ fn put(of: u16, subject: u32, arguments: [u64; 2]) {
 /// Reports an event of the calling thread, if the thread is recorded. Real-time path: yes;
 /// wait-free, O(1).
 #[inline(always)]
-pub fn tell(of: u16, subject: u32, arguments: impl FnOnce() -> [u64; 2]) {
+pub fn report(of: u16, subject: u32, arguments: impl FnOnce() -> [u64; 2]) {
     if is_on() {
-        told(of, subject, arguments());
+        report_now(of, subject, arguments());
     }
 }
 
 #[cold]
 #[inline(never)]
-fn told(of: u16, subject: u32, arguments: [u64; 2]) {
+fn report_now(of: u16, subject: u32, arguments: [u64; 2]) {
     put(of, subject, arguments);
 }
 
@@ -121,13 +121,13 @@ fn told(of: u16, subject: u32, arguments: [u64; 2]) {
 #[inline(always)]
 pub fn ready(process: impl FnOnce() -> u32) {
     if is_on() {
-        told_ready(process());
+        report_ready(process());
     }
 }
 
 #[cold]
 #[inline(never)]
-fn told_ready(process: u32) {
+fn report_ready(process: u32) {
     put(code::READY, process, [current_process(), 0]);
 }
 
@@ -197,7 +197,7 @@ pub fn current_process() -> u64 {
 
 /// Reports that the executor of the calling thread sleeps, or is awake.
 #[inline]
-pub fn tell_executor(of: u16) {
+pub fn report_executor(of: u16) {
     if let Some((_, number)) = place() {
         put(of, number, [0, 0]);
     }

@@ -21,7 +21,7 @@ impl Counter {
 }
 
 /// Codes up to here are events.
-const MOST_CODE: u16 = 0xFEFF;
+const MAX_CODE: u16 = 0xFEFF;
 
 /// An event in the ring: code and subject, time stamp, two numbers.
 pub(super) type Entry = [u64; 4];
@@ -152,7 +152,7 @@ impl Ring {
     #[cold]
     fn lose(&self, head: u64) -> bool {
         // A part of a name is no event.
-        if (head >> 16) as u16 <= MOST_CODE {
+        if (head >> 16) as u16 <= MAX_CODE {
             // Only the writer counts.
             let lost = self.lost.load(Ordering::Relaxed);
             self.lost.store(lost + 1, Ordering::Relaxed);

@@ -39,7 +39,7 @@ impl EmergencyWorkers {
 /// A handler interrupts the wait of one member, which alone is notified. If that member hangs, the
 /// timer wakes the other.
 #[test]
-fn one_who_is_interrupted_acts_and_is_watched() {
+fn one_that_is_interrupted_acts_and_is_watched() {
     loom::model(|| {
         let workers = Arc::new(EmergencyWorkers {
             events: EventCount::new(),

@@ -47,7 +47,7 @@ fn one_that_is_closed_never_begins() {
 }
 
 #[test]
-fn who_is_left_behind_comes_too_late() {
+fn one_that_is_left_behind_comes_too_late() {
     let failover = with_jobs(2);
     failover.begin();
     let first = run(failover.take(0));
@@ -85,10 +85,10 @@ fn rounds_are_apart() {
 
 #[test]
 fn as_many_jobs_as_there_may_be() {
-    let failover = with_jobs(MOST_JOBS);
+    let failover = with_jobs(MAX_JOBS);
     assert_eq!(failover.add(), None);
     failover.begin();
-    for _ in 0..MOST_JOBS {
+    for _ in 0..MAX_JOBS {
         assert!(failover.finish(run(failover.take(254))));
     }
     assert!(failover.is_done());

@@ -126,10 +126,10 @@ fn two_readers_agree_on_the_order() {
         scene.put(2);
         let (one, other) = (scene.clone(), scene.clone());
         let seen = Arc::new(AtomicU64::new(0));
-        let told = seen.clone();
+        let reported = seen.clone();
         let reads = loom::thread::spawn(move || {
             one.other();
-            told.store(one.other(), Ordering::Release);
+            reported.store(one.other(), Ordering::Release);
         });
         let checks = loom::thread::spawn(move || {
             let before = seen.load(Ordering::Acquire);

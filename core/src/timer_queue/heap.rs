@@ -22,7 +22,7 @@ pub(super) struct Node {
     /// Of equal deadlines the one armed first comes first.
     sequence: u64,
     /// None of a deadline that wakes nobody.
-    pub(super) wakeup: Option<WakeHandle>,
+    pub(super) wake_handle: Option<WakeHandle>,
     pub(super) label: Label,
     /// The number of nodes on the way down to the right: no more than bits of their count.
     rank: u8,
@@ -80,7 +80,7 @@ impl Heap {
         &mut self,
         place: NonNull<Node>,
         deadline: Instant,
-        wakeup: Option<WakeHandle>,
+        wake_handle: Option<WakeHandle>,
         label: Label,
     ) {
         self.sequence += 1;
@@ -93,7 +93,7 @@ impl Heap {
                 right: None,
                 deadline,
                 sequence: self.sequence,
-                wakeup,
+                wake_handle,
                 label,
                 rank: 1,
                 fired: Fired::new(false),

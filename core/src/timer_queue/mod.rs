@@ -30,9 +30,9 @@ use std::time::Duration;
 
 /// The armed deadlines of one thread.
 ///
-/// Its thread alone expires, and arms unless the queue is shared. A sleep that is dropped on another
-/// thread cancels itself from there, hence the lock; as long as none is, the lock is biased to the
-/// thread's executor.
+/// Its thread alone expires, and arms unless the queue is shared. A sleep that is dropped on
+/// another thread cancels itself from there, hence the lock; as long as none is, the lock is biased
+/// to the thread's executor.
 pub struct TimerQueue {
     heap: BiasedLock<Heap>,
     /// Any thread arms in it.
@@ -159,9 +159,9 @@ impl TimerQueue {
                     self.publish_next(&heap);
                     let node = &mut *first.as_ptr();
                     let ready = node
-                        .wakeup
+                        .wake_handle
                         .take()
-                        .map_or(PendingWake::NOBODY, WakeHandle::take);
+                        .map_or(PendingWake::NONE, WakeHandle::take);
                     // The sleep may be freed from here on.
                     node.fired.store(true, Ordering::Release);
                     ready
@@ -180,10 +180,10 @@ impl TimerQueue {
     ///
     /// As for [`Heap::insert`].
     #[inline]
-    unsafe fn arm(&self, node: NonNull<Node>, deadline: Instant, wakeup: WakeHandle) {
+    unsafe fn arm(&self, node: NonNull<Node>, deadline: Instant, wake_handle: WakeHandle) {
         let mut heap = self.heap.lock();
         // SAFETY: the caller keeps the contract of `insert`.
-        unsafe { heap.insert(node, deadline, Some(wakeup), Label::default()) };
+        unsafe { heap.insert(node, deadline, Some(wake_handle), Label::default()) };
         self.publish_next(&heap);
         drop(heap);
         self.announce(deadline);
@@ -330,10 +330,10 @@ impl Sleep {
         renewal.put(|renewal| {
             let _heap = queue.heap.lock();
             // SAFETY: the lock that guards the node is held.
-            let wakeup = unsafe { &mut (*node.as_ptr()).wakeup };
+            let wake_handle = unsafe { &mut (*node.as_ptr()).wake_handle };
             // A deadline that has just fired is ready at its next poll.
-            if wakeup.is_some() {
-                renewal.store(wakeup);
+            if wake_handle.is_some() {
+                renewal.store(wake_handle);
             }
         });
         events::waits_for_other();
@@ -371,7 +371,7 @@ impl Sleep {
             }
             heap.remove(node);
             queue.publish_next(&heap);
-            (*node.as_ptr()).wakeup.take()
+            (*node.as_ptr()).wake_handle.take()
         }
     }
 }
@@ -397,7 +397,7 @@ impl Future for Sleep {
             if !current::count_operation() {
                 // The budget of operations that did not have to wait is used up: the next poll
                 // starts a new count.
-                current::ready_again(cx, current::Place::Last);
+                current::ready_again(cx, current::QueueEnd::Back);
                 return Poll::Pending;
             }
             return Poll::Ready(());
@@ -409,16 +409,16 @@ impl Future for Sleep {
             ));
         }
         if let Some(queue) = &this.queue {
-            let wakeup = WakeHandle::of(cx);
+            let wake_handle = WakeHandle::of(cx);
             // SAFETY: there is no node in a heap, so only this sleep uses the room for it; it is
             // pinned, and the node leaves the heap before it is freed.
             this.armed = unsafe {
                 match queue.is_shared {
                     false => {
-                        queue.arm(this.node(), this.deadline, wakeup);
+                        queue.arm(this.node(), this.deadline, wake_handle);
                         true
                     }
-                    true => queue.arm_shared(this.node(), this.deadline, wakeup, this.number),
+                    true => queue.arm_shared(this.node(), this.deadline, wake_handle, this.number),
                 }
             };
             if !this.armed {

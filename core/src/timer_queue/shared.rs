@@ -75,11 +75,12 @@ impl TimerQueue {
                     return false;
                 }
                 heap.remove(first);
-                match node.wakeup.take() {
-                    Some(wakeup) => {
+                match node.wake_handle.take() {
+                    Some(wake_handle) => {
                         note(node.label.number, node.deadline);
                         let number = due.who.len();
-                        due.who.push((node.label.priority, number, wakeup.take()));
+                        due.who
+                            .push((node.label.priority, number, wake_handle.take()));
                     }
                     None => due.calls.push(node.label.number),
                 }
@@ -101,7 +102,7 @@ impl TimerQueue {
         &self,
         node: NonNull<Node>,
         deadline: Instant,
-        wakeup: WakeHandle,
+        wake_handle: WakeHandle,
         number: u32,
     ) -> bool {
         let label = Label {
@@ -112,11 +113,11 @@ impl TimerQueue {
         if self.is_closed() {
             drop(heap);
             // User code, behind the lock.
-            drop(wakeup);
+            drop(wake_handle);
             return false;
         }
         // SAFETY: the caller keeps the contract of `insert`.
-        unsafe { self.add(&mut heap, node, deadline, Some(wakeup), label) };
+        unsafe { self.add(&mut heap, node, deadline, Some(wake_handle), label) };
         true
     }
 
@@ -130,11 +131,11 @@ impl TimerQueue {
         heap: &mut Heap,
         node: NonNull<Node>,
         deadline: Instant,
-        wakeup: Option<WakeHandle>,
+        wake_handle: Option<WakeHandle>,
         label: Label,
     ) {
         // SAFETY: the caller keeps the contract of `insert`.
-        unsafe { heap.insert(node, deadline, wakeup, label) };
+        unsafe { heap.insert(node, deadline, wake_handle, label) };
         self.publish_next(heap);
         // Under the lock, so that of two threads the one with the earlier deadline comes last.
         self.announce(deadline);
@@ -171,14 +172,14 @@ impl TimerQueue {
             let ready = unsafe {
                 heap.remove(first);
                 let node = &mut *first.as_ptr();
-                let ready = node.wakeup.take().map(WakeHandle::take);
+                let ready = node.wake_handle.take().map(WakeHandle::take);
                 // Its owner may free it from here on.
                 node.fired.store(true, Ordering::Release);
                 ready
             };
             self.publish_next(&heap);
             drop(heap);
-            ready.unwrap_or(PendingWake::NOBODY).wake_contained();
+            ready.unwrap_or(PendingWake::NONE).wake_contained();
         }
     }
 
@@ -192,9 +193,9 @@ impl TimerQueue {
 ///
 /// # Invariants
 ///
-/// While `queue` is there, there is a node. It is in the heap of `queue` until it has fired, and the
-/// heap's lock guards it then, except for `fired`. It has no wake handle, so nothing of it is to be
-/// dropped.
+/// While `queue` is there, there is a node. It is in the heap of `queue` until it has fired, and
+/// the heap's lock guards it then, except for `fired`. It has no wake handle, so nothing of it is
+/// to be dropped.
 pub struct Deadline {
     node: Box<UnsafeCell<MaybeUninit<Node>>>,
     queue: Option<Arc<TimerQueue>>,

@@ -1,5 +1,5 @@
 use super::*;
-use crate::current::Home;
+use crate::current::ExecutorId;
 use std::pin::pin;
 use std::sync::atomic::AtomicUsize;
 use std::task::{Wake, Waker};
@@ -15,7 +15,7 @@ impl Wake for Count {
 #[test]
 fn expires_at_its_deadline_and_not_before() {
     let queue = Arc::new(TimerQueue::new());
-    let _home = current::enter_home(Home::new(), queue.clone(), false);
+    let _entered = current::enter_executor(ExecutorId::new(), queue.clone(), false);
     let count = std::sync::Arc::new(Count::default());
     let waker = Waker::from(count.clone());
     let mut cx = Context::from_waker(&waker);
@@ -36,7 +36,7 @@ fn expires_at_its_deadline_and_not_before() {
 fn a_span_is_counted_from_the_first_poll() {
     const SPAN: Duration = Duration::from_secs(1000);
     let queue = Arc::new(TimerQueue::new());
-    let _home = current::enter_home(Home::new(), queue.clone(), false);
+    let _entered = current::enter_executor(ExecutorId::new(), queue.clone(), false);
     let mut cx = Context::from_waker(Waker::noop());
     let mut sleep = pin!(Sleep::after(SPAN));
     let made = Instant::now();
@@ -60,7 +60,7 @@ fn a_queue_goes_with_its_executor_and_its_sleeps() {
     let mut cx = Context::from_waker(Waker::noop());
     let mut left = Box::pin(Sleep::until(far));
     {
-        let _home = current::enter_home(Home::new(), queue.clone(), false);
+        let _entered = current::enter_executor(ExecutorId::new(), queue.clone(), false);
         for _ in 0..3 {
             let mut sleeps = [0; 2].map(|_| Box::pin(Sleep::until(far)));
             for sleep in &mut sleeps {
@@ -78,7 +78,7 @@ fn a_queue_goes_with_its_executor_and_its_sleeps() {
 #[test]
 fn a_dropped_or_reset_sleep_is_gone() {
     let queue = Arc::new(TimerQueue::new());
-    let _home = current::enter_home(Home::new(), queue.clone(), false);
+    let _entered = current::enter_executor(ExecutorId::new(), queue.clone(), false);
     let mut cx = Context::from_waker(Waker::noop());
     let far = Instant::now() + Duration::from_secs(1000);
     {
@@ -103,7 +103,7 @@ fn an_owner_is_called_for_what_it_does_not_provide_for() {
     }
     let calls = std::sync::Arc::new(Calls::default());
     let queue = Arc::new(TimerQueue::attended(calls.clone()));
-    let _home = current::enter_home(Home::new(), queue.clone(), false);
+    let _entered = current::enter_executor(ExecutorId::new(), queue.clone(), false);
     let at = |seconds| Instant::now() + Duration::from_secs(seconds);
     let sleep = |deadline| {
         let mut sleep = Box::pin(Sleep::until(deadline));
@@ -137,7 +137,7 @@ fn an_owner_is_called_for_what_it_does_not_provide_for() {
 #[test]
 fn a_sleep_may_be_dropped_on_another_thread() {
     let queue = Arc::new(TimerQueue::new());
-    let _home = current::enter_home(Home::new(), queue.clone(), false);
+    let _entered = current::enter_executor(ExecutorId::new(), queue.clone(), false);
     let mut cx = Context::from_waker(Waker::noop());
     let mut sleep = Box::pin(Sleep::until(Instant::now() + Duration::from_secs(1000)));
     assert!(sleep.as_mut().poll(&mut cx).is_pending());

@@ -1,6 +1,6 @@
 //! The body of a process, and the work around each of its polls.
 
-use super::exit_value::{ExitValue, Words};
+use super::exit_value::{ErasedExitValue, ExitValue};
 use super::record::{RawExit, Record, RecordRef};
 use super::registry::ProcessRegistry;
 use luna_core::current;
@@ -27,9 +27,9 @@ pub(crate) enum End<O> {
 
 impl<O: ExitValue> End<O> {
     /// As its record stores it. `keep` finds a place for the exit value.
-    pub(crate) fn told(self, keep: impl FnOnce(O) -> Words) -> RawExit {
+    pub(crate) fn into_raw(self, keep: impl FnOnce(O) -> ErasedExitValue) -> RawExit {
         match self {
-            End::Completed(words) if !words.is_nothing() => RawExit::Said(keep(words)),
+            End::Completed(value) if !value.is_nothing() => RawExit::Value(keep(value)),
             End::Completed(_) | End::Over => RawExit::Completed,
             End::Cancelled => RawExit::Cancelled,
             End::Panicked(payload) => RawExit::Panicked(payload),
@@ -46,7 +46,7 @@ pub(crate) struct Body<F: Future, B = Infallible>(Room<F, F::Output, B>);
 enum Room<F, O, B> {
     Unbuilt(B),
     Running(F),
-    Said(O),
+    Value(O),
     Empty,
 }
 
@@ -123,12 +123,12 @@ impl<F: Future, B> Body<F, B> {
         };
         let began = record.is_timed().then(|| record.begin_poll());
         let mut is_over = false;
-        let polled = catch_unwind(AssertUnwindSafe(|| match record.taper() {
+        let polled = catch_unwind(AssertUnwindSafe(|| match record.log_installer() {
             None => future.poll(cx),
-            Some(taper) => {
+            Some(log_installer) => {
                 let mut future = future;
                 let mut polled = Poll::Pending;
-                let polls = taper.poll(cx, &mut |cx| {
+                let polls = log_installer.poll(cx, &mut |cx| {
                     polled = future.as_mut().poll(cx);
                     match polled {
                         Poll::Ready(_) => Poll::Ready(()),
@@ -146,7 +146,7 @@ impl<F: Future, B> Body<F, B> {
             Ok(Poll::Pending) if is_over => Some(End::Over),
             Ok(Poll::Pending) if !record.cancelled.load(Ordering::Acquire) => None,
             Ok(Poll::Pending) => Some(End::Cancelled),
-            Ok(Poll::Ready(words)) => Some(End::Completed(words)),
+            Ok(Poll::Ready(value)) => Some(End::Completed(value)),
             Err(payload) => Some(End::Panicked(payload)),
         }
     }
@@ -176,8 +176,8 @@ impl<F: Future, B> Body<F, B> {
                 drop_body();
             }
         }));
-        if let Some(taper) = record.taper() {
-            taper.end();
+        if let Some(log_installer) = record.log_installer() {
+            log_installer.end();
         }
         match (end, dropped) {
             (End::Panicked(payload), Err(second)) => {
@@ -191,19 +191,19 @@ impl<F: Future, B> Body<F, B> {
     }
 
     /// Keeps its exit value in the place of the body, which has [ended](Self::end).
-    pub(crate) fn keep(self: Pin<&mut Self>, words: F::Output) {
+    pub(crate) fn keep(self: Pin<&mut Self>, value: F::Output) {
         // SAFETY: there is no future any more.
-        unsafe { self.get_unchecked_mut() }.0 = Room::Said(words);
+        unsafe { self.get_unchecked_mut() }.0 = Room::Value(value);
     }
 
     /// Takes what was [kept](Self::keep).
-    pub(crate) fn take_words(self: Pin<&mut Self>) -> Option<F::Output> {
+    pub(crate) fn take_exit_value(self: Pin<&mut Self>) -> Option<F::Output> {
         // SAFETY: no future is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.0 {
             Room::Running(_) | Room::Unbuilt(_) => None,
             _ => match std::mem::replace(&mut this.0, Room::Empty) {
-                Room::Said(words) => Some(words),
+                Room::Value(value) => Some(value),
                 _ => None,
             },
         }
@@ -214,18 +214,18 @@ impl<F: Future, B> Body<F, B> {
 pub(crate) struct Recorded<F: Future> {
     body: Body<F>,
     record: RecordRef,
-    living: Arc<ProcessRegistry>,
+    registry: Arc<ProcessRegistry>,
     /// For its exit value, which outlives it. `None` once the value is there.
     room: Option<Box<MaybeUninit<F::Output>>>,
 }
 
 impl<F: Future<Output: ExitValue>> Recorded<F> {
     /// Allocates, unless there can be no exit value.
-    pub(crate) fn new(future: F, record: RecordRef, living: Arc<ProcessRegistry>) -> Self {
+    pub(crate) fn new(future: F, record: RecordRef, registry: Arc<ProcessRegistry>) -> Self {
         Self {
             body: Body::new(future),
             record,
-            living,
+            registry,
             room: Some(Box::new_uninit()),
         }
     }
@@ -236,17 +236,18 @@ impl<F: Future<Output: ExitValue>> Future for Recorded<F> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         // SAFETY: the body is pinned with the whole, and what else there is, is not.
-        let (mut body, record, living, room) = unsafe {
+        let (mut body, record, registry, room) = unsafe {
             let this = self.get_unchecked_mut();
             let body = Pin::new_unchecked(&mut this.body);
-            (body, &this.record, &this.living, &mut this.room)
+            (body, &this.record, &this.registry, &mut this.room)
         };
         let Some(end) = body.as_mut().poll_attentively(record, cx) else {
             return Poll::Pending;
         };
         let end = body.end(record, end);
-        let keep = |words| Words::boxed(room.take().unwrap_or_else(Box::new_uninit), words);
-        record.end(end.told(keep), living);
+        let keep =
+            |value| ErasedExitValue::boxed(room.take().unwrap_or_else(Box::new_uninit), value);
+        record.end(end.into_raw(keep), registry);
         Poll::Ready(())
     }
 }

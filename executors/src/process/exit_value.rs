@@ -24,13 +24,13 @@ impl ExitValue for () {
 ///
 /// `place` leads to an exit value that may be sent to other threads, and that `methods` handle; it
 /// is owned by this value alone.
-pub(crate) struct Words {
+pub(crate) struct ErasedExitValue {
     place: NonNull<()>,
-    methods: &'static WordsMethods,
+    methods: &'static ExitValueMethods,
 }
 
 /// What is done with an exit value, each at most once, on any thread.
-pub(crate) struct WordsMethods {
+pub(crate) struct ExitValueMethods {
     pub(crate) type_id: fn() -> TypeId,
     /// Moves them out to the other place, and lets go of the first.
     pub(crate) take: unsafe fn(NonNull<()>, *mut ()),
@@ -39,21 +39,21 @@ pub(crate) struct WordsMethods {
 }
 
 // SAFETY: the invariant.
-unsafe impl Send for Words {}
+unsafe impl Send for ErasedExitValue {}
 
-impl Words {
+impl ErasedExitValue {
     /// # Safety
     ///
     /// `place` is one as the type's invariant requires, and its ownership passes to the new value.
-    pub(crate) unsafe fn new(place: NonNull<()>, methods: &'static WordsMethods) -> Self {
+    pub(crate) unsafe fn new(place: NonNull<()>, methods: &'static ExitValueMethods) -> Self {
         Self { place, methods }
     }
 
     /// In a box.
-    pub(crate) fn boxed<O: ExitValue>(room: Box<MaybeUninit<O>>, words: O) -> Self {
-        let place = NonNull::from(Box::leak(Box::write(room, words))).cast();
+    pub(crate) fn boxed<O: ExitValue>(room: Box<MaybeUninit<O>>, value: O) -> Self {
+        let place = NonNull::from(Box::leak(Box::write(room, value))).cast();
         let methods = const {
-            &WordsMethods {
+            &ExitValueMethods {
                 type_id: TypeId::of::<O>,
                 // SAFETY: the contract of both: they lie in a box, which is given back.
                 take: |place, to| unsafe {
@@ -80,25 +80,25 @@ impl Words {
         }
         let (place, methods) = (self.place, self.methods);
         std::mem::forget(self);
-        let mut words = MaybeUninit::<O>::uninit();
+        let mut value = MaybeUninit::<O>::uninit();
         // SAFETY: the invariant; they are of this type, and are let go of by this alone.
         unsafe {
-            (methods.take)(place, words.as_mut_ptr().cast());
-            Ok(words.assume_init())
+            (methods.take)(place, value.as_mut_ptr().cast());
+            Ok(value.assume_init())
         }
     }
 }
 
-impl Drop for Words {
+impl Drop for ErasedExitValue {
     fn drop(&mut self) {
         // SAFETY: the invariant: they were not taken.
         unsafe { (self.methods.discard)(self.place) };
     }
 }
 
-impl fmt::Debug for Words {
+impl fmt::Debug for ErasedExitValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Words")
+        f.write_str("ErasedExitValue")
     }
 }
 
@@ -116,12 +116,12 @@ mod tests {
     }
 
     #[test]
-    fn words_are_taken_as_what_they_are_or_dropped_once() {
+    fn a_value_is_taken_as_its_type_or_dropped_once() {
         let token = Arc::new(());
-        let boxed = || Words::boxed(Box::new_uninit(), Word(token.clone()));
-        let words = boxed().take::<()>().expect_err("they are of another type");
+        let boxed = || ErasedExitValue::boxed(Box::new_uninit(), Word(token.clone()));
+        let value = boxed().take::<()>().expect_err("they are of another type");
         assert_eq!(Arc::strong_count(&token), 2);
-        let word = words.take::<Word>().expect("they are of this one");
+        let word = value.take::<Word>().expect("they are of this one");
         assert_eq!(Arc::strong_count(&token), 2);
         drop(word);
         assert_eq!(Arc::strong_count(&token), 1);

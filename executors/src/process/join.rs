@@ -86,12 +86,12 @@ impl Future for Join<'_> {
             // before it dies.
             unsafe {
                 if listed.load(Ordering::Relaxed) {
-                    renewal.store((*node.as_ptr()).wait.wakeup_mut());
-                } else if let Some(wakeup) = renewal.take() {
+                    renewal.store((*node.as_ptr()).wait.wake_handle_mut());
+                } else if let Some(wake_handle) = renewal.take() {
                     self.may_be_listed.set(true);
                     shown
                         .joining
-                        .insert(node.cast(), current::priority(), wakeup);
+                        .insert(node.cast(), current::priority(), wake_handle);
                     listed.store(true, Ordering::Relaxed);
                 }
             }

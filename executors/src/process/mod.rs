@@ -10,17 +10,17 @@ mod registry;
 
 pub(crate) use body::{Body, End, Recorded};
 pub use exit_value::ExitValue;
-pub(crate) use exit_value::{Words, WordsMethods};
+pub(crate) use exit_value::{ErasedExitValue, ExitValueMethods};
 pub use join::Join;
 pub use name::Name;
 pub(crate) use poll_monitor::prepare as prepare_thread;
 pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
 pub(crate) use record::{Notice, RawExit, Record, RecordRef};
 pub(crate) use registry::Enrolled;
-pub use registry::{ProcessRegistry, Stillness};
+pub use registry::{ProcessRegistry, Quiescent};
 
 use luna_core::current::{self, ProcessId};
-use luna_core::replay_log::Taper;
+use luna_core::replay_log::LogInstaller;
 use luna_platform::memory::copy_words;
 use std::any::Any;
 use std::fmt;
@@ -38,7 +38,7 @@ pub struct ProcessSpec {
     unhurried: bool,
     poll_monitor: Option<Arc<dyn PollMonitor>>,
     /// Small, since hardly any has one.
-    taper: Option<Box<Arc<dyn Taper>>>,
+    log_installer: Option<Box<Arc<dyn LogInstaller>>>,
 }
 
 impl ProcessSpec {
@@ -55,7 +55,7 @@ impl ProcessSpec {
             listed: false,
             unhurried: false,
             poll_monitor: None,
-            taper: None,
+            log_installer: None,
         }
     }
 
@@ -120,7 +120,7 @@ impl ProcessSpec {
     /// }
     ///
     /// let executor = Executor::start(Attributes::new("main"))?;
-    /// let hog = ProcessSpec::new("hog").overseen(Arc::new(AtMost(Duration::from_millis(5))));
+    /// let hog = ProcessSpec::new("hog").monitored(Arc::new(AtMost(Duration::from_millis(5))));
     /// let hog = executor.spawn(hog, || async {
     ///     std::thread::sleep(Duration::from_millis(6));
     ///     yield_now().await;
@@ -131,17 +131,17 @@ impl ProcessSpec {
     /// # Ok(()) }
     /// ```
     #[must_use]
-    pub fn overseen(mut self, poll_monitor: Arc<dyn PollMonitor>) -> Self {
+    pub fn monitored(mut self, poll_monitor: Arc<dyn PollMonitor>) -> Self {
         self.poll_monitor = Some(poll_monitor);
         self
     }
 
-    /// Lets `taper` install the process' [replay log](luna_core::replay_log) around each of its
-    /// polls. Processes without one pay nothing.
+    /// Lets `log_installer` install the process' [replay log](luna_core::replay_log) around each of
+    /// its polls. Processes without one pay nothing.
     #[doc(hidden)]
     #[must_use]
-    pub fn taped(mut self, taper: Arc<dyn Taper>) -> Self {
-        self.taper = Some(Box::new(taper));
+    pub fn with_replay_log(mut self, log_installer: Arc<dyn LogInstaller>) -> Self {
+        self.log_installer = Some(Box::new(log_installer));
         self
     }
 }
@@ -282,12 +282,13 @@ impl ProcessHandle {
     /// The exit value of its body, if it is of this type and was not taken before. What is not
     /// taken is dropped with the last handle. Off the real-time path: it may free; O(1).
     #[inline]
-    pub fn take_last_words<O: ExitValue>(&self) -> Option<O> {
-        self.0.take_words()
+    pub fn take_exit_value<O: ExitValue>(&self) -> Option<O> {
+        self.0.take_exit_value()
     }
 
-    /// Lets go of the room of its body, if it has ended and that is large: for a handle that is kept
-    /// for long. An exit value is to be taken before. Not for the real-time path: it may allocate.
+    /// Lets go of the room of its body, if it has ended and that is large: for a handle that is
+    /// kept for long. An exit value is to be taken before. Not for the real-time path: it may
+    /// allocate.
     pub fn forget_body(&mut self) {
         if let Some(record) = self.0.without_body() {
             self.0 = RecordRef::boxed(record);

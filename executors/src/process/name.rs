@@ -1,4 +1,5 @@
-//! The name of a process: two words, in which most texts lie themselves, since each process has one.
+//! The name of a process: two words, in which most texts lie themselves, since each process has
+//! one.
 
 use std::borrow::Borrow;
 use std::fmt;

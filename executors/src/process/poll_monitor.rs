@@ -6,7 +6,8 @@ use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
 
-/// Looks at each poll of one process: see [`ProcessSpec::overseen`](super::ProcessSpec::overseen).
+/// Looks at each poll of one process: see
+/// [`ProcessSpec::monitored`](super::ProcessSpec::monitored).
 ///
 /// Its methods run on the process' thread, on the real-time path: no allocation, bounded time.
 pub trait PollMonitor: Any + Send + Sync {

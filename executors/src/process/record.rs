@@ -1,16 +1,16 @@
 //! The part of a process that outlives its body: its name, its counters, and how it ended.
 
-use super::exit_value::{ExitValue, Words};
+use super::exit_value::{ErasedExitValue, ExitValue};
 use super::join::JoinNode;
 use super::poll_monitor::{self, PollMonitor, Verdict};
 use super::registry::ProcessRegistry;
 use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
 use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
+use luna_core::deferred_free::{self, Retired};
 use luna_core::events;
 use luna_core::path;
-use luna_core::reclaim::{self, Retired};
-use luna_core::replay_log::Taper;
+use luna_core::replay_log::LogInstaller;
 use luna_core::wait_list::WaitList;
 use luna_platform::clock::Instant;
 use std::any::Any;
@@ -26,7 +26,7 @@ use std::task::Waker;
 pub(crate) enum RawExit {
     Completed,
     /// Completed, with an exit value.
-    Said(Words),
+    Value(ErasedExitValue),
     Cancelled,
     Panicked(Box<dyn Any + Send>),
 }
@@ -41,7 +41,7 @@ impl Outcome {
     /// The panic's payload is behind the lock.
     const PANICKED: u8 = 3;
     /// Completed, and the exit value is behind the lock.
-    const SAID: u8 = 4;
+    const WITH_VALUE: u8 = 4;
 }
 
 /// Flags for the end of a process, stored beside its level.
@@ -207,26 +207,26 @@ impl RecordRef {
     }
 
     /// Publishes how a process has ended that is not polled any more, and reports it.
-    pub(crate) fn end(&self, exit: RawExit, living: &ProcessRegistry) {
+    pub(crate) fn end(&self, exit: RawExit, registry: &ProcessRegistry) {
         if self.finish(exit) {
-            self.clone().report(living);
+            self.clone().report(registry);
         }
     }
 
     /// Reports the end of this process, which has [finished](Record::finish), to the registry that
     /// counts and lists it. The list takes this reference.
-    pub(crate) fn report(self, living: &ProcessRegistry) {
+    pub(crate) fn report(self, registry: &ProcessRegistry) {
         let is_listed = self.is(How::LISTED);
         let in_a_hurry = self.has_ended_in_a_hurry();
-        let Err(record) = living.keep(is_listed.then_some(self), in_a_hurry) else {
+        let Err(record) = registry.keep(is_listed.then_some(self), in_a_hurry) else {
             return;
         };
         // In the order of their ends.
-        living.tell_kept();
+        registry.report_kept();
         if let Some(record) = record {
-            living.list_ended(record);
+            registry.list_ended(record);
         }
-        living.leave(in_a_hurry);
+        registry.leave(in_a_hurry);
     }
 }
 
@@ -278,7 +278,7 @@ enum Beside {
     /// The payload of its panic.
     Panic(Box<dyn Any + Send>),
     /// Its exit value.
-    Words(Words),
+    ExitValue(ErasedExitValue),
 }
 
 impl Shown {
@@ -303,8 +303,8 @@ impl Shown {
 /// The timing of a process with timed polls.
 struct Timing {
     poll_monitor: Option<Arc<dyn PollMonitor>>,
-    taper: Option<Box<Arc<dyn Taper>>>,
-    /// The polls are timed: this is not here only for the taper.
+    log_installer: Option<Box<Arc<dyn LogInstaller>>>,
+    /// The polls are timed: this is not timed for the replay log alone.
     is_timed: bool,
     /// Written by the process' thread alone.
     longest_poll: AtomicU64,
@@ -312,35 +312,35 @@ struct Timing {
 
 impl Record {
     /// The record of a process that has memory of its own. It counts as living, with one reference.
-    pub(crate) fn new(spec: ProcessSpec, living: &ProcessRegistry) -> Self {
-        Self::within(spec, living, false, 1, free_boxed)
+    pub(crate) fn new(spec: ProcessSpec, registry: &ProcessRegistry) -> Self {
+        Self::within(spec, registry, false, 1, free_boxed)
     }
 
     /// The record of a process that counts as living, with so many references, in memory that
-    /// `free` frees. `is_home`: the calling thread is the executor that it is to run on.
+    /// `free` frees. `is_on_executor`: the calling thread is the executor that it is to run on.
     #[inline]
     pub(crate) fn within(
         spec: ProcessSpec,
-        living: &ProcessRegistry,
-        is_home: bool,
+        registry: &ProcessRegistry,
+        is_on_executor: bool,
         references: u32,
         free: unsafe fn(NonNull<Retired>),
     ) -> Self {
-        living.enter();
+        registry.enter();
         let shown = Shown {
             joining: WaitList::new(),
             beside: Beside::Nothing,
         };
         path::name_process(spec.id, &spec.name);
-        events::tell(events::code::SPAWNED, spec.id.get(), || {
+        events::report(events::code::SPAWNED, spec.id.get(), || {
             [events::current_process(), 0]
         });
         let flag = |is_set, bit| if is_set { bit } else { 0 };
         let is_timed = spec.timed || spec.poll_monitor.is_some();
-        let timing = (is_timed || spec.taper.is_some()).then(|| {
+        let timing = (is_timed || spec.log_installer.is_some()).then(|| {
             Box::new(Timing {
                 poll_monitor: spec.poll_monitor,
-                taper: spec.taper,
+                log_installer: spec.log_installer,
                 is_timed,
                 longest_poll: AtomicU64::new(0),
             })
@@ -357,7 +357,7 @@ impl Record {
             cancelled: AtomicBool::new(false),
             fate: AtomicU8::new(0),
             seen: Seen::nothing(),
-            shown: if is_home {
+            shown: if is_on_executor {
                 BiasedLock::biased_to_this_executor(shown)
             } else {
                 BiasedLock::new(shown)
@@ -375,7 +375,7 @@ impl Record {
     /// that is not large, or there is more to know than is copied.
     pub(super) fn without_body(&self) -> Option<Self> {
         let outcome = match self.outcome.load(Ordering::Acquire) {
-            Outcome::COMPLETED | Outcome::SAID => Outcome::COMPLETED,
+            Outcome::COMPLETED | Outcome::WITH_VALUE => Outcome::COMPLETED,
             Outcome::CANCELLED => Outcome::CANCELLED,
             _ => return None,
         };
@@ -428,7 +428,7 @@ impl Record {
             if references.load(Ordering::Acquire) == count
                 || references.fetch_sub(count, Ordering::AcqRel) == count
             {
-                reclaim::retire(this.cast());
+                deferred_free::retire(this.cast());
             }
         }
     }
@@ -487,7 +487,7 @@ impl Record {
     pub(super) fn exit(&self) -> Option<Exit> {
         Some(match self.outcome.load(Ordering::Acquire) {
             Outcome::NONE => return None,
-            Outcome::COMPLETED | Outcome::SAID => Exit::Completed,
+            Outcome::COMPLETED | Outcome::WITH_VALUE => Exit::Completed,
             Outcome::CANCELLED => Exit::Cancelled,
             _ => self.panicked(),
         })
@@ -504,27 +504,27 @@ impl Record {
 
     /// The exit value, if it is of this type and was not taken.
     #[inline]
-    pub(super) fn take_words<O: ExitValue>(&self) -> Option<O> {
-        if self.outcome.load(Ordering::Acquire) != Outcome::SAID {
+    pub(super) fn take_exit_value<O: ExitValue>(&self) -> Option<O> {
+        if self.outcome.load(Ordering::Acquire) != Outcome::WITH_VALUE {
             return None;
         }
-        self.take_what_was_said()
+        self.take_stored_exit_value()
     }
 
     #[cold]
-    fn take_what_was_said<O: ExitValue>(&self) -> Option<O> {
+    fn take_stored_exit_value<O: ExitValue>(&self) -> Option<O> {
         let mut shown = self.shown.lock();
         // Checked in place: if they were taken out and put back, they would be missing meanwhile.
-        let words = match &shown.beside {
-            Beside::Words(words) if words.are::<O>() => {
+        let value = match &shown.beside {
+            Beside::ExitValue(value) if value.are::<O>() => {
                 std::mem::replace(&mut shown.beside, Beside::Nothing)
             }
             _ => return None,
         };
         drop(shown);
         // Outside of the lock: it frees.
-        match words {
-            Beside::Words(words) => words.take().ok(),
+        match value {
+            Beside::ExitValue(value) => value.take().ok(),
             _ => None,
         }
     }
@@ -541,8 +541,8 @@ impl Record {
     }
 
     /// Installs its replay log around each poll.
-    pub(super) fn taper(&self) -> Option<&Arc<dyn Taper>> {
-        self.timing.as_ref()?.taper.as_deref()
+    pub(super) fn log_installer(&self) -> Option<&Arc<dyn LogInstaller>> {
+        self.timing.as_ref()?.log_installer.as_deref()
     }
 
     fn poll_monitor(&self) -> Option<&Arc<dyn PollMonitor>> {
@@ -697,7 +697,7 @@ impl Record {
         events::done(
             self.id.get(),
             match exit {
-                RawExit::Completed | RawExit::Said(_) => events::code::ended::OK,
+                RawExit::Completed | RawExit::Value(_) => events::code::ended::OK,
                 RawExit::Cancelled => events::code::ended::CANCELLED,
                 RawExit::Panicked(_) => events::code::ended::PANICKED,
             },
@@ -705,9 +705,9 @@ impl Record {
         let mut waker = shown.take_waker();
         let outcome = match exit {
             RawExit::Completed => Outcome::COMPLETED,
-            RawExit::Said(words) => {
-                shown.beside = Beside::Words(words);
-                Outcome::SAID
+            RawExit::Value(value) => {
+                shown.beside = Beside::ExitValue(value);
+                Outcome::WITH_VALUE
             }
             RawExit::Cancelled => Outcome::CANCELLED,
             RawExit::Panicked(payload) => {
@@ -726,7 +726,11 @@ impl Record {
             // uses it no more once it is not listed.
             let ready = unsafe {
                 let node = node.cast::<JoinNode>().as_ptr();
-                let ready = (*node).wait.wakeup_mut().take().map(|wakeup| wakeup.take());
+                let ready = (*node)
+                    .wait
+                    .wake_handle_mut()
+                    .take()
+                    .map(|wake_handle| wake_handle.take());
                 (*node).listed.store(false, Ordering::Release);
                 ready
             };

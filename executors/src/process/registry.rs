@@ -3,10 +3,10 @@
 
 use super::record::{Record, RecordRef};
 use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
-use luna_core::current::Home;
+use luna_core::current::ExecutorId;
 use luna_core::current::ProcessId;
+use luna_core::deferred_free::Retired;
 use luna_core::path::{self, Call};
-use luna_core::reclaim::Retired;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use std::cell::Cell;
@@ -38,11 +38,11 @@ pub struct ProcessRegistry {
     ended: AtomicPtr<Retired>,
     /// The threads that live, in the order of their start. A plain lock: threads take it as they
     /// start and end, off the path.
-    threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,
+    threads: Mutex<Vec<(ExecutorId, Arc<dyn Sleeper>)>>,
 }
 
 /// The largest batch of ends that an executor's thread keeps.
-const MOST_KEPT: usize = 32;
+const MAX_KEPT: usize = 32;
 
 /// The ends of unhurried processes that this thread has not reported yet: see
 /// [`ProcessRegistry::keep_ends`].
@@ -75,12 +75,12 @@ thread_local! {
 
 impl Kept {
     #[inline]
-    fn is_of(&self, living: &ProcessRegistry) -> bool {
-        ptr::eq(self.of.get(), living)
+    fn is_of(&self, registry: &ProcessRegistry) -> bool {
+        ptr::eq(self.of.get(), registry)
     }
 
     fn is_full(&self) -> bool {
-        self.counted.get() >= MOST_KEPT || self.listed.get() >= MOST_KEPT
+        self.counted.get() >= MAX_KEPT || self.listed.get() >= MAX_KEPT
     }
 
     fn list(&self, record: RecordRef) {
@@ -106,7 +106,7 @@ impl Kept {
 /// All threads of a [`ProcessRegistry`] slept at one instant, without deadlines, files, calls on
 /// the pool or wakes under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Stillness(Vec<(Home, Stretch)>);
+pub struct Quiescent(Vec<(ExecutorId, Stretch)>);
 
 /// The list is closed: ended processes are no longer collected.
 const CLOSED: *mut Retired = ptr::without_provenance_mut(1);
@@ -142,7 +142,8 @@ impl ProcessRegistry {
     }
 
     /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a
-    /// thread falls still and [`still`](Self::still) or [`watch`](Self::watch) waits for that.
+    /// thread becomes quiescent and [`quiescent`](Self::quiescent) or [`watch`](Self::watch) waits
+    /// for that.
     pub fn changes(&self) -> u32 {
         self.changes.word().load(Ordering::Acquire)
     }
@@ -199,7 +200,7 @@ impl ProcessRegistry {
     /// order of their ends; only those that are to be [listed](crate::ProcessSpec::listed). O(their
     /// number). It may free memory, so it is not for the real-time path.
     pub fn take_ended(&self, mut each: impl FnMut(ProcessId)) {
-        for record in self.take_told() {
+        for record in self.take_reported() {
             each(record.id());
         }
         let own = KEPT.with(|kept| match kept.is_of(self) {
@@ -214,7 +215,7 @@ impl ProcessRegistry {
     }
 
     /// The ends reported since the last call, in order.
-    fn take_told(&self) -> Chain {
+    fn take_reported(&self) -> Chain {
         let mut ended = self.ended.load(Ordering::Relaxed);
         loop {
             if ended.is_null() || ended == CLOSED {
@@ -279,28 +280,28 @@ impl ProcessRegistry {
     }
 
     /// Until the guard is dropped the calling thread, an executor's, batches the ends of its
-    /// unhurried processes. It reports them in [`tell_kept`](Self::tell_kept), which it calls
+    /// unhurried processes. It reports them in [`report_kept`](Self::report_kept), which it calls
     /// before it sleeps, so a waiter waits no longer than the executor works.
     pub(crate) fn keep_ends(self: &Arc<Self>) -> KeepsEnds {
         KEPT.with(|kept| kept.of.set(Arc::as_ptr(self)));
         KeepsEnds {
-            living: self.clone(),
+            registry: self.clone(),
             stays_on_its_thread: PhantomData,
         }
     }
 
     /// Reports the ends that this thread has batched. Real-time path: yes; O(1).
     #[inline]
-    pub(crate) fn tell_kept(&self) {
+    pub(crate) fn report_kept(&self) {
         KEPT.with(|kept| {
             if kept.is_of(self) && (kept.counted.get() > 0 || !kept.newest.get().is_null()) {
-                self.tell(kept);
+                self.report(kept);
             }
         });
     }
 
     #[cold]
-    fn tell(&self, kept: &Kept) {
+    fn report(&self, kept: &Kept) {
         let newest = kept.take();
         if !newest.is_null() {
             // SAFETY: the invariant; the chain was just taken.
@@ -330,7 +331,7 @@ impl ProcessRegistry {
             }
             kept.counted.set(kept.counted.get() + 1);
             if kept.is_full() || self.watchful.load(Ordering::Relaxed) > 0 {
-                self.tell(kept);
+                self.report(kept);
             }
             Ok(())
         })
@@ -343,7 +344,7 @@ impl ProcessRegistry {
     ///
     /// Threads that have ended do not count; one that blocks within a poll, as in a blocking
     /// receive, counts as busy. What other threads do meanwhile (plain ones, those of other
-    /// systems) may end the stillness at any time: [`is_yet`](Self::is_yet). Not for the real-time
+    /// systems) may end the quiescence at any time: [`is_yet`](Self::is_yet). Not for the real-time
     /// path: O(threads), and it allocates.
     ///
     /// ```
@@ -352,29 +353,29 @@ impl ProcessRegistry {
     /// use luna_platform::{clock::Instant, thread::Attributes};
     /// use std::sync::Arc;
     ///
-    /// let living = Arc::new(ProcessRegistry::new());
-    /// let executor = Executor::start_counted(Attributes::new("main"), living.clone())?;
+    /// let registry = Arc::new(ProcessRegistry::new());
+    /// let executor = Executor::start_counted(Attributes::new("main"), registry.clone())?;
     /// let stuck = executor.spawn(ProcessSpec::new("stuck"), || std::future::pending());
     /// executor.release();
-    /// let stillness = loop {
-    ///     let seen = living.changes();
-    ///     if let Some(stillness) = living.still() {
-    ///         break stillness;
+    /// let quiescence = loop {
+    ///     let seen = registry.changes();
+    ///     if let Some(quiescence) = registry.quiescent() {
+    ///         break quiescence;
     ///     }
-    ///     living.wait(seen, Instant::NEVER); // until it is worth another look
+    ///     registry.wait(seen, Instant::NEVER); // until it is worth another look
     /// };
-    /// assert!(living.is_yet(&stillness) && living.count() == 1);
+    /// assert!(registry.is_yet(&quiescence) && registry.count() == 1);
     /// stuck.cancel();
     /// stuck.wait();
-    /// assert!(!living.is_yet(&stillness));
+    /// assert!(!registry.is_yet(&quiescence));
     /// # Ok(()) }
     /// ```
-    pub fn still(&self) -> Option<Stillness> {
+    pub fn quiescent(&self) -> Option<Quiescent> {
         let threads = self.threads();
         match look(&sleepers(&threads)) {
-            Look::Still(stretches) => {
-                let homes = threads.iter().map(|(home, _)| *home);
-                Some(Stillness(homes.zip(stretches).collect()))
+            Look::Quiescent(stretches) => {
+                let executor_ids = threads.iter().map(|(executor_id, _)| *executor_id);
+                Some(Quiescent(executor_ids.zip(stretches).collect()))
             }
             Look::Stirring => None,
             Look::Unclear => {
@@ -385,18 +386,18 @@ impl ProcessRegistry {
         }
     }
 
-    /// Whether the threads have slept on since `stillness`, that is, no wake has reached any of
+    /// Whether the threads have slept on since `quiescence`, that is, no wake has reached any of
     /// them. Not for the real-time path: O(threads).
-    pub fn is_yet(&self, stillness: &Stillness) -> bool {
+    pub fn is_yet(&self, quiescent: &Quiescent) -> bool {
         let threads = self.threads();
-        let now = threads.iter().map(|(home, thread)| {
+        let now = threads.iter().map(|(executor_id, thread)| {
             let stretch = thread.quiescence().stretch();
-            (*home, stretch.filter(|_| !thread.is_woken()))
+            (*executor_id, stretch.filter(|_| !thread.is_woken()))
         });
-        now.eq(stillness
+        now.eq(quiescent
             .0
             .iter()
-            .map(|&(home, stretch)| (home, Some(stretch))))
+            .map(|&(executor_id, stretch)| (executor_id, Some(stretch))))
     }
 
     /// From now on the next time that a thread falls still changes the number of
@@ -406,17 +407,21 @@ impl ProcessRegistry {
     }
 
     /// Counts a thread in until the guard is dropped.
-    pub(crate) fn enroll(self: &Arc<Self>, home: Home, thread: Arc<dyn Sleeper>) -> Enrolled {
+    pub(crate) fn enroll(
+        self: &Arc<Self>,
+        executor_id: ExecutorId,
+        thread: Arc<dyn Sleeper>,
+    ) -> Enrolled {
         // The thread that waits for another look may not know of this one yet.
         thread.quiescence().watch();
-        self.threads().push((home, thread));
+        self.threads().push((executor_id, thread));
         Enrolled {
-            living: self.clone(),
-            home,
+            registry: self.clone(),
+            executor_id,
         }
     }
 
-    fn threads(&self) -> MutexGuard<'_, Vec<(Home, Arc<dyn Sleeper>)>> {
+    fn threads(&self) -> MutexGuard<'_, Vec<(ExecutorId, Arc<dyn Sleeper>)>> {
         self.threads.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -493,39 +498,41 @@ impl Drop for Chain {
     }
 }
 
-fn sleepers(threads: &[(Home, Arc<dyn Sleeper>)]) -> Vec<&dyn Sleeper> {
+fn sleepers(threads: &[(ExecutorId, Arc<dyn Sleeper>)]) -> Vec<&dyn Sleeper> {
     threads.iter().map(|(_, thread)| &**thread).collect()
 }
 
 /// The guard of [`ProcessRegistry::keep_ends`].
 pub(crate) struct KeepsEnds {
-    living: Arc<ProcessRegistry>,
+    registry: Arc<ProcessRegistry>,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
 impl Drop for KeepsEnds {
     fn drop(&mut self) {
-        self.living.tell_kept();
+        self.registry.report_kept();
         KEPT.with(|kept| kept.of.set(ptr::null()));
     }
 }
 
 /// A thread that is counted in.
 pub(crate) struct Enrolled {
-    living: Arc<ProcessRegistry>,
-    home: Home,
+    registry: Arc<ProcessRegistry>,
+    executor_id: ExecutorId,
 }
 
 impl Drop for Enrolled {
     fn drop(&mut self) {
         let gone = {
-            let mut threads = self.living.threads();
-            let place = threads.iter().position(|(home, _)| *home == self.home);
+            let mut threads = self.registry.threads();
+            let place = threads
+                .iter()
+                .position(|(executor_id, _)| *executor_id == self.executor_id);
             place.map(|place| threads.remove(place))
         };
         drop(gone);
         // It may have been the only thread that was not still.
-        self.living.announce();
+        self.registry.announce();
     }
 }
 

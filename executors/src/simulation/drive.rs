@@ -1,7 +1,7 @@
 //! A clock that moves only as its driver commands: lock-step with a simulator.
 
+use luna_core::deferred_free::Shared;
 use luna_core::park::Parker;
-use luna_core::reclaim::Shared;
 use luna_platform::clock::{Instant, VirtualClock};
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

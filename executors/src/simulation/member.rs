@@ -46,9 +46,11 @@ impl Drop for End {
 impl Member {
     pub(super) fn new(shared: Arc<Shared>) -> Self {
         let timers = Arc::new(TimerQueue::new());
-        let enrolled = shared.living().enroll(shared.home(), shared.clone());
+        let enrolled = shared
+            .registry()
+            .enroll(shared.executor_id(), shared.clone());
         Self {
-            guest: Guest::new(shared.home(), timers.clone()),
+            guest: Guest::new(shared.executor_id(), timers.clone()),
             timers,
             _end: End(shared.clone()),
             shared,
@@ -137,7 +139,7 @@ impl Member {
                         break;
                     };
                     if rested && taken == 0 {
-                        events::tell_executor(events::code::AWAKE);
+                        events::report_executor(events::code::AWAKE);
                     }
                     taken += 1;
                     // SAFETY: it was just popped from this thread's queue, where only live tasks
@@ -162,7 +164,7 @@ impl Member {
             self.give_up(payload);
         }
         if events::is_on() {
-            self.tell(rested && taken == 0);
+            self.report(rested && taken == 0);
         }
         self.leave();
         (taken, goes_on)
@@ -171,13 +173,13 @@ impl Member {
     /// Records its name, and whether it rests now. Nothing is recorded for a member that `rested`
     /// before and polled nothing, since that depends on other threads.
     #[cold]
-    fn tell(&mut self, rested: bool) {
+    fn report(&mut self, rested: bool) {
         if !std::mem::replace(&mut self.is_named, true) {
             events::name_executor(|| self.shared.name().to_owned());
         }
         self.rests = current::ready_levels() == 0;
         if self.rests && !rested {
-            events::tell_executor(events::code::ASLEEP);
+            events::report_executor(events::code::ASLEEP);
         }
     }
 

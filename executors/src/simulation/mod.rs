@@ -114,10 +114,10 @@ impl Simulation {
     /// The system has no thread to give.
     pub fn start(
         pace: Pace,
-        living: Arc<ProcessRegistry>,
+        registry: Arc<ProcessRegistry>,
         most_turns: u64,
     ) -> Result<Simulation, SpawnError<Infallible>> {
-        let stage = Stage::new(pace, living, most_turns);
+        let stage = Stage::new(pace, registry, most_turns);
         let own = stage.clone();
         let thread = luna_platform::thread::spawn(
             Attributes::new("luna-virtual"),

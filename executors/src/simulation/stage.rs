@@ -10,8 +10,8 @@ use crate::interference;
 use crate::process::{ProcessRegistry, prepare_thread};
 use crate::quiescence::Quiescence;
 use crate::watch;
+use luna_core::deferred_free::{self, Shared};
 use luna_core::park::Parker;
-use luna_core::reclaim::{self, Shared};
 use luna_platform::bell::Watch;
 use luna_platform::clock::{Clock, Instant, VirtualClock};
 use luna_platform::futex::Waited;
@@ -37,7 +37,7 @@ pub(crate) struct Stage {
     driven: Option<DrivenClock>,
     parker: Shared<Parker>,
     quiescence: Arc<Quiescence>,
-    living: Arc<ProcessRegistry>,
+    registry: Arc<ProcessRegistry>,
     /// Executors that the thread has yet to add; `None` once the thread has ended.
     arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
     has_arrivals: AtomicBool,
@@ -82,7 +82,7 @@ impl Watch for Forward {
 }
 
 impl Stage {
-    pub(super) fn new(pace: Pace, living: Arc<ProcessRegistry>, most_turns: u64) -> Arc<Self> {
+    pub(super) fn new(pace: Pace, registry: Arc<ProcessRegistry>, most_turns: u64) -> Arc<Self> {
         let driven = match pace {
             Pace::Jumping => None,
             Pace::Driven(clock) => Some(clock),
@@ -96,7 +96,7 @@ impl Stage {
             driven,
             parker,
             quiescence: Arc::new(Quiescence::new()),
-            living,
+            registry,
             arrivals: Mutex::new(Some(Vec::new())),
             has_arrivals: AtomicBool::new(false),
             is_released: AtomicBool::new(false),
@@ -117,8 +117,8 @@ impl Stage {
         &self.quiescence
     }
 
-    pub(crate) fn living(&self) -> &Arc<ProcessRegistry> {
-        &self.living
+    pub(crate) fn registry(&self) -> &Arc<ProcessRegistry> {
+        &self.registry
     }
 
     fn arrivals(&self) -> MutexGuard<'_, Option<Vec<Arc<ExecutorShared>>>> {
@@ -167,7 +167,7 @@ impl Stage {
     /// `given_up`.
     #[inline]
     fn is_to_be_attended(&self, given_up: u64) -> bool {
-        let ends = self.living.hurried();
+        let ends = self.registry.hurried();
         ends > given_up && ends > self.attended.load(Ordering::Acquire)
     }
 
@@ -187,7 +187,7 @@ impl Stage {
         if standstill.is_none() {
             *standstill = Some(why);
             drop(standstill);
-            self.living.announce();
+            self.registry.announce();
         }
     }
 
@@ -235,7 +235,7 @@ pub(super) fn run(stage: &Arc<Stage>) {
         driven.0.end();
     }
     HERE.set(ptr::null());
-    reclaim::collect();
+    deferred_free::collect();
 }
 
 /// The state of the thread itself.
@@ -297,7 +297,7 @@ impl Play<'_> {
     }
 
     fn wait_for_attendance(&mut self) {
-        let ends = self.stage.living.hurried();
+        let ends = self.stage.registry.hurried();
         let latest = self.stage.clock.now() + LONGEST_ATTENDANCE;
         while self.is_to_be_attended() {
             if !self.stage.parker.park(latest) {
@@ -403,7 +403,7 @@ impl Play<'_> {
             }
             None => self.move_to(next),
             // There is nothing to move time for.
-            Some(driven) if self.stage.living.count() == 0 => {
+            Some(driven) if self.stage.registry.count() == 0 => {
                 driven.0.end();
                 self.sleep(false);
             }
@@ -485,8 +485,8 @@ impl Play<'_> {
         if asleep == self.members.len() {
             let stage = self.stage;
             let before = || {
-                if still && stage.quiescence.fall_still() {
-                    stage.living.announce();
+                if still && stage.quiescence.become_quiescent() {
+                    stage.registry.announce();
                 }
             };
             let after = || {

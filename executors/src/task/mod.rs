@@ -2,11 +2,11 @@
 //! needed to build, wake, queue, poll and free it.
 //!
 //! ```text
-//!               waker or wakeup, from elsewhere        +--> its seat and a signal (inbound), then, by the owner, as below
+//!               waker or handle, from elsewhere        +--> slot and signal (inbound), then as below
 //!             /                                       |
 //!   waiting -<----------------------------------------+
 //!             \                                       |
-//!               waker or wakeup, on this thread       +--> run queue --> run --> Body::poll
+//!               waker or handle, on this thread       +--> run queue --> run --> Body::poll
 //! ```
 //!
 //! On the executor's own thread a wake is a flag and a push, without atomics. From another thread
@@ -30,11 +30,13 @@ pub(crate) use unbuilt::{Arrivals, Unbuilt};
 
 use crate::executor::{self, Shared};
 use crate::interference;
-use crate::process::{Body, End, ExitValue, Notice, Record, RecordRef, Words, WordsMethods};
-use crate::remote_wakes::{RemoteWakes, Seat};
-use luna_core::current::{self, AfterTurn, Methods, Place, Process};
+use crate::process::{
+    Body, End, ErasedExitValue, ExitValue, ExitValueMethods, Notice, Record, RecordRef,
+};
+use crate::remote_wakes::{RemoteWakes, WakeSlot};
+use luna_core::current::{self, AfterTurn, Methods, Process, QueueEnd};
+use luna_core::deferred_free::Retired;
 use luna_core::events;
-use luna_core::reclaim::Retired;
 use std::any::{Any, TypeId};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::future::Future;
@@ -48,7 +50,7 @@ use std::task::{Context, Poll};
 
 thread_local! {
     /// The tasks of this thread's executor that are not retired.
-    static SEATS: RefCell<RemoteWakes<NonNull<Task>>> = const { RefCell::new(RemoteWakes::new()) };
+    static REMOTE_WAKES: RefCell<RemoteWakes<NonNull<Task>>> = const { RefCell::new(RemoteWakes::new()) };
     static TASKS: Cell<usize> = const { Cell::new(0) };
 }
 
@@ -74,7 +76,8 @@ impl Tasks {
     /// Makes these tasks the thread's, and keeps the former ones here: called before a turn and
     /// after it.
     pub(crate) fn exchange(&mut self) {
-        SEATS.with_borrow_mut(|remote_wakes| std::mem::swap(remote_wakes, &mut self.remote_wakes));
+        REMOTE_WAKES
+            .with_borrow_mut(|remote_wakes| std::mem::swap(remote_wakes, &mut self.remote_wakes));
         self.count = TASKS.replace(self.count);
     }
 }
@@ -95,7 +98,7 @@ struct Task {
     record: Record,
     /// Dropped when the task is freed.
     shared: ManuallyDrop<Arc<Shared>>,
-    seat: Seat,
+    slot: WakeSlot,
     /// How many bytes in front of the task belong to its memory.
     skipped: u8,
 }
@@ -167,11 +170,16 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
     unsafe {
         let (record, shared) = (&(*head).record, &(*head).shared);
         let level = record.level();
-        let process = Process::new(record.id(), shared.home(), shared.thread_priority(), level);
-        let seat = SEATS.with_borrow_mut(|remote_wakes| remote_wakes.enter(task));
+        let process = Process::new(
+            record.id(),
+            shared.executor_id(),
+            shared.thread_priority(),
+            level,
+        );
+        let slot = REMOTE_WAKES.with_borrow_mut(|remote_wakes| remote_wakes.enter(task));
         let process = ManuallyDrop::new(process);
         (&raw mut (*head).process).write(Head { process });
-        (&raw mut (*head).seat).write(seat);
+        (&raw mut (*head).slot).write(slot);
         let this = task.as_ref();
         this.process.set_waker(waker::first(task));
         this.process.set_owner(task.cast(), methods);
@@ -186,7 +194,7 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
         TASKS.set(TASKS.get() + 1);
         let (id, name) = (this.record.id(), || this.record.name().to_owned());
         events::name_process(id.get(), level, name);
-        this.process.ready_at(level, Place::Last);
+        this.process.ready_at(level, QueueEnd::Back);
     }
 }
 
@@ -197,7 +205,7 @@ pub(crate) fn count() -> usize {
 
 /// The processes of this thread's executor that have not been retired. Allocates.
 pub(crate) fn records() -> Vec<RecordRef> {
-    SEATS.with_borrow(|remote_wakes| {
+    REMOTE_WAKES.with_borrow(|remote_wakes| {
         // SAFETY: a task that has a wake slot is not retired, so it is live.
         let record = |task: NonNull<Task>| unsafe { another_reference(task) };
         remote_wakes.members().map(record).collect()
@@ -206,7 +214,7 @@ pub(crate) fn records() -> Vec<RecordRef> {
 
 /// Queues the processes that other threads have woken at `level`. O(their number).
 pub(crate) fn take_in(shared: &Shared, level: u8) {
-    SEATS.with_borrow(|remote_wakes| {
+    REMOTE_WAKES.with_borrow(|remote_wakes| {
         shared.inbound().take(level, remote_wakes, |task| {
             // SAFETY: a task that has a wake slot is not retired, so it is live, and this is its
             // executor's thread.
@@ -214,7 +222,7 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
                 // What it had inherited may have been given back meanwhile, or the wake was one of
                 // the slot's former owner.
                 let process = &task.as_ref().process;
-                process.ready_at(level.min(process.level()), Place::Last);
+                process.ready_at(level.min(process.level()), QueueEnd::Back);
             }
         });
     });
@@ -264,8 +272,8 @@ where
     let task = owner.cast::<Task>();
     // SAFETY: the contract.
     unsafe {
-        if let Poll::Ready(words) = body::<F, B>(task).poll_unended(cx) {
-            end_body::<F, B>(task, End::Completed(words));
+        if let Poll::Ready(value) = body::<F, B>(task).poll_unended(cx) {
+            end_body::<F, B>(task, End::Completed(value));
         }
     }
 }
@@ -314,16 +322,16 @@ where
     unsafe {
         let this = task.as_ref();
         let end = body::<F, B>(task).end(&this.record, end);
-        let exit = end.told(|words| {
-            body::<F, B>(task).keep(words);
+        let exit = end.into_raw(|value| {
+            body::<F, B>(task).keep(value);
             let methods = const {
-                &WordsMethods {
+                &ExitValueMethods {
                     type_id: TypeId::of::<F::Output>,
-                    take: take_words::<F, B>,
-                    discard: discard_words::<F, B>,
+                    take: take_exit_value::<F, B>,
+                    discard: discard_exit_value::<F, B>,
                 }
             };
-            Words::new(task.cast(), methods)
+            ErasedExitValue::new(task.cast(), methods)
         });
         this.process.set_ended();
         this.record.finish(exit);
@@ -334,26 +342,26 @@ where
 ///
 /// `owner` is the head of a live `Whole<F, B>`. Its body has ended. The caller owns its exit
 /// value; `to` is room for it.
-unsafe fn take_words<F: Future, B>(owner: NonNull<()>, to: *mut ()) {
+unsafe fn take_exit_value<F: Future, B>(owner: NonNull<()>, to: *mut ()) {
     // SAFETY: the caller's contract; the exit value belongs to this call, so nothing else accesses
     // the body.
     unsafe {
         let task = owner.cast::<Task>();
-        let words = body::<F, B>(task).take_words();
+        let value = body::<F, B>(task).take_exit_value();
         // By the contract there is an exit value.
-        to.cast::<F::Output>().write(words.unwrap_unchecked());
+        to.cast::<F::Output>().write(value.unwrap_unchecked());
     }
 }
 
 /// # Safety
 ///
-/// As for [`take_words`].
-unsafe fn discard_words<F: Future, B>(owner: NonNull<()>) {
+/// As for [`take_exit_value`].
+unsafe fn discard_exit_value<F: Future, B>(owner: NonNull<()>) {
     // SAFETY: the contract.
     unsafe {
         let task = owner.cast::<Task>();
-        let words = body::<F, B>(task).take_words();
-        drop(words);
+        let value = body::<F, B>(task).take_exit_value();
+        drop(value);
     }
 }
 
@@ -367,7 +375,7 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     // both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
     events::ready(|| this.record.id().get());
-    this.shared.inbound().wake(&this.seat, level);
+    this.shared.inbound().wake(&this.slot, level);
 }
 
 /// Polls the process that has this turn. If that panics, the caller must call [`interrupted`].
@@ -503,8 +511,8 @@ pub(crate) fn end_all(why: &str) {
         // others. SAFETY: each dequeued task is given a turn below, before anything else is done,
         // or retired.
         let queued = unsafe { current::next_ready() }.map(NonNull::cast::<Task>);
-        let next =
-            queued.or_else(|| SEATS.with_borrow(|remote_wakes| remote_wakes.next(&mut number)));
+        let next = queued
+            .or_else(|| REMOTE_WAKES.with_borrow(|remote_wakes| remote_wakes.next(&mut number)));
         let Some(task) = next else {
             return;
         };
@@ -562,18 +570,18 @@ unsafe fn end(task: NonNull<Task>) {
     // the registry outlives the task.
     unsafe {
         let this = task.as_ref();
-        let living = (*Arc::as_ptr(&this.shared)).living();
+        let registry = (*Arc::as_ptr(&this.shared)).registry();
         if this.process.is_queued() {
             // It retires when its turn comes.
             this.process.notify(Notice::ENDED);
-            another_reference(task).report(living);
+            another_reference(task).report(registry);
         } else if this.process.is_unreferenced() {
             leave(task);
             // The waker's reference is passed on.
             mem::forget(this.process.take_waker());
-            RecordRef::from_raw(Task::record(task)).report(living);
+            RecordRef::from_raw(Task::record(task)).report(registry);
         } else {
-            another_reference(task).report(living);
+            another_reference(task).report(registry);
             retire(task);
         }
     }
@@ -587,8 +595,8 @@ unsafe fn end(task: NonNull<Task>) {
 unsafe fn leave(task: NonNull<Task>) {
     TASKS.set(TASKS.get() - 1);
     // SAFETY: the contract: the task is live.
-    let number = unsafe { task.as_ref() }.seat.number();
-    SEATS.with_borrow_mut(|remote_wakes| remote_wakes.leave(number));
+    let number = unsafe { task.as_ref() }.slot.number();
+    REMOTE_WAKES.with_borrow_mut(|remote_wakes| remote_wakes.leave(number));
 }
 
 /// # Safety
@@ -621,11 +629,11 @@ unsafe fn free(owner: NonNull<()>) {
 
 /// # Safety
 ///
-/// `head` begins the record of a `Whole<F, B>` to which no reference remains. Its body has ended, or
-/// was never built.
+/// `head` begins the record of a `Whole<F, B>` to which no reference remains. Its body has ended,
+/// or was never built.
 unsafe fn free_retired<F: Future, B>(head: NonNull<Retired>) {
-    // SAFETY: the contract; `Unbuilt::new` allocated it. What is left of the body is its exit value,
-    // which can go on any thread, and belongs to the record until that is dropped.
+    // SAFETY: the contract; `Unbuilt::new` allocated it. What is left of the body is its exit
+    // value, which can go on any thread, and belongs to the record until that is dropped.
     unsafe {
         let whole = head
             .byte_sub(offset_of!(Task, record))
@@ -633,10 +641,10 @@ unsafe fn free_retired<F: Future, B>(head: NonNull<Retired>) {
         let task = &raw mut (*whole.as_ptr()).task;
         let skipped = (*task).skipped;
         let shared = ManuallyDrop::take(&mut (*task).shared);
-        if (*task).seat.is_taken() {
+        if (*task).slot.is_taken() {
             ManuallyDrop::drop(&mut (*task).process.process);
         }
-        (&raw mut (*task).seat).drop_in_place();
+        (&raw mut (*task).slot).drop_in_place();
         (&raw mut (*task).record).drop_in_place();
         (&raw mut (*whole.as_ptr()).body).drop_in_place();
         executor::give_back(shared);

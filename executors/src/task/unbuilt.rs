@@ -6,9 +6,9 @@ use super::{
 };
 use crate::executor::Shared;
 use crate::process::{Body, ExitValue, ProcessSpec, RawExit, Record, RecordRef};
-use crate::remote_wakes::Seat;
+use crate::remote_wakes::WakeSlot;
 use luna_core::current;
-use luna_core::reclaim::Retired;
+use luna_core::deferred_free::Retired;
 use std::cell::UnsafeCell;
 use std::future::Future;
 use std::mem::{ManuallyDrop, offset_of};
@@ -46,9 +46,9 @@ impl Unbuilt {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output: ExitValue> + 'static,
     {
-        let is_home = current::home() == Some(shared.home());
+        let is_on_executor = current::executor_id() == Some(shared.executor_id());
         let free = free_retired::<F, B>;
-        let mut record = Record::within(spec, shared.living(), is_home, 2, free);
+        let mut record = Record::within(spec, shared.registry(), is_on_executor, 2, free);
         if size_of::<Whole<F, B>>() > LARGE {
             record.set_large();
         }
@@ -66,7 +66,7 @@ impl Unbuilt {
             (&raw mut (*task).process).write(Head { unbuilt });
             (&raw mut (*task).record).write(record);
             (&raw mut (*task).shared).write(ManuallyDrop::new(shared));
-            (&raw mut (*task).seat).write(Seat::NONE);
+            (&raw mut (*task).slot).write(WakeSlot::NONE);
             (&raw mut (*task).skipped).write(skipped);
             let body = UnsafeCell::new(Body::unbuilt(builder));
             (&raw mut (*whole.as_ptr()).body).write(body);
@@ -113,7 +113,7 @@ impl Unbuilt {
         // SAFETY: the invariant: it has a reference, which is passed on here.
         let record = unsafe { RecordRef::from_raw(Task::record(self.0)) };
         record.finish(exit);
-        record.report(shared.living());
+        record.report(shared.registry());
     }
 }
 

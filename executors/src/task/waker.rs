@@ -2,7 +2,7 @@
 
 use super::{Task, ready_elsewhere};
 use crate::process::Record;
-use luna_core::current::{self, Place};
+use luna_core::current::{self, QueueEnd};
 use std::ptr::NonNull;
 use std::task::{RawWaker, RawWakerVTable, Waker};
 
@@ -52,8 +52,8 @@ unsafe fn wake_by_ref(data: *const ()) {
     unsafe {
         let task = task(data);
         let process = &task.as_ref().process;
-        if current::home() == Some(process.home()) {
-            process.ready_at(process.level(), Place::Last);
+        if current::executor_id() == Some(process.executor_id()) {
+            process.ready_at(process.level(), QueueEnd::Back);
         } else {
             ready_elsewhere(task.cast(), process.level());
         }

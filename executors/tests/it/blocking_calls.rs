@@ -58,7 +58,7 @@ fn a_call_that_waits_for_later_calls() {
 }
 
 #[test]
-fn a_panic_passes_to_who_awaits_and_the_buddies_go_on() {
+fn a_panic_passes_to_the_one_that_awaits_and_the_buddies_go_on() {
     let _watchdog = watchdog();
     quiet_panics();
     let executor = executor();
@@ -119,7 +119,7 @@ fn a_forgotten_result_whose_drop_panics_costs_no_buddy() {
         }
     }
     let (dropped, gate) = (Log::new(), Gate::default());
-    let calls = luna_executors::MOST_BUDDIES + 10;
+    let calls = luna_executors::MAX_BUDDIES + 10;
     for _ in 0..calls {
         let (own, wait) = (dropped.clone(), gate.clone());
         block_on(async {

@@ -143,10 +143,10 @@ fn token_is_alive() -> bool {
 fn a_refused_builder_may_panic_when_it_is_dropped() {
     let _watchdog = watchdog();
     quiet_panics();
-    let living = Arc::new(ProcessRegistry::new());
+    let registry = Arc::new(ProcessRegistry::new());
     let executor = luna_executors::Executor::start_counted(
         luna_platform::thread::Attributes::new("test"),
-        living.clone(),
+        registry.clone(),
     )
     .unwrap();
     let handle = executor.handle().clone();
@@ -157,7 +157,7 @@ fn a_refused_builder_may_panic_when_it_is_dropped() {
         move || async move { drop(held) },
     );
     assert_eq!(process.wait(), Exit::Panicked("on purpose, in drop".into()));
-    assert_eq!(living.count(), 0);
+    assert_eq!(registry.count(), 0);
 }
 
 /// Cancels a process that has come to `state`, and checks that it ends so.
@@ -310,12 +310,12 @@ fn cancelled_by_a_process_of_its_own_executor_and_of_another() {
 fn announced_and_dropped_or_built_in_the_turn_of_another() {
     let _watchdog = watchdog();
     quiet_panics();
-    let living = Arc::new(ProcessRegistry::new());
-    let executor = Executor::start_counted(Attributes::new("announced"), living.clone()).unwrap();
+    let registry = Arc::new(ProcessRegistry::new());
+    let executor = Executor::start_counted(Attributes::new("announced"), registry.clone()).unwrap();
     executor.release();
     let spec = ProcessSpec::new("dropped").listed();
     let (announced, dropped) = executor.handle().announce(spec, || async {});
-    assert_eq!((living.count(), dropped.exit()), (1, None));
+    assert_eq!((registry.count(), dropped.exit()), (1, None));
     drop(announced);
     assert_eq!(dropped.wait(), Exit::Cancelled);
 
@@ -336,10 +336,10 @@ fn announced_and_dropped_or_built_in_the_turn_of_another() {
     // A waiter may be notified before the end is listed.
     executor.stop();
     let mut ended = Vec::new();
-    living.take_ended(|id| ended.push(id));
+    registry.take_ended(|id| ended.push(id));
     assert_eq!(ended.len(), 3);
     assert_eq!((ended[0], ended[2]), (dropped.id(), parent.id()));
-    living.take_ended(|id| panic!("{id} was listed twice"));
+    registry.take_ended(|id| panic!("{id} was listed twice"));
 }
 
 /// A waker of another runtime, with a bug.

@@ -22,12 +22,12 @@ fn word(token: &Arc<()>) -> Word {
     Word(Some(token.clone()), [7; 40])
 }
 
-fn said(process: &ProcessHandle) -> Option<Word> {
-    process.take_last_words::<Word>()
+fn exit_value_of(process: &ProcessHandle) -> Option<Word> {
+    process.take_exit_value::<Word>()
 }
 
 #[test]
-fn who_ends_on_an_executor_is_heard_afterwards() {
+fn one_that_ends_on_an_executor_is_heard_afterwards() {
     let token = Arc::new(());
     let executor = Executor::start(Attributes::new("main")).unwrap();
     let start = |name: &'static str, word: Option<Word>| {
@@ -43,15 +43,15 @@ fn who_ends_on_an_executor_is_heard_afterwards() {
     assert_eq!(unheard.wait(), Exit::Completed);
     assert_eq!(speaker.wait(), Exit::Completed);
     assert_eq!(silent.wait(), Exit::Completed);
-    assert!(said(&silent).is_none());
+    assert!(exit_value_of(&silent).is_none());
     // Also when the executor has gone.
     drop(executor);
     assert_eq!(Arc::strong_count(&token), 3, "it is kept");
     drop(unheard);
     assert_eq!(Arc::strong_count(&token), 2, "it goes with its process");
-    assert!(speaker.take_last_words::<()>().is_none(), "of another type");
-    let words = said(&speaker).expect("it was kept");
-    assert!(said(&speaker).is_none(), "it is taken once");
+    assert!(speaker.take_exit_value::<()>().is_none(), "of another type");
+    let words = exit_value_of(&speaker).expect("it was kept");
+    assert!(exit_value_of(&speaker).is_none(), "it is taken once");
     assert_eq!(speaker.exit(), Some(Exit::Completed));
     drop(words);
     assert_eq!(Arc::strong_count(&token), 1);
@@ -99,7 +99,7 @@ fn a_large_body_goes_with_the_handles_that_are_not_kept_for_long() {
 }
 
 #[test]
-fn who_is_cancelled_or_panics_says_nothing() {
+fn one_that_is_cancelled_or_panics_says_nothing() {
     let executor = Executor::start(Attributes::new("main")).unwrap();
     let start = |name: &'static str, panics: bool| {
         let body = move || async move {
@@ -115,19 +115,19 @@ fn who_is_cancelled_or_panics_says_nothing() {
     stuck.cancel();
     assert_eq!(stuck.wait(), Exit::Cancelled);
     assert_eq!(hasty.wait(), Exit::Panicked("on purpose".to_owned()));
-    assert!(said(&stuck).is_none() && said(&hasty).is_none());
+    assert!(exit_value_of(&stuck).is_none() && exit_value_of(&hasty).is_none());
     assert_eq!(hasty.exit(), Some(Exit::Panicked("on purpose".to_owned())));
 }
 
 #[test]
-fn who_has_a_thread_alone_is_heard_or_its_words_go_with_its_record() {
+fn the_exit_value_of_a_thread_process_is_taken_or_dropped_with_its_record() {
     let token = Arc::new(());
     let start = || {
         let word = word(&token);
         let spec = ProcessSpec::new("alone");
-        let living = Arc::new(ProcessRegistry::new());
+        let registry = Arc::new(ProcessRegistry::new());
         let build = move || async { word };
-        OsThread::start_counted(Attributes::new("alone"), spec, build, living).unwrap()
+        OsThread::start_counted(Attributes::new("alone"), spec, build, registry).unwrap()
     };
     let heard = start();
     let unheard = start();
@@ -138,6 +138,6 @@ fn who_has_a_thread_alone_is_heard_or_its_words_go_with_its_record() {
     let process = heard.process().clone();
     drop((heard, unheard));
     assert_eq!(Arc::strong_count(&token), 2, "whose record is there");
-    assert!(said(&process).is_some());
+    assert!(exit_value_of(&process).is_some());
     assert_eq!(Arc::strong_count(&token), 1);
 }

@@ -41,7 +41,7 @@ fn smoke() {
 fn where_the_platform_cannot_it_says_so() {
     let (near, _far) = pair();
     match block_on(async { prepare_files() }).unwrap() {
-        Ok(()) => tell!("skipped: where_the_platform_cannot_it_says_so: it can"),
+        Ok(()) => report!("skipped: where_the_platform_cannot_it_says_so: it can"),
         Err(prepared) => {
             let error = block_on(readable(&near)).unwrap().unwrap_err();
             assert_eq!(error, prepared);

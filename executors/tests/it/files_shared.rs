@@ -65,7 +65,7 @@ fn known(file: Identity) -> (usize, bool) {
 }
 
 #[test]
-fn all_who_wait_for_one_file_are_readied_most_urgent_first() {
+fn all_that_wait_for_one_file_are_readied_most_urgent_first() {
     let Some(_watch) = with_files() else { return };
     let (executor, log) = (executor(), Log::new());
     let (near, mut far) = pair();

@@ -23,18 +23,18 @@ fn between(from: Instant, until: Instant) -> Option<Interference> {
 }
 
 #[test]
-fn a_turn_is_laid_to_who_had_it() {
+fn a_turn_is_laid_to_the_one_that_had_it() {
     // Again if a busy machine gave the hog its turn too late to be in the way.
     let is_tried = (0..20).any(|_| {
         let executor = Executor::start(Attributes::new("main")).unwrap();
         let hog = ProcessSpec::new("hog");
         let id = hog.id();
-        let (tell, told) = mpsc::channel::<Instant>();
+        let (notify, notified) = mpsc::channel::<Instant>();
         let (begin, begun) = mpsc::channel();
         let (answer, answered) = mpsc::channel();
         let asks = executor.spawn(ProcessSpec::new("asks").level(20), move || async move {
             let slot = Instant::now() + Duration::from_millis(10);
-            tell.send(slot).unwrap();
+            notify.send(slot).unwrap();
             Sleep::until(slot).await;
             let now = Instant::now();
             let was_in_the_way = begun.try_recv().is_ok_and(|began| began < slot);
@@ -47,7 +47,7 @@ fn a_turn_is_laid_to_who_had_it() {
         });
         executor.spawn(hog, move || async move {
             let _ = begin.send(Instant::now());
-            let until = told.recv().unwrap() + LONG;
+            let until = notified.recv().unwrap() + LONG;
             while Instant::now() < until {}
         });
         executor.release();
@@ -66,12 +66,12 @@ fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
         let executor = Executor::start(Attributes::new("main")).unwrap();
         let hog = ProcessSpec::new("hog");
         let id = hog.id();
-        let (tell, told) = mpsc::channel::<Instant>();
+        let (notify, notified) = mpsc::channel::<Instant>();
         let (begin, begun) = mpsc::channel();
         let (answer, answered) = mpsc::channel();
         let asks = executor.spawn(ProcessSpec::new("asks").level(20), move || async move {
             let slot = Instant::now() + Duration::from_millis(20);
-            tell.send(slot).unwrap();
+            notify.send(slot).unwrap();
             Sleep::until(slot).await;
             let now = Instant::now();
             let was_in_the_way = begun.try_recv().is_ok_and(|began| began < slot);
@@ -107,7 +107,7 @@ fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
                 yield_now().await;
             }
             let _ = begin.send(Instant::now());
-            let until = told.recv().unwrap() + LONG;
+            let until = notified.recv().unwrap() + LONG;
             while Instant::now() < until {}
         });
         executor.release();

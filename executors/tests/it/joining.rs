@@ -13,10 +13,10 @@ use support::{Gate, Log, executor, poll_once, until, watchdog};
 fn a_process_joins_one_of_its_own_and_of_another_executor() {
     let _watchdog = watchdog();
     let (one, two) = (executor(), executor());
-    for home in [&one, &two] {
+    for executor_one in [&one, &two] {
         let gate = Gate::default();
         let own = gate.clone();
-        let joined = home.spawn(ProcessSpec::new("joined"), move || async move {
+        let joined = executor_one.spawn(ProcessSpec::new("joined"), move || async move {
             own.pass().await
         });
         let handle = joined.clone();

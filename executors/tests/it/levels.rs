@@ -3,7 +3,7 @@
 #![cfg(not(loom))]
 
 use crate::support;
-use luna_core::current::{self, Place};
+use luna_core::current::{self, QueueEnd};
 use luna_executors::{ProcessSpec, yield_now};
 use std::task::Poll;
 use support::{Gate, Log, executor, watchdog};
@@ -83,7 +83,7 @@ fn yielding_takes_turns_within_a_level_only() {
 }
 
 #[test]
-fn who_gives_way_to_higher_ones_keeps_its_place() {
+fn one_that_gives_way_to_higher_ones_keeps_its_place() {
     let _watchdog = watchdog();
     let executor = executor();
     let log = Log::new();
@@ -108,7 +108,7 @@ fn who_gives_way_to_higher_ones_keeps_its_place() {
                     let mut once = true;
                     std::future::poll_fn(|cx| {
                         if std::mem::take(&mut once) {
-                            current::ready_again(cx, Place::First);
+                            current::ready_again(cx, QueueEnd::Front);
                             return Poll::Pending;
                         }
                         Poll::Ready(())

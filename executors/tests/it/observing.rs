@@ -84,8 +84,8 @@ fn the_longest_poll_is_measured_where_asked_for() {
 #[test]
 fn the_living_are_counted_over_executors_and_threads() {
     let _watchdog = watchdog();
-    let living = Arc::new(ProcessRegistry::new());
-    let executor = Executor::start_counted(Attributes::new("one"), living.clone()).unwrap();
+    let registry = Arc::new(ProcessRegistry::new());
+    let executor = Executor::start_counted(Attributes::new("one"), registry.clone()).unwrap();
     let gate = Gate::default();
     let own = gate.clone();
     let short = executor.spawn(ProcessSpec::new("short"), move || async move {
@@ -98,31 +98,31 @@ fn the_living_are_counted_over_executors_and_threads() {
         Attributes::new("two"),
         ProcessSpec::new("thread"),
         body,
-        living.clone(),
+        registry.clone(),
     )
     .unwrap();
-    assert_eq!(living.count(), 3);
+    assert_eq!(registry.count(), 3);
     executor.release();
     thread.release();
-    let mut seen = living.changes();
+    let mut seen = registry.changes();
     gate.open();
-    while living.count() > 1 {
-        living.wait(seen, Instant::NEVER);
-        seen = living.changes();
+    while registry.count() > 1 {
+        registry.wait(seen, Instant::NEVER);
+        seen = registry.changes();
     }
     assert_eq!(
         (short.wait(), thread.process().wait()),
         (Exit::Completed, Exit::Completed)
     );
     long.cancel();
-    while living.count() > 0 {
-        living.wait(seen, Instant::NEVER);
-        seen = living.changes();
+    while registry.count() > 0 {
+        registry.wait(seen, Instant::NEVER);
+        seen = registry.changes();
     }
     // Announcing wakes without an end, and a deadline ends a wait.
-    living.announce();
-    assert_ne!(living.changes(), seen);
-    living.wait(living.changes(), Instant::now());
+    registry.announce();
+    assert_ne!(registry.changes(), seen);
+    registry.wait(registry.changes(), Instant::now());
 }
 
 #[test]

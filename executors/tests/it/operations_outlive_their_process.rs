@@ -53,12 +53,16 @@ fn left_behind_by_block_on() {
 fn left_behind_by_processes_of_executors_that_end_and_are_freed() {
     let _watchdog = watchdog();
     for round in 0..rounds(100) {
-        let (home, gate, moved) = (executor(), Gate::default(), Log::<Moved>::new());
-        let joined = joined(&home, &gate);
-        home.release();
+        let (executor_one, gate, moved) = (executor(), Gate::default(), Log::<Moved>::new());
+        let joined = joined(&executor_one, &gate);
+        executor_one.release();
         {
             let other = executor();
-            let place = if round % 2 == 0 { &home } else { &other };
+            let place = if round % 2 == 0 {
+                &executor_one
+            } else {
+                &other
+            };
             for _ in 0..10 {
                 let (moved, joined) = (moved.clone(), joined.clone());
                 place.spawn(ProcessSpec::new("leaves"), move || async move {
@@ -73,7 +77,10 @@ fn left_behind_by_processes_of_executors_that_end_and_are_freed() {
         // The processes have ended; a spawn frees what is left of them, and its process takes over
         // a place.
         support::until(|| {
-            home.spawn(ProcessSpec::new("next"), || async {}).wait() == Exit::Completed
+            executor_one
+                .spawn(ProcessSpec::new("next"), || async {})
+                .wait()
+                == Exit::Completed
         });
         let mut left = moved.take();
         left.truncate(7);

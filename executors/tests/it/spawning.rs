@@ -135,7 +135,7 @@ fn a_body_that_spawns_as_it_is_dropped() {
     }
     let (executor, log) = (executor(), Log::new());
     let held = SpawnsWhenDropped(executor.handle().clone(), log.clone());
-    executor.spawn(ProcessSpec::new("last words"), move || async move {
+    executor.spawn(ProcessSpec::new("exit value"), move || async move {
         let _held = held;
         pending::<()>().await;
     });
@@ -177,7 +177,7 @@ fn a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own() {
     let _watchdog = watchdog();
     let (executor, log) = (executor(), Log::new());
     let (handle, own) = (executor.handle().clone(), log.clone());
-    let spec = ProcessSpec::new("overseen").overseen(Arc::new(LooksOn));
+    let spec = ProcessSpec::new("monitored").monitored(Arc::new(LooksOn));
     let parent = executor.spawn(spec, move || async move {
         assert!(turn_of_another());
         let child = handle.spawn(ProcessSpec::new("child"), move || {

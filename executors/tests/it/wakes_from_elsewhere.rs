@@ -165,7 +165,7 @@ fn a_high_wake_does_not_wait_behind_low_ones() {
 /// The processes that were woken since the executor looked come in the order of their making, and
 /// before all that are woken later.
 #[test]
-fn nobody_of_a_level_is_overtaken_by_one_who_is_woken_later() {
+fn nobody_of_a_level_is_overtaken_by_one_that_is_woken_later() {
     let _watchdog = watchdog();
     let executor = executor();
     let (gates, log): (Vec<Gate>, _) = ((0..100).map(|_| Gate::default()).collect(), Log::new());

@@ -4,7 +4,7 @@
 #![cfg(not(loom))]
 
 use crate::support;
-use luna_core::current::{self, Place};
+use luna_core::current::{self, QueueEnd};
 use luna_executors::{Executor, Exit, ProcessHandle, ProcessSpec};
 use std::future::{Future, poll_fn};
 use std::pin::Pin;
@@ -19,15 +19,15 @@ enum Pull {
     /// Through the waker.
     Waker,
     /// On its own thread, without the waker.
-    Here(Place),
+    Here(QueueEnd),
     /// Through a waker that another thread wakes before this poll goes on.
     Elsewhere,
 }
 
 const PULLS: [Pull; 4] = [
     Pull::Waker,
-    Pull::Here(Place::First),
-    Pull::Here(Place::Last),
+    Pull::Here(QueueEnd::Front),
+    Pull::Here(QueueEnd::Back),
     Pull::Elsewhere,
 ];
 
@@ -92,7 +92,7 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
     let process = executor.spawn(spec(), || async {
         pulled(
             2,
-            [[Pull::Waker; 10], [Pull::Here(Place::Last); 10]].concat(),
+            [[Pull::Waker; 10], [Pull::Here(QueueEnd::Back); 10]].concat(),
         )
         .await;
         // Nothing wakes it after the next poll, so the lower one below runs, and then this one
@@ -137,8 +137,8 @@ impl Future for Attacked {
         for _ in 0..self.random.below(4) {
             match self.random.below(5) {
                 0 => cx.waker().wake_by_ref(),
-                1 => current::ready_again(cx, Place::First),
-                2 => current::ready_again(cx, Place::Last),
+                1 => current::ready_again(cx, QueueEnd::Front),
+                2 => current::ready_again(cx, QueueEnd::Back),
                 3 => std::iter::repeat_n(cx.waker().clone(), 2).for_each(Waker::wake),
                 _ => self.wakers.lock().unwrap().push(cx.waker().clone()),
             }
@@ -150,7 +150,7 @@ impl Future for Attacked {
         // A wake must follow: from itself, in one of the ways, or from an attacker.
         match self.random.below(3) {
             0 => cx.waker().wake_by_ref(),
-            1 => current::ready_again(cx, Place::Last),
+            1 => current::ready_again(cx, QueueEnd::Back),
             _ => self.wakers.lock().unwrap().push(cx.waker().clone()),
         }
         Poll::Pending

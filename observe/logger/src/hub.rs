@@ -1,6 +1,6 @@
 //! What the threads, the signals and the recorder of one system share.
 
-use crate::format::{ClockBase, MOST_SIGNALS, Type};
+use crate::format::{ClockBase, MAX_SIGNALS, Type};
 use crate::lane::{self, Inlet};
 #[cfg(feature = "events")]
 use luna_core::{current, events};
@@ -17,9 +17,9 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// The most bytes of a signal's name, unit and description.
-const MOST_NAME: usize = 255;
-const MOST_UNIT: usize = 63;
-const MOST_DESCRIPTION: usize = 1023;
+const MAX_NAME: usize = 255;
+const MAX_UNIT: usize = 63;
+const MAX_DESCRIPTION: usize = 1023;
 
 /// What the time stamps of a system come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -119,9 +119,9 @@ impl Declared {
     /// Whether its texts can be recorded.
     pub(crate) fn check(&self) -> Result<(), RegisterError> {
         for (what, text, most) in [
-            ("name", &self.name, MOST_NAME),
-            ("unit", &self.unit, MOST_UNIT),
-            ("description", &self.description, MOST_DESCRIPTION),
+            ("name", &self.name, MAX_NAME),
+            ("unit", &self.unit, MAX_UNIT),
+            ("description", &self.description, MAX_DESCRIPTION),
         ] {
             if text.len() > most {
                 return Err(RegisterError::TooLong {
@@ -274,15 +274,15 @@ impl Hub {
     /// let hub = Hub::new("bench", Default::default());
     /// let recorder = Recorder::start(&hub, Logging::to_file(&file).events()).unwrap();
     /// hub.enter_thread();
-    /// hub.enter_home();
-    /// events::tell(code::DONE, 7, || [code::ended::OK, 0]);
+    /// hub.enter_executor();
+    /// events::report(code::DONE, 7, || [code::ended::OK, 0]);
     /// let report = recorder.finish();
     /// assert_eq!((report.events.recorded, report.events.lost), (1, 0));
     /// # std::fs::remove_file(file).unwrap();
     /// ```
     #[cfg(feature = "events")]
     #[inline]
-    pub fn enter_home(self: &Arc<Self>) {
+    pub fn enter_executor(self: &Arc<Self>) {
         if let Some(heard) = self.names.get()
             && !events::is_for(heard.id)
         {
@@ -293,10 +293,10 @@ impl Hub {
     /// Records an event, also on a thread without a ring for this hub. There it takes a lock, so it
     /// is for rare events. Does not allocate.
     #[cfg(feature = "events")]
-    pub fn tell(&self, of: u16, subject: u32, arguments: [u64; 2]) {
+    pub fn report(&self, of: u16, subject: u32, arguments: [u64; 2]) {
         let is_here = |heard: &Heard| events::is_for(heard.id);
         if self.names.get().is_some_and(is_here) {
-            events::tell(of, subject, || arguments);
+            events::report(of, subject, || arguments);
         } else if let Some(others) = &mut *self.others.lock() {
             others.put(of, subject, arguments);
         }
@@ -516,7 +516,7 @@ impl Hub {
             return Ok((number, there.losses.clone()));
         }
         let number = registry.signals.len();
-        if number >= MOST_SIGNALS {
+        if number >= MAX_SIGNALS {
             return Err(RegisterError::TooMany { signal: name() });
         }
         let losses = declared.losses.clone();
@@ -598,7 +598,7 @@ pub enum RegisterError {
     },
     /// There are as many signals as a recording may have.
     #[error(
-        "signal `{signal}` is one more than the {MOST_SIGNALS} that a recording may have; record arrays"
+        "signal `{signal}` is one more than the {MAX_SIGNALS} that a recording may have; record arrays"
     )]
     TooMany {
         /// The signal's name.

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The most words of an entry.
-pub(crate) const MOST_WORDS: usize = 64;
+pub(crate) const MAX_WORDS: usize = 64;
 
 /// The first word of an entry: its kind (8 bits), its number of words (8 bits), an event's code (16
 /// bits), and a signal's number (the upper 32).
@@ -33,7 +33,7 @@ impl Head {
     pub(crate) const EVENT: u8 = 3;
 
     pub(crate) fn new(kind: u8, words: usize, signal: u32) -> Self {
-        debug_assert!(words <= MOST_WORDS);
+        debug_assert!(words <= MAX_WORDS);
         Self(u64::from(kind) | (words as u64) << 8 | u64::from(signal) << 32)
     }
 
@@ -135,7 +135,7 @@ impl Drop for Owned {
 impl Lane {
     /// Creates a ring, and touches each page of its memory.
     fn ring(words: usize) -> (Producer<u64>, Consumer<u64>) {
-        let (mut producer, mut consumer) = RingBuffer::new(words.max(MOST_WORDS));
+        let (mut producer, mut consumer) = RingBuffer::new(words.max(MAX_WORDS));
         let whole = producer.buffer().capacity();
         if let Ok(chunk) = producer.write_chunk(whole) {
             chunk.commit_all();

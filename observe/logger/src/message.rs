@@ -2,19 +2,19 @@
 
 use crate::format::Level;
 use crate::hub::Hub;
-use crate::lane::{self, Head, MOST_WORDS};
+use crate::lane::{self, Head, MAX_WORDS};
 use luna_core::current;
 use std::fmt::{self, Write};
 use std::io::{self, Write as _};
 
 /// Bytes for the target and the text of a message.
-const ROOM: usize = (MOST_WORDS - MESSAGE_HEAD) * 8;
+const ROOM: usize = (MAX_WORDS - MESSAGE_HEAD) * 8;
 
 /// Words before the text: head, time stamp, lengths and level, process.
 pub(crate) const MESSAGE_HEAD: usize = 4;
 
 /// The most bytes of a target: the rest is the text's.
-const MOST_TARGET: usize = 96;
+const MAX_TARGET: usize = 96;
 
 /// The mark of a text that was cut.
 const CUT: &str = "…";
@@ -61,7 +61,7 @@ pub(crate) fn write(level: Level, target: &str, fill: impl FnOnce(&mut Text) -> 
     // An error comes from a `Display` of the user's. The message is what was written until then.
     let _ = fill(&mut text);
     let process = current::process(|process| process.map_or(0, |process| process.id().get()));
-    let mut entry = [0; MOST_WORDS];
+    let mut entry = [0; MAX_WORDS];
     lane::message(&hub, |stamp| text.entry(&mut entry, level, process, stamp));
 }
 
@@ -76,7 +76,7 @@ pub(crate) struct Text {
 
 impl Text {
     fn new(target: &str) -> Self {
-        let target = &target[..target.floor_char_boundary(MOST_TARGET)];
+        let target = &target[..target.floor_char_boundary(MAX_TARGET)];
         let mut bytes = [0; ROOM];
         bytes[..target.len()].copy_from_slice(target.as_bytes());
         Self {
@@ -100,7 +100,7 @@ impl Text {
     /// The text as an entry for a ring.
     fn entry<'a>(
         &self,
-        entry: &'a mut [u64; MOST_WORDS],
+        entry: &'a mut [u64; MAX_WORDS],
         level: Level,
         process: u32,
         stamp: u64,
@@ -187,7 +187,7 @@ mod tests {
     #[test]
     fn a_text_is_cut_between_characters_whatever_its_pieces() {
         let mut text = Text::new(&"ä".repeat(100));
-        assert!(text.begin <= MOST_TARGET);
+        assert!(text.begin <= MAX_TARGET);
         for _ in 0..1000 {
             text.write_str("3€").unwrap();
         }

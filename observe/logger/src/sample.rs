@@ -1,6 +1,6 @@
 //! What a signal can carry.
 
-use crate::format::{MOST_ELEMENTS, Type};
+use crate::format::{MAX_ELEMENTS, Type};
 
 mod sealed {
     pub trait Sealed {}
@@ -99,16 +99,13 @@ impl<E: Element, const N: usize> sealed::Sealed for [E; N] {}
 impl<E: Element, const N: usize> Sample for [E; N] {
     const TYPE: Type = E::TYPE;
     const ELEMENTS: usize = {
-        assert!(
-            N >= 1 && N <= MOST_ELEMENTS,
-            "a sample has 1 to 16 elements"
-        );
+        assert!(N >= 1 && N <= MAX_ELEMENTS, "a sample has 1 to 16 elements");
         N
     };
 
     #[inline(always)]
     fn with_entry<R>(self, [first, second]: [u64; 2], f: impl FnOnce(&[u64]) -> R) -> R {
-        let mut entry = [0; 2 + MOST_ELEMENTS];
+        let mut entry = [0; 2 + MAX_ELEMENTS];
         entry[0] = first;
         entry[1] = second;
         for (word, element) in entry[2..].iter_mut().zip(self) {

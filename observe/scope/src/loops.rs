@@ -14,9 +14,9 @@ const STOLEN: u16 = 17;
 const NAMED_FROM: u64 = 50;
 
 /// More loops than that are not counted.
-const MOST_LOOPS: usize = 1024;
+const MAX_LOOPS: usize = 1024;
 /// How many late cycles are kept: the last ones.
-const MOST_LATE: usize = 256;
+const MAX_LATE: usize = 256;
 
 #[derive(Debug, Default)]
 pub(crate) struct Loops {
@@ -83,7 +83,7 @@ impl Loops {
     pub(crate) fn take(&mut self, event: &Event) {
         match event.code {
             SLOT => {
-                let is_full = self.of.len() >= MOST_LOOPS;
+                let is_full = self.of.len() >= MAX_LOOPS;
                 if is_full && !self.of.contains_key(&event.subject) {
                     return;
                 }
@@ -93,7 +93,7 @@ impl Loops {
                     .add(event.arguments[1]);
             }
             LATE => {
-                if self.late.len() == MOST_LATE {
+                if self.late.len() == MAX_LATE {
                     self.late.pop_front();
                 }
                 self.late_in_all += 1;

@@ -100,9 +100,9 @@ pub(crate) struct Budget {
 const SHORTEST: u64 = 200_000;
 const LONGEST: u64 = 1_000_000_000;
 /// The limit of bytes of samples in a second: beyond it, spans double.
-const MOST_SAMPLE_BYTES: u64 = 6 << 20;
+const MAX_SAMPLE_BYTES: u64 = 6 << 20;
 /// This many events pass in a second. Jiwy's 51 processes at 1 kHz make about half as many.
-pub(crate) const MOST_EVENTS: u64 = 500_000;
+pub(crate) const MAX_EVENTS: u64 = 500_000;
 
 impl Budget {
     pub(crate) fn new() -> Self {
@@ -122,9 +122,9 @@ impl Budget {
 
     pub(crate) fn count_bytes(&mut self, bytes: usize) {
         self.sample_bytes += bytes as u64;
-        if self.sample_bytes > MOST_SAMPLE_BYTES && self.span < LONGEST {
+        if self.sample_bytes > MAX_SAMPLE_BYTES && self.span < LONGEST {
             self.span *= 2;
-            self.sample_bytes = MOST_SAMPLE_BYTES / 2;
+            self.sample_bytes = MAX_SAMPLE_BYTES / 2;
         }
     }
 
@@ -132,7 +132,7 @@ impl Budget {
     pub(crate) fn has_event(&mut self, time: u64) -> bool {
         self.advance(time);
         self.events += 1;
-        self.events <= MOST_EVENTS
+        self.events <= MAX_EVENTS
     }
 
     /// The length of a span, in nanoseconds.
@@ -146,7 +146,7 @@ impl Budget {
         if second <= self.second {
             return;
         }
-        if self.sample_bytes < MOST_SAMPLE_BYTES / 4 && self.span > SHORTEST {
+        if self.sample_bytes < MAX_SAMPLE_BYTES / 4 && self.span > SHORTEST {
             self.span /= 2;
         }
         (self.second, self.sample_bytes, self.events) = (second, 0, 0);
@@ -209,7 +209,7 @@ mod tests {
     fn spans_grow_with_what_comes_and_shrink_again() {
         let mut budget = Budget::new();
         budget.span(0);
-        budget.count_bytes(MOST_SAMPLE_BYTES as usize + 1);
+        budget.count_bytes(MAX_SAMPLE_BYTES as usize + 1);
         assert_eq!(budget.nanos(), 2 * SHORTEST);
         for second in 1..4 {
             budget.span(second * 1_000_000_000);
@@ -220,8 +220,8 @@ mod tests {
     #[test]
     fn events_have_a_limit_in_each_second() {
         let mut budget = Budget::new();
-        let gone_on = (0..MOST_EVENTS + 7).filter(|_| budget.has_event(5)).count();
-        assert_eq!(gone_on as u64, MOST_EVENTS);
+        let gone_on = (0..MAX_EVENTS + 7).filter(|_| budget.has_event(5)).count();
+        assert_eq!(gone_on as u64, MAX_EVENTS);
         assert!(budget.has_event(1_000_000_000));
     }
 }

@@ -19,10 +19,10 @@ use std::time::{Duration, Instant};
 const CUT: Duration = Duration::from_millis(30);
 
 /// Samples of more signals than that are left out.
-const MOST_FOLLOWED: usize = 4096;
+const MAX_FOLLOWED: usize = 4096;
 
 /// The limit of the bytes of declarations; the rest is left out.
-const MOST_DECLARED: usize = 1 << 20;
+const MAX_DECLARED: usize = 1 << 20;
 
 /// Codes of events that always pass: ended, late, emergency, spawned. They are rare, and their
 /// order and number matter.
@@ -139,7 +139,7 @@ impl Store {
 
     fn sample(&mut self, signal: u32, time: u64, values: Values<'_>) {
         let span = self.budget.span(time);
-        if !self.buckets.contains_key(&signal) && self.buckets.len() >= MOST_FOLLOWED {
+        if !self.buckets.contains_key(&signal) && self.buckets.len() >= MAX_FOLLOWED {
             self.left_out_samples += 1;
             return;
         }

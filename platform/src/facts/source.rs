@@ -7,10 +7,10 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// The most bytes of a file that are read: the kernel's own are far smaller.
-const MOST_BYTES: u64 = 4 << 20;
+const MAX_BYTES: u64 = 4 << 20;
 
 /// The most entries of a folder that are listed.
-const MOST_ENTRIES: usize = 100_000;
+const MAX_ENTRIES: usize = 100_000;
 
 /// The files with the facts (`/proc`, `/sys`, `/dev`, `/boot`), of this machine or below a folder
 /// that holds a copy of them.
@@ -78,7 +78,7 @@ impl Source {
                 return Err(UnreadReason::Malformed);
             }
             let mut bytes = Vec::new();
-            opened.take(MOST_BYTES).read_to_end(&mut bytes)?;
+            opened.take(MAX_BYTES).read_to_end(&mut bytes)?;
             Ok(bytes)
         };
         read().map_err(|reason| Unread::new(file, reason))
@@ -127,7 +127,7 @@ impl Source {
         let list = || {
             let entries = fs::read_dir(self.path(folder)?)?.flatten();
             let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
-            let mut names: Vec<_> = names.take(MOST_ENTRIES).collect();
+            let mut names: Vec<_> = names.take(MAX_ENTRIES).collect();
             names.sort_unstable();
             Ok(names)
         };

@@ -126,5 +126,5 @@ fn entered_twice() -> ! {
 #[cold]
 #[inline(never)]
 fn unknown() -> ! {
-    panic!("a thread that has never locked is the home of a lock")
+    panic!("a thread that has never locked owns the bias of a lock")
 }

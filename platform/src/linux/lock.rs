@@ -304,7 +304,7 @@ mod tests {
 
     /// The holder does not leave before that, so the bound alone ends the spinning.
     #[test]
-    fn who_looks_for_longer_asks_the_kernel_in_the_end() {
+    fn one_that_looks_for_longer_asks_the_kernel_in_the_end() {
         let lock = Arc::new(PiLock::new(0));
         let held = lock.lock();
         let waiter = std::thread::spawn({
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn those_who_look_for_longer_are_excluded_too() {
+    fn those_that_look_for_longer_are_excluded_too() {
         const ROUNDS: u32 = 20_000;
         // Two numbers that differ only while a thread is inside.
         let lock = Arc::new(PiLock::new((0, 0)));

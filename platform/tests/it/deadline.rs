@@ -53,7 +53,7 @@ fn granted<T: Send + std::fmt::Debug + 'static>(
     match start(policy, body) {
         Ok(thread) => Some(thread),
         Err(error) => {
-            tell!("skipped: {test}: {error}");
+            report!("skipped: {test}: {error}");
             let why = refusal::<T>(Err(error));
             // Without a reason that is known, it is no skip.
             assert!(!matches!(why, PolicyRefusal::Kernel { .. }), "{why:?}");
@@ -112,7 +112,7 @@ fn best_effort_goes_on_without() {
     .unwrap();
     let shortfalls = thread.obtained().shortfalls.clone();
     if thread.obtained().policy == asked {
-        tell!("skipped: best_effort_goes_on_without: this kernel gives a period of 2 µs");
+        report!("skipped: best_effort_goes_on_without: this kernel gives a period of 2 µs");
         return;
     }
     assert_eq!(thread.join().unwrap(), Policy::Other);
@@ -138,7 +138,7 @@ fn a_period_beyond_the_kernels_limits_is_told_with_them() {
     thread.join().unwrap();
     for period in [2, 1_000_000_000_000] {
         match start(policy(2, period), || ()) {
-            Ok(_) => tell!("skipped: {test}: this kernel gives a period of {period} µs"),
+            Ok(_) => report!("skipped: {test}: this kernel gives a period of {period} µs"),
             Err(error) => {
                 let PolicyRefusal::PeriodRange { least, most } = refusal::<()>(Err(error)) else {
                     panic!("another reason");
@@ -166,13 +166,13 @@ fn more_than_the_kernel_admits_is_refused_as_such() {
                         assert!(text.contains("less runtime"), "{text}");
                     }
                     PolicyRefusal::Kernel { message } => panic!("{message}"),
-                    _ => tell!("skipped: {test}: {text}"),
+                    _ => report!("skipped: {test}: {text}"),
                 }
                 return;
             }
         }
     }
-    tell!("skipped: {test}: this kernel admits any (sched_rt_runtime_us is -1?)");
+    report!("skipped: {test}: this kernel admits any (sched_rt_runtime_us is -1?)");
 }
 
 #[test]

@@ -13,7 +13,7 @@ fn a_latency_is_held_or_a_shortfall() {
         // A second one beside it is no conflict.
         Ok(_held) => assert!(DmaLatency::hold().is_ok()),
         Err(shortfall @ Shortfall::DmaLatency(_)) => {
-            tell!("skipped: a_latency_is_held_or_a_shortfall: {shortfall}")
+            report!("skipped: a_latency_is_held_or_a_shortfall: {shortfall}")
         }
         Err(other) => panic!("{other:?}"),
     }
@@ -52,7 +52,7 @@ mod linux {
             Ok(lock) => lock,
             Err(shortfall @ Shortfall::MemoryLock(_)) => {
                 assert_eq!(locked(), 0, "a refusal changes nothing");
-                tell!("skipped: memory_is_locked_until_the_last_lock_is_dropped: {shortfall}");
+                report!("skipped: memory_is_locked_until_the_last_lock_is_dropped: {shortfall}");
                 return;
             }
             Err(other) => panic!("{other:?}"),

@@ -96,7 +96,7 @@ mod linux {
         match spawn(attributes, |_| Ok::<_, Infallible>(()), |()| ()) {
             Ok(thread) => thread.join().is_ok(),
             Err(error) => {
-                tell!("skipped: {test}: {error}");
+                report!("skipped: {test}: {error}");
                 false
             }
         }

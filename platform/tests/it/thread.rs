@@ -25,7 +25,7 @@ fn real_time(test: &str) -> bool {
     match spawn(attributes, |_| Ok::<_, Infallible>(()), |()| ()) {
         Ok(thread) => thread.join().is_ok(),
         Err(error) => {
-            tell!("skipped: {test}: {error}");
+            report!("skipped: {test}: {error}");
             false
         }
     }
@@ -279,7 +279,7 @@ mod linux {
         });
         match child.join().unwrap() {
             Some(policy) => assert_eq!(policy, Policy::Other),
-            None => tell!(
+            None => report!(
                 "skipped: a_child_of_a_thread_without_the_reset_is_ordinary_too: no chrt here"
             ),
         }

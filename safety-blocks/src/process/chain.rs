@@ -65,7 +65,7 @@ impl Signal for f64 {
 }
 
 /// The limit of feedback values received at a time: a register holds one.
-const MOST_AT_ONCE: usize = 16;
+const MAX_AT_ONCE: usize = 16;
 
 /// A [`Chain`] between two channels: each value that comes is judged, and one is put out for it.
 ///
@@ -394,7 +394,7 @@ impl<T: Signal> Front<T> {
 impl Feedback {
     /// The newest, if it is not too old at `now`.
     fn at(&mut self, now: Instant) -> Option<f64> {
-        for _ in 0..MOST_AT_ONCE {
+        for _ in 0..MAX_AT_ONCE {
             match self.values.try_recv() {
                 Ok(value) => self.newest = Some((value, now)),
                 Err(_) => break,

@@ -35,7 +35,7 @@ use std::time::Duration;
 pub const MAX_SUB_STEP: f64 = 25e-6;
 
 /// How often a step is halved to find its linear parts: from a millisecond to less than a sub-step.
-const MOST_HALVED: usize = 6;
+const MAX_HALVED: usize = 6;
 
 /// The longest step of a motor as a [`Plant`], which bounds a step's cost: 40 000 sub-steps for
 /// each second of it.
@@ -126,7 +126,7 @@ pub struct Motor {
     state: MotorState,
     duty: f64,
     /// For whole steps, halves of them, and so on.
-    prepared: [Prepared; MOST_HALVED + 1],
+    prepared: [Prepared; MAX_HALVED + 1],
     ports: [Port; 4],
 }
 
@@ -150,7 +150,7 @@ impl Motor {
             parameters,
             state: MotorState::default(),
             duty: 0.0,
-            prepared: [Prepared::NONE; MOST_HALVED + 1],
+            prepared: [Prepared::NONE; MAX_HALVED + 1],
             ports: [
                 Port::new("duty", "1")
                     .range(-1.0, 1.0)
@@ -198,7 +198,7 @@ impl Motor {
             && let Some(state) = exact.step(&self.parameters, self.state, voltage)
         {
             self.state = state;
-        } else if exact.is_some() && halved < MOST_HALVED && time > MAX_SUB_STEP {
+        } else if exact.is_some() && halved < MAX_HALVED && time > MAX_SUB_STEP {
             self.advance(voltage, time / 2.0, halved + 1);
             self.advance(voltage, time / 2.0, halved + 1);
         } else {

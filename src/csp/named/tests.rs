@@ -1,6 +1,6 @@
 use super::*;
 use crate::csp::tree::SubProcess;
-use luna_core::current::Home;
+use luna_core::current::ExecutorId;
 use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::task::Waker;
@@ -9,7 +9,7 @@ use std::task::Waker;
 fn as_process<R>(tree: &Arc<Tree>, f: impl FnOnce(ProcessId) -> R) -> R {
     tree.enter_thread();
     let id = ProcessId::new();
-    let process = Process::new(id, Home::new(), 0, 5);
+    let process = Process::new(id, ExecutorId::new(), 0, 5);
     // SAFETY: the process lives as long as the closure, and waits for nothing.
     unsafe { current::with_process(&process, || f(id)) }
 }

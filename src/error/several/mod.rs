@@ -147,11 +147,11 @@ impl fmt::Display for Several {
                 while let Some((_, more)) = runs.next_if(|&(next, _)| next == kind) {
                     count += more;
                 }
-                tell(f, separator, &next, count, error)?;
+                write_error(f, separator, &next, count, error)?;
                 step(&mut next, count);
             } else {
                 for error in carried.by_ref().take(count) {
-                    tell(f, separator, &next, 1, error)?;
+                    write_error(f, separator, &next, 1, error)?;
                     step(&mut next, 1);
                     separator = ';';
                 }
@@ -174,7 +174,7 @@ fn step(next: &mut [usize], count: usize) {
     }
 }
 
-fn tell(
+fn write_error(
     f: &mut fmt::Formatter<'_>,
     separator: char,
     first: &[usize],

@@ -36,7 +36,7 @@ const KINDS: [Kind; 10] = [
 /// within. With more, every `Result` would grow.
 const INLINE: usize = 16;
 const COUNT_BITS: u32 = 12;
-const MOST: u16 = (1 << COUNT_BITS) - 1;
+const MAX: u16 = (1 << COUNT_BITS) - 1;
 
 /// The branches in written order, as runs of neighbours of one kind. Networks end alike throughout,
 /// so thousands of branches take a few runs. Up to sixteen runs lie in place.
@@ -87,12 +87,12 @@ impl Runs {
         if let Some(last) = self.last_mut()
             && unpack(*last).0 == kind
         {
-            let more = count.min(usize::from(MOST - (*last & MOST)));
+            let more = count.min(usize::from(MAX - (*last & MAX)));
             *last += more as u16;
             count -= more;
         }
         while count > 0 {
-            let run = count.min(usize::from(MOST));
+            let run = count.min(usize::from(MAX));
             self.push((kind as u16) << COUNT_BITS | run as u16);
             count -= run;
         }
@@ -140,7 +140,7 @@ impl Eq for Runs {}
 pub(super) fn unpack(run: u16) -> (Kind, usize) {
     (
         KINDS[usize::from(run >> COUNT_BITS)],
-        usize::from(run & MOST),
+        usize::from(run & MAX),
     )
 }
 

@@ -9,9 +9,9 @@ use std::cell::RefCell;
 use std::sync::{Arc, OnceLock};
 
 /// The most bytes of a name, a unit and a description, as of a signal.
-const MOST_NAME: usize = 255;
-const MOST_UNIT: usize = 63;
-const MOST_DESCRIPTION: usize = 1023;
+const MAX_NAME: usize = 255;
+const MAX_UNIT: usize = 63;
+const MAX_DESCRIPTION: usize = 1023;
 
 /// The process that runs its `pre_run`.
 struct Declaring {
@@ -61,9 +61,9 @@ impl Store {
     pub(in crate::parameters) fn declare(declared: Declared) -> Result<Arc<Cells>, DeclareError> {
         let parameter = || declared.name.to_string();
         let texts = [
-            ("name", declared.name.len(), MOST_NAME),
-            ("unit", declared.unit.len(), MOST_UNIT),
-            ("description", declared.description.len(), MOST_DESCRIPTION),
+            ("name", declared.name.len(), MAX_NAME),
+            ("unit", declared.unit.len(), MAX_UNIT),
+            ("description", declared.description.len(), MAX_DESCRIPTION),
         ];
         for (what, length, most) in texts {
             if length > most {

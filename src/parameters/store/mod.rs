@@ -2,8 +2,8 @@
 //! Its lock is for the set-up and for setters, never for the real-time path.
 
 mod declaring;
+mod notify;
 mod setting;
-mod telling;
 
 use super::cells::{Cells, Reader};
 use super::error::{Reason, Refusal, SetError, Source};
@@ -192,7 +192,7 @@ impl Store {
             return Err(SetError::Refused(refused));
         }
         state.phase = Phase::Running;
-        state.tell(|entry| {
+        state.notify(|entry| {
             let default = &entry.declared.default;
             (entry.words != *default).then(|| default.clone())
         });
@@ -220,5 +220,5 @@ impl Store {
 
 /// What a process that is recorded does here cannot be replayed.
 fn note_outside(construct: &'static str) {
-    current::tape(|tape| tape.outside(construct));
+    current::replay_log(|log| log.outside(construct));
 }

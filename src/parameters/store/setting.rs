@@ -72,7 +72,7 @@ impl Store {
         let mut guard = self.state();
         let state = &mut *guard;
         self.is_running(state)?;
-        if state.is_replay && !current::is_taped() {
+        if state.is_replay && !current::has_replay_log() {
             return Err(SetError::Replayed);
         }
         let mut new: BTreeMap<usize, (Box<[u64]>, Option<Source>)> = BTreeMap::new();
@@ -123,7 +123,7 @@ impl Store {
                 group.taken = set - 1;
             }
         }
-        state.tell(|entry| former.remove(state.numbers.get(&entry.declared.name)?));
+        state.notify(|entry| former.remove(state.numbers.get(&entry.declared.name)?));
         Ok(set)
     }
 

@@ -2,7 +2,7 @@
 
 use super::branch_log::Stage;
 use super::stamps::after;
-use super::track::{Track, told};
+use super::track::{Track, described};
 use crate::replay::error::RecordError;
 use crate::replay::event::{Event as Noted, Kind};
 use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
@@ -13,7 +13,7 @@ impl ReplayLog for Track {
         if self.is_off() {
             return Poll::Pending;
         }
-        let entered = self.with_strand(|branch_log| {
+        let entered = self.with_branch_log(|branch_log| {
             match branch_log.stage {
                 Stage::Running(turn) => return Poll::Ready(Ok(turn)),
                 Stage::Entering => {}
@@ -30,7 +30,7 @@ impl ReplayLog for Track {
             entered.map_err(|found| {
                 (
                     branch_log.operations,
-                    branch_log.events.front().map(told),
+                    branch_log.events.front().map(described),
                     found,
                 )
             })
@@ -52,7 +52,7 @@ impl ReplayLog for Track {
         if self.is_off() {
             return Turn::Look;
         }
-        self.with_strand(|branch_log| {
+        self.with_branch_log(|branch_log| {
             branch_log.operations += 1;
             branch_log.is_call = true;
             branch_log.stage = Stage::Running(Turn::Look);
@@ -73,7 +73,12 @@ impl ReplayLog for Track {
             }),
             Some(event) => {
                 let operation = event.operation;
-                self.differ(operation, None, told(&event), "an operation at once".into());
+                self.differ(
+                    operation,
+                    None,
+                    described(&event),
+                    "an operation at once".into(),
+                );
                 Turn::Look
             }
             None => {
@@ -81,7 +86,7 @@ impl ReplayLog for Track {
                 Turn::Look
             }
         };
-        self.with_strand(|branch_log| branch_log.stage = Stage::Running(turn));
+        self.with_branch_log(|branch_log| branch_log.stage = Stage::Running(turn));
         turn
     }
 
@@ -93,21 +98,21 @@ impl ReplayLog for Track {
         if self.is_off() {
             return;
         }
-        let stage =
-            self.with_strand(|branch_log| std::mem::replace(&mut branch_log.stage, Stage::Idle));
+        let stage = self
+            .with_branch_log(|branch_log| std::mem::replace(&mut branch_log.stage, Stage::Idle));
         let Stage::Running(turn) = stage else { return };
         self.idle_polls.set(0);
-        let operation = self.with_strand(|branch_log| branch_log.operations);
+        let operation = self.with_branch_log(|branch_log| branch_log.operations);
         match turn {
             Turn::Given(given) => {
-                if !self.with_strand(|branch_log| branch_log.is_call) {
+                if !self.with_branch_log(|branch_log| branch_log.is_call) {
                     self.take_event(false);
                 }
                 let is_same = given.what == event.what
                     && (given.number == event.number || given.what == What::Time);
                 if !is_same {
                     let words = |event: Event| {
-                        told(&Noted {
+                        described(&Noted {
                             path: 0,
                             operation,
                             is_call: false,
@@ -132,7 +137,7 @@ impl ReplayLog for Track {
     }
 
     fn abandon(&self, was_let_in: bool) {
-        self.with_strand(|branch_log| {
+        self.with_branch_log(|branch_log| {
             if was_let_in || branch_log.stage == Stage::Entering {
                 branch_log.stage = Stage::Idle;
             }
@@ -143,8 +148,8 @@ impl ReplayLog for Track {
         if self.is_off() {
             return Poll::Pending;
         }
-        self.with_strand(
-            |branch_log| match branch_log.events.front().map(|event| &event.kind) {
+        self.with_branch_log(|branch_log| {
+            match branch_log.events.front().map(|event| &event.kind) {
                 // What came after it was not recorded any more.
                 Some(Kind::Cut(_))
                     if branch_log.events[0].operation == branch_log.operations
@@ -153,12 +158,12 @@ impl ReplayLog for Track {
                     Poll::Pending
                 }
                 _ => branch_log.wait_for_calls(cx),
-            },
-        )
+            }
+        })
     }
 
     fn stamp(&self, _: bool) -> u64 {
-        self.with_strand(|branch_log| match branch_log.stage {
+        self.with_branch_log(|branch_log| match branch_log.stage {
             Stage::Running(Turn::Given(event)) => event.stamp,
             _ => 0,
         })
@@ -172,7 +177,7 @@ impl ReplayLog for Track {
         if self.is_off() {
             return;
         }
-        self.with_strand(|branch_log| branch_log.operations += 1);
+        self.with_branch_log(|branch_log| branch_log.operations += 1);
         let output = self.outputs.get() + 1;
         self.outputs.set(output);
         match self.take_event(true) {
@@ -187,7 +192,7 @@ impl ReplayLog for Track {
             }) if of == about && named == name && recorded == bytes => {}
             Some(event) => {
                 let found = format!("the output {bytes:?}");
-                self.differ(event.operation, Some(output), told(&event), found);
+                self.differ(event.operation, Some(output), described(&event), found);
             }
             None => self.nothing_for(Some(output), "an output"),
         }
@@ -198,7 +203,7 @@ impl ReplayLog for Track {
             return None;
         }
         let is_call = matches!(about, About::Input | About::Output);
-        self.with_strand(|branch_log| match is_call {
+        self.with_branch_log(|branch_log| match is_call {
             true => branch_log.operations += 1,
             false => branch_log.stage = Stage::Idle,
         });
@@ -224,7 +229,7 @@ impl ReplayLog for Track {
                 self.differ(
                     event.operation,
                     None,
-                    told(&event),
+                    described(&event),
                     format!("other than {what}"),
                 );
                 None
@@ -254,7 +259,7 @@ impl ReplayLog for Track {
     }
 
     fn settle(&self, cx: &mut Context<'_>) -> Poll<()> {
-        self.with_strand(|branch_log| match branch_log.stage {
+        self.with_branch_log(|branch_log| match branch_log.stage {
             Stage::Running(Turn::Given(Event { stamp, .. })) if stamp != 0 => {
                 branch_log.wait_for(after(stamp), cx)
             }
@@ -264,7 +269,7 @@ impl ReplayLog for Track {
 
     fn differs(&self, what: &'static str) {
         if !self.is_off() {
-            let (operation, expected) = self.with_strand(|branch_log| {
+            let (operation, expected) = self.with_branch_log(|branch_log| {
                 (
                     branch_log.operations,
                     match branch_log.stage {

@@ -17,7 +17,7 @@ use std::task::{Context, Poll};
 
 /// Highest number of polls of a process without an event, when one of its branch logs is past what
 /// was recorded: the others may have some left.
-const MOST_IDLE_POLLS: u32 = 1000;
+const MAX_IDLE_POLLS: u32 = 1000;
 
 /// The replay of one process.
 pub(crate) struct Track {
@@ -54,7 +54,7 @@ impl Track {
         if self.has_overrun.get() || self.branch_logs.borrow().get(&0).is_some_and(is_at_cut) {
             let polls = self.idle_polls.get() + 1;
             self.idle_polls.set(polls);
-            if polls > MOST_IDLE_POLLS {
+            if polls > MAX_IDLE_POLLS {
                 self.past_end.set(true);
             }
         }
@@ -102,7 +102,7 @@ impl Track {
             return self.check_rest();
         }
         let operation = branch_log.operations;
-        let expected = next.map(told);
+        let expected = next.map(described);
         drop(branch_logs);
         match expected {
             Some(expected) => self.differ(operation, None, expected, "the process returns".into()),
@@ -119,7 +119,7 @@ impl Track {
         for branch_log in branch_logs.values() {
             let next = branch_log.events.front();
             if let Some(event) = next.filter(|event| !matches!(event.kind, Kind::Cut(_))) {
-                let (expected, operation) = (told(event), event.operation);
+                let (expected, operation) = (described(event), event.operation);
                 return self.differ(operation, None, expected, "nothing".into());
             }
         }
@@ -157,7 +157,7 @@ impl Track {
             || self.replayer.is_over.load(Ordering::Relaxed)
     }
 
-    pub(super) fn with_strand<R>(&self, f: impl FnOnce(&mut BranchLog) -> R) -> R {
+    pub(super) fn with_branch_log<R>(&self, f: impl FnOnce(&mut BranchLog) -> R) -> R {
         let mut branch_logs = self.branch_logs.borrow_mut();
         let branch_log = branch_logs
             .entry(current::branch_path())
@@ -168,7 +168,7 @@ impl Track {
     /// Takes the branch log's next event, if it belongs to the present operation and is a call
     /// exactly if `is_call`.
     pub(super) fn take_event(&self, is_call: bool) -> Option<Noted> {
-        self.with_strand(|branch_log| {
+        self.with_branch_log(|branch_log| {
             let operation = branch_log.operations;
             branch_log.events.pop_front_if(|event| {
                 let is_same = event.operation == operation && event.is_call == is_call;
@@ -241,7 +241,7 @@ impl Track {
 
     /// There is no event for what is done now.
     pub(super) fn nothing_for(&self, output: Option<u64>, found: &str) {
-        let (operation, expected, is_cut) = self.with_strand(|branch_log| {
+        let (operation, expected, is_cut) = self.with_branch_log(|branch_log| {
             let next = branch_log.events.front();
             let is_cut = match next {
                 Some(event) => {
@@ -249,7 +249,7 @@ impl Track {
                 }
                 None => current::branch_path() != 0 && !self.returns,
             };
-            (branch_log.operations, next.map(told), is_cut)
+            (branch_log.operations, next.map(described), is_cut)
         });
         if is_cut {
             return self.has_overrun.set(true);
@@ -262,7 +262,7 @@ impl Track {
 }
 
 /// An event as text.
-pub(super) fn told(event: &Noted) -> String {
+pub(super) fn described(event: &Noted) -> String {
     let call = if event.is_call { " at once" } else { "" };
     match &event.kind {
         Kind::Outcome { what, number, .. } => match what {

@@ -23,7 +23,7 @@ pub(crate) struct Ledger {
     /// A first reading was made. Written by the process' thread alone.
     has_begun: AtomicBool,
     /// The process is to be ended.
-    sentenced: AtomicBool,
+    ended_for_overrun: AtomicBool,
     books: PiLock<Books>,
     /// Set when the process is started.
     system: OnceLock<(Arc<Emergency>, Arc<ProcessRegistry>)>,
@@ -62,16 +62,16 @@ impl Ledger {
             on_overrun: budgets.on_overrun.unwrap_or_default(),
             accounted: budgets.accounted,
             has_begun: AtomicBool::new(false),
-            sentenced: AtomicBool::new(false),
+            ended_for_overrun: AtomicBool::new(false),
             books: PiLock::new(Books::default()),
             system: OnceLock::new(),
         }
     }
 
     /// Sets the system that the process is part of, before it runs.
-    pub(crate) fn join(&self, emergency: &Arc<Emergency>, living: &Arc<ProcessRegistry>) {
+    pub(crate) fn join(&self, emergency: &Arc<Emergency>, registry: &Arc<ProcessRegistry>) {
         // A process is started once.
-        let _ = self.system.set((emergency.clone(), living.clone()));
+        let _ = self.system.set((emergency.clone(), registry.clone()));
     }
 
     /// The ledger of the process that is being polled, if it has budgets.
@@ -89,7 +89,7 @@ impl Ledger {
         {
             self.overrun(BudgetKind::Cycle, budget, Some(of), began, now);
         }
-        self.sentenced.load(Ordering::Relaxed)
+        self.ended_for_overrun.load(Ordering::Relaxed)
     }
 
     /// O(1), no allocation. Three system calls to read what the kernel has counted; one more to
@@ -132,8 +132,8 @@ impl Ledger {
             self.on_overrun == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
         drop(books);
         match (self.on_overrun, self.system.get()) {
-            (OnOverrun::Poison, _) => self.sentenced.store(true, Ordering::Relaxed),
-            (OnOverrun::Warn, Some((_, living))) if is_news => living.announce(),
+            (OnOverrun::Poison, _) => self.ended_for_overrun.store(true, Ordering::Relaxed),
+            (OnOverrun::Warn, Some((_, registry))) if is_news => registry.announce(),
             (OnOverrun::Emergency, Some((emergency, _))) if is_first => {
                 emergency.trigger(Cause::Overrun)
             }
@@ -155,7 +155,7 @@ impl Ledger {
     /// Whether the process was ended for an overrun; the channel ends that it leaves then poison
     /// their channels.
     pub(crate) fn is_sentenced(&self) -> bool {
-        self.sentenced.load(Ordering::Relaxed)
+        self.ended_for_overrun.load(Ordering::Relaxed)
     }
 
     /// Whether an overrun is to be reported.
@@ -213,7 +213,7 @@ impl PollMonitor for Ledger {
         {
             self.overrun(BudgetKind::Poll, budget, None, began, now);
         }
-        if self.sentenced.load(Ordering::Relaxed) {
+        if self.ended_for_overrun.load(Ordering::Relaxed) {
             Verdict::Poison
         } else {
             Verdict::GoOn

@@ -18,7 +18,7 @@ pub(crate) const LIMIT: Duration = Duration::from_millis(500);
 
 /// The most functions of a kind. Their room is reserved beforehand, so that a late registration
 /// finds it.
-const MOST: usize = 256;
+const MAX: usize = 256;
 
 /// The outcome of one function: in
 /// [`SafetyReport::functions`](crate::report::SafetyReport::functions).
@@ -122,7 +122,7 @@ impl Functions {
     pub(super) fn new() -> Self {
         Self {
             failover: FailoverSequence::new(),
-            slots: PiLock::new(Vec::with_capacity(MOST)),
+            slots: PiLock::new(Vec::with_capacity(MAX)),
             next_id: AtomicU64::new(0),
             triggered: AtomicU64::new(0),
             has_called: AtomicBool::new(false),
@@ -133,7 +133,7 @@ impl Functions {
     pub(crate) fn add(&self, name: &str, limit: Duration, run: Run) -> Result<u64> {
         let too_many = || SetupError::TooManyFunctions {
             name: name.to_owned(),
-            most: MOST,
+            most: MAX,
         };
         let over = || SetupError::EmergencyOver {
             name: name.to_owned(),
@@ -150,7 +150,7 @@ impl Functions {
             running: None,
         };
         let mut slots = self.slots.lock();
-        if slots.len() >= MOST {
+        if slots.len() >= MAX {
             drop(slots);
             return Err(too_many().into());
         }
@@ -230,11 +230,11 @@ impl Functions {
 
     /// Passes on how long all of them may take together. Under the lock, so that the last call has
     /// the limits of all.
-    pub(super) fn tell_limits(&self, tell: impl FnOnce(Duration)) {
+    pub(super) fn report_limits(&self, report: impl FnOnce(Duration)) {
         let slots = self.slots.lock();
         let there = slots.iter().filter(|slot| !slot.is_withdrawn);
         let limits = there.map(|slot| slot.limit);
-        tell(limits.fold(Duration::ZERO, Duration::saturating_add));
+        report(limits.fold(Duration::ZERO, Duration::saturating_add));
     }
 
     /// Does what there is to do for `member`. `around` is called when a function begins and when it

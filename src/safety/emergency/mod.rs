@@ -131,7 +131,7 @@ impl Emergency {
 
     fn bound_crashes(&self) {
         self.at_emergency
-            .tell_limits(|limits| self.workers.bound_crashes(limits));
+            .report_limits(|limits| self.workers.bound_crashes(limits));
     }
 
     /// Sets the log that records changes of the safety state.

@@ -24,7 +24,7 @@ mod watch_alarm;
 
 use super::Emergency;
 use luna_platform::alarm::EventAlarm;
-use luna_platform::crash::{CrashSlot, MOST_MEMBERS};
+use luna_platform::crash::{CrashSlot, MAX_MEMBERS};
 use luna_platform::thread::{self, ThreadNumber};
 use reserve::Reserve;
 use std::sync::OnceLock;
@@ -38,7 +38,7 @@ const ON_DUTY: usize = 2;
 
 /// The members. Seven may hang: before the last of them is left behind, there are two that run and
 /// one that watches.
-const MOST: usize = MOST_MEMBERS;
+const MAX: usize = MAX_MEMBERS;
 
 /// How much longer a crash waits than the functions may take.
 const CRASH_MARGIN: Duration = Duration::from_millis(200);
@@ -56,7 +56,7 @@ pub(super) struct EmergencyWorkers {
     has_third: AtomicBool,
     reserve: Reserve,
     /// The members' numbers in the kernel.
-    numbers: [OnceLock<ThreadNumber>; MOST],
+    numbers: [OnceLock<ThreadNumber>; MAX],
     /// A bit for each member that was left behind.
     left_behind: AtomicU16,
     /// How many there are.
@@ -82,7 +82,7 @@ impl Default for EmergencyWorkers {
             on_duty: AtomicU32::new(ON_DUTY as u32),
             has_third: AtomicBool::new(false),
             reserve: Reserve::default(),
-            numbers: [const { OnceLock::new() }; MOST],
+            numbers: [const { OnceLock::new() }; MAX],
             left_behind: AtomicU16::new(0),
             members: AtomicU32::new(0),
             hears_signals: AtomicBool::new(false),
@@ -115,7 +115,7 @@ impl EmergencyWorkers {
 
     /// How many do not hang.
     fn able(&self) -> u32 {
-        MOST as u32 - self.left_behind.load(Ordering::Acquire).count_ones()
+        MAX as u32 - self.left_behind.load(Ordering::Acquire).count_ones()
     }
 
     /// Another member hangs: it goes on at low priority if it ever does, and one of the reserve

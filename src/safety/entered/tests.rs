@@ -18,7 +18,7 @@ struct Waits {
     does: fn(&Emergency),
     emergency: Arc<Emergency>,
     wakes: AtomicUsize,
-    told: AtomicUsize,
+    reported: AtomicUsize,
 }
 
 impl Waits {
@@ -28,7 +28,7 @@ impl Waits {
             does,
             emergency: emergency.clone(),
             wakes: AtomicUsize::new(0),
-            told: AtomicUsize::new(0),
+            reported: AtomicUsize::new(0),
         });
         waits.clone().poll();
         waits
@@ -44,13 +44,13 @@ impl Waits {
             if polled.is_pending() {
                 break;
             }
-            self.told.fetch_add(1, Ordering::Relaxed);
+            self.reported.fetch_add(1, Ordering::Relaxed);
         }
     }
 
     fn counts(&self) -> (usize, usize) {
         let count = |counter: &AtomicUsize| counter.load(Ordering::Relaxed);
-        (count(&self.wakes), count(&self.told))
+        (count(&self.wakes), count(&self.reported))
     }
 }
 
@@ -72,7 +72,7 @@ fn leave(emergency: &Emergency) {
 }
 
 #[test]
-fn who_finds_it_left_again_waits_for_the_next_one_and_is_not_woken_by_this() {
+fn one_that_finds_it_left_again_waits_for_the_next_one_and_is_not_woken_by_this() {
     let emergency = Emergency::new(Weak::new());
     let wait = SafeStateEntered::new(emergency.clone());
     let waits = Waits::new(&emergency, wait, leave);
@@ -86,7 +86,7 @@ fn who_finds_it_left_again_waits_for_the_next_one_and_is_not_woken_by_this() {
 }
 
 #[test]
-fn who_waits_for_an_edge_is_told_once_and_waits_on_in_the_safe_state() {
+fn one_that_waits_for_an_edge_is_told_once_and_waits_on_in_the_safe_state() {
     let emergency = Emergency::new(Weak::new());
     let wait = SafeStateEntered::edge(emergency.clone());
     let waits = Waits::new(&emergency, wait, |_| {});
@@ -104,7 +104,7 @@ fn who_waits_for_an_edge_is_told_once_and_waits_on_in_the_safe_state() {
 /// Entered anew while some of the first round are still to be woken: no waiter is forgotten, and
 /// each is notified.
 #[test]
-fn whoever_enters_it_anew_wakes_those_too_who_were_not_yet() {
+fn whichever_enters_it_anew_wakes_those_too_that_were_not_yet() {
     let emergency = Emergency::new(Weak::new());
     let again = |emergency: &Emergency| {
         leave(emergency);
@@ -129,22 +129,22 @@ fn an_edge_tells_of_each_state_once() {
     let safety = Safety::new(emergency.clone());
     let mut cx = Context::from_waker(Waker::noop());
     let mut edge = pin!(safety.safe_state_edge());
-    let mut is_told = || edge.as_mut().poll(&mut cx).is_ready();
-    assert!(!is_told());
+    let mut is_reported = || edge.as_mut().poll(&mut cx).is_ready();
+    assert!(!is_reported());
     safety.warn(why("warm"));
-    assert!(!is_told());
+    assert!(!is_reported());
     enter(&emergency);
-    assert!(is_told() && !is_told());
+    assert!(is_reported() && !is_reported());
     safety.warn(why("still warm"));
-    assert!(!is_told());
+    assert!(!is_reported());
     leave(&emergency);
-    assert!(!is_told());
+    assert!(!is_reported());
     enter(&emergency);
     // A later edge has not reported it.
     let mut late = pin!(safety.safe_state_edge());
     let mut cx = Context::from_waker(Waker::noop());
     assert!(late.as_mut().poll(&mut cx).is_ready() && late.as_mut().poll(&mut cx).is_pending());
-    assert!(is_told() && !is_told());
+    assert!(is_reported() && !is_reported());
     emergency.journal.worsen(Degree::Emergency);
-    assert!(is_told() && !is_told());
+    assert!(is_reported() && !is_reported());
 }

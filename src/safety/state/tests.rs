@@ -45,7 +45,7 @@ fn what_is_latched_is_known_when_no_more_events_are_kept() {
 }
 
 #[test]
-fn one_signal_is_noted_once_whoever_hears_of_it() {
+fn one_signal_is_noted_once_whichever_hears_of_it() {
     let journal = Journal::new();
     for number in [15, 15, 2] {
         journal.note(
@@ -59,8 +59,8 @@ fn one_signal_is_noted_once_whoever_hears_of_it() {
     assert_eq!(journal.state().to_string(), "emergency: SIGTERM");
 }
 
-fn told(journal: &Journal) -> Vec<Degree> {
-    journal.told.lock().unwrap().clone()
+fn reported(journal: &Journal) -> Vec<Degree> {
+    journal.reported.lock().unwrap().clone()
 }
 
 #[test]
@@ -71,11 +71,11 @@ fn a_crash_is_told_when_it_is_noted_and_what_changes_nothing_is_not() {
     note(Degree::SafeState, Cause::Panic);
     note(Degree::Warning, Cause::Panic);
     note(Degree::SafeState, Cause::Panic);
-    assert_eq!(told(journal), [Degree::SafeState]);
+    assert_eq!(reported(journal), [Degree::SafeState]);
     emergency.begin_for_crash();
     note(Degree::Emergency, Cause::Signal(11));
     note(Degree::Emergency, Cause::Panic);
-    assert_eq!(told(journal), [Degree::SafeState, Degree::Emergency]);
+    assert_eq!(reported(journal), [Degree::SafeState, Degree::Emergency]);
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn what_is_told_last_is_what_it_is() {
         scope.spawn(|| {
             for _ in 0..1000 {
                 let book = journal.book.lock();
-                let last = told(&journal).last().copied();
+                let last = reported(&journal).last().copied();
                 assert_eq!(last.unwrap_or_default(), journal.degree());
                 drop(book);
             }

@@ -1,12 +1,12 @@
 //! Watchdogs: they fire when they are not fed in time.
 
-mod food;
+mod heartbeat;
 
 use crate::csp::process::Process;
 use crate::error::Result;
-use food::Food;
+use heartbeat::Heartbeat;
 use luna_channels::{Due, Stamp, When};
-use luna_core::reclaim::Shared;
+use luna_core::deferred_free::Shared;
 use luna_platform::clock::Instant;
 use std::fmt;
 use std::time::Duration;
@@ -31,8 +31,8 @@ const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 /// use luna::prelude::*;
 /// use std::time::Duration;
 ///
-/// let dog = Watchdog::new(Duration::from_millis(5));
-/// let fed = dog.clone();
+/// let watchdog = Watchdog::new(Duration::from_millis(5));
+/// let fed = watchdog.clone();
 /// let mut system = System::new("guarded");
 /// let executor = system.executor("main").build()?;
 /// executor.process("control").spawn(async move {
@@ -46,7 +46,7 @@ const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 ///     let (_commands, commanded) = luna::channel::<f64>();
 ///     luna::alt! {
 ///         _ = commanded.recv() => unreachable!("nobody commands"),
-///         _ = dog.expired() => assert!(dog.has_expired()), // stop the motors
+///         _ = watchdog.expired() => assert!(watchdog.has_expired()), // stop the motors
 ///     }
 ///     Ok(())
 /// })?;
@@ -55,7 +55,7 @@ const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 /// ```
 #[derive(Debug, Clone)]
 pub struct Watchdog {
-    food: Shared<Food>,
+    heartbeat: Shared<Heartbeat>,
     chosen: Stamp,
 }
 
@@ -64,7 +64,7 @@ impl Watchdog {
     /// Allocates; not for the real-time path.
     pub fn new(timeout: Duration) -> Watchdog {
         Watchdog {
-            food: Shared::new(Food::new(timeout)),
+            heartbeat: Shared::new(Heartbeat::new(timeout)),
             chosen: Stamp::new(),
         }
     }
@@ -76,18 +76,18 @@ impl Watchdog {
     /// once for each of the threads that feed.
     ///
     /// ```
-    /// let dog = luna::safety::Watchdog::new(std::time::Duration::from_secs(60));
-    /// dog.feed();
-    /// assert!(!dog.has_expired());
+    /// let watchdog = luna::safety::Watchdog::new(std::time::Duration::from_secs(60));
+    /// watchdog.feed();
+    /// assert!(!watchdog.has_expired());
     /// ```
     #[inline]
     pub fn feed(&self) {
-        self.food.feed(Instant::now());
+        self.heartbeat.feed(Instant::now());
     }
 
     /// Whether it has expired by now. Real-time path: yes; O(1), and it also begins the watch.
     pub fn has_expired(&self) -> bool {
-        self.food.look(Instant::now()).is_none()
+        self.heartbeat.look(Instant::now()).is_none()
     }
 
     /// Begins a new watch now, whatever was before: from then on it can be fed, and expire, again.
@@ -95,20 +95,20 @@ impl Watchdog {
     ///
     /// ```
     /// use std::time::Duration;
-    /// let dog = luna::safety::Watchdog::new(Duration::from_nanos(1));
-    /// dog.feed();
-    /// while !dog.has_expired() {}
-    /// dog.feed();
-    /// assert!(dog.has_expired()); // until
-    /// dog.reset();
+    /// let watchdog = luna::safety::Watchdog::new(Duration::from_nanos(1));
+    /// watchdog.feed();
+    /// while !watchdog.has_expired() {}
+    /// watchdog.feed();
+    /// assert!(watchdog.has_expired()); // until
+    /// watchdog.reset();
     /// ```
     pub fn reset(&self) {
-        self.food.reset(Instant::now());
+        self.heartbeat.reset(Instant::now());
     }
 
     /// The time within which it expects a feed.
     pub fn timeout(&self) -> Duration {
-        self.food.timeout()
+        self.heartbeat.timeout()
     }
 
     /// Waits until it has expired; if it has, and was not reset, that is at once, each time. Alone,
@@ -120,67 +120,67 @@ impl Watchdog {
     /// ```
     /// use std::time::Duration;
     /// luna::run(async {
-    ///     let dog = luna::safety::Watchdog::new(Duration::from_millis(1));
-    ///     dog.expired().await;
-    ///     assert!(dog.has_expired());
+    ///     let watchdog = luna::safety::Watchdog::new(Duration::from_millis(1));
+    ///     watchdog.expired().await;
+    ///     assert!(watchdog.has_expired());
     ///     Ok(())
     /// })?;
     /// # Ok::<(), luna::Error>(())
     /// ```
-    pub fn expired(&self) -> When<Bite<'_>> {
-        When::new(Bite(self))
+    pub fn expired(&self) -> When<WatchdogExpiry<'_>> {
+        When::new(WatchdogExpiry(self))
     }
 
-    /// A process, to be spawned, that calls `bite` each time the watchdog expires; if it is reset
-    /// after that, the watch goes on.
+    /// A process, to be spawned, that calls `on_expiry` each time the watchdog expires; if it is
+    /// reset after that, the watch goes on.
     ///
     /// Give it the highest priority of its executor, or an executor of its own above the processes
     /// that it watches, since a callback comes as late as its process. The process ends, without a
     /// call, when no other handle is left and so no feed can come; it notices that when it next
-    /// would have expired. `bite` runs on the real-time path: it must not block.
+    /// would have expired. `on_expiry` runs on the real-time path: it must not block.
     ///
     /// ```
     /// use luna::safety::Watchdog;
     /// use luna::prelude::*;
     /// use std::time::Duration;
     ///
-    /// let dog = Watchdog::new(Duration::from_millis(1));
+    /// let watchdog = Watchdog::new(Duration::from_millis(1));
     /// let (emergency, called) = luna::buffered(Buffer::overwrite_oldest(1));
     /// let mut system = System::new("guarded");
     /// let guards = system.executor("guards").policy(Policy::fifo(90)).build()?;
-    /// guards.process("dog").spawn(dog.process(move || {
+    /// guards.process("watchdog").spawn(watchdog.process(move || {
     ///     let _ = emergency.try_send("not fed");
     /// }))?;
     /// let control = system.executor("control").build()?;
     /// control.process("hangs").spawn(async move {
-    ///     dog.feed();
+    ///     watchdog.feed();
     ///     assert_eq!(called.recv().await?, "not fed"); // instead of feeding
     ///     Ok(())
     /// })?;
     /// system.run()?;
     /// # Ok::<(), luna::Error>(())
     /// ```
-    pub fn process<F: FnMut() + Send>(&self, bite: F) -> WatchdogProcess<F> {
+    pub fn process<F: FnMut() + Send>(&self, on_expiry: F) -> WatchdogProcess<F> {
         WatchdogProcess {
-            dog: self.clone(),
-            bite,
+            watchdog: self.clone(),
+            on_expiry,
         }
     }
 
     fn is_alone(&self) -> bool {
-        self.food.is_only()
+        self.heartbeat.is_only()
     }
 }
 
 /// What [`Watchdog::expired`] waits for.
 #[derive(Debug)]
-pub struct Bite<'a>(&'a Watchdog);
+pub struct WatchdogExpiry<'a>(&'a Watchdog);
 
-impl Due for Bite<'_> {
+impl Due for WatchdogExpiry<'_> {
     type Output = ();
 
     fn due_at(&self, now: Instant) -> Instant {
-        self.0.food.look(now).unwrap_or(now)
+        self.0.heartbeat.look(now).unwrap_or(now)
     }
 
     fn stamp(&self) -> Option<&Stamp> {
@@ -193,25 +193,25 @@ impl Due for Bite<'_> {
 /// A process that calls a function when a watchdog expires: see [`Watchdog::process`].
 #[must_use = "it is a process: spawn it"]
 pub struct WatchdogProcess<F> {
-    dog: Watchdog,
-    bite: F,
+    watchdog: Watchdog,
+    on_expiry: F,
 }
 
 impl<F: FnMut() + Send> Process for WatchdogProcess<F> {
     async fn run(&mut self) -> Result<()> {
         loop {
-            self.dog.expired().await;
-            if self.dog.is_alone() {
+            self.watchdog.expired().await;
+            if self.watchdog.is_alone() {
                 return Ok(());
             }
-            let bite = self.dog.food.bite();
-            (self.bite)();
-            while bite.is_some() && self.dog.food.bite() == bite {
-                if self.dog.is_alone() {
+            let expiry = self.watchdog.heartbeat.expiry();
+            (self.on_expiry)();
+            while expiry.is_some() && self.watchdog.heartbeat.expiry() == expiry {
+                if self.watchdog.is_alone() {
                     return Ok(());
                 }
                 // A reset wakes no waiter.
-                luna_channels::after(self.dog.timeout().max(SHORTEST_LOOK)).await;
+                luna_channels::after(self.watchdog.timeout().max(SHORTEST_LOOK)).await;
             }
         }
     }
@@ -220,7 +220,7 @@ impl<F: FnMut() + Send> Process for WatchdogProcess<F> {
 impl<F> fmt::Debug for WatchdogProcess<F> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("WatchdogProcess")
-            .field("dog", &self.dog)
+            .field("watchdog", &self.watchdog)
             .finish_non_exhaustive()
     }
 }

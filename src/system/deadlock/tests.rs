@@ -1,6 +1,6 @@
 use super::*;
 use crate::csp::network::Waiting;
-use luna_channels::inspect::PlaceKind;
+use luna_channels::inspect::WaitPointKind;
 use std::panic::Location;
 
 fn ids<const N: usize>() -> [ProcessId; N] {
@@ -23,7 +23,7 @@ fn processes(ids: &[ProcessId]) -> Vec<Sleeping> {
 #[track_caller]
 fn channel(name: &str, sender: Option<User>, receiver: Option<User>) -> Meeting {
     Meeting {
-        kind: PlaceKind::Rendezvous,
+        kind: WaitPointKind::Rendezvous,
         address: 0,
         name: Some(name.to_owned()),
         made_at: Location::caller(),
@@ -71,7 +71,7 @@ fn two_that_receive_from_each_other_first() {
 }
 
 #[test]
-fn a_sender_waits_for_who_received_last() {
+fn a_sender_waits_for_the_one_that_received_last() {
     let [a, b] = ids();
     let meetings = [
         channel("x", used_by(a), used_by(b)).waits(a, true),
@@ -119,7 +119,7 @@ fn two_that_send_to_each_other_first() {
 }
 
 #[test]
-fn several_may_hold_an_end_but_not_who_has_ended() {
+fn several_may_hold_an_end_but_not_that_has_ended() {
     let [a, b, c, d] = ids();
     let mut all = processes(&[a, b, c, d]);
     all[3].has_ended = true;
@@ -139,7 +139,7 @@ fn several_may_hold_an_end_but_not_who_has_ended() {
 }
 
 #[test]
-fn who_waits_beside_the_circle_is_not_in_it() {
+fn one_that_waits_beside_the_circle_is_not_in_it() {
     let [a, b, c] = ids();
     let meetings = [
         channel("1", used_by(b), None).waits(a, false),
@@ -228,10 +228,10 @@ fn joining_is_waiting() {
 }
 
 #[test]
-fn at_a_barrier_one_waits_for_those_who_have_not_come() {
+fn at_a_barrier_one_waits_for_those_that_have_not_come() {
     let [a] = ids();
     let mut barrier = channel("start", None, None).waits(a, false);
-    barrier.kind = PlaceKind::Barrier;
+    barrier.kind = WaitPointKind::Barrier;
     barrier.waiting[0].role = Role::Party;
     let mut with_strangers = barrier.clone();
     with_strangers.strangers = true;
@@ -249,7 +249,7 @@ fn at_a_barrier_one_waits_for_those_who_have_not_come() {
     assert!(
         found
             .to_string()
-            .contains("`a` waits at barrier `start` for those who have not come"),
+            .contains("`a` waits at barrier `start` for parties that have not come"),
         "{found}"
     );
 }

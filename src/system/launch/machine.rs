@@ -1,6 +1,6 @@
 //! What a system asks of the machine.
 
-use super::super::plan::{ExecutorPlan, Place, ProcessPlan, Settings};
+use super::super::plan::{ExecutorPlan, Placement, ProcessPlan, Settings};
 use crate::error::{Result, SetupError};
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
@@ -58,16 +58,16 @@ impl Needs {
 
 fn policy_of(process: &ProcessPlan) -> Policy {
     match &process.place {
-        Place::Thread { attributes, .. } => attributes.asked_policy(),
-        Place::Executor(_) => Policy::Other,
+        Placement::Thread { attributes, .. } => attributes.asked_policy(),
+        Placement::Executor(_) => Policy::Other,
     }
 }
 
 /// The cores that real-time threads are pinned to.
 fn real_time_cores(executors: &[ExecutorPlan], processes: &[ProcessPlan]) -> Vec<usize> {
     let threads = processes.iter().filter_map(|process| match &process.place {
-        Place::Thread { attributes, .. } => Some(&**attributes),
-        Place::Executor(_) => None,
+        Placement::Thread { attributes, .. } => Some(&**attributes),
+        Placement::Executor(_) => None,
     });
     let all = executors.iter().map(|executor| &executor.attributes);
     let mut cores = Vec::new();

@@ -19,7 +19,7 @@ pub(super) struct SafetyThreads {
 impl SafetyThreads {
     pub(super) fn start(
         emergency: &Arc<Emergency>,
-        living: &Arc<ProcessRegistry>,
+        registry: &Arc<ProcessRegistry>,
         settings: &Settings,
         needs: &Needs,
     ) -> Result<Self> {
@@ -28,8 +28,8 @@ impl SafetyThreads {
         let guardian = guardian
             .map(|guardian| GuardianWatch::start(guardian, emergency.clone(), strict))
             .transpose()?;
-        let (own, living) = (emergency.clone(), living.clone());
-        let guard = EmergencyThread::start(own, living, needs.real_time, &needs.cores)?;
+        let (own, registry) = (emergency.clone(), registry.clone());
+        let guard = EmergencyThread::start(own, registry, needs.real_time, &needs.cores)?;
         let parent = match settings.parents_death {
             true => watch_parent(emergency, needs.real_time, strict)?,
             false => None,

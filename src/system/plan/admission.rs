@@ -1,6 +1,6 @@
 //! How a process comes to a system: described beside others, or started beside those that run.
 
-use super::described::{Place, ProcessPlan};
+use super::described::{Placement, ProcessPlan};
 use super::running::{Running, Started};
 use super::{Members, Phase, Plan, duplicate};
 use crate::csp::process::{Build, Common, Prepared, announce, clean_up, prepare};
@@ -114,7 +114,7 @@ impl Plan {
             members.waiting.push(plan.boxed());
             return Ok(None);
         };
-        let Place::Executor(number) = plan.place else {
+        let Placement::Executor(number) = plan.place else {
             return self.start_prepared(members, plan.boxed()).map(Some);
         };
         let Prepared { resident, build } = plan.prepared;
@@ -162,9 +162,11 @@ impl Plan {
         }
         if let Some(running) = &members.running {
             let Common {
-                living, emergency, ..
+                registry,
+                emergency,
+                ..
             } = &*running.common;
-            members.started.note_ends(living, emergency);
+            members.started.note_ends(registry, emergency);
         }
         if let Ok(name) = name
             && !members.started.take_name(name)
@@ -205,10 +207,12 @@ impl Plan {
     /// Forgets a process that has ended before it was entered: its end is reported before that.
     fn never_entered(&self, running: &Running, id: ProcessId) {
         let Common {
-            living, emergency, ..
+            registry,
+            emergency,
+            ..
         } = &*running.common;
         let mut members = self.members();
-        members.started.note_ends(living, emergency);
+        members.started.note_ends(registry, emergency);
         members.started.never_entered(id);
     }
 
@@ -235,7 +239,7 @@ impl Plan {
                 .map_err(|error| error.in_process(name))?;
             members = self.members();
         }
-        let on_thread = matches!(plan.place, Place::Thread { .. });
+        let on_thread = matches!(plan.place, Placement::Thread { .. });
         if on_thread {
             if running.simulation.is_none() {
                 let places = &members.places;

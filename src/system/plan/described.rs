@@ -9,7 +9,7 @@ use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
 /// Where a process is to run.
-pub(crate) enum Place {
+pub(crate) enum Placement {
     /// The executor with this number.
     Executor(usize),
     /// A thread of its own.
@@ -34,7 +34,7 @@ impl ExecutorPlan {
 
 /// A described process; `B` makes its body.
 pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
-    pub(crate) place: Place,
+    pub(crate) place: Placement,
     pub(crate) spec: ProcessSpec,
     /// Others may have its name too.
     pub(crate) shares_name: bool,

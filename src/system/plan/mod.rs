@@ -5,7 +5,7 @@ mod described;
 mod member;
 mod running;
 
-pub(crate) use described::{ExecutorPlan, Place, ProcessPlan};
+pub(crate) use described::{ExecutorPlan, Placement, ProcessPlan};
 pub(crate) use member::{Member, On};
 pub(crate) use running::{NamedThread, NotStarted, Running, Started};
 
@@ -71,7 +71,7 @@ pub(crate) struct Settings {
     pub(crate) clock: ClockPlan,
     /// What is to be recorded.
     pub(crate) logging: Asked,
-    pub(crate) tapes: TapePlan,
+    pub(crate) replay_logs: TapePlan,
     /// How often to look whether the file of parameters has changed.
     pub(crate) look_at_parameters: Option<Duration>,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.

@@ -1,6 +1,6 @@
 //! How a process is started where the system runs.
 
-use super::described::{Place, ProcessPlan};
+use super::described::{Placement, ProcessPlan};
 use super::member::{Member, On};
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, Frame, Phases, Prepared, clean_up};
@@ -49,10 +49,12 @@ impl Running {
     /// and an emergency, if there is one, is over.
     pub(crate) fn is_over(&self) -> bool {
         let Common {
-            emergency, living, ..
+            emergency,
+            registry,
+            ..
         } = &*self.common;
         emergency.is_safe()
-            || !emergency.has_begun() && (living.count() == 0 || self.standstill().is_some())
+            || !emergency.has_begun() && (registry.count() == 0 || self.standstill().is_some())
     }
 
     /// Why time does not go on, if it does not.
@@ -71,14 +73,14 @@ impl Running {
     ) -> (Member, Announced) {
         let common = &self.common;
         if let Some(ledger) = &ledger {
-            ledger.join(&common.emergency, &common.living);
+            ledger.join(&common.emergency, &common.registry);
         }
         spec = spec.listed();
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        if common.tapes.are_there() {
-            spec = common.tapes.tape(spec);
+        if common.replay_logs.are_there() {
+            spec = common.replay_logs.give_log(spec);
         }
         let frame = Frame::new(common);
         let (announced, handle) = announce(&self.executors[number], spec, frame);
@@ -101,7 +103,7 @@ impl Running {
                 },
         } = plan;
         let (thread_name, attributes) = match place {
-            Place::Executor(number) => {
+            Placement::Executor(number) => {
                 let announce =
                     |executor: &_, spec, frame| starter.on_executor(executor, spec, frame);
                 let (mut member, announced) =
@@ -109,17 +111,17 @@ impl Running {
                 member.shares_name = shares_name;
                 return Ok((member, Started::OnExecutor(announced)));
             }
-            Place::Thread { name, attributes } => (name, attributes),
+            Placement::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
         let frame = Frame::new(common);
         if let Some(ledger) = &ledger {
-            ledger.join(&common.emergency, &common.living);
+            ledger.join(&common.emergency, &common.registry);
         }
         let name = spec.name().clone();
         let started = starter.on_thread(
             (*attributes).mode(self.mode),
-            common.tapes.tape(spec.listed()),
+            common.replay_logs.give_log(spec.listed()),
             self.simulation.as_ref(),
             frame,
         );

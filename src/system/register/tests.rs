@@ -93,11 +93,8 @@ fn what_is_kept_of_processes_that_come_and_go_does_not_grow() {
                     // Each has an entry and a name, a place in the order of the ends, perhaps two
                     // exit records before a waiter comes to hold them; and some have not been
                     // looked at since they ended, where the system's own thread is slow to come.
-                    let (size, funerals) = (members.started.size(), members.started.funerals.len());
-                    assert!(
-                        size - funerals <= 10 * (REMEMBERED + 2),
-                        "{size}, {funerals}"
-                    );
+                    let (size, reaped) = (members.started.size(), members.started.reaped.len());
+                    assert!(size - reaped <= 10 * (REMEMBERED + 2), "{size}, {reaped}");
                 }
                 Ok(())
             })

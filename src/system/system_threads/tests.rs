@@ -30,7 +30,7 @@ impl Drop for Owner {
 }
 
 #[test]
-fn a_panic_after_the_end_drops_nothing_of_who_was_left_behind_in_it() {
+fn a_panic_after_the_end_drops_nothing_of_the_one_that_was_left_behind_in_it() {
     let system = System::new("left behind");
     let plan = system.plan.clone();
     let executor = Executor::start(Attributes::new("main")).unwrap();

@@ -59,8 +59,8 @@ impl TimerManager {
 /// with it: their functions are dropped then, and setting one later does nothing.
 ///
 /// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks
-/// and loops, no allocation, at most one system call. One may set and cancel itself. Dropping the handle ends
-/// the callback, off the path, since it frees the function.
+/// and loops, no allocation, at most one system call. One may set and cancel itself. Dropping the
+/// handle ends the callback, off the path, since it frees the function.
 ///
 /// ```
 /// use luna::prelude::*;

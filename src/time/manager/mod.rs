@@ -1,5 +1,5 @@
-//! The timer manager: one thread above all others that sleeps until the next deadline, and wakes the
-//! loops that are due in order of priority.
+//! The timer manager: one thread above all others that sleeps until the next deadline, and wakes
+//! the loops that are due in order of priority.
 //!
 //! ```text
 //!   loop, in `next`                        manager's thread
@@ -10,10 +10,10 @@
 //!                                          e arms the alarm for the next
 //! ```
 //!
-//! The queue is [`luna_core::timer_queue`], as executors have it, but any thread arms in it. `alarm`
-//! is the timer, `timer_slot` a loop's place, `callbacks` what is called on the thread itself,
-//! `tick_counts` what is counted of slots, `thread` the thread's life, `handle` what the user has of
-//! it.
+//! The queue is [`luna_core::timer_queue`], as executors have it, but any thread arms in it.
+//! `alarm` is the timer, `timer_slot` a loop's place, `callbacks` what is called on the thread
+//! itself, `tick_counts` what is counted of slots, `thread` the thread's life, `handle` what the
+//! user has of it.
 //!
 //! Locks, in this order: the callbacks', the queue's, the counters'. No more than O(log of what is
 //! armed) is done under one, and no user code runs there.
@@ -51,14 +51,15 @@ pub enum Timers {
     /// wake-up for all loops of an executor, and no thread in between.
     #[default]
     Executor,
-    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps until the next
-    /// slot of a loop and wakes the loops of a slot in order of priority, across executors and OS
-    /// threads.
+    /// The timer manager: a thread of SCHED_FIFO 98, above all processes, that sleeps until the
+    /// next slot of a loop and wakes the loops of a slot in order of priority, across executors and
+    /// OS threads.
     ///
     /// For systems of several threads with loops that are to begin in order and in phase, for
-    /// callbacks ([`TimerManager`]), and for machines with few timers: it takes one. A wake-up takes one thread
-    /// switch more than [`Executor`](Self::Executor); `docs/time-sources.md` has the figures. In a
-    /// system in which no thread asks for a real-time policy the manager has none either.
+    /// callbacks ([`TimerManager`]), and for machines with few timers: it takes one. A wake-up
+    /// takes one thread switch more than [`Executor`](Self::Executor); `docs/time-sources.md` has
+    /// the figures. In a system in which no thread asks for a real-time policy the manager has none
+    /// either.
     ///
     /// A loop without a [`phase`](crate::Periodic::phase) begins at the last slot of phase 0 on the
     /// common grid, not when it is made, so that all loops of a period are in phase. Delays,
@@ -67,7 +68,7 @@ pub enum Timers {
 }
 
 /// The default room for callbacks.
-pub(crate) const MOST_CALLBACKS: usize = 64;
+pub(crate) const MAX_CALLBACKS: usize = 64;
 
 /// What loops, callbacks' handles and the thread share.
 pub(crate) struct Manager {

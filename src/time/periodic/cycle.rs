@@ -45,7 +45,7 @@ impl Periodic {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub async fn next(&mut self) -> Cycle {
-        if current::is_taped() && replay::enters_cycle().await {
+        if current::has_replay_log() && replay::enters_cycle().await {
             return self.replayed().await;
         }
         let asked = Instant::now();
@@ -67,7 +67,7 @@ impl Periodic {
         // Without a guard the slot has come: one look at the clock.
         let now = spin::until(target).await;
         let cycle = self.begin_cycle(target, now);
-        if current::is_taped() {
+        if current::has_replay_log() {
             replay::note_cycle([
                 cycle.number,
                 cycle.deadline.as_nanos(),
@@ -188,12 +188,12 @@ impl Periodic {
         let number = self.number;
         let statistics = self.statistics();
         statistics.kept += 1;
-        events::tell(events::code::SLOT, statistics.number, || {
+        events::report(events::code::SLOT, statistics.number, || {
             [number, now.nanos_since(deadline)]
         });
         let is_late = statistics.late.cycle_begins(number, target, now);
         if is_late && events::is_on() {
-            statistics.late.tell(statistics.number, target, now);
+            statistics.late.report(statistics.number, target, now);
         }
         statistics.missed += skipped;
         statistics.wake_latency.record(now.nanos_since(target));

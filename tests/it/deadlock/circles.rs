@@ -6,8 +6,8 @@ use crate::common::SpawnOk;
 #[test]
 fn two_that_receive_from_each_other_first() {
     let _watchdog = watchdog();
-    for left in PLACES {
-        for right in PLACES {
+    for left in PLACEMENTS {
+        for right in PLACEMENTS {
             let mut system = strict("two");
             let left_process = left.process(&mut system, "l", "left");
             let right_process = right.process(&mut system, "r", "right");
@@ -61,8 +61,8 @@ fn two_that_send_to_each_other_first() {
         common::skip("the portable layer does not see into bodies");
         return;
     }
-    for one in PLACES {
-        for two in PLACES {
+    for one in PLACEMENTS {
+        for two in PLACEMENTS {
             for is_type in [false, true] {
                 let (a, from_a) = luna::channel::<u32>();
                 let (b, from_b) = luna::channel::<u32>();
@@ -139,16 +139,16 @@ fn philosophers(
         .collect();
     for seat in 0..SEATS {
         let (left, right) = (forks[seat].clone(), forks[(seat + 1) % SEATS].clone());
-        let tell: Vec<_> = seated.iter().map(|(tell, _)| tell.clone()).collect();
-        let told = seated[seat].1.clone();
+        let notify: Vec<_> = seated.iter().map(|(notify, _)| notify.clone()).collect();
+        let notified = seated[seat].1.clone();
         process(system, seat).spawn_ok(async move {
             left.0.send(()).await?;
             left.1.recv().await?;
-            for tell in &tell {
-                tell.send(()).await?;
+            for notify in &notify {
+                notify.send(()).await?;
             }
             for _ in 0..SEATS {
-                told.recv().await?;
+                notified.recv().await?;
             }
             right.1.recv().await?;
             right.0.send(()).await?;
@@ -193,7 +193,7 @@ fn philosophers_on_one_executor_on_two_and_on_threads() {
 #[test]
 fn the_circle_is_named_when_the_ends_were_used_before() {
     let _watchdog = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = strict("used");
         let (ping, pinged) = luna::channel::<u32>();
         let (pong, ponged) = luna::channel::<u32>();
@@ -260,7 +260,7 @@ fn senders_and_alternatives_and_branches_are_named_too() {
 }
 
 #[test]
-fn who_joins_one_that_waits_waits_too() {
+fn one_that_joins_one_that_waits_waits_too() {
     let _watchdog = watchdog();
     let mut system = strict("joined");
     let main = system.executor("main").build().unwrap();
@@ -310,9 +310,9 @@ fn a_deadlock_brings_the_machine_to_safety_and_runs_post_run() {
 
 /// The count of parties that is one too great is the usual mistake.
 #[test]
-fn at_a_barrier_of_too_many_parties_they_wait_for_those_who_never_come() {
+fn at_a_barrier_of_too_many_parties_they_wait_for_those_that_never_come() {
     let _watchdog = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = strict("barrier");
         let barrier = Barrier::new(3).named("start");
         for name in ["left", "right"] {
@@ -337,7 +337,7 @@ fn at_a_barrier_of_too_many_parties_they_wait_for_those_who_never_come() {
 #[test]
 fn at_a_barrier_whose_parties_have_met_they_wait_for_each_other() {
     let _watchdog = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = strict("barrier");
         let barrier = Barrier::new(2).named("meet");
         let (sender, receiver) = luna::channel::<()>();

@@ -8,13 +8,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[test]
 fn processes_that_come_while_it_runs_are_no_deadlock_and_can_come_to_one() {
     let _watchdog = watchdog();
-    for spawned_on in PLACES {
+    for spawned_on in PLACEMENTS {
         for is_good in [true, false] {
             let mut system = strict("late");
             let main = system.executor("main").build().unwrap();
             let mut other = Some(match spawned_on {
-                Place::Executor => system.executor("other").build().unwrap().process("late 1"),
-                Place::Thread => system.thread("other").process("late 1"),
+                Placement::Executor => system.executor("other").build().unwrap().process("late 1"),
+                Placement::Thread => system.thread("other").process("late 1"),
             });
             let (sender, receiver) = luna::channel();
             main.process("first").spawn_ok(async move {
@@ -54,7 +54,7 @@ fn many_that_wake_each_other_across_threads_are_no_deadlock_until_they_are() {
         let hops_made = Arc::new(AtomicU64::new(0));
         for n in 0..count {
             let hops_made = hops_made.clone();
-            let place = PLACES[random.below(2) as usize];
+            let place = PLACEMENTS[random.below(2) as usize];
             let (to, from) = (channels[n].0.clone(), channels[(n + 1) % count].1.clone());
             place
                 .process(&mut system, &format!("t{n}"), &format!("p{n}"))

@@ -4,10 +4,10 @@
 mod circles;
 use crate::common;
 mod later;
+mod messages;
 mod none;
-mod told;
 
-use common::{COMPLETE, PLACES, Place, Program, SpawnOk, watchdog};
+use common::{COMPLETE, PLACEMENTS, Placement, Program, SpawnOk, watchdog};
 use luna::inspect::Deadlock;
 use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
@@ -56,14 +56,14 @@ const LONG: Duration = Duration::from_millis(300);
 #[test]
 fn part() {
     match common::part().as_deref() {
-        Some("system") => told::run_stuck(false),
-        Some("alone") => told::run_stuck(true),
+        Some("system") => messages::run_stuck(false),
+        Some("alone") => messages::run_stuck(true),
         #[cfg(unix)]
-        Some("ends") => told::run_revived(told::Then::Ends),
+        Some("ends") => messages::run_revived(messages::Then::Ends),
         #[cfg(unix)]
-        Some("goes on") => told::run_revived(told::Then::GoesOn),
+        Some("goes on") => messages::run_revived(messages::Then::GoesOn),
         #[cfg(unix)]
-        Some("stuck again") => told::run_revived(told::Then::IsStuckAgain),
+        Some("stuck again") => messages::run_revived(messages::Then::IsStuckAgain),
         _ => {}
     }
 }

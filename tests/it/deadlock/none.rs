@@ -23,7 +23,7 @@ fn must_end_well(name: &str, describe: impl FnOnce(&mut System, Sender<u32>)) {
 #[test]
 fn a_deadline_a_blocking_call_and_a_computation_are_no_deadlock() {
     let _watchdog = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         must_end_well("deadline", |system, sender| {
             let process = place.process(system, "other", "other");
             process.spawn_ok(async move {
@@ -42,7 +42,7 @@ fn a_deadline_a_blocking_call_and_a_computation_are_no_deadlock() {
         });
     }
     must_end_well("forgotten call", |system, sender| {
-        let process = Place::Executor.process(system, "other", "other");
+        let process = Placement::Executor.process(system, "other", "other");
         process.spawn_ok(async move {
             let call = luna::blocking(move || {
                 std::thread::sleep(LONG);
@@ -59,7 +59,7 @@ fn a_deadline_a_blocking_call_and_a_computation_are_no_deadlock() {
         });
     });
     must_end_well("blocked", |system, sender| {
-        let process = Place::Thread.process(system, "other", "other");
+        let process = Placement::Thread.process(system, "other", "other");
         process.spawn_ok(async move {
             std::thread::sleep(LONG);
             sender.send(7).await?;
@@ -69,7 +69,7 @@ fn a_deadline_a_blocking_call_and_a_computation_are_no_deadlock() {
     must_end_well("blocking receive", |system, sender| {
         let (early, late) = luna::channel::<()>();
         let early = early.external();
-        let process = Place::Thread.process(system, "other", "other");
+        let process = Placement::Thread.process(system, "other", "other");
         process.spawn_ok(async move {
             late.blocking_recv()?;
             sender.send(7).await?;
@@ -90,7 +90,7 @@ fn a_file_is_no_deadlock() {
     if !common::COMPLETE {
         return common::skip("the portable layer cannot wait for files");
     }
-    for place in PLACES {
+    for place in PLACEMENTS {
         let (mut near, mut far) = std::os::unix::net::UnixStream::pair().unwrap();
         must_end_well("file", move |system, sender| {
             let process = place.process(system, "other", "other");
@@ -147,7 +147,7 @@ fn a_plain_thread_is_no_deadlock_where_it_is_known() {
 #[test]
 fn at_a_barrier_a_thread_that_has_come_before_is_no_deadlock() {
     let _watchdog = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut system = strict("barrier");
         let barrier = Barrier::new(2);
         let party = barrier.clone();
@@ -225,7 +225,7 @@ impl Process for Link {
 }
 
 #[test]
-fn what_those_hold_who_are_not_buried_yet_is_no_deadlock() {
+fn what_those_hold_that_are_not_reaped_yet_is_no_deadlock() {
     let _watchdog = watchdog();
     for _ in 0..300 {
         let mut system = strict("chain");

@@ -37,9 +37,9 @@ fn what_is_recorded_and_what_is_lost_is_all_there_was() -> luna::Result<()> {
     let memory = Memory::default();
     let few = run(Logging::to_sink(memory.clone()).room_for_events(64))?;
     assert_eq!(few.recorded + few.lost, all.recorded);
-    let told = Told::read(&memory);
+    let decoded = Decoded::read(&memory);
     assert_eq!(
-        (told.events.len() as u64, told.lost),
+        (decoded.events.len() as u64, decoded.lost),
         (few.recorded, few.lost)
     );
 
@@ -48,9 +48,9 @@ fn what_is_recorded_and_what_is_lost_is_all_there_was() -> luna::Result<()> {
     let moody = run(Logging::to_sink(sink).room_for_events(1 << 20))?;
     assert_eq!(moody.recorded + moody.lost, all.recorded);
     // What was not refused can be read, with its names.
-    let told = Told::read(&memory);
-    assert_eq!(told.events.len() as u64, moody.recorded);
+    let decoded = Decoded::read(&memory);
+    assert_eq!(decoded.events.len() as u64, moody.recorded);
     let is_named = |(channel, _, _): &(&str, &str, &str)| !channel.is_empty();
-    assert!(told.communications().iter().all(is_named));
+    assert!(decoded.communications().iter().all(is_named));
     Ok(())
 }

@@ -29,7 +29,7 @@ impl Sink for Memory {
 
 /// What a recording holds of events.
 #[derive(Default)]
-struct Told {
+struct Decoded {
     events: Vec<Event>,
     names: HashMap<(Subject, u32), String>,
     parents: HashMap<(Subject, u32), u32>,
@@ -38,15 +38,15 @@ struct Told {
     lost: u64,
 }
 
-impl Told {
-    fn read(recording: &Memory) -> Told {
+impl Decoded {
+    fn read(recording: &Memory) -> Decoded {
         let bytes = recording.0.lock().unwrap();
         let mut reader = Reader::new(&bytes[..]).unwrap();
-        let mut told = Told::default();
+        let mut decoded = Decoded::default();
         let mut lost = HashMap::new();
         while let Some(record) = reader.next().unwrap() {
             match record {
-                Record::Event(event) => told.events.push(event),
+                Record::Event(event) => decoded.events.push(event),
                 Record::Name {
                     subject,
                     number,
@@ -54,15 +54,16 @@ impl Told {
                     name,
                     runs_on,
                 } => {
-                    told.names.insert((subject, number), name.to_owned());
-                    told.parents.insert((subject, number), parent);
+                    decoded.names.insert((subject, number), name.to_owned());
+                    decoded.parents.insert((subject, number), parent);
                     if let Some(runs_on) = runs_on {
-                        told.executors
+                        decoded
+                            .executors
                             .insert(number, (runs_on.executor, runs_on.level));
                     }
                 }
                 Record::Thread { number, name } => {
-                    told.threads.insert(number, name.to_owned());
+                    decoded.threads.insert(number, name.to_owned());
                 }
                 Record::Losses {
                     of: luna_logger::format::Losing::Events(thread),
@@ -73,8 +74,8 @@ impl Told {
                 _ => {}
             }
         }
-        told.lost = lost.values().sum();
-        told
+        decoded.lost = lost.values().sum();
+        decoded
     }
 
     fn name(&self, subject: Subject, number: u64) -> &str {
@@ -185,26 +186,26 @@ fn commstime(system: &mut System, rounds: u64) -> luna::Result<()> {
     Ok(())
 }
 
-fn commstime_on_virtual_time(rounds: u64) -> luna::Result<(luna::Report, Told)> {
+fn commstime_on_virtual_time(rounds: u64) -> luna::Result<(luna::Report, Decoded)> {
     let mut system = System::new("commstime");
     system.virtual_clock();
     let memory = recorded(&mut system);
     commstime(&mut system, rounds)?;
     let report = system.run()?;
-    Ok((report, Told::read(&memory)))
+    Ok((report, Decoded::read(&memory)))
 }
 
 #[test]
 fn commstime_is_told_communication_by_communication() -> luna::Result<()> {
     let rounds = 5;
-    let (report, told) = commstime_on_virtual_time(rounds)?;
+    let (report, decoded) = commstime_on_virtual_time(rounds)?;
     let round = [
         ("a", "prefix", "delta"),
         ("d", "delta", "consumer"),
         ("b", "delta", "successor"),
         ("c", "successor", "prefix"),
     ];
-    let communications = told.communications();
+    let communications = decoded.communications();
     // The consumer leaves after the last round it counts. The others go on until they find its end
     // gone.
     let expected: Vec<_> = (0..rounds).flat_map(|_| round).collect();
@@ -213,11 +214,11 @@ fn commstime_is_told_communication_by_communication() -> luna::Result<()> {
     let counts = report.logging.unwrap().events;
     assert_eq!(
         (counts.recorded, counts.lost),
-        (told.events.len() as u64, 0)
+        (decoded.events.len() as u64, 0)
     );
     // Each turn begins and ends, one after the other, on the executor of its process.
     let mut turn = None;
-    for event in &told.events {
+    for event in &decoded.events {
         match event.code {
             code::RUNNING => assert_eq!(turn.replace(event.subject), None),
             code::WAITING => assert_eq!(turn.take(), Some(event.subject)),
@@ -228,18 +229,18 @@ fn commstime_is_told_communication_by_communication() -> luna::Result<()> {
             _ => {}
         }
         if matches!(event.code, code::RUNNING | code::WAITING | code::DONE) {
-            let (executor, level) = told.executors[&event.subject];
+            let (executor, level) = decoded.executors[&event.subject];
             assert_eq!((executor, level), (event.thread, 16));
-            assert_eq!(told.name(Subject::Executor, executor.into()), "main");
+            assert_eq!(decoded.name(Subject::Executor, executor.into()), "main");
         }
     }
-    assert_eq!(told.of(code::DONE).count(), 4);
+    assert_eq!(decoded.of(code::DONE).count(), 4);
     // It waits at the channel that it then communicates by.
-    let first = told.of(code::WAITING).next().unwrap();
+    let first = decoded.of(code::WAITING).next().unwrap();
     assert_eq!(
         (
-            told.process(first.subject.into()),
-            told.name(Subject::Channel, first.arguments[1])
+            decoded.process(first.subject.into()),
+            decoded.name(Subject::Channel, first.arguments[1])
         ),
         ("prefix", "a")
     );
@@ -287,12 +288,12 @@ fn alternatives_say_which_guard_they_took() -> luna::Result<()> {
         Ok(())
     })?;
     system.run()?;
-    let told = Told::read(&memory);
-    let choices: Vec<_> = told
+    let decoded = Decoded::read(&memory);
+    let choices: Vec<_> = decoded
         .of(code::ALTERNATIVE)
         .map(|event| {
-            let channel = told.name(Subject::Channel, event.arguments[1]);
-            assert_eq!(told.process(event.subject.into()), "chooser");
+            let channel = decoded.name(Subject::Channel, event.arguments[1]);
+            assert_eq!(decoded.process(event.subject.into()), "chooser");
             (event.arguments[0], channel)
         })
         .collect();
@@ -305,7 +306,7 @@ fn alternatives_say_which_guard_they_took() -> luna::Result<()> {
             .all(|(index, name)| names[*index as usize] == *name)
     );
     // Each of them is a communication of the same channel by the same process.
-    let received = told.communications();
+    let received = decoded.communications();
     let channels: Vec<&str> = received.iter().map(|one| one.0).collect();
     assert_eq!(
         channels,
@@ -355,57 +356,60 @@ fn loops_locks_priorities_and_emergencies_are_told() -> luna::Result<()> {
     })?;
     let outcome = system.run();
     assert!(outcome.is_err());
-    let told = Told::read(&memory);
+    let decoded = Decoded::read(&memory);
 
-    let slots: Vec<_> = told
+    let slots: Vec<_> = decoded
         .of(code::SLOT)
         .map(|event| {
-            let name = told.name(Subject::Loop, event.subject.into());
+            let name = decoded.name(Subject::Loop, event.subject.into());
             (name, event.arguments)
         })
         .collect();
     let name = "control loop of the arm";
     assert_eq!(slots, [1, 2, 3].map(|number| (name, [number, 0])));
-    let parent = told.parents[&(Subject::Loop, 1)];
-    assert_eq!(told.process(parent.into()), "servo");
+    let parent = decoded.parents[&(Subject::Loop, 1)];
+    assert_eq!(decoded.process(parent.into()), "servo");
     // On virtual time they are exactly a period apart.
-    let times: Vec<u64> = told.of(code::SLOT).map(|event| event.time).collect();
+    let times: Vec<u64> = decoded.of(code::SLOT).map(|event| event.time).collect();
     assert!(
         times
             .windows(2)
             .all(|two| two[1] - two[0] == period.as_nanos() as u64)
     );
 
-    let on_lock: Vec<_> = told
+    let on_lock: Vec<_> = decoded
         .of(code::WAITING)
         .filter(|event| event.arguments[0] == Subject::Lock as u64)
         .map(|event| {
-            let lock = told.name(Subject::Lock, event.arguments[1]);
-            (told.process(event.subject.into()), lock)
+            let lock = decoded.name(Subject::Lock, event.arguments[1]);
+            (decoded.process(event.subject.into()), lock)
         })
         .collect();
     assert_eq!(on_lock, [("urgent", "table")]);
-    let levels: Vec<_> = told
+    let levels: Vec<_> = decoded
         .of(code::PRIORITY)
-        .map(|event| (told.process(event.subject.into()), event.arguments))
+        .map(|event| (decoded.process(event.subject.into()), event.arguments))
         .collect();
     assert_eq!(levels, [("holder", [5, 25]), ("holder", [25, 5])]);
 
-    let emergencies: Vec<_> = told
+    let emergencies: Vec<_> = decoded
         .of(code::EMERGENCY)
-        .map(|event| (told.process(event.subject.into()), event.arguments[0]))
+        .map(|event| (decoded.process(event.subject.into()), event.arguments[0]))
         .collect();
     assert_eq!(emergencies, [("servo", 3)]);
-    let ended: BTreeMap<_, _> = told
+    let ended: BTreeMap<_, _> = decoded
         .of(code::DONE)
-        .map(|event| (told.process(event.subject.into()), event.arguments[0]))
+        .map(|event| (decoded.process(event.subject.into()), event.arguments[0]))
         .collect();
     assert_eq!(ended["servo"], code::ended::ERROR);
     assert_eq!(ended["holder"], code::ended::OK);
 
-    assert_eq!(told.communications(), [("between", "sender", "receiver")]);
+    assert_eq!(
+        decoded.communications(),
+        [("between", "sender", "receiver")]
+    );
     // Both executors share a thread, and the recording distinguishes them.
-    let mut executors: Vec<_> = told
+    let mut executors: Vec<_> = decoded
         .names
         .iter()
         .filter(|((subject, _), _)| *subject == Subject::Executor)
@@ -445,33 +449,33 @@ fn os_threads_and_processes_that_come_later_are_told() -> luna::Result<()> {
             Ok(())
         })?;
     let report = system.run()?;
-    let told = Told::read(&memory);
+    let decoded = Decoded::read(&memory);
     let counts = report.logging.unwrap().events;
     assert_eq!(
         (counts.recorded, counts.lost),
-        (told.events.len() as u64, 0)
+        (decoded.events.len() as u64, 0)
     );
     assert_eq!(
-        told.communications(),
+        decoded.communications(),
         vec![("numbers", "child", "reader"); 100]
     );
-    let spawned: Vec<_> = told
+    let spawned: Vec<_> = decoded
         .of(code::SPAWNED)
         .map(|event| {
             (
-                told.process(event.subject.into()),
-                told.process(event.arguments[0]),
+                decoded.process(event.subject.into()),
+                decoded.process(event.arguments[0]),
             )
         })
         .collect();
     assert_eq!(spawned, [("child", "parent")]);
     let place = |name: &str| {
-        let ((_, number), _) = told
+        let ((_, number), _) = decoded
             .names
             .iter()
             .find(|((subject, _), text)| *subject == Subject::Process && *text == name)
             .unwrap();
-        told.threads[&told.executors[number].0].as_str()
+        decoded.threads[&decoded.executors[number].0].as_str()
     };
     assert_eq!(
         ["parent", "child", "reader"].map(place),
@@ -479,10 +483,10 @@ fn os_threads_and_processes_that_come_later_are_told() -> luna::Result<()> {
     );
     // In each thread's order: a process that runs was ready, and one that is done says no more.
     for name in ["parent", "child", "reader"] {
-        let of = told
+        let of = decoded
             .events
             .iter()
-            .filter(|event| told.process(event.subject.into()) == name)
+            .filter(|event| decoded.process(event.subject.into()) == name)
             .filter(|event| matches!(event.code, code::RUNNING | code::WAITING | code::DONE));
         let codes: Vec<u16> = of.map(|event| event.code).collect();
         let (last, turns) = codes.split_last().unwrap();
@@ -515,12 +519,18 @@ fn a_slot_says_how_late_it_is_itself() -> luna::Result<()> {
         Ok(())
     })?;
     system.run()?;
-    let told = Told::read(&memory);
-    let slots: Vec<_> = told.of(code::SLOT).map(|event| event.arguments).collect();
+    let decoded = Decoded::read(&memory);
+    let slots: Vec<_> = decoded
+        .of(code::SLOT)
+        .map(|event| event.arguments)
+        .collect();
     let late = (period / 2).as_nanos() as u64;
     assert_eq!(slots, [[1, 0], [3, late]]);
     // What it came after is the slot that it waited for.
-    let lates: Vec<_> = told.of(code::LATE).map(|event| event.arguments).collect();
+    let lates: Vec<_> = decoded
+        .of(code::LATE)
+        .map(|event| event.arguments)
+        .collect();
     let asked_for = late + period.as_nanos() as u64;
     // The core is not known where time is virtual.
     let itself = code::late::argument(code::late::LOOP_ITSELF, 100, None);

@@ -4,15 +4,16 @@ use super::*;
 
 /// What a process waits for at the end of each turn that does not leave it ready: the kind, and the
 /// name of a channel or loop.
-fn waits<'a>(told: &'a Told, process: &str) -> Vec<(u64, &'a str)> {
-    told.of(code::WAITING)
-        .filter(|event| told.process(event.subject.into()) == process)
+fn waits<'a>(decoded: &'a Decoded, process: &str) -> Vec<(u64, &'a str)> {
+    decoded
+        .of(code::WAITING)
+        .filter(|event| decoded.process(event.subject.into()) == process)
         .filter(|event| event.arguments[0] != code::STILL_READY)
         .map(|event| {
             let [kind, number] = event.arguments;
             let name = match kind {
-                _ if kind == Subject::Channel as u64 => told.name(Subject::Channel, number),
-                _ if kind == Subject::Loop as u64 => told.name(Subject::Loop, number),
+                _ if kind == Subject::Channel as u64 => decoded.name(Subject::Channel, number),
+                _ if kind == Subject::Loop as u64 => decoded.name(Subject::Loop, number),
                 _ => "",
             };
             (kind, name)
@@ -81,13 +82,13 @@ fn what_a_process_waits_for_is_one_thing_or_not_known() -> luna::Result<()> {
         Ok(())
     })?;
     system.run()?;
-    let told = Told::read(&memory);
+    let decoded = Decoded::read(&memory);
     let (channel, in_loop) = (Subject::Channel as u64, Subject::Loop as u64);
-    assert_eq!(waits(&told, "looper"), [(in_loop, "loop"); 2]);
+    assert_eq!(waits(&decoded, "looper"), [(in_loop, "loop"); 2]);
     // The other branch waits on when this one has given up.
-    assert_eq!(waits(&told, "both")[0], NOT_KNOWN);
+    assert_eq!(waits(&decoded, "both")[0], NOT_KNOWN);
     assert_eq!(
-        waits(&told, "patient"),
+        waits(&decoded, "patient"),
         [
             NOT_KNOWN,
             (channel, "answer"),
@@ -135,8 +136,11 @@ fn what_is_done_in_the_turn_in_which_it_was_to_wait_is_not_waited_for() -> luna:
         Ok(())
     })?;
     system.run()?;
-    let told = Told::read(&memory);
-    assert_eq!(waits(&told, "hasty")[0], (Subject::Channel as u64, "last"));
+    let decoded = Decoded::read(&memory);
+    assert_eq!(
+        waits(&decoded, "hasty")[0],
+        (Subject::Channel as u64, "last")
+    );
     Ok(())
 }
 
@@ -175,14 +179,14 @@ fn named_parts_of_a_process_are_told_with_what_they_wait_for() -> luna::Result<(
         Ok(())
     })?;
     system.run()?;
-    let told = Told::read(&memory);
-    let name = |number: u64| told.name(Subject::SubProcess, number);
+    let decoded = Decoded::read(&memory);
+    let name = |number: u64| decoded.name(Subject::SubProcess, number);
     let mut parts: BTreeMap<&str, Vec<(u16, u64, String)>> = BTreeMap::new();
-    for event in &told.events {
+    for event in &decoded.events {
         let [a, b] = event.arguments;
         let about = match event.code {
-            code::SUB_RUNNING => format!("{} {}", told.process(a), name(b)),
-            code::SUB_WAITING => told.name(Subject::Channel, b).to_owned(),
+            code::SUB_RUNNING => format!("{} {}", decoded.process(a), name(b)),
+            code::SUB_WAITING => decoded.name(Subject::Channel, b).to_owned(),
             code::SUB_DONE => String::new(),
             _ => continue,
         };
@@ -217,8 +221,13 @@ fn named_parts_of_a_process_are_told_with_what_they_wait_for() -> luna::Result<(
         assert_eq!(rest.len(), usize::from(how == returned), "{part}");
         assert!(rest.iter().all(|(code, ..)| *code == code::SUB_RUNNING));
         // Its name says to which process the part belongs.
-        let number = told.names.iter().find(|(_, text)| text == part).unwrap().0;
-        assert_eq!(told.process(told.parents[number].into()), "whole");
+        let number = decoded
+            .names
+            .iter()
+            .find(|(_, text)| text == part)
+            .unwrap()
+            .0;
+        assert_eq!(decoded.process(decoded.parents[number].into()), "whole");
     }
     Ok(())
 }

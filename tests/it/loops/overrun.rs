@@ -75,7 +75,7 @@ fn skipping_keeps_to_the_grid_and_serves_a_slot_while_it_lasts() {
     assert_eq!(
         report.missed,
         cycles.iter().map(|cycle| cycle.missed).sum::<u64>(),
-        "each is told once"
+        "each is reported once"
     );
     let mut last = 0;
     for cycle in &cycles {
@@ -141,7 +141,7 @@ fn rephasing_begins_new_grids() {
     assert_eq!(
         report.missed,
         cycles.iter().map(|cycle| cycle.missed).sum::<u64>(),
-        "each is told once"
+        "each is reported once"
     );
     assert!(grids > 1);
 }

@@ -1,6 +1,6 @@
 //! Phases on a common grid, guards, and trims: which slot is where, exactly; and what is refused.
 
-use crate::common::{PLACES, Random, SpawnOk, burn_until, setup_error, watchdog};
+use crate::common::{PLACEMENTS, Random, SpawnOk, burn_until, setup_error, watchdog};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::time::{Cycle, Overrun};
@@ -24,7 +24,7 @@ fn loops_of_one_period_share_a_grid_wherever_they_run() {
     ];
     let cycles: Arc<Mutex<Vec<(Duration, Cycle)>>> = Arc::default();
     let mut system = super::system("phases");
-    for place in PLACES {
+    for place in PLACEMENTS {
         for phase in phases {
             let name = format!("{place:?} {phase:?}");
             let cycles = cycles.clone();
@@ -45,7 +45,7 @@ fn loops_of_one_period_share_a_grid_wherever_they_run() {
     }
     let report = system.run().unwrap();
     let cycles = cycles.lock().unwrap();
-    assert_eq!(cycles.len(), PLACES.len() * phases.len() * 10);
+    assert_eq!(cycles.len(), PLACEMENTS.len() * phases.len() * 10);
     let start = |(phase, cycle): &(Duration, Cycle)| {
         cycle.deadline.as_nanos()
             - phase.as_nanos() as u64
@@ -66,7 +66,7 @@ fn loops_of_one_period_share_a_grid_wherever_they_run() {
 }
 
 #[test]
-fn who_joins_late_misses_nothing_and_counts_as_the_others() {
+fn one_that_joins_late_misses_nothing_and_counts_as_the_others() {
     let _watch = watchdog();
     let (send, receive) = luna::buffered(Buffer::fifo(2));
     let mut system = super::system("late");
@@ -142,7 +142,7 @@ fn phases_and_guards_that_do_not_fit_are_refused() {
 #[test]
 fn a_guarded_loop_has_the_slots_that_it_would_have_without() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         for overrun in [Overrun::SkipToGrid, Overrun::CatchUp] {
             let mut system = super::system("guard");
             place

@@ -1,6 +1,6 @@
 //! Loops that are made in `pre_run`: they begin with the bodies, not when they are made.
 
-use crate::common::{PLACES, SpawnOk, burn_until, watchdog};
+use crate::common::{PLACEMENTS, SpawnOk, burn_until, watchdog};
 use luna::prelude::*;
 use luna::time::Cycle;
 use luna::{Instant, Parameter, Periodic};
@@ -80,7 +80,7 @@ fn loops_made_in_pre_run_begin_together_when_the_bodies_do() {
     let _watch = watchdog();
     let mut system = super::system("prepared");
     let mut all = Vec::new();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let kinds: [(_, Make, _); 3] = [
             ("plain", plain, 0),
             ("in phase", in_phase, PERIOD.as_nanos() as u64 / 4),
@@ -129,7 +129,7 @@ fn loops_made_in_pre_run_begin_together_when_the_bodies_do() {
 #[test]
 fn a_loop_of_a_process_that_comes_later_begins_with_its_body() {
     let _watch = watchdog();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let seen = Arc::<Mutex<Seen>>::default();
         let mut system = super::system("later");
         let main = system.executor("main").build().unwrap();

@@ -30,7 +30,7 @@ pub(crate) struct Refusal {
 
 /// More states than these are not followed: a machine that holds many processes between two notes
 /// leaves too much open.
-const MOST_STATES: usize = 50_000;
+const MAX_STATES: usize = 50_000;
 
 /// `Ok` with the largest number of states that had to be carried; `None` if there were too many to
 /// count.
@@ -90,7 +90,7 @@ fn close(network: &Network, states: &mut States) -> bool {
                 open.push(state);
             }
         }
-        if states.len() > MOST_STATES {
+        if states.len() > MAX_STATES {
             return false;
         }
     }

@@ -34,9 +34,9 @@ impl Random {
 }
 
 /// More agents than this, branches among them, do not make the model's work worth while.
-const MOST_AGENTS: usize = 9;
+const MAX_AGENTS: usize = 9;
 /// The most guards of one alternative: as many as the program that runs networks has places for.
-pub(crate) const MOST_GUARDS: usize = 3;
+pub(crate) const MAX_GUARDS: usize = 3;
 
 /// The network of this seed.
 pub(crate) fn network(seed: u64) -> Network {
@@ -113,7 +113,7 @@ impl Plan {
         let number = self.random.below(100);
         if self.random.chance(self.wild) {
             self.wild_step();
-        } else if number < 8 && self.network.agents.len() + 2 <= MOST_AGENTS {
+        } else if number < 8 && self.network.agents.len() + 2 <= MAX_AGENTS {
             self.open_par();
         } else if number < 20 && !self.open_pars.is_empty() {
             self.close_par();
@@ -214,7 +214,7 @@ impl Plan {
             .collect();
         for _ in 0..self
             .random
-            .below(MOST_GUARDS + 1 - offers.len())
+            .below(MAX_GUARDS + 1 - offers.len())
             .max(usize::from(offers.is_empty()))
         {
             let guard = self.guard();

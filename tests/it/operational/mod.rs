@@ -32,7 +32,7 @@ const NETWORKS: u64 = 5_000;
 
 /// Networks with more states than this are not followed along all paths. Their traces are checked
 /// all the same.
-const MOST_STATES: usize = 300;
+const MAX_STATES: usize = 300;
 
 fn number(variable: &str) -> Option<u64> {
     std::env::var(variable).ok()?.parse().ok()
@@ -61,7 +61,7 @@ fn fate_of(seed: u64, network: &network::Network) -> Option<Fate> {
     if let Some(&known) = KNOWN.lock().unwrap().get(&seed) {
         return known;
     }
-    let found = fate(network, MOST_STATES);
+    let found = fate(network, MAX_STATES);
     KNOWN.lock().unwrap().insert(seed, found);
     found
 }
@@ -89,7 +89,7 @@ fn the_model_agrees_with_itself() {
         if let Err(refusal) = check(&network, &trace, end) {
             panic!("LUNA_SEED={seed} LUNA_NETWORKS=1\n{network}{trace:?}\n{end:?}: {refusal}");
         }
-        let fate = fate(&network, MOST_STATES);
+        let fate = fate(&network, MAX_STATES);
         *fates.entry(fate).or_default() += 1;
         assert_foretold(fate, end, seed, &network);
     }
@@ -103,7 +103,7 @@ fn run_networks(placement: Placement) {
     let bench = Bench::new();
     let mut fates = Fates::new();
     let mut tally = Tally::default();
-    let (mut networks, mut stuck, mut untold, mut most) = (0, 0, 0, 0);
+    let (mut networks, mut stuck, mut undecided, mut most) = (0, 0, 0, 0);
     for seed in seeds(NETWORKS) {
         let network = generate::network(seed);
         let fate = fate_of(seed, &network);
@@ -112,7 +112,7 @@ fn run_networks(placement: Placement) {
             Ok(seen) => {
                 stuck += u64::from(seen.end == End::Stuck);
                 most = most.max(seen.states.unwrap_or(0));
-                untold += u64::from(seen.states.is_none());
+                undecided += u64::from(seen.states.is_none());
                 networks += 1;
                 tally.count(&network, &seen.trace);
                 assert_foretold(fate, seen.end, seed, &network);
@@ -125,8 +125,8 @@ fn run_networks(placement: Placement) {
     );
     println!("{tally:#?}");
     assert!(
-        untold * 100 <= networks,
-        "{untold} of {networks} runs could not be told"
+        undecided * 100 <= networks,
+        "{undecided} of {networks} runs stayed undecided"
     );
     // A few networks, as when a failure is run again, need not show everything.
     if networks >= NETWORKS {

@@ -74,8 +74,8 @@ fn a_start_with_what_is_wrong_names_all_of_it() {
         format!("{path}:8: `pan/limit` = 0.91: it must be 0.1 to 0.9"),
         format!("{path}:9: `pan/pk` = 1: there is no such parameter; did you mean `pan/kp`?"),
     ];
-    let told: Vec<String> = refused.iter().map(ToString::to_string).collect();
-    assert_eq!(told, expected);
+    let reported: Vec<String> = refused.iter().map(ToString::to_string).collect();
+    assert_eq!(reported, expected);
     assert!(!has_run.load(Ordering::Relaxed));
 }
 
@@ -166,13 +166,13 @@ fn what_cannot_be_declared_says_why() {
     let _watch = watchdog();
     let outside = Parameter::with_default("a", 1.0).register();
     assert!(matches!(outside, Err(DeclareError::NotInPreRun { .. })));
-    let told = Arc::new(Mutex::new(Vec::new()));
-    let tells = told.clone();
+    let reported = Arc::new(Mutex::new(Vec::new()));
+    let reports = reported.clone();
     let declare = move || {
         let a = Parameter::with_default("a", 1.0).unit("m").register()?;
         let shared = Parameter::with_default("s", 1).shared();
         let s = shared.clone().register()?;
-        *tells.lock().unwrap() = vec![
+        *reports.lock().unwrap() = vec![
             Parameter::with_default("a", 1.0)
                 .unit("m")
                 .register()
@@ -214,7 +214,7 @@ fn what_cannot_be_declared_says_why() {
     main.process("bad")
         .spawn_ok(made(declare, async |_: &_| Ok(())));
     system.run().unwrap();
-    let told: Vec<&str> = told
+    let reported: Vec<&str> = reported
         .lock()
         .unwrap()
         .iter()
@@ -243,7 +243,7 @@ fn what_cannot_be_declared_says_why() {
         })
         .collect();
     assert_eq!(
-        told,
+        reported,
         [
             "duplicate",
             "differs",

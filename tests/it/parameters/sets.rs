@@ -173,7 +173,7 @@ fn a_storm_of_sets_is_never_seen_by_halves() {
 /// Two processes that take sets when the test asks them to. A process takes a set that does not
 /// concern it, whatever comes after. A process that has ended is not waited for.
 #[test]
-fn a_set_that_is_taken_stays_so_and_nobody_waits_for_who_has_ended() {
+fn a_set_that_is_taken_stays_so_and_nobody_waits_for_the_one_that_has_ended() {
     let _watch = watchdog();
     let mut system = System::new("taken");
     system.virtual_clock();
@@ -243,9 +243,9 @@ fn the_list_says_all_there_is_to_say() {
         async move |all: &All| {
             let parameters = parameters.lock().unwrap().take().unwrap();
             parameters.set_text("pan/kp = 4, mode=speed, gains=[3, 2, 1]")?;
-            let told: Vec<String> = parameters.list().iter().map(ToString::to_string).collect();
+            let reported: Vec<String> = parameters.list().iter().map(ToString::to_string).collect();
             assert_eq!(
-                told,
+                reported,
                 [
                     "count = 3 (u8, default 3)",
                     "gains = [3.0, 2.0, 1.0] ([f64; 3], default [1.0, 2.0, 3.0], 0.0 to 9.0)",

@@ -233,9 +233,9 @@ fn what_an_ended_process_held_goes_before_anybody_else_runs() {
 }
 
 /// Tells its end to a process that is not ready for it yet.
-struct TellsItsEnd(luna::Sender<u32>);
+struct ReportsItsEnd(luna::Sender<u32>);
 
-impl Process for TellsItsEnd {
+impl Process for ReportsItsEnd {
     async fn run(&mut self) -> luna::Result<()> {
         Ok(())
     }
@@ -250,7 +250,7 @@ fn a_post_run_that_waits_for_time_does_not_keep_time_from_going_on() {
     let _alive = watchdog();
     let (system, main) = simulated();
     let (sender, receiver) = luna::channel();
-    main.process("tells").spawn_ok(TellsItsEnd(sender));
+    main.process("reports").spawn_ok(ReportsItsEnd(sender));
     main.process("logger").spawn_ok(async move {
         luna::after(MS).await;
         assert_eq!(receiver.recv().await, Ok(1));

@@ -110,8 +110,8 @@ fn a_timer_that_goes_while_another_of_its_instant_fires() {
 fn timeouts_and_watchdogs_and_ticks_go_by_it() {
     let _alive = watchdog();
     let (system, main) = simulated();
-    let dog = Watchdog::new(MS * 50);
-    let fed = dog.clone();
+    let watchdog = Watchdog::new(MS * 50);
+    let fed = watchdog.clone();
     let feeds = async move {
         let mut ticks = luna::ticks(MS * 20)?;
         for number in 1..=5 {
@@ -123,7 +123,7 @@ fn timeouts_and_watchdogs_and_ticks_go_by_it() {
     main.process("feeds").spawn_ok(feeds);
     let guards = async move {
         let start = luna::now();
-        dog.expired().await;
+        watchdog.expired().await;
         // It expires when more than its timeout has passed without a feed.
         let hungry = MS * 150 + Duration::from_nanos(1);
         assert_eq!(luna::now() - start, hungry);

@@ -30,10 +30,10 @@ impl Burner {
         let (own, is_over) = (parker.clone(), over.clone());
         let number = Arc::new(AtomicI32::new(0));
         let known = Arc::new(Parker::new());
-        let (tell, told) = (number.clone(), known.clone());
+        let (notify, notified) = (number.clone(), known.clone());
         let thread = thread("middle", core, MIDDLE, move || {
-            tell.store(thread_id(), Ordering::SeqCst);
-            told.unpark();
+            notify.store(thread_id(), Ordering::SeqCst);
+            notified.unpark();
             loop {
                 own.park(Instant::NEVER);
                 if is_over.load(Ordering::SeqCst) {

@@ -14,12 +14,12 @@ use std::time::Duration;
 
 /// Where the server runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Place {
+enum Placement {
     Executor,
     Thread,
 }
 
-const PLACES: [Place; 2] = [Place::Executor, Place::Thread];
+const PLACEMENTS: [Placement; 2] = [Placement::Executor, Placement::Thread];
 
 /// How long a server works for a client.
 const WORK: Duration = Duration::from_micros(100);
@@ -41,14 +41,14 @@ impl Stage {
         }
     }
 
-    fn process(&mut self, place: Place, name: &str, priority: u8) -> ProcessBuilder {
+    fn process(&mut self, place: Placement, name: &str, priority: u8) -> ProcessBuilder {
         let (core, policy) = (self.core, Policy::fifo(priority));
         match place {
-            Place::Executor => {
+            Placement::Executor => {
                 let executor = self.system.executor(name).core(core).policy(policy);
                 executor.build().unwrap().process(name)
             }
-            Place::Thread => {
+            Placement::Thread => {
                 let thread = self.system.thread(name).core(core).policy(policy);
                 thread.process(name)
             }
@@ -63,7 +63,7 @@ impl Stage {
         once: impl AsyncFn() -> luna::Result<()> + Send + 'static,
     ) {
         let (control, waits) = (self.burner.control(), self.waits.clone());
-        self.process(Place::Executor, "high", HIGH)
+        self.process(Placement::Executor, "high", HIGH)
             .spawn_ok(async move || {
                 for _ in 0..ROUNDS {
                     match &gone {
@@ -100,7 +100,7 @@ async fn settle(control: &Control, before: Duration) {
 fn a_server_that_waits() {
     own_process!();
     let Some(core) = real_time_core() else { return };
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut stage = Stage::new(core);
         let (client, server) = call_channel::<(), i64>();
         let calls = Arc::new(AtomicU32::new(0));
@@ -146,7 +146,7 @@ fn two_plain_channels_do_not_inherit() {
         Ok(())
     });
     stage
-        .process(Place::Executor, "server", LOW)
+        .process(Placement::Executor, "server", LOW)
         .spawn_ok(async move {
             while requests.recv().await.is_ok() {
                 burn(WORK);
@@ -160,7 +160,7 @@ fn two_plain_channels_do_not_inherit() {
 /// A client of lower priority that calls, so that the server is busy.
 fn other_client(stage: &mut Stage, client: Client<bool, ()>) {
     stage
-        .process(Place::Executor, "other", LOW - 10)
+        .process(Placement::Executor, "other", LOW - 10)
         .spawn_ok(async move {
             for _ in 0..ROUNDS {
                 client.call(false).await?;
@@ -182,7 +182,7 @@ async fn let_go(go: &Sender<()>) {
 fn a_server_that_is_busy_with_anothers_call() {
     own_process!();
     let Some(core) = real_time_core() else { return };
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut stage = Stage::new(core);
         let (client, server) = call_channel::<bool, ()>();
         other_client(&mut stage, client.clone());
@@ -217,14 +217,14 @@ fn a_server_that_is_busy_with_anothers_call() {
 fn a_server_that_is_between_two_calls() {
     own_process!();
     let Some(core) = real_time_core() else { return };
-    for place in PLACES {
+    for place in PLACEMENTS {
         let mut stage = Stage::new(core);
         let (client, server) = call_channel::<bool, ()>();
         let (go, gone) = channel();
         let first = client.clone();
         stage.high(Some(gone), async move || Ok(client.call(true).await?));
         stage
-            .process(Place::Executor, "other", LOW - 10)
+            .process(Placement::Executor, "other", LOW - 10)
             .spawn_ok(async move { Ok(first.call(false).await?) });
         stage.process(place, "server", LOW).spawn_ok(async move {
             // It is known as the channel's server from then on.

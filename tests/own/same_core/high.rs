@@ -3,7 +3,7 @@
 use crate::common::Random;
 use crate::kernel::{Kept, KeptOff};
 use crate::same_core::shared::{How, Shared, low};
-use crate::same_core::stage::Place;
+use crate::same_core::stage::Placement;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use std::future::Future;
@@ -22,14 +22,14 @@ const WITH_PARTNER: u64 = 2;
 const BURNT: u64 = 25;
 
 pub(crate) struct High {
-    pub(crate) place: Place,
+    pub(crate) place: Placement,
     pub(crate) random: Random,
     pub(crate) rounds: u32,
     shared: Arc<Shared>,
     kept_off: KeptOff,
     scene: &'static str,
     /// Whether a call boosts the low side to this one's priority: both are processes.
-    lends: bool,
+    inherits: bool,
 }
 
 /// What was so when an operation began.
@@ -43,13 +43,13 @@ impl High {
     /// To be called on the high side's thread.
     pub(crate) fn new(
         shared: Arc<Shared>,
-        (place, low): (Place, Place),
+        (place, low): (Placement, Placement),
         rounds: u32,
         random: Random,
     ) -> Self {
         Shared::set_thread(&shared.high_thread);
         Self {
-            lends: place != Place::Plain && low != Place::Plain,
+            inherits: place != Placement::Plain && low != Placement::Plain,
             place,
             random,
             rounds,
@@ -73,8 +73,8 @@ impl High {
         let until = Instant::now() + Duration::from_nanos(10_000 + self.random.below(60_000));
         match self.place {
             // The timer of its executor or thread.
-            Place::Executor | Place::Thread => luna::at(until).await,
-            Place::Plain => {
+            Placement::Executor | Placement::Thread => luna::at(until).await,
+            Placement::Plain => {
                 let nobody_wakes = Futex::new(0);
                 while Instant::now() < until {
                     nobody_wakes.wait(0, until);
@@ -87,7 +87,7 @@ impl High {
     pub(crate) fn how(&mut self) -> How {
         match self.random.below(4) {
             0 | 1 => How::Try,
-            2 if self.place != Place::Executor => How::Block,
+            2 if self.place != Placement::Executor => How::Block,
             _ => How::Await,
         }
     }
@@ -121,7 +121,7 @@ impl High {
     pub(crate) async fn call<F: Future>(&mut self, operation: F) -> F::Output {
         let before = self.begin(How::Await);
         let outcome = operation.await;
-        if self.lends {
+        if self.inherits {
             self.note_burnt(&before);
         }
         self.end(before, How::Await, WITH_PARTNER);

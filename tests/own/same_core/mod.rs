@@ -22,7 +22,7 @@ use kernel::spoilt;
 use luna_platform::thread::{Policy, available_cores};
 use scenes::{Scene, controls};
 use shared::Shared;
-use stage::{PLACES, Place, play};
+use stage::{PLACEMENTS, Placement, play};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
@@ -64,8 +64,8 @@ fn beside(low: Policy, burns: bool) {
     let seed = seed();
     let (mut high_done, mut in_low, mut low_done, mut excused, mut inverted) = (0, 0, 0, 0, 0);
     let mut most_burnt = Duration::ZERO;
-    for of_high in PLACES {
-        for of_low in PLACES {
+    for of_high in PLACEMENTS {
+        for of_low in PLACEMENTS {
             let shared = Arc::new(Shared::default());
             let scenes = scenes::all();
             let names: Vec<_> = scenes.iter().map(|scene| scene.name).collect();
@@ -147,13 +147,13 @@ fn part() {
         _ => return,
     };
     let shared = Arc::new(Shared::default());
-    let tell = |verdict: Verdict| {
+    let report = |verdict: Verdict| {
         println!("{verdict}");
         std::process::exit(0);
     };
-    let _watch = Watch::start(shared.clone(), vec![scene.name], core(), tell);
+    let _watch = Watch::start(shared.clone(), vec![scene.name], core(), report);
     // Some twenty seconds.
-    let places = (Place::Plain, Place::Plain);
+    let places = (Placement::Plain, Placement::Plain);
     let extent = (400_000, false, seed());
     play(
         &shared,

@@ -21,13 +21,14 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Place {
+pub(crate) enum Placement {
     Executor,
     Thread,
     Plain,
 }
 
-pub(crate) const PLACES: [Place; 3] = [Place::Executor, Place::Thread, Place::Plain];
+pub(crate) const PLACEMENTS: [Placement; 3] =
+    [Placement::Executor, Placement::Thread, Placement::Plain];
 
 /// Made on the thread that it runs on.
 type Body = Box<dyn FnOnce() -> Pin<Box<dyn Future<Output = ()>>> + Send>;
@@ -35,7 +36,7 @@ type Body = Box<dyn FnOnce() -> Pin<Box<dyn Future<Output = ()>>> + Send>;
 /// One side of a run: where, at which priority, and what.
 struct Side {
     name: &'static str,
-    place: Place,
+    place: Placement,
     policy: Policy,
     body: Body,
 }
@@ -45,7 +46,7 @@ pub(crate) fn play(
     shared: &Arc<Shared>,
     scenes: Vec<Scene>,
     core: usize,
-    (high, low): (Place, Place),
+    (high, low): (Placement, Placement),
     low_policy: Policy,
     (rounds, burns, seed): (u32, bool, u64),
 ) {
@@ -65,7 +66,7 @@ pub(crate) fn play(
         body: Box::new(move || {
             Box::pin(async move {
                 let mut far = pin!(never());
-                if places.0 != Place::Plain {
+                if places.0 != Placement::Plain {
                     poll_once(&mut far).await;
                 }
                 let mut side = High::new(for_high, places, rounds, Random::new(seed));
@@ -84,7 +85,7 @@ pub(crate) fn play(
         body: Box::new(move || {
             Box::pin(async move {
                 let mut far = pin!(never());
-                if places.1 != Place::Plain {
+                if places.1 != Placement::Plain {
                     poll_once(&mut far).await;
                 }
                 let mut side = Low::new(for_low, Random::new(seed ^ 1));
@@ -116,7 +117,7 @@ fn run(sides: [Side; 2], core: usize) {
     } in sides
     {
         let process = match place {
-            Place::Plain => {
+            Placement::Plain => {
                 let attributes = Attributes::new(name)
                     .core(core)
                     .policy(policy)
@@ -125,11 +126,11 @@ fn run(sides: [Side; 2], core: usize) {
                 threads.push(spawn(attributes, set_up, |()| block_on(body())).unwrap());
                 continue;
             }
-            Place::Executor => {
+            Placement::Executor => {
                 let executor = system.executor(name).core(core).policy(policy);
                 executor.build().unwrap().process(name)
             }
-            Place::Thread => system.thread(name).core(core).policy(policy).process(name),
+            Placement::Thread => system.thread(name).core(core).policy(policy).process(name),
         };
         has_processes = true;
         process.spawn_ok(move || async move {

@@ -4,7 +4,7 @@
 
 use crate::common::{Random, SpawnOk, say, seed};
 use crate::kernel::spoilt;
-use crate::same_core::stage::Place;
+use crate::same_core::stage::Placement;
 use crate::same_core::{alone, cannot_run, core, rounds};
 use luna::{Policy, System, after};
 use luna_platform::clock::Instant;
@@ -65,13 +65,13 @@ fn a_wake_relies_on_no_other() {
         return;
     }
     let _alone = alone();
-    for place in [Place::Executor, Place::Thread] {
+    for place in [Placement::Executor, Placement::Thread] {
         let shared = Arc::new(Shared::default());
         let (of_process, of_low, of_high) = (shared.clone(), shared.clone(), shared.clone());
         let mut system = System::new("two wakers");
         system.strict();
         let (core, policy) = (core(), Policy::fifo(80));
-        let process = if place == Place::Executor {
+        let process = if place == Placement::Executor {
             let executor = system.executor("woken").core(core).policy(policy);
             executor.build().unwrap().process("woken")
         } else {

@@ -76,7 +76,7 @@ impl Watch {
         shared: Arc<Shared>,
         scenes: Vec<&'static str>,
         core: usize,
-        tell: impl Fn(Verdict) + Send + 'static,
+        report: impl Fn(Verdict) + Send + 'static,
     ) -> Watch {
         let parker = Arc::new(Parker::new());
         let over = Arc::new(AtomicBool::new(false));
@@ -95,7 +95,7 @@ impl Watch {
                     own.park(Instant::now() + LOOK);
                     if let Some((how, why)) = look(&shared, core, &mut since) {
                         let scene = scenes.get(shared.scene.load(Ordering::Relaxed));
-                        tell(Verdict {
+                        report(Verdict {
                             scene: scene.unwrap_or(&"no scene").to_string(),
                             how,
                             why,

@@ -84,7 +84,7 @@ fn one_shots_fire_once_each_and_one_can_set_itself_anew() {
 
 /// Callbacks that set themselves, or each other, to an instant long ago in every call.
 #[test]
-fn who_is_always_late_starves_nobody() {
+fn one_that_is_always_late_starves_nobody() {
     own_process!();
     const PAST: Instant = Instant::from_nanos(1);
     // For each: the callbacks that it sets.

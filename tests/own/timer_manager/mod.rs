@@ -4,7 +4,7 @@ mod callbacks;
 use crate::common;
 mod machine;
 
-use common::{COMPLETE, PLACES, Program, SpawnOk, burn_until, setup_error, skip};
+use common::{COMPLETE, PLACEMENTS, Program, SpawnOk, burn_until, setup_error, skip};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::report::{CallbackReport, TimersReport};
@@ -60,7 +60,7 @@ fn periods_that_divide_are_in_phase_wherever_they_run() {
     own_process!();
     let slots: Arc<Mutex<BTreeMap<String, Vec<Instant>>>> = Arc::default();
     let mut system = managed("in phase");
-    for place in PLACES {
+    for place in PLACEMENTS {
         for millis in [10, 1, 2] {
             let name = format!("{place:?} {millis}");
             let slots = slots.clone();
@@ -181,12 +181,12 @@ fn periods_that_are_none_and_room_that_is_full() {
 }
 
 #[test]
-fn who_waits_for_a_tick_or_for_another_is_not_deadlocked() {
+fn one_that_waits_for_a_tick_or_for_another_is_not_deadlocked() {
     own_process!();
     let (_kept, input) = luna::channel::<()>();
     let mut system = managed("races");
     system.strict();
-    for place in PLACES {
+    for place in PLACEMENTS {
         let input = input.clone();
         let name = format!("{place:?}");
         place

@@ -5,7 +5,7 @@
 //! them.
 
 use crate::callgrind::Counted;
-use crate::profile::Place;
+use crate::profile::CodeAddress;
 use addr2line::Context;
 use addr2line::gimli::{Dwarf, EndianSlice, LittleEndian, SectionId};
 use iced_x86::{Decoder, DecoderOptions, Instruction, Mnemonic, OpKind};
@@ -108,7 +108,7 @@ impl File {
         })
     }
 
-    fn instruction(&self, place: &Place) -> Option<Instruction> {
+    fn instruction(&self, place: &CodeAddress) -> Option<Instruction> {
         let (range, bytes) = self
             .segments
             .iter()
@@ -119,7 +119,7 @@ impl File {
     }
 
     /// The functions of this workspace around an instruction; only `function` if there are none.
-    fn frames(&self, place: &Place, function: &str) -> Vec<String> {
+    fn frames(&self, place: &CodeAddress, function: &str) -> Vec<String> {
         let mut said = Vec::new();
         if let Some(lines) = &self.lines
             && let Ok(mut frames) = lines.find_frames(place.address).skip_all_loads()

@@ -1,7 +1,7 @@
 //! Runs an operation under callgrind.
 
 use crate::operations::Operation;
-use crate::profile::{Executed, Place, Profile};
+use crate::profile::{CodeAddress, Executed, Profile};
 use object::{Object, ObjectSymbol};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,7 +28,7 @@ pub(crate) struct Counted {
     /// How many instructions, of the thread that the operation is on.
     pub(crate) instructions: f64,
     /// Which, and how often each.
-    pub(crate) places: BTreeMap<Place, Share>,
+    pub(crate) places: BTreeMap<CodeAddress, Share>,
 }
 
 impl Counted {
@@ -117,7 +117,7 @@ fn check_addresses(program: &Path, profile: &Profile) -> Result<(), String> {
 
 /// What `operations` more operations executed more.
 fn difference(short: Profile, long: Profile, operations: f64) -> Counted {
-    let mut differences: BTreeMap<Place, (String, i64)> = BTreeMap::new();
+    let mut differences: BTreeMap<CodeAddress, (String, i64)> = BTreeMap::new();
     for (sign, profile) in [(1, long), (-1, short)] {
         for (place, Executed { function, times }) in profile.executed {
             differences.entry(place).or_insert((function, 0)).1 += sign * times as i64;
@@ -203,7 +203,7 @@ mod tests {
 
     fn profile(costs: &[(u64, u64)]) -> Profile {
         let executed = costs.iter().map(|&(address, times)| {
-            let place = Place {
+            let place = CodeAddress {
                 object: "/program".to_owned(),
                 address,
             };

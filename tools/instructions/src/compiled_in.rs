@@ -9,7 +9,7 @@ use crate::{count_all, table};
 const FEATURE: &str = "events";
 
 /// How much more an operation may execute.
-const MOST: f64 = 0.05;
+const MAX: f64 = 0.05;
 
 /// An operation without the events, and with them.
 #[derive(Debug)]
@@ -28,7 +28,7 @@ impl Pair {
     /// Whether it exceeds the limit. Events that are not recorded need no atomic instruction; a
     /// tenth is the variation, where deferred frees happen now and then.
     pub(crate) fn is_too_much(&self) -> bool {
-        self.change() > MOST || self.with.atomics > self.without.atomics * 1.1 + 0.006
+        self.change() > MAX || self.with.atomics > self.without.atomics * 1.1 + 0.006
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 /// An instruction: the file that it is in, and its address there.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Place {
+pub(crate) struct CodeAddress {
     /// The program's or the library's path.
     pub(crate) object: String,
     /// As in the file's own tables, wherever it was loaded.
@@ -23,7 +23,7 @@ pub(crate) struct Executed {
 /// What was executed between two marks.
 #[derive(Debug, Default)]
 pub(crate) struct Profile {
-    pub(crate) executed: BTreeMap<Place, Executed>,
+    pub(crate) executed: BTreeMap<CodeAddress, Executed>,
 }
 
 impl Profile {
@@ -58,7 +58,7 @@ impl Profile {
                 }
                 let (address, times) =
                     cost(line).ok_or_else(|| format!("not a cost in a profile: {line}"))?;
-                let place = Place {
+                let place = CodeAddress {
                     object: object.clone(),
                     address,
                 };

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 /// How deep a backtrace is kept.
 const DEPTH: usize = 64;
 /// The limit of different violations stored for one scope; further ones are counted.
-const MOST_PER_SCOPE: usize = 64;
+const MAX_PER_SCOPE: usize = 64;
 /// How many a program keeps.
 const SLOTS: usize = 1024;
 
@@ -148,7 +148,7 @@ pub(crate) fn note(raw: &Raw) {
         .find(|slot| slot.read().is_some_and(|other| other.is_same(raw)));
     if let Some(slot) = same {
         slot.times.fetch_add(1, Ordering::Relaxed);
-    } else if taken - first < MOST_PER_SCOPE
+    } else if taken - first < MAX_PER_SCOPE
         && let Some(slot) = ROOM.get(TAKEN.fetch_add(1, Ordering::Relaxed))
     {
         // SAFETY: the number was given only to this caller, and by the invariant the slot is not

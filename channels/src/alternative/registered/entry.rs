@@ -10,7 +10,7 @@ use std::ptr::{self, NonNull};
 
 /// The part of an alternative that partners access.
 pub(crate) struct Hub<T> {
-    pub(crate) selection: SelectState,
+    pub(crate) select_state: SelectState,
     /// The entries with channels that have become ready since the owner looked. Changed under the
     /// commit lock.
     pub(super) stack: AtomicPtr<Entry<T>>,
@@ -54,9 +54,9 @@ impl<T> Hub<T> {
 /// # Invariants
 ///
 /// While its node is in the channel's list, that lock guards `waiter.wait`, `is_queued`, and
-/// `rings`; the rest of `waiter` belongs to the thread that claimed the selection through it, then
-/// to the owner. `next` belongs to the thread that pushes the entry, then to the thread that drains
-/// the stack.
+/// `rings`; the rest of `waiter` belongs to the thread that committed the select state through it,
+/// then to the owner. `next` belongs to the thread that pushes the entry, then to the thread that
+/// drains the stack.
 #[repr(C)]
 pub(crate) struct Entry<T> {
     /// First, so that the list's node leads back to this.
@@ -89,10 +89,10 @@ impl<T> Entry<T> {
             }
             (*entry).is_queued = true;
             let hub = (*entry).hub.as_ref();
-            let _gate = hub.selection.gate();
+            let _commit_lock = hub.select_state.commit_lock();
             hub.push(entry);
             // An owner that does not wait looks at the stack before it does.
-            (*entry).rings |= hub.selection.is_open();
+            (*entry).rings |= hub.select_state.is_open();
             (*entry).rings
         }
     }
@@ -108,18 +108,18 @@ impl<T> Entry<T> {
         unsafe { (*entry.as_ptr()).hub.as_ref().has_news() }
     }
 
-    /// For a sender on the fast path, with no other waiter: claims the alternative, if it waits and
-    /// has no other report; if it does not wait, reports the channel to it. `None` if neither can
-    /// be done here.
+    /// For a sender on the fast path, with no other waiter: commits the alternative, if it waits
+    /// and has no other report; if it does not wait, reports the channel to it. `None` if neither
+    /// can be done here.
     ///
     /// # Safety
     ///
     /// `entry` is in its channel's list, that lock is held, and this thread is the executor of that
-    /// number. Unless the claim succeeds, the sender waits.
+    /// number. Unless the commit succeeds, the sender waits.
     #[inline(always)]
-    pub(crate) unsafe fn claim_or_announce(
+    pub(crate) unsafe fn commit_or_announce(
         entry: NonNull<Entry<T>>,
-        home: u64,
+        executor: u64,
     ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
@@ -127,8 +127,8 @@ impl<T> Entry<T> {
         // around what it guards.
         unsafe {
             let hub = (*entry).hub.as_ref();
-            let _gate = hub.selection.gate_if_favoured(home)?;
-            if !hub.selection.is_open() {
+            let _commit_lock = hub.select_state.commit_lock_if_biased(executor)?;
+            if !hub.select_state.is_open() {
                 if !(*entry).is_queued {
                     (*entry).is_queued = true;
                     hub.push(entry);
@@ -138,18 +138,18 @@ impl<T> Entry<T> {
             if hub.has_news() {
                 return None;
             }
-            let (_, index) = Waiter::selection(node)?;
-            hub.selection.claim_plainly(index).map(Some)
+            let (_, index) = Waiter::select_state(node)?;
+            hub.select_state.commit_plainly(index).map(Some)
         }
     }
 
-    /// The selection of its alternative.
+    /// The select state of its alternative.
     ///
     /// # Safety
     ///
     /// `entry` is in its channel's list, and that lock is held.
-    pub(crate) unsafe fn selection<'a>(entry: NonNull<Entry<T>>) -> &'a SelectState {
+    pub(crate) unsafe fn select_state<'a>(entry: NonNull<Entry<T>>) -> &'a SelectState {
         // SAFETY: the contract; the hub outlives its entries' being listed.
-        unsafe { &(*(*entry.as_ptr()).hub.as_ptr()).selection }
+        unsafe { &(*(*entry.as_ptr()).hub.as_ptr()).select_state }
     }
 }

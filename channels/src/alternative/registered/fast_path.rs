@@ -31,7 +31,9 @@ impl<T> Alternative<'_, T> {
             // held around the taking.
             let taken = unsafe {
                 let hub = self.hub();
-                let _gate = hub.selection.gate_if_favoured(process.home_number())?;
+                let _commit_lock = hub
+                    .select_state
+                    .commit_lock_if_biased(process.executor_number())?;
                 hub.take_stack()
             };
             self.note_ready(taken);
@@ -77,11 +79,13 @@ impl<T> Alternative<'_, T> {
         // SAFETY: this is the thread of the process' executor; the select state is closed, and this
         // is its owner.
         unsafe {
-            let _gate = hub.selection.gate_if_favoured(process.home_number())?;
+            let _commit_lock = hub
+                .select_state
+                .commit_lock_if_biased(process.executor_number())?;
             if hub.has_news() {
                 return None;
             }
-            hub.selection.open_plainly(process);
+            hub.select_state.open_plainly(process);
         }
         self.polled_by = (cx.waker().data(), cx.waker().vtable());
         self.state = State::Open;

@@ -55,7 +55,7 @@ impl<T> Alternative<'_, T> {
         }
         match events::is_on() {
             true => self.poll_recorded(cx),
-            false => self.poll_generally(cx),
+            false => self.poll_slow_path(cx),
         }
     }
 
@@ -67,9 +67,9 @@ impl<T> Alternative<'_, T> {
             Some(process) => self.poll_fast::<true>(process, cx),
             None => None,
         };
-        let polled = fast_path.unwrap_or_else(|| self.poll_generally(cx));
+        let polled = fast_path.unwrap_or_else(|| self.poll_slow_path(cx));
         match &polled {
-            Poll::Ready((index, _)) => self.tell(*index),
+            Poll::Ready((index, _)) => self.report(*index),
             Poll::Pending => events::waits_for_several(),
         }
         polled
@@ -77,7 +77,7 @@ impl<T> Alternative<'_, T> {
 
     /// Polls wherever the process is, and whatever is asked of the channels.
     #[inline(never)]
-    fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+    fn poll_slow_path(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         match replay::is_on() {
             true => replay::poll(self, cx),
             false => self.poll_without_log(cx),
@@ -100,11 +100,11 @@ impl<T> Alternative<'_, T> {
             return Poll::Ready((index, Err(error)));
         }
         if self.state == State::Open {
-            if !has_failed && self.polled_by == identity && self.hub().selection.is_open() {
+            if !has_failed && self.polled_by == identity && self.hub().select_state.is_open() {
                 return Poll::Pending;
             }
             // What would have woken this one is dropped when its state is consistent.
-            let closed = self.hub().selection.close();
+            let closed = self.hub().select_state.close();
             match (&closed, self.holds()) {
                 (None, Some(index)) => {
                     if let Some(received) = self.take_held(index) {
@@ -118,7 +118,7 @@ impl<T> Alternative<'_, T> {
             let Some(first) = self.first_to_fail() else {
                 // As STOP, it has no error to give.
                 current::end_branch(cx);
-                // Its drop tells a replay log that it came to nothing.
+                // Its drop records in the replay log that it had no result.
                 self.state = State::Begun;
                 return Poll::Pending;
             };
@@ -149,20 +149,21 @@ impl<T> Alternative<'_, T> {
             }
             self.polled_by = (cx.waker().data(), cx.waker().vtable());
             // Cloning a waker is its owner's code, so it comes before the commit lock.
-            let wakeup = WakeHandle::of(cx);
+            let wake_handle = WakeHandle::of(cx);
             let hub = self.hub();
-            let gate = hub.selection.gate();
+            let commit_lock = hub.select_state.commit_lock();
             if !hub.has_news() {
-                // SAFETY: this is the owner, the selection is closed, and its commit lock is held.
-                unsafe { hub.selection.open_gated(wakeup) };
-                drop(gate);
+                // SAFETY: this is the owner, the select state is closed, and its commit lock is
+                // held.
+                unsafe { hub.select_state.open_with_lock(wake_handle) };
+                drop(commit_lock);
                 self.state = State::Open;
                 return Poll::Pending;
             }
             // A channel became ready meanwhile. Each channel can report so once, and the next look
             // sees all that reported before it.
-            drop(gate);
-            drop(wakeup);
+            drop(commit_lock);
+            drop(wake_handle);
         }
     }
 
@@ -176,19 +177,19 @@ impl<T> Alternative<'_, T> {
         }
         // SAFETY: as above, and its channel is borrowed for longer than this alternative lives.
         let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-        let mut section = channel.lock();
+        let mut locked = channel.lock();
         // What became ready before this lock was taken may come before this one.
         if self.drain() && self.ready.first() != Some(index) {
             return None;
         }
-        let received = section.recv_now(false);
-        let is_ready = section.is_ready();
+        let received = locked.recv_now(false);
+        let is_ready = locked.is_ready();
         if !is_ready {
             // SAFETY: the lock that guards it is held.
             unsafe { (*entry.as_ptr()).is_queued = false };
             self.ready.clear(index);
         }
-        drop(section);
+        drop(locked);
         match received {
             Received::Done(value, ready, _) => {
                 let taken = Taken::new(channel, value, 0);
@@ -235,7 +236,7 @@ impl<T> Alternative<'_, T> {
             return Poll::Ready((index, received));
         }
         if let (Ok(value), Some(entry)) = (received, self.entries[index]) {
-            // SAFETY: the selection is closed, so the entry's value is the owner's, and there is
+            // SAFETY: the select state is closed, so the entry's value is the owner's, and there is
             // none.
             unsafe {
                 let node = entry.cast::<Waiter<T>>();
@@ -251,15 +252,15 @@ impl<T> Alternative<'_, T> {
 
     /// Records that the current process has received from this channel.
     #[cold]
-    fn tell(&self, index: usize) {
+    fn report(&self, index: usize) {
         let channel = self.entries[index].map_or(0, |entry| {
             // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than
             // this alternative lives.
             let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-            channel.place().identity.number()
+            channel.wait_point().identity.number()
         });
         let process = events::current_process() as u32;
-        events::tell(events::code::ALTERNATIVE, process, || {
+        events::report(events::code::ALTERNATIVE, process, || {
             [index as u64, channel.into()]
         });
     }
@@ -270,7 +271,7 @@ impl<T> Alternative<'_, T> {
         match self.state {
             State::Open => {
                 replay::abandon(false);
-                let closed = self.hub().selection.close();
+                let closed = self.hub().select_state.close();
                 if closed.is_some() {
                     self.state = State::Closed;
                 }

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Waiters on the channel of this name.
 fn waiting(name: &str) -> usize {
-    let places = inspect::places();
+    let places = inspect::wait_points();
     let place = places
         .iter()
         .find(|place| place.name.as_deref() == Some(name));

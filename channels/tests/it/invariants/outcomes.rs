@@ -40,7 +40,7 @@ fn invariant_1_nobody_waits_for_another_to_leave_an_intermediate_state() {
 }
 
 #[test]
-fn invariant_1_a_stale_node_costs_whoever_finds_it_one_step_and_hides_nobody() {
+fn invariant_1_a_stale_node_costs_whichever_finds_it_one_step_and_hides_nobody() {
     let _watchdog = Watchdog::new();
     let ((one, from_one), (two, from_two)) = (channel(), channel());
     // Many that were chosen on the first channel and have not run since; behind them on the second

@@ -11,7 +11,7 @@ use common::{Ledger, Random, Token, Wakes};
 use luna_channels::{
     Buffer, Receiver, RecvError, SendError, Sender, TryRecvError, TrySendError, buffered, channel,
 };
-use luna_core::current::{self, Home, Priority, Process, ProcessId};
+use luna_core::current::{self, ExecutorId, Priority, Process, ProcessId};
 use model::{Ending, Kind, Model, ModelOp, State};
 use std::collections::BTreeMap;
 use std::pin::Pin;
@@ -44,7 +44,7 @@ fn poll_as<T>(
         None => branch(),
         Some(Priority { thread, level }) => {
             // Without a waker of its own it is woken by that of the poll.
-            let process = Process::new(ProcessId::new(), Home::new(), thread, level);
+            let process = Process::new(ProcessId::new(), ExecutorId::new(), thread, level);
             // SAFETY: a process without a waker has no references to it, so it may be anywhere.
             unsafe { current::with_process(&process, branch) }
         }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 /// The most pairs that are measured. The finding says so if there are more.
-const MOST_PAIRS: usize = 16;
+const MAX_PAIRS: usize = 16;
 /// An answer that takes longer ends the measurement.
 const PATIENCE: Duration = Duration::from_secs(5);
 const WHY: &str = "what a message to a sleeping executor on another core takes at least";
@@ -27,8 +27,8 @@ pub(super) fn between(cores: &[usize], each: Duration) -> Vec<Finding> {
         [only] => vec![(*only, *only)],
         _ => cores.windows(2).map(|two| (two[0], two[1])).collect(),
     };
-    let share = each / u32::try_from(pairs.len().clamp(1, MOST_PAIRS)).unwrap_or(1);
-    let (measured, left_out) = pairs.split_at(pairs.len().min(MOST_PAIRS));
+    let share = each / u32::try_from(pairs.len().clamp(1, MAX_PAIRS)).unwrap_or(1);
+    let (measured, left_out) = pairs.split_at(pairs.len().min(MAX_PAIRS));
     let measured = measured.iter().map(|&(from, to)| {
         let measurement = Measurement {
             name: format!("wake-core-{from}-to-{to}"),

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// How many operations are timed together: a single one is as short as the clock's own cost.
 const BATCH: u64 = 1000;
 /// Enough for a median.
-const MOST_BATCHES: usize = 1000;
+const MAX_BATCHES: usize = 1000;
 
 /// At most half of `each`.
 pub(super) fn clock_read(each: Duration) -> Finding {
@@ -47,8 +47,8 @@ pub(super) fn system_call(each: Duration) -> Finding {
 
 fn batches(each: Duration, mut call: impl FnMut()) -> Result<Measured, String> {
     let end = now() + each / 2;
-    let mut times = Vec::with_capacity(MOST_BATCHES);
-    while times.len() < MOST_BATCHES && now() < end {
+    let mut times = Vec::with_capacity(MAX_BATCHES);
+    while times.len() < MAX_BATCHES && now() < end {
         let before = now();
         for _ in 0..BATCH {
             call();

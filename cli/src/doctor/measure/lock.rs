@@ -38,7 +38,7 @@ pub(super) fn under_contention(cores: &[usize], each: Duration) -> Finding {
 
 fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> {
     let lock = Arc::new(PiLock::new(0_u64));
-    let begun = Arc::new(Futex::new(NOBODY));
+    let begun = Arc::new(Futex::new(FREE));
     let most = usize::try_from(time.as_nanos() / PERIOD.as_nanos())
         .unwrap_or(0)
         .max(20);
@@ -55,7 +55,7 @@ fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> 
         // Unless the other thread has stopped meanwhile.
         if begun
             .word()
-            .compare_exchange(NOBODY, HOLDS, Ordering::Relaxed, Ordering::Relaxed)
+            .compare_exchange(FREE, HOLDS, Ordering::Relaxed, Ordering::Relaxed)
             .is_ok()
         {
             begun.wake_one();
@@ -75,7 +75,7 @@ fn measure(low: usize, high: usize, time: Duration) -> Result<Measured, String> 
 }
 
 /// The values of the word between the two.
-const NOBODY: u32 = 0;
+const FREE: u32 = 0;
 const HOLDS: u32 = 1;
 const OVER: u32 = 2;
 
@@ -83,8 +83,8 @@ const OVER: u32 = 2;
 fn take(lock: &PiLock<u64>, is_held: &Futex, most: usize, time: Duration) -> Vec<u64> {
     let mut times = Vec::with_capacity(most);
     let give_up = now() + PATIENCE;
-    while is_held.word().load(Ordering::Relaxed) == NOBODY && now() < give_up {
-        is_held.wait(NOBODY, give_up);
+    while is_held.word().load(Ordering::Relaxed) == FREE && now() < give_up {
+        is_held.wait(FREE, give_up);
     }
     let never = Futex::new(0);
     let end = now() + time;

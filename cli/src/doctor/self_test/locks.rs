@@ -59,8 +59,8 @@ fn mutex() -> Outcome {
 }
 
 fn mutex_of_the_dead() -> Outcome {
-    let told = Arc::new(AtomicBool::new(false));
-    let tell = told.clone();
+    let reported = Arc::new(AtomicBool::new(false));
+    let report = reported.clone();
     on_one_executor(|executor| {
         let state = Mutex::new(());
         let own = state.clone();
@@ -92,12 +92,15 @@ fn mutex_of_the_dead() -> Outcome {
                 _ => ensure(false, "the lock reports the death")?,
             }
             ensure(state.try_lock().is_ok(), "it goes on after that")?;
-            tell.store(true, Ordering::Relaxed);
+            report.store(true, Ordering::Relaxed);
             Ok(())
         })?;
         Ok(())
     })?;
-    ensure(told.load(Ordering::Relaxed), "the next locker completes")?;
+    ensure(
+        reported.load(Ordering::Relaxed),
+        "the next locker completes",
+    )?;
     Ok("1 death".to_owned())
 }
 

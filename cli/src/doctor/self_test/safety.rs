@@ -30,24 +30,24 @@ pub(super) const TESTS: &[Test] = &[
 
 fn watchdog() -> Outcome {
     on_one_executor(|executor| {
-        let dog = Watchdog::new(Duration::from_millis(2));
+        let watchdog = Watchdog::new(Duration::from_millis(2));
         executor.process("guard").spawn(async move {
             let start = luna::now();
-            dog.feed();
-            dog.expired().await;
+            watchdog.feed();
+            watchdog.expired().await;
             ensure(
                 luna::now() - start >= Duration::from_millis(1),
                 "not before its time",
             )?;
-            dog.feed();
-            ensure(dog.has_expired(), "it stays expired")?;
-            dog.reset();
-            dog.feed();
+            watchdog.feed();
+            ensure(watchdog.has_expired(), "it stays expired")?;
+            watchdog.reset();
+            watchdog.feed();
             Ok(())
         })?;
         Ok(())
     })?;
-    Ok("1 bite".to_owned())
+    Ok("1 expiry".to_owned())
 }
 
 fn emergency() -> Outcome {

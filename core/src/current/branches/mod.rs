@@ -1,7 +1,7 @@
 //! The set of woken branches of a process, for processes with too many branches to poll them all.
 
-use super::{PendingWake, Place, WakeHandle, ready_again};
-use crate::reclaim::{self, Retired};
+use super::{PendingWake, QueueEnd, WakeHandle, ready_again};
+use crate::deferred_free::{self, Retired};
 use luna_platform::lock::PiLock;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::fmt;
@@ -23,7 +23,7 @@ const WORD: usize = u64::BITS as usize;
 ///
 /// # Invariants
 ///
-/// `references` counts the collection and the wakers; the block is freed with the last one. `seats`
+/// `references` counts the collection and the wakers; the block is freed with the last one. `slots`
 /// does not change.
 struct Block {
     retired: Retired,
@@ -33,11 +33,11 @@ struct Block {
     /// The parent waits, so a wake has to take `parent`.
     is_waiting: AtomicBool,
     parent: PiLock<Option<WakeHandle>>,
-    seats: Box<[Seat]>,
+    slots: Box<[BranchSlot]>,
 }
 
 /// The data of a branch's waker.
-struct Seat {
+struct BranchSlot {
     block: NonNull<Block>,
     number: usize,
 }
@@ -90,12 +90,12 @@ impl Branches {
             summary,
             is_waiting: AtomicBool::new(false),
             parent: PiLock::new(None),
-            seats: Box::new([]),
+            slots: Box::new([]),
         })));
-        let seats = (0..count).map(|number| Seat { block, number });
-        let seats = seats.collect();
+        let slots = (0..count).map(|number| BranchSlot { block, number });
+        let slots = slots.collect();
         // SAFETY: no other code has a pointer to the block yet.
-        unsafe { (*block.as_ptr()).seats = seats };
+        unsafe { (*block.as_ptr()).slots = slots };
         Branches {
             shared: Shared(block),
             count,
@@ -111,10 +111,10 @@ impl Branches {
     ///
     /// Panics if there is no such branch.
     pub fn with_waker<R>(&self, branch: usize, f: impl FnOnce(&mut Context<'_>) -> R) -> R {
-        let seat = NonNull::from(&self.shared.block().seats[branch]);
+        let slot = NonNull::from(&self.shared.block().slots[branch]);
         // SAFETY: the functions of the table fulfil the contract of wakers. The waker is not
         // counted, so it must not be dropped; this reference keeps the block alive for longer.
-        let waker = unsafe { ManuallyDrop::new(Waker::new(seat.as_ptr().cast(), &TABLE)) };
+        let waker = unsafe { ManuallyDrop::new(Waker::new(slot.as_ptr().cast(), &TABLE)) };
         f(&mut Context::from_waker(&waker))
     }
 
@@ -144,9 +144,9 @@ impl Branches {
     pub fn wait(&self, cx: &Context<'_>) {
         let block = self.shared.block();
         if self.bits == 0 {
-            let wakeup = WakeHandle::of(cx);
+            let wake_handle = WakeHandle::of(cx);
             // Dropped after the lock is released.
-            let _before = block.parent.lock().replace(wakeup);
+            let _before = block.parent.lock().replace(wake_handle);
             block.is_waiting.store(true, Ordering::Release);
         }
         // A waker writes the summary before it looks for the parent. This writes it too, so one of
@@ -154,7 +154,7 @@ impl Branches {
         let is_set = |summary: &AtomicU64| summary.fetch_or(0, Ordering::AcqRel) != 0;
         if self.bits != 0 || block.summary.iter().any(is_set) {
             self.stop_waiting();
-            ready_again(cx, Place::Last);
+            ready_again(cx, QueueEnd::Back);
         }
     }
 
@@ -236,14 +236,14 @@ impl Block {
     fn wake_parent(&self) {
         let ready = {
             let mut parent = self.parent.lock();
-            match parent.take_if(|wakeup| wakeup.is_woken_once()) {
-                Some(wakeup) => {
+            match parent.take_if(|wake_handle| wake_handle.is_woken_once()) {
+                Some(wake_handle) => {
                     self.is_waiting.store(false, Ordering::Relaxed);
-                    wakeup.take()
+                    wake_handle.take()
                 }
                 None => parent
                     .as_ref()
-                    .map_or(PendingWake::NOBODY, WakeHandle::wake_elsewhere),
+                    .map_or(PendingWake::NONE, WakeHandle::wake_elsewhere),
             }
         };
         ready.wake();
@@ -264,7 +264,7 @@ impl Drop for Shared {
         if self.block().references.fetch_sub(1, Ordering::AcqRel) == 1 {
             // SAFETY: this was the last reference, and `free` finds the block from its field.
             unsafe {
-                reclaim::retire(NonNull::new_unchecked(&raw mut (*self.0.as_ptr()).retired));
+                deferred_free::retire(NonNull::new_unchecked(&raw mut (*self.0.as_ptr()).retired));
             }
         }
     }
@@ -287,38 +287,38 @@ static TABLE: RawWakerVTable = RawWakerVTable::new(clone, wake, wake_by_ref, dro
 ///
 /// # Safety
 ///
-/// `seat` is the data of a live waker of this table.
-unsafe fn held<'a>(seat: *const ()) -> (ManuallyDrop<Shared>, &'a Seat) {
+/// `slot` is the data of a live waker of this table.
+unsafe fn held<'a>(slot: *const ()) -> (ManuallyDrop<Shared>, &'a BranchSlot) {
     // SAFETY: the caller promises that the waker is alive; its data lies in the block, which the
     // waker keeps alive.
-    let seat = unsafe { &*seat.cast::<Seat>() };
-    (ManuallyDrop::new(Shared(seat.block)), seat)
+    let slot = unsafe { &*slot.cast::<BranchSlot>() };
+    (ManuallyDrop::new(Shared(slot.block)), slot)
 }
 
-unsafe fn clone(seat: *const ()) -> RawWaker {
+unsafe fn clone(slot: *const ()) -> RawWaker {
     // SAFETY: the contract of wakers: the data is that of a live waker of this table.
-    let (shared, _) = unsafe { held(seat) };
+    let (shared, _) = unsafe { held(slot) };
     let _of_the_clone = ManuallyDrop::new(Shared::clone(&shared));
-    RawWaker::new(seat, &TABLE)
+    RawWaker::new(slot, &TABLE)
 }
 
-unsafe fn wake(seat: *const ()) {
+unsafe fn wake(slot: *const ()) {
     // SAFETY: the contract of wakers: the data is that of a live waker, which is consumed here.
     unsafe {
-        wake_by_ref(seat);
-        drop_waker(seat);
+        wake_by_ref(slot);
+        drop_waker(slot);
     }
 }
 
-unsafe fn wake_by_ref(seat: *const ()) {
+unsafe fn wake_by_ref(slot: *const ()) {
     // SAFETY: the contract of wakers: the data is that of a live waker of this table.
-    let (shared, seat) = unsafe { held(seat) };
-    shared.block().wake(seat.number);
+    let (shared, slot) = unsafe { held(slot) };
+    shared.block().wake(slot.number);
 }
 
-unsafe fn drop_waker(seat: *const ()) {
+unsafe fn drop_waker(slot: *const ()) {
     // SAFETY: the contract of wakers: the data is that of a live waker, which ends here.
-    let (shared, _) = unsafe { held(seat) };
+    let (shared, _) = unsafe { held(slot) };
     drop(ManuallyDrop::into_inner(shared));
 }
 

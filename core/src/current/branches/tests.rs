@@ -9,7 +9,7 @@ fn wake(branches: &Branches, branch: usize) {
 }
 
 #[test]
-fn who_was_woken_comes_once_in_order() {
+fn one_that_was_woken_comes_once_in_order() {
     for count in [0, 1, 64, 65, 4096, 4097, 10_000] {
         let mut branches = Branches::new(count);
         assert_eq!(branches.next(), None);

@@ -10,7 +10,7 @@ use crate::{LayoutError, Selection};
 pub(crate) struct Pins {
     pub(crate) ports: Vec<Port>,
     /// The outputs, in the order of the selection.
-    pub(crate) outputs: Vec<Place>,
+    pub(crate) outputs: Vec<PortBit>,
 }
 
 /// A port's registers, and masks of its pins.
@@ -37,7 +37,7 @@ impl Port {
 
 /// Where a pin is.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Place {
+pub(crate) struct PortBit {
     pub(crate) port: usize,
     pub(crate) mask: u32,
 }
@@ -58,7 +58,7 @@ impl Pins {
                 neutral: 0,
             });
         }
-        let place = |pin: usize| Place {
+        let place = |pin: usize| PortBit {
             port: pin / idrom.port_width as usize,
             mask: 1 << (pin % idrom.port_width as usize),
         };
@@ -68,7 +68,7 @@ impl Pins {
                 && pin.is_module_output()
                 && let Some(has_pin) = has_pin.get_mut(usize::from(pin.unit))
             {
-                let Place { port, mask } = place(number);
+                let PortBit { port, mask } = place(number);
                 ports[port].modules |= mask;
                 *has_pin = true;
             }
@@ -81,7 +81,7 @@ impl Pins {
             let pin = output.pin;
             let described = idrom.pins.get(usize::from(pin));
             let described = described.ok_or(LayoutError::NoPin { pin })?;
-            let Place { port, mask } = place(pin.into());
+            let PortBit { port, mask } = place(pin.into());
             let is_encoders =
                 described.tag == Some(Tag::ENCODERS) && described.unit < selection.encoders;
             let taken = ports[port].modules | ports[port].outputs;
@@ -92,7 +92,7 @@ impl Pins {
             if output.neutral {
                 ports[port].neutral |= mask;
             }
-            outputs.push(Place { port, mask });
+            outputs.push(PortBit { port, mask });
         }
         Ok(Self { ports, outputs })
     }

@@ -52,7 +52,7 @@ use std::path::Path;
 pub(crate) const NODE: Node = Node::new("GPIO chip").subsystem("gpio").group("gpio");
 
 /// The most lines of one request, as of the kernel's.
-pub const MOST_LINES: usize = 64;
+pub const MAX_LINES: usize = 64;
 
 /// The lines of a chip to request, by their offsets on it. Afterwards they are numbered from 0 in
 /// this order.
@@ -146,7 +146,7 @@ impl Levels {
     /// ```
     #[must_use]
     pub const fn with(mut self, number: usize, level: bool) -> Self {
-        assert!(number < MOST_LINES);
+        assert!(number < MAX_LINES);
         self.mask |= 1 << number;
         if level {
             self.bits |= 1 << number;
@@ -158,7 +158,7 @@ impl Levels {
 
     /// The level of this line, if there is one for it.
     pub const fn get(self, number: usize) -> Option<bool> {
-        if number < MOST_LINES && self.mask >> number & 1 == 1 {
+        if number < MAX_LINES && self.mask >> number & 1 == 1 {
             Some(self.bits >> number & 1 == 1)
         } else {
             None
@@ -247,7 +247,7 @@ pub fn open_chip<C: Chip>(
             reason: reason.to_owned(),
         }))
     };
-    if lines.lines.is_empty() || lines.lines.len() > MOST_LINES {
+    if lines.lines.is_empty() || lines.lines.len() > MAX_LINES {
         return refused("request 1 to 64 lines");
     }
     let mut offsets: Vec<u32> = lines.lines.iter().map(|line| line.offset).collect();

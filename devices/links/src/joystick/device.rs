@@ -1,6 +1,6 @@
 //! The kernel's input devices, by the crate `evdev`.
 
-use super::{Controller, MOST_AXES, Range, Snapshot};
+use super::{Controller, MAX_AXES, Range, Snapshot};
 use crate::Transport;
 use evdev::KeyCode;
 use luna::devices::{Device, DeviceError, DeviceManager, Node, Sharing};
@@ -14,7 +14,7 @@ const NODE: Node = Node::new("input device").subsystem("input").group("input");
 /// An open input device: see [`open`].
 pub struct InputDevice {
     device: evdev::Device,
-    ranges: Box<[Option<Range>; MOST_AXES]>,
+    ranges: Box<[Option<Range>; MAX_AXES]>,
 }
 
 /// Opens the input device at `path`, such as `/dev/input/event5` or its permanent name in
@@ -59,7 +59,7 @@ fn opened(
         if is_grabbed {
             device.grab().map_err(refused)?;
         }
-        let mut ranges = Box::new([None; MOST_AXES]);
+        let mut ranges = Box::new([None; MAX_AXES]);
         if let Some(axes) = device.supported_absolute_axes() {
             let about = device.get_abs_state().map_err(refused)?;
             for axis in axes.iter() {

@@ -49,9 +49,9 @@ pub const X: u16 = 0;
 /// The second axis of most joysticks: from away to near.
 pub const Y: u16 = 1;
 /// How many numbers there are for axes.
-pub const MOST_AXES: usize = 64;
+pub const MAX_AXES: usize = 64;
 /// How many numbers there are for buttons.
-pub const MOST_BUTTONS: usize = 768;
+pub const MAX_BUTTONS: usize = 768;
 
 /// What [`controls`] needs of an input device: the kernel's, or a simulated one.
 pub trait Controller: Transport {

@@ -1,7 +1,7 @@
 //! From events to positions, and back to them after events were lost.
 
 use super::event::Event;
-use super::{MOST_AXES, MOST_BUTTONS};
+use super::{MAX_AXES, MAX_BUTTONS};
 
 /// What a control of an input device does.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,16 +59,16 @@ impl Range {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Snapshot {
     /// The axes' values, by their numbers.
-    pub axes: [i32; MOST_AXES],
+    pub axes: [i32; MAX_AXES],
     /// A bit for each pressed button, from the lowest of the first word.
-    pub buttons: [u64; MOST_BUTTONS / 64],
+    pub buttons: [u64; MAX_BUTTONS / 64],
 }
 
 impl Snapshot {
     /// All values 0, and no button pressed.
     pub const ZERO: Snapshot = Snapshot {
-        axes: [0; MOST_AXES],
-        buttons: [0; MOST_BUTTONS / 64],
+        axes: [0; MAX_AXES],
+        buttons: [0; MAX_BUTTONS / 64],
     };
 
     /// Whether a button is pressed.
@@ -93,8 +93,8 @@ impl Snapshot {
 /// The state that was reported so far.
 #[derive(Debug)]
 pub(super) struct State {
-    ranges: [Option<Range>; MOST_AXES],
-    positions: [f64; MOST_AXES],
+    ranges: [Option<Range>; MAX_AXES],
+    positions: [f64; MAX_AXES],
     /// Its buttons alone.
     reported: Snapshot,
     /// Events were lost: those up to the next report are useless, and then the device is queried.
@@ -115,7 +115,7 @@ impl State {
         let ranges = std::array::from_fn(|axis| range(axis as u16));
         Self {
             ranges,
-            positions: [0.0; MOST_AXES],
+            positions: [0.0; MAX_AXES],
             reported: Snapshot::ZERO,
             is_lost: false,
         }
@@ -153,7 +153,7 @@ impl State {
     }
 
     fn press(&mut self, button: u16, pressed: bool) -> Meaning {
-        if usize::from(button) >= MOST_BUTTONS || self.reported.is_pressed(button) == pressed {
+        if usize::from(button) >= MAX_BUTTONS || self.reported.is_pressed(button) == pressed {
             return Meaning::Nothing;
         }
         self.reported.press(button, pressed);
@@ -163,10 +163,10 @@ impl State {
     /// The next control from `*place` on with a state that was not reported; `place` is 0 at first.
     /// O(axes and buttons) in all.
     pub(super) fn compare(&mut self, now: &Snapshot, place: &mut usize) -> Option<Control> {
-        while *place < MOST_AXES + MOST_BUTTONS {
+        while *place < MAX_AXES + MAX_BUTTONS {
             let number = *place;
             *place += 1;
-            let meaning = match number.checked_sub(MOST_AXES) {
+            let meaning = match number.checked_sub(MAX_AXES) {
                 None => self.move_to(number as u16, now.axes[number]),
                 Some(button) => self.press(button as u16, now.is_pressed(button as u16)),
             };

@@ -3,7 +3,7 @@
 use luna::{Receiver, TryRecvError};
 
 /// How many values are taken of one channel at a time: a register has one.
-const MOST_AT_ONCE: usize = 16;
+const MAX_AT_ONCE: usize = 16;
 
 /// The far end of a channel of set-points.
 #[derive(Debug)]
@@ -35,7 +35,7 @@ impl<T: Copy> Input<T> {
             true => self.age.saturating_add(1),
             false => 0,
         };
-        for _ in 0..MOST_AT_ONCE {
+        for _ in 0..MAX_AT_ONCE {
             match self.channel.try_recv() {
                 Ok(value) => {
                     self.newest = Some(value);

@@ -8,7 +8,7 @@ use luna::external::FileError;
 use std::sync::Arc;
 
 /// The limit of datagrams read in one cycle, so that a flood does not block the executor.
-const MOST_AT_ONCE: u32 = 64;
+const MAX_AT_ONCE: u32 = 64;
 
 /// The socket, with the number of the last request and a buffer for an answer.
 #[derive(Debug)]
@@ -66,7 +66,7 @@ impl Exchange {
         self.send(request);
         let expected = self.answer.len() - 1;
         let mut looked_at = 0;
-        while looked_at < MOST_AT_ONCE {
+        while looked_at < MAX_AT_ONCE {
             match self.socket.receive(&mut self.answer) {
                 Ok(Some(length))
                     if length == expected

@@ -56,7 +56,7 @@ pub fn mesa(
             .pwm_with_enable(number, pwm, enable);
         executor
             .process(&format!("{} counts", axis.name))
-            .spawn(tell_counts(axis.count_at_zero, period, readings, count))?;
+            .spawn(report_counts(axis.count_at_zero, period, readings, count))?;
         Ok::<_, Error>(registers)
     };
     let registers = [build_axis(0)?, build_axis(1)?];
@@ -75,7 +75,7 @@ fn fastest(index: usize) -> f64 {
 
 /// Writes the encoder's counts to the register while they are fresh. A register has no age, so a
 /// value that has waited for longer than a period (since this executor was delayed) is not written.
-async fn tell_counts(
+async fn report_counts(
     at_zero: i32,
     period: Duration,
     readings: Receiver<Sample<Reading>>,

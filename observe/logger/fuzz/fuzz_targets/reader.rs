@@ -5,7 +5,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use luna_logger::format::{MOST_IN_BLOCK, Reader, Record, Writer};
+use luna_logger::format::{MAX_IN_BLOCK, Reader, Record, Writer};
 
 fn read(bytes: &[u8]) {
     let Ok(mut reader) = Reader::new(bytes) else {
@@ -44,7 +44,7 @@ fn crc32(bytes: &[u8]) -> u32 {
 
 fuzz_target!(|input: &[u8]| {
     read(input);
-    let records = &input[..input.len().min(MOST_IN_BLOCK)];
+    let records = &input[..input.len().min(MAX_IN_BLOCK)];
     let mut file = Writer::new(Vec::new())
         .and_then(Writer::finish)
         .expect("a vector takes all");

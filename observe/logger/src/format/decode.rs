@@ -2,7 +2,7 @@
 
 use super::record::{Event, Record, RunsOn, SignalInfo, Subject};
 use super::types::{ClockBase, Level, Losing, Type, Values};
-use super::{MOST_ELEMENTS, MOST_SIGNALS, kind};
+use super::{MAX_ELEMENTS, MAX_SIGNALS, kind};
 
 /// The text of a record's error.
 type Wrong = &'static str;
@@ -90,7 +90,7 @@ impl Types {
 
     fn set(&mut self, signal: u32, declared: Declared) -> Result<(), Wrong> {
         let index = signal as usize;
-        if index >= MOST_SIGNALS {
+        if index >= MAX_SIGNALS {
             return Err("the number of a signal is too high");
         }
         if self.0.len() <= index {
@@ -108,7 +108,7 @@ pub(super) fn is_known(of: u8, body: Body<'_>, types: &mut Types) -> Result<bool
         kind::SIGNAL => {
             let signal = body.small()?;
             let (element_type, elements) = (body.byte()?, body.byte()?);
-            if elements == 0 || usize::from(elements) > MOST_ELEMENTS {
+            if elements == 0 || usize::from(elements) > MAX_ELEMENTS {
                 return Err("a signal has no elements, or too many");
             }
             let declared = Type::from_byte(element_type)

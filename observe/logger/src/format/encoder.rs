@@ -2,7 +2,7 @@
 
 use super::record::{Event, Record, RunsOn, SignalInfo};
 use super::types::{Losing, Values};
-use super::{BLOCK_MAGIC, BLOCK_START, MOST_TEXT, head, kind};
+use super::{BLOCK_MAGIC, BLOCK_START, MAX_TEXT, head, kind};
 
 /// A block is full at this size. It is less than a tenth of the limit, so that the last record
 /// always fits.
@@ -255,7 +255,7 @@ impl Encoder {
     }
 
     fn text(&mut self, text: &str) {
-        let text = &text[..text.floor_char_boundary(MOST_TEXT)];
+        let text = &text[..text.floor_char_boundary(MAX_TEXT)];
         self.number(text.len() as u64);
         self.body.extend_from_slice(text.as_bytes());
     }

@@ -39,7 +39,7 @@ pub enum ReadErrorKind {
     /// No block begins where one should.
     #[error("no block begins where one should")]
     NoBlock,
-    /// A block states a length above [`MOST_IN_BLOCK`](super::MOST_IN_BLOCK).
+    /// A block states a length above [`MAX_IN_BLOCK`](super::MAX_IN_BLOCK).
     #[error("a block states a length of {length} bytes, which is more than the limit")]
     BlockTooLong {
         /// The length that it states, in bytes.

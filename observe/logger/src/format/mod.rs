@@ -47,16 +47,16 @@ pub const MINOR: u16 = 0;
 pub const BLOCK_MAGIC: [u8; 4] = *b"LBLK";
 
 /// The limit of the bytes of records in one block, which a reader has to hold.
-pub const MOST_IN_BLOCK: usize = 1 << 20;
+pub const MAX_IN_BLOCK: usize = 1 << 20;
 
 /// The most signals of a recording.
-pub const MOST_SIGNALS: usize = 1 << 16;
+pub const MAX_SIGNALS: usize = 1 << 16;
 
 /// The most elements of a signal.
-pub const MOST_ELEMENTS: usize = 16;
+pub const MAX_ELEMENTS: usize = 16;
 
 /// The most bytes of any text in a record.
-pub const MOST_TEXT: usize = 4096;
+pub const MAX_TEXT: usize = 4096;
 
 /// Bytes of the head: magic, major, minor, and 4 bytes that are 0.
 pub(crate) const HEAD: usize = 16;

@@ -3,7 +3,7 @@
 use super::decode::{Body, Types, is_known, record};
 use super::error::{ReadError, ReadErrorKind};
 use super::record::Record;
-use super::{BLOCK_MAGIC, BLOCK_START, HEAD, MAGIC, MAJOR, MOST_IN_BLOCK};
+use super::{BLOCK_MAGIC, BLOCK_START, HEAD, MAGIC, MAJOR, MAX_IN_BLOCK};
 use std::fmt;
 use std::io::{ErrorKind, Read};
 
@@ -297,7 +297,7 @@ impl<R: Read> Reader<R> {
             u32::from_le_bytes([start[at], start[at + 1], start[at + 2], start[at + 3]])
         };
         let (found, length, checksum) = (number(4), number(8), number(12));
-        if length as usize > MOST_IN_BLOCK {
+        if length as usize > MAX_IN_BLOCK {
             return Err(broken(ReadErrorKind::BlockTooLong { length }));
         }
         let whole = BLOCK_START + length as usize;

@@ -1,7 +1,7 @@
 //! How much is in a block, without looking into its records.
 
 use super::decode::Body;
-use super::{BLOCK_START, MOST_SIGNALS, kind};
+use super::{BLOCK_START, MAX_SIGNALS, kind};
 use std::collections::BTreeMap;
 
 /// The number of samples, messages and events in blocks, which is what is lost with them.
@@ -76,7 +76,7 @@ impl Tally {
 
 /// One more of `number`, among as many as a recording has.
 fn count(of: &mut BTreeMap<u32, u64>, number: u32) {
-    if (number as usize) < MOST_SIGNALS {
+    if (number as usize) < MAX_SIGNALS {
         *of.entry(number).or_default() += 1;
     }
 }

@@ -4,7 +4,7 @@ use super::receive::{Known, LOOK, Office, Refusal, lock};
 use super::wire::{
     Answer, HELLO, Hello, MAGIC, PREFIX, PeerError, ack_bytes, answer_bytes, check_prefix, u32_at,
 };
-use crate::format::{BLOCK_MAGIC, BLOCK_START, MOST_IN_BLOCK, checksum};
+use crate::format::{BLOCK_MAGIC, BLOCK_START, MAX_IN_BLOCK, checksum};
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::convert::Infallible;
 use std::io::{self, ErrorKind, Read, Write};
@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// How many connections at a time.
-const MOST: usize = 64;
+const MAX: usize = 64;
 /// How long a hello may take, and the longest silence of a sender, which sends the time of day
 /// every ten seconds.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
@@ -34,7 +34,7 @@ pub(super) fn accept(listener: &TcpListener, office: &Arc<Office>) {
         if office.is_over() || stream.set_nodelay(true).is_err() {
             continue;
         }
-        if threads.len() >= MOST {
+        if threads.len() >= MAX {
             answer_no(&stream, PeerError::Full);
             office.handler.was_refused(address, &PeerError::Full);
             continue;
@@ -125,7 +125,7 @@ impl Stream<'_> {
                 return Ok(());
             }
             let (number, length) = (u32_at(&block, 4), u32_at(&block, 8) as usize);
-            if block[..4] != BLOCK_MAGIC || length > MOST_IN_BLOCK {
+            if block[..4] != BLOCK_MAGIC || length > MAX_IN_BLOCK {
                 return Err(io::Error::other(PeerError::Damaged("it is no block")));
             }
             block.resize(BLOCK_START + length, 0);

@@ -9,13 +9,13 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// The most bytes of a datagram.
-const MOST: usize = 64 << 10;
+const MAX: usize = 64 << 10;
 /// How long a sender may be silent: it declares all each second.
 const SILENT: Duration = Duration::from_secs(10);
 /// How many senders get a refusal before the list of refused senders is cleared.
-const MOST_REFUSED: usize = 256;
+const MAX_REFUSED: usize = 256;
 /// How many are here at most.
-const MOST_HERE: usize = 64;
+const MAX_HERE: usize = 64;
 
 /// A sender that is here.
 struct Here {
@@ -42,7 +42,7 @@ pub(super) fn receive(socket: &UdpSocket, office: &Office) {
         here: HashMap::new(),
         refused: HashSet::new(),
     };
-    let mut buffer = vec![0; MOST];
+    let mut buffer = vec![0; MAX];
     let mut looked = Instant::now();
     while !office.is_over() {
         // A timeout, or the kernel's report about an answer: go on with the next datagram.
@@ -113,7 +113,7 @@ impl Hall<'_> {
         if !Encoder::is_session(block) {
             return Ok(false);
         }
-        if self.here.len() >= MOST_HERE {
+        if self.here.len() >= MAX_HERE {
             return Err(PeerError::Full);
         }
         let mut reader = new_reader();
@@ -157,7 +157,7 @@ impl Hall<'_> {
     }
 
     fn refuse(&mut self, from: SocketAddr, error: PeerError) {
-        if self.refused.len() >= MOST_REFUSED {
+        if self.refused.len() >= MAX_REFUSED {
             self.refused.clear();
         }
         if self.refused.insert(from) {

@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The limit of known senders: those connected, and those that may come back.
-const MOST_KNOWN: usize = 64;
+const MAX_KNOWN: usize = 64;
 /// A sender is refused for this long if its sink has no room. After that it may send one block as a
 /// trial.
 const NO_ROOM: Duration = Duration::from_secs(20);
@@ -252,7 +252,7 @@ impl fmt::Debug for Receiving {
 pub(super) struct Office {
     pub(super) handler: Arc<dyn Handler>,
     known: Mutex<HashMap<Key, Arc<Mutex<Known>>>>,
-    /// Senders without a sink, and when one was last requested for them. At most [`MOST_KNOWN`].
+    /// Senders without a sink, and when one was last requested for them. At most [`MAX_KNOWN`].
     turned_away: Mutex<HashMap<Key, Instant>>,
     /// How long a sender without room is refused.
     keeps_out: Duration,
@@ -374,7 +374,7 @@ impl Office {
         if asked.is_some_and(|asked| asked.elapsed() < self.keeps_out) {
             return Err(Refusal::NO_ROOM_AS_BEFORE);
         }
-        if all.len() >= MOST_KNOWN && !forget_one(&mut all) {
+        if all.len() >= MAX_KNOWN && !forget_one(&mut all) {
             return Err(PeerError::Full.into());
         }
         let opened = self.handler.open(&known.peer).and_then(|mut sink| {
@@ -394,11 +394,11 @@ impl Office {
 
     fn turn_away(&self, key: Key) {
         let mut away = lock(&self.turned_away);
-        if away.len() >= MOST_KNOWN {
+        if away.len() >= MAX_KNOWN {
             away.retain(|_, asked| asked.elapsed() < self.keeps_out);
         }
         // Beyond this number, a refused sender may ask again at once.
-        if away.len() < MOST_KNOWN {
+        if away.len() < MAX_KNOWN {
             away.insert(key, Instant::now());
         }
     }

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 const ROOM: usize = 4 << 20;
 /// The limit of blocks sent before acknowledgements are read. The socket buffers the
 /// acknowledgements of these.
-const MOST_AHEAD: usize = 256;
+const MAX_AHEAD: usize = 256;
 /// Limits for a connection attempt, and for a piece of data that does not get on.
 const CONNECT: Duration = Duration::from_secs(1);
 const STANDS: Duration = Duration::from_secs(2);
@@ -409,7 +409,7 @@ impl Link {
                         return Err(Over::Done);
                     }
                     if !state.blocks.is_empty() {
-                        break state.blocks.iter().take(MOST_AHEAD).cloned().collect();
+                        break state.blocks.iter().take(MAX_AHEAD).cloned().collect();
                     }
                     state = self.shared.wait(state, Duration::from_secs(60));
                 }

@@ -27,7 +27,7 @@ pub(super) const ACK: usize = 8;
 const ACK_MAGIC: [u8; 4] = *b"LACK";
 
 /// The most bytes of a system's name; the rest is cut off.
-pub(super) const MOST_NAME: usize = 255;
+pub(super) const MAX_NAME: usize = 255;
 
 /// Bytes in front of a datagram's block.
 pub(super) const DATAGRAM: usize = 40;
@@ -156,7 +156,7 @@ pub(super) struct Hello {
 
 impl Hello {
     pub(super) fn bytes(&self) -> Vec<u8> {
-        let name = &self.system[..self.system.floor_char_boundary(MOST_NAME)];
+        let name = &self.system[..self.system.floor_char_boundary(MAX_NAME)];
         let mut bytes = prefix();
         bytes.extend(self.key.session.to_le_bytes());
         bytes.extend(self.key.part.to_le_bytes());
@@ -174,7 +174,7 @@ impl Hello {
     pub(super) fn rest(fixed: &[u8]) -> Result<usize, PeerError> {
         check_prefix(fixed)?;
         let name = usize::from(u16_at(fixed, 44));
-        if name > MOST_NAME {
+        if name > MAX_NAME {
             return Err(PeerError::Damaged("its name is too long"));
         }
         Ok(name + 4)

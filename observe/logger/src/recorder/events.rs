@@ -39,7 +39,7 @@ impl Hasher for Spread {
 }
 
 /// How many names of processes of other systems are kept.
-const MOST_STRANGERS: usize = 4096;
+const MAX_STRANGERS: usize = 4096;
 
 type Build = BuildHasherDefault<Spread>;
 
@@ -97,7 +97,7 @@ impl Events {
         if name.kind == Kind::Process && name.runs_on.is_none() {
             // Its end is reported elsewhere.
             self.strangers.push_back(key);
-            if self.strangers.len() > MOST_STRANGERS
+            if self.strangers.len() > MAX_STRANGERS
                 && let Some(oldest) = self.strangers.pop_front()
             {
                 self.known.remove(&oldest);

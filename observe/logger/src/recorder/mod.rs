@@ -172,14 +172,14 @@ impl Logging {
     /// Room in each thread's ring, in samples of one element; default 32 768. It is allocated when
     /// the thread starts: 24 bytes each. A sample of `n` elements takes 16 + 8 n bytes.
     pub fn room_for_samples(mut self, samples: usize) -> Self {
-        self.rooms.samples = samples.saturating_mul(3).min(MOST_ROOM);
+        self.rooms.samples = samples.saturating_mul(3).min(MAX_ROOM);
         self
     }
 
     /// Room for messages in each thread's other ring, in bytes: a message takes 32 and its text;
     /// default 64 KiB.
     pub fn room_for_messages(mut self, bytes: usize) -> Self {
-        self.rooms.messages = bytes.div_ceil(8).min(MOST_ROOM);
+        self.rooms.messages = bytes.div_ceil(8).min(MAX_ROOM);
         self
     }
 
@@ -201,7 +201,7 @@ impl Logging {
     /// ```
     #[cfg(feature = "events")]
     pub fn room_for_events(mut self, events: usize) -> Self {
-        self.rooms.events = events.min(MOST_ROOM / 4);
+        self.rooms.events = events.min(MAX_ROOM / 4);
         self
     }
 
@@ -252,7 +252,7 @@ const AT_END: Duration = Duration::from_secs(10);
 const AT_PEERS: Duration = Duration::from_secs(2);
 
 /// The most words of a ring: 1 GiB.
-const MOST_ROOM: usize = 1 << 27;
+const MAX_ROOM: usize = 1 << 27;
 
 /// The thread that records. Dropping it ends the recording as [`finish`](Self::finish) does.
 #[must_use = "the recording ends when this is dropped"]

@@ -8,9 +8,9 @@ use super::report::EventsReport;
 use super::report::{LoggingReport, MessagesReport, SignalReport};
 use super::show::{self, Show};
 use super::timeline::epoch;
-use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
+use crate::format::{Encoder, Level, Losing, MAX_ELEMENTS, Record, SignalInfo, Values};
 use crate::hub::{Begun, Declared, Hub};
-use crate::lane::{Head, Inlet, MOST_WORDS};
+use crate::lane::{Head, Inlet, MAX_WORDS};
 use crate::message::{Lengths, MESSAGE_HEAD};
 use luna_platform::clock::Instant;
 use std::collections::HashMap;
@@ -177,7 +177,7 @@ impl Output {
         }
         let declared = &self.signals[index];
         let size = declared.element_type.size();
-        let mut bytes = [0; 8 * MOST_ELEMENTS];
+        let mut bytes = [0; 8 * MAX_ELEMENTS];
         for (place, word) in bytes.chunks_exact_mut(size).zip(words) {
             place.copy_from_slice(&word.to_le_bytes()[..size]);
         }
@@ -200,7 +200,7 @@ impl Output {
             return;
         }
         let lengths = Lengths::of(entry[2]);
-        let mut bytes = [0; 8 * MOST_WORDS];
+        let mut bytes = [0; 8 * MAX_WORDS];
         for (eight, word) in bytes.chunks_exact_mut(8).zip(&entry[MESSAGE_HEAD..]) {
             eight.copy_from_slice(&word.to_le_bytes());
         }

@@ -144,7 +144,7 @@ fn events_in_blocks_that_are_given_back_are_lost_and_names_come_again() {
     let hub = Hub::new("pump", Default::default());
     let recorder = start(&hub, &sink);
     hub.enter_thread();
-    hub.enter_home();
+    hub.enter_executor();
     events::name_process(7, 16, || "pump".to_owned());
     for _ in 0..3 {
         events::begin_turn(7);
@@ -177,21 +177,21 @@ fn of_two_hubs_each_has_its_own_events_and_executors() {
         let second = hubs[1].clone();
         scope.spawn(move || {
             second.enter_thread();
-            second.enter_home();
+            second.enter_executor();
             events::name_executor(|| "of the other".to_owned());
             has_entered.send(()).unwrap();
             waits.recv().unwrap();
-            events::tell_executor(code::ASLEEP);
+            events::report_executor(code::ASLEEP);
         });
         enters.recv().unwrap();
         // On this thread, which is the first's, with the same number there.
         hubs[0].enter_thread();
-        hubs[0].enter_home();
+        hubs[0].enter_executor();
         events::name_executor(|| "of the one".to_owned());
         events::name_process(8, 16, || "pump".to_owned());
-        events::tell_executor(code::ASLEEP);
-        hubs[0].tell(code::EMERGENCY, 8, [1, 0]);
-        hubs[1].tell(code::EMERGENCY, 8, [2, 0]);
+        events::report_executor(code::ASLEEP);
+        hubs[0].report(code::EMERGENCY, 8, [1, 0]);
+        hubs[1].report(code::EMERGENCY, 8, [2, 0]);
         goes_on.send(()).unwrap();
     });
     events::detach();

@@ -8,9 +8,9 @@ mod events;
 #[cfg(all(feature = "log", feature = "tracing"))]
 mod facades;
 mod format;
-mod homeless;
 mod killed;
 #[cfg(feature = "events")]
 mod names;
 mod network;
+mod no_executor;
 mod recording;

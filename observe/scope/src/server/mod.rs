@@ -40,7 +40,7 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             continue;
         };
         let most = shared.settings.viewers + ASKING;
-        let Some(place) = Place::take(shared, |shared| &shared.connections, most) else {
+        let Some(place) = Permit::take(shared, |shared| &shared.connections, most) else {
             // All others wait for this thread, and so does the scope's end.
             let _ = refuse(stream, &Refusal::TooMany, BRIEF);
             continue;
@@ -56,26 +56,26 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
 }
 
 /// One of a limited number of connections, released on drop.
-pub(crate) struct Place {
+pub(crate) struct Permit {
     shared: Arc<Shared>,
     of: fn(&Shared) -> &AtomicUsize,
 }
 
-impl Place {
-    fn take(shared: &Arc<Shared>, of: fn(&Shared) -> &AtomicUsize, most: usize) -> Option<Place> {
+impl Permit {
+    fn take(shared: &Arc<Shared>, of: fn(&Shared) -> &AtomicUsize, most: usize) -> Option<Permit> {
         of(shared)
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |taken| {
                 (taken < most).then_some(taken + 1)
             })
             .ok()?;
-        Some(Place {
+        Some(Permit {
             shared: shared.clone(),
             of,
         })
     }
 }
 
-impl Drop for Place {
+impl Drop for Permit {
     fn drop(&mut self) {
         (self.of)(&self.shared).fetch_sub(1, Ordering::Relaxed);
     }
@@ -101,7 +101,7 @@ fn serve(mut stream: TcpStream, shared: &Arc<Shared>) -> io::Result<()> {
             ..
         }) => {
             let most = shared.settings.viewers;
-            match Place::take(shared, |shared| &shared.viewers, most) {
+            match Permit::take(shared, |shared| &shared.viewers, most) {
                 Some(_place) => {
                     write!(
                         stream,

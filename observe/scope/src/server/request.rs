@@ -3,7 +3,7 @@
 use std::net::IpAddr;
 
 /// The limit of a request's headers. Browsers send about fifteen.
-const MOST_HEADERS: usize = 64;
+const MAX_HEADERS: usize = 64;
 
 /// Why a request is refused. Its `Display` is the answer's text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -58,7 +58,7 @@ pub(super) struct Request {
 impl Request {
     /// Understands a request's line and headers.
     pub(super) fn parse(bytes: &[u8]) -> Result<Request, Refusal> {
-        let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
+        let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut parsed = httparse::Request::new(&mut headers);
         match parsed.parse(bytes) {
             Ok(httparse::Status::Complete(_)) => {}
@@ -247,7 +247,7 @@ mod tests {
         assert!(parse(&lines("GET /", "\nContent-Length: 0")).is_ok());
         assert!(!parse(&lines("HEAD /", "")).unwrap().wants_body);
         assert_eq!(parse("nonsense"), Err(Refusal::Malformed));
-        let many = "\nX: y".repeat(MOST_HEADERS);
+        let many = "\nX: y".repeat(MAX_HEADERS);
         assert_eq!(parse(&lines("GET /", &many)), Err(Refusal::TooLong));
     }
 

@@ -25,7 +25,7 @@ const ON_THE_WAY: usize = 1 << 20;
 /// How many wrong tokens a viewer may send.
 const GUESSES: u32 = 3;
 /// The limit of a viewer's messages handled in a round.
-const MOST_MESSAGES: usize = 16;
+const MAX_MESSAGES: usize = 16;
 
 /// A viewer's message.
 #[derive(Debug, Deserialize)]
@@ -164,7 +164,7 @@ impl Viewer<'_> {
     }
 
     fn listen(&mut self) -> Result<(), Error> {
-        for _ in 0..MOST_MESSAGES {
+        for _ in 0..MAX_MESSAGES {
             match waits(self.socket.read())? {
                 None => break,
                 Some(Message::Text(text)) => {

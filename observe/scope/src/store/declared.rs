@@ -7,12 +7,12 @@ use std::sync::Arc;
 /// Names longer than that are cut: what a page can show.
 const LONGEST: usize = 256;
 /// More of a kind are not kept.
-const MOST: usize = 1 << 15;
+const MAX: usize = 1 << 15;
 /// The limit of bytes in all, as they are in blocks: a viewer gets them all at once. Records that
 /// exist once have their own room.
-const MOST_BYTES: usize = super::MOST_DECLARED - MOST_OF_LOSSES - (4 << 10);
+const MAX_BYTES: usize = super::MAX_DECLARED - MAX_LOSS_BYTES - (4 << 10);
 /// Bytes reserved for losses, so that they are sent even if the rest is full.
-const MOST_OF_LOSSES: usize = 64 << 10;
+const MAX_LOSS_BYTES: usize = 64 << 10;
 
 /// The largest size of a record without its texts: kind, length and numbers (five bytes for 32
 /// bits, ten for 64).
@@ -28,8 +28,8 @@ const EMERGENCY: u16 = 12;
 
 #[derive(Debug, Default)]
 pub(super) struct Declared {
-    room: Room<MOST_BYTES>,
-    room_of_losses: Room<MOST_OF_LOSSES>,
+    room: Room<MAX_BYTES>,
+    room_of_losses: Room<MAX_LOSS_BYTES>,
     session: Option<(String, ClockBase, String)>,
     threads: BTreeMap<u32, String>,
     signals: BTreeMap<u32, Signal>,
@@ -110,7 +110,7 @@ impl<const BYTES: usize> Room<BYTES> {
         }
         let without = self.bytes - known.map_or(0, V::bytes);
         let is_new = known.is_none();
-        if (is_new && of.len() >= MOST) || without + value.bytes() > BYTES {
+        if (is_new && of.len() >= MAX) || without + value.bytes() > BYTES {
             self.is_short = true;
             return false;
         }
@@ -297,7 +297,7 @@ mod tests {
     /// The greatest values, so that a record has its largest size.
     fn fill(declared: &mut Declared, texts: &str) {
         let huge = |number: u32| u32::MAX - number;
-        for number in 0..MOST as u32 {
+        for number in 0..MAX as u32 {
             let event = |time| Event {
                 thread: u32::MAX,
                 time,
@@ -342,7 +342,7 @@ mod tests {
             fill(&mut declared, texts);
             assert!(declared.is_short());
             let bytes = bytes(&declared);
-            let most = super::super::MOST_DECLARED;
+            let most = super::super::MAX_DECLARED;
             assert!((most * 3 / 4..=most).contains(&bytes), "{bytes}");
         }
     }
@@ -365,7 +365,7 @@ mod tests {
     fn losses_are_sent_when_the_rest_is_full() {
         let mut declared = Declared::default();
         let long = "x".repeat(LONGEST);
-        for number in 0..MOST as u32 {
+        for number in 0..MAX as u32 {
             name(&mut declared, number, &long);
         }
         assert!(declared.is_short());

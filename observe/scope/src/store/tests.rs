@@ -1,10 +1,10 @@
 use super::*;
 use luna_logger::format::{ClockBase, Reader, SignalInfo};
 
-const MOST: usize = 1 << 20;
+const MAX: usize = 1 << 20;
 
 fn begun() -> Store {
-    let mut store = Store::new(MOST);
+    let mut store = Store::new(MAX);
     let recording = store.begin();
     store.take(
         recording,
@@ -80,7 +80,7 @@ fn memory_is_bounded_whatever_comes() {
     for n in 0..1_000_000u64 {
         sample(&mut store, n * 1_000_000, n as f64);
     }
-    assert!(store.held() <= MOST, "{}", store.held());
+    assert!(store.held() <= MAX, "{}", store.held());
     assert_eq!(store.held(), store.bytes);
     let mut position = Position::default();
     let news = store.news(&mut position, usize::MAX);
@@ -132,10 +132,10 @@ fn what_was_declared_is_within_what_a_viewer_gets_at_once() {
     let mut position = Position::default();
     let mut all = 0;
     loop {
-        let News { blocks, begins, .. } = store.news(&mut position, MOST);
+        let News { blocks, begins, .. } = store.news(&mut position, MAX);
         let bytes: Vec<usize> = blocks.iter().map(|block| block.len()).collect();
         assert_eq!(begins, all == 0);
-        assert!(bytes.iter().sum::<usize>() - bytes.last().unwrap_or(&0) <= MOST);
+        assert!(bytes.iter().sum::<usize>() - bytes.last().unwrap_or(&0) <= MAX);
         all += bytes.len();
         if bytes.is_empty() {
             break;
@@ -177,7 +177,7 @@ fn of_too_many_events_the_ones_that_matter_go_on() {
         subject: 1,
         arguments: [0; 2],
     };
-    for _ in 0..crate::reduce::MOST_EVENTS + 10 {
+    for _ in 0..crate::reduce::MAX_EVENTS + 10 {
         store.take(store.recording, &Record::Event(event(2)));
     }
     store.take(store.recording, &Record::Event(event(12)));

@@ -178,7 +178,7 @@ fn its_watchdog_bites_after_its_time_and_lets_go_of_all_pins() {
 }
 
 #[test]
-fn food_keeps_the_watchdog_from_biting() {
+fn feeds_keep_the_watchdog_from_expiring() {
     let (mut card, _, packet) = driven();
     for time in 1..50 {
         card.handle(packet.bytes(), 9 * time * MS, &mut Vec::new())

@@ -311,7 +311,7 @@ pub struct FmuPlant {
 }
 
 /// The limit of steps of one length for one longer step.
-const MOST_STEPS: u128 = 100_000;
+const MAX_STEPS: u128 = 100_000;
 
 fn fault<T>(call: &'static str, called: Called<T>) -> Result<T, PlantError> {
     called.map_err(|status| PlantError::Fmu(FmuFault::Call { call, status }))
@@ -353,7 +353,7 @@ impl Plant for FmuPlant {
             (time, 1)
         } else {
             let steps = time.as_nanos() / first.as_nanos();
-            if !time.as_nanos().is_multiple_of(first.as_nanos()) || steps > MOST_STEPS {
+            if !time.as_nanos().is_multiple_of(first.as_nanos()) || steps > MAX_STEPS {
                 return Err(PlantError::Fmu(FmuFault::StepSize { first, step: time }));
             }
             (first, steps)

@@ -104,12 +104,12 @@ pub(super) trait ActuatorEnd: Send {
 
 /// The limit of values received from an actuator at a time: a register holds one, and so does a
 /// rendezvous with one writer.
-const MOST_AT_ONCE: usize = 16;
+const MAX_AT_ONCE: usize = 16;
 
 impl<T: Into<f64> + Send> ActuatorEnd for Receiver<T> {
     fn newest(&self) -> Result<Option<f64>, Gone> {
         let mut newest = None;
-        for _ in 0..MOST_AT_ONCE {
+        for _ in 0..MAX_AT_ONCE {
             match self.try_recv() {
                 Ok(value) => newest = Some(value.into()),
                 Err(TryRecvError::Poisoned) => return Err(Gone::Poisoned),

@@ -31,7 +31,7 @@ impl EmergencyWorkers {
 }
 
 /// The life of a member.
-pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry) {
+pub(super) fn serve(emergency: &Emergency, member: u8, registry: &ProcessRegistry) {
     let workers = &emergency.workers;
     let _clock = emergency.clock().enter();
     let is_wanted = || workers.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
@@ -39,7 +39,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
         workers.reserve.sleep(member, is_wanted);
         // Called on its core: what is there to be run. Those on duty see that it does not take too
         // long.
-        if work(emergency, member, living).is_none() {
+        if work(emergency, member, registry).is_none() {
             return;
         }
     }
@@ -48,7 +48,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
     workers.accept_signals();
     loop {
         let seen = signals::event_count();
-        let Some(until) = work(emergency, member, living) else {
+        let Some(until) = work(emergency, member, registry) else {
             return;
         };
         if emergency.may_end() {
@@ -60,12 +60,12 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
 
 /// Does what there is to do now. Returns the instant until which there is nothing more to do. None:
 /// another worker has taken over, and this thread has a low priority by now.
-fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<Instant> {
+fn work(emergency: &Emergency, member: u8, registry: &ProcessRegistry) -> Option<Instant> {
     let workers = &emergency.workers;
     loop {
         emergency.hear();
         if emergency.is_safe() {
-            announce(emergency, living);
+            announce(emergency, registry);
         }
         match step(emergency, member) {
             Task::Ran(true) if workers.is_on_duty(member) => workers.accept_signals(),
@@ -78,7 +78,7 @@ fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<I
 }
 
 /// Announces once that the functions have run.
-fn announce(emergency: &Emergency, living: &ProcessRegistry) {
+fn announce(emergency: &Emergency, registry: &ProcessRegistry) {
     let workers = &emergency.workers;
     let is_first = !workers.has_announced.swap(true, Ordering::AcqRel);
     if let Some(crash) = workers.crash.get().filter(|_| is_first) {
@@ -90,7 +90,7 @@ fn announce(emergency: &Emergency, living: &ProcessRegistry) {
         emergency.note_crash(crash);
     }
     if is_first {
-        living.announce();
+        registry.announce();
     }
 }
 

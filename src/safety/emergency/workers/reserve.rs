@@ -4,7 +4,7 @@
 //! cores of the system's real-time threads, one worker on each: a trigger on such a core calls that
 //! worker, which preempts the core and runs the functions.
 
-use super::{EmergencyWorkers, MOST, ON_DUTY};
+use super::{EmergencyWorkers, MAX, ON_DUTY};
 use luna_core::parker::Parker;
 use luna_core::path::{self, Call};
 use luna_platform::thread::{self, EMERGENCY_PRIORITY, Obtained, Policy, ThreadNumber};
@@ -14,9 +14,9 @@ use std::sync::OnceLock;
 #[derive(Debug)]
 pub(super) struct Reserve {
     /// Of those that are on duty from the start nothing is used.
-    parkers: [Parker; MOST],
+    parkers: [Parker; MAX],
     /// The core on which each worker waits. None for a worker that would not preempt a core.
-    cores: [OnceLock<usize>; MOST],
+    cores: [OnceLock<usize>; MAX],
     /// The policy of the workers on duty.
     policy: OnceLock<Policy>,
 }
@@ -24,8 +24,8 @@ pub(super) struct Reserve {
 impl Default for Reserve {
     fn default() -> Self {
         Self {
-            parkers: [const { Parker::new() }; MOST],
-            cores: [const { OnceLock::new() }; MOST],
+            parkers: [const { Parker::new() }; MAX],
+            cores: [const { OnceLock::new() }; MAX],
             policy: OnceLock::new(),
         }
     }
@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_who_has_both_its_policy_and_its_core_takes_it_over() {
+    fn only_that_has_both_its_policy_and_its_core_takes_it_over() {
         let emergency = Policy::fifo(EMERGENCY_PRIORITY);
         assert_eq!(core_to_take_over(emergency, emergency, Some(1)), Some(1));
         assert_eq!(core_to_take_over(emergency, emergency, None), None);

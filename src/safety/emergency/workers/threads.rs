@@ -2,7 +2,7 @@
 
 use super::super::panics;
 use super::watch_alarm::wakes_beside_a_function;
-use super::{Emergency, LOOKS_EVERY, MOST, ON_DUTY, member};
+use super::{Emergency, LOOKS_EVERY, MAX, ON_DUTY, member};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_executors::ProcessRegistry;
@@ -20,7 +20,7 @@ use std::sync::atomic::Ordering;
 /// The workers, as the system sees it. Dropping it ends it.
 pub(crate) struct EmergencyThread {
     emergency: Arc<Emergency>,
-    living: Arc<ProcessRegistry>,
+    registry: Arc<ProcessRegistry>,
     policy: Policy,
     /// With their numbers as members; those on duty from the start come last.
     threads: Vec<(u8, Thread<()>)>,
@@ -36,7 +36,7 @@ impl EmergencyThread {
     /// crashes and the signals that ask the program to end. `cores` are those of real-time threads.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
-        living: Arc<ProcessRegistry>,
+        registry: Arc<ProcessRegistry>,
         real_time: bool,
         cores: &[usize],
     ) -> Result<Self> {
@@ -67,9 +67,9 @@ impl EmergencyThread {
         };
         let mut all = Self {
             emergency,
-            living,
+            registry,
             policy,
-            threads: Vec::with_capacity(MOST),
+            threads: Vec::with_capacity(MAX),
             listeners: Some(Listeners::new()),
             signals,
             crash,
@@ -82,7 +82,7 @@ impl EmergencyThread {
         let is_watched_late = !has_one_core && wakes_beside_a_function(&Source::machine());
         // All, also where few functions are known: drivers register theirs while the system runs.
         // The reserve first, so that those on duty find it.
-        for member in (0..MOST).rev() {
+        for member in (0..MAX).rev() {
             let place = member.checked_sub(ON_DUTY);
             let core = place.and_then(|place| cores.get(place));
             all.add_member(member as u8, core.copied(), is_watched_late)?;
@@ -108,7 +108,7 @@ impl EmergencyThread {
         if !is_on_duty {
             attributes = attributes.stack_size(2 * MINIMUM_STACK_SIZE);
         }
-        let (emergency, living) = (self.emergency.clone(), self.living.clone());
+        let (emergency, registry) = (self.emergency.clone(), self.registry.clone());
         let prepared = self.emergency.clone();
         let thread = thread::spawn(
             attributes,
@@ -127,7 +127,7 @@ impl EmergencyThread {
                 prepared.bound_crashes();
                 Ok::<_, Infallible>(())
             },
-            move |()| member::serve(&emergency, member, &living),
+            move |()| member::serve(&emergency, member, &registry),
         )
         .map_err(|error| Error::not_started("the emergency manager", error))?;
         self.threads.push((member, thread));

@@ -211,7 +211,7 @@ impl State {
         self.stop_telling(number);
     }
 
-    pub(super) fn tell_one(
+    pub(super) fn notify_one(
         &mut self,
         network: &Network,
         number: usize,

@@ -10,7 +10,9 @@ impl State {
         for number in 0..self.agents.len() {
             let status = &self.agents[number];
             if let Some((channel, failure)) = status.ending {
-                next.push(self.changed(|after| after.tell_one(network, number, channel, failure)));
+                next.push(
+                    self.changed(|after| after.notify_one(network, number, channel, failure)),
+                );
                 continue;
             }
             match status.phase {

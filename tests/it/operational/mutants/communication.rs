@@ -72,7 +72,7 @@ fn values_keep_their_order() {
 }
 
 #[test]
-fn who_waits_is_served_by_level_and_then_in_the_order_of_arrival() {
+fn one_that_waits_is_served_by_level_and_then_in_the_order_of_arrival() {
     let mut network = network(
         &[Kind::Rendezvous],
         [

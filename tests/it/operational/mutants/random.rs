@@ -55,18 +55,18 @@ fn lies(
 
 #[test]
 fn lies_about_random_networks_are_refused() {
-    let mut told = 0;
+    let mut reported = 0;
     for seed in 0..150 {
         let network = generate::network(seed);
         let mut random = Random::new(!seed);
         let (trace, end) = simulate(&network, &mut random);
         for (lie, end) in lies(&network, &trace, end, &mut random) {
-            told += 1;
+            reported += 1;
             assert!(
                 check(&network, &lie, end).is_err(),
                 "seed {seed}: {lie:?}, {end:?} is allowed:\n{network}"
             );
         }
     }
-    assert!(told > 1_000, "{told}");
+    assert!(reported > 1_000, "{reported}");
 }

@@ -5,7 +5,7 @@ use crate::same_core::shared::How;
 use luna::{Buffer, Receiver, Sender, alt, buffered, channel};
 
 /// How full the unbounded channel gets: it allocates when it grows, so it does so before.
-const MOST: usize = 64;
+const MAX: usize = 64;
 
 struct Kind {
     names: [&'static str; 2],
@@ -43,7 +43,7 @@ const KINDS: [Kind; 5] = [
         names: ["unbounded, received", "unbounded, sent"],
         make: || {
             let (sender, receiver) = buffered(Buffer::allocating_unbounded());
-            (0..2 * MOST as u64).for_each(|_| sender.try_send(0).unwrap());
+            (0..2 * MAX as u64).for_each(|_| sender.try_send(0).unwrap());
             while receiver.try_recv().is_ok() {}
             (sender, receiver)
         },
@@ -92,7 +92,7 @@ fn received(kind: &'static Kind) -> Scene {
         async move |low| {
             let mut numbers = Numbers::new();
             while low.goes_on().await {
-                if kind.unbounded && gauge.buffered() >= MOST {
+                if kind.unbounded && gauge.buffered() >= MAX {
                     low.work(300);
                     continue;
                 }

@@ -34,7 +34,7 @@ scenarios! {
     parallel: parallel_branches, failing_branches, prioritized_branches, collections_of_branches, named_branches, named_branches_that_are_looked_at;
     threads: yields, wakes_from_plain_threads, blocking_operations_of_os_threads, ends_that_are_joined, cancelled_processes,
         processes_spawned_while_running, processes_of_types, processes_that_fail, a_limit_that_is_reached, wakers_that_outlive_their_thread, wakers_that_outlive_their_process, a_contended_lock,
-        a_favour_that_ends;
+        a_bias_that_is_revoked;
     files: files_that_become_ready, links;
     logging: signals_and_messages, signals_without_room, signals_without_a_recording;
     parameters: parameters_that_are_replaced, parameters_that_are_recorded;

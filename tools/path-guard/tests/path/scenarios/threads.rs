@@ -197,7 +197,7 @@ pub(crate) fn a_contended_lock(places: &mut Places) {
 }
 
 /// A channel's lock is biased to a long-time single user, until another one comes.
-pub(crate) fn a_favour_that_ends(places: &mut Places) {
+pub(crate) fn a_bias_that_is_revoked(places: &mut Places) {
     let (output, input) = luna::buffered::<u64>(Buffer::fifo(4));
     let (go, gone) = luna::channel::<()>();
     let (other_output, other_input) = (output.clone(), input.clone());

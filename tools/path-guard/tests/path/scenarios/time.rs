@@ -224,16 +224,16 @@ pub(crate) fn timers(places: &mut Places) {
 }
 
 pub(crate) fn watchdogs(places: &mut Places) {
-    let dog = Watchdog::new(PERIOD);
-    let bitten = dog.clone();
+    let watchdog = Watchdog::new(PERIOD);
+    let bitten = watchdog.clone();
     let (alarm, heard) = luna::buffered::<()>(Buffer::overwrite_oldest(1));
-    let guard = dog.process(move || drop(alarm.try_send(())));
+    let guard = watchdog.process(move || drop(alarm.try_send(())));
     places.next("guard").priority(31).spawn(guard).unwrap();
     places.process("feeds, then does not", async move {
         let mut ticks = luna::ticks(PERIOD / 4)?;
         for _ in 0..20 {
             ticks.tick().await;
-            dog.feed();
+            watchdog.feed();
         }
         heard.recv().await?;
         Ok(())

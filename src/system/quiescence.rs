@@ -9,7 +9,7 @@ use super::deadlock::{Deadlock, Sleeping, find};
 use super::plan::{Plan, Running};
 use crate::csp::network;
 use luna_core::current::ProcessId;
-use luna_executors::{ProcessState, Stillness};
+use luna_executors::{ProcessState, Quiescent};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Mode;
 use std::collections::{HashMap, HashSet};
@@ -26,7 +26,7 @@ pub(super) struct Lookout {
     not_before: Instant,
     found: Option<Found>,
     /// The deadlock that was reported last.
-    told: Option<Deadlock>,
+    reported: Option<Deadlock>,
 }
 
 /// A deadlock, and how often processes had been polled when it was found. After one more poll it is
@@ -42,7 +42,7 @@ impl Lookout {
             pause: SHORTEST_PAUSE,
             not_before: Instant::now(),
             found: None,
-            told: None,
+            reported: None,
         }
     }
 
@@ -51,7 +51,7 @@ impl Lookout {
     /// found it looks again only when the system has gone on, as when a thread outside has used a
     /// channel after all.
     pub(super) fn look(&mut self, plan: &Plan, running: &Running) -> (Option<&Deadlock>, Instant) {
-        let is_replayed = running.common.tapes.is_replay();
+        let is_replayed = running.common.replay_logs.is_replay();
         let still_stands = || self.found.as_ref().is_some_and(|found| found.stands(plan));
         if is_replayed || running.common.emergency.has_begun() || still_stands() {
             return (None, Instant::NEVER);
@@ -68,14 +68,14 @@ impl Lookout {
             (self.pause * 2).min(LONGEST_PAUSE)
         };
         self.not_before = now + self.pause;
-        let stillness = running.common.living.still();
-        let Some(found) = stillness.and_then(|stillness| judge(plan, running, &stillness)) else {
+        let quiescent = running.common.registry.quiescent();
+        let Some(found) = quiescent.and_then(|quiescent| judge(plan, running, &quiescent)) else {
             return (None, Instant::NEVER);
         };
-        let is_new = self.told.as_ref() != Some(&found.deadlock);
-        self.told = Some(found.deadlock.clone());
+        let is_new = self.reported.as_ref() != Some(&found.deadlock);
+        self.reported = Some(found.deadlock.clone());
         self.found = Some(found);
-        (self.told.as_ref().filter(|_| is_new), Instant::NEVER)
+        (self.reported.as_ref().filter(|_| is_new), Instant::NEVER)
     }
 
     /// The deadlock at the system's end: none if it has gone on since. One that has ended the
@@ -106,8 +106,8 @@ fn polls(plan: &Plan) -> u64 {
 
 /// What the processes wait for, if all threads slept at one instant; `None` if something can wake
 /// one, or just has.
-fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found> {
-    let living = &running.common.living;
+fn judge(plan: &Plan, running: &Running, quiescent: &Quiescent) -> Option<Found> {
+    let registry = &running.common.registry;
     // From that instant on nothing inside can wake a process. What is read now was so then, unless
     // something outside interferes.
     let processes = sleeping(plan);
@@ -128,11 +128,11 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found>
         Some(Found { deadlock, polls })
     });
     // A wake may come from outside; its effect is to be looked at again.
-    living.watch();
-    if living.is_yet(stillness) {
+    registry.watch();
+    if registry.is_yet(quiescent) {
         return found;
     }
-    living.announce();
+    registry.announce();
     None
 }
 

@@ -16,15 +16,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// two for the last owner. There are no weak owners.
 ///
 /// ```
-/// use luna_core::{current, reclaim};
+/// use luna_core::{current, deferred_free};
 /// use std::sync::Arc;
 ///
 /// let token = Arc::new(());
-/// let shared = reclaim::Shared::new(token.clone());
+/// let shared = deferred_free::Shared::new(token.clone());
 /// current::set_on_path(true);
 /// drop((shared.clone(), shared));
 /// current::set_on_path(false);
-/// reclaim::collect();
+/// deferred_free::collect();
 /// assert_eq!(Arc::strong_count(&token), 1);
 /// ```
 ///

@@ -87,7 +87,7 @@ impl fmt::Display for Wait {
             Partner::Holders(names) => {
                 write!(f, ", {nobody}; {} appears to hold it", one_of(names))
             }
-            Partner::Others => f.write_str(" for those who have not come"),
+            Partner::Others => f.write_str(" for parties that have not come"),
         }
     }
 }

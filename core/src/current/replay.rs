@@ -5,37 +5,37 @@ use super::branch::Branch;
 use crate::replay_log::ReplayLog;
 use std::ptr::NonNull;
 
-/// Polls the current process as one with the replay log `tape`: it has no [plain
+/// Polls the current process as one with the replay log `log`: it has no [plain
 /// turns](super::plain_turn), and all its operations find the log.
-pub fn with_tape<R>(tape: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
+pub fn with_replay_log<R>(log: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
     struct Restore(Branch, Option<NonNull<dyn ReplayLog>>);
     impl Drop for Restore {
         fn drop(&mut self) {
             THREAD.with(|thread| {
                 thread.set_branch(self.0);
-                thread.tape.set(self.1);
+                thread.replay_log.set(self.1);
             });
         }
     }
-    let is_replay = tape.is_replay();
-    let tape: *const (dyn ReplayLog + '_) = tape;
-    // SAFETY: the same pointer; it is removed before its borrow ends, and `tape` passes it on for
-    // no longer than a call.
-    let tape: *mut (dyn ReplayLog + 'static) = unsafe { std::mem::transmute(tape) };
+    let is_replay = log.is_replay();
+    let log: *const (dyn ReplayLog + '_) = log;
+    // SAFETY: the same pointer; it is removed before its borrow ends, and `replay_log` passes it on
+    // for no longer than a call.
+    let log: *mut (dyn ReplayLog + 'static) = unsafe { std::mem::transmute(log) };
     let _restore = THREAD.with(|thread| {
         let branch = thread.branch.get();
-        thread.set_branch(Branch(branch.0 | Branch::TAPED));
+        thread.set_branch(Branch(branch.0 | Branch::HAS_LOG));
         if is_replay {
             // So that each operation that need not wait asks whether its process may go on.
             thread.operations_left.set(0);
         }
-        Restore(branch, thread.tape.replace(NonNull::new(tape)))
+        Restore(branch, thread.replay_log.replace(NonNull::new(log)))
     });
     poll()
 }
 
 /// Calls `f` as if the current process had no replay log: for work within one of its operations.
-pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
+pub fn without_replay_log<R>(f: impl FnOnce() -> R) -> R {
     struct Restore(Branch);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -44,7 +44,7 @@ pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
     }
     let _restore = THREAD.with(|thread| {
         let branch = thread.branch.get();
-        thread.set_branch(Branch(branch.0 & !Branch::TAPED));
+        thread.set_branch(Branch(branch.0 & !Branch::HAS_LOG));
         Restore(branch)
     });
     f()
@@ -52,23 +52,23 @@ pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
 
 /// Whether the current process has a replay log.
 #[inline]
-pub fn is_taped() -> bool {
-    THREAD.with(|thread| thread.branch.get().is_taped())
+pub fn has_replay_log() -> bool {
+    THREAD.with(|thread| thread.branch.get().has_replay_log())
 }
 
 /// Whether the current process is replayed.
 #[cold]
 pub fn is_replayed() -> bool {
-    tape(|tape| tape.is_replay()).unwrap_or_default()
+    replay_log(|log| log.is_replay()).unwrap_or_default()
 }
 
 /// Calls `f` with the current process' replay log, if it has one.
-pub fn tape<R>(f: impl FnOnce(&dyn ReplayLog) -> R) -> Option<R> {
-    is_taped().then(|| {
-        let tape = THREAD.with(|thread| thread.tape.get())?;
-        // SAFETY: `with_tape` sets it from a reference that lives until it is removed, and the
-        // closure cannot keep the reference.
-        Some(f(unsafe { tape.as_ref() }))
+pub fn replay_log<R>(f: impl FnOnce(&dyn ReplayLog) -> R) -> Option<R> {
+    has_replay_log().then(|| {
+        let log = THREAD.with(|thread| thread.replay_log.get())?;
+        // SAFETY: `with_replay_log` sets it from a reference that lives until it is removed, and
+        // the closure cannot keep the reference.
+        Some(f(unsafe { log.as_ref() }))
     })?
 }
 

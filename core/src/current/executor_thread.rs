@@ -17,7 +17,7 @@ const HIGHEST: u8 = 99;
 const OF_DEADLINE: u8 = 97;
 
 /// The boost by a client on a thread of this rank.
-pub(super) fn lent_by(rank: u8) -> u8 {
+pub(super) fn boost_from(rank: u8) -> u8 {
     if rank > HIGHEST { OF_DEADLINE } else { rank }
 }
 
@@ -30,10 +30,10 @@ static FIRST_REFUSED: AtomicU32 = AtomicU32::new(0);
 ///
 /// # Invariants
 ///
-/// Whenever the lock is free, the thread runs at the highest priority that is counted in `lent`, or
-/// at its own if none is; unless the system has refused, or the executor has been left.
-pub(super) struct HomeThread {
-    lent: PiLock<LentThread>,
+/// Whenever the lock is free, the thread runs at the highest priority that is counted in `boosts`,
+/// or at its own if none is; unless the system has refused, or the executor has been left.
+pub(super) struct ExecutorThread {
+    boosts: PiLock<Boosts>,
     now: AtomicU8,
     /// The thread's own real-time priority when it was last read.
     own_rank: AtomicU8,
@@ -43,19 +43,19 @@ pub(super) struct HomeThread {
 }
 
 /// The state under the executor's lock.
-pub(super) struct LentThread {
+pub(super) struct Boosts {
     own: Scheduling,
     /// The waits of the thread itself, if it is a plain one.
     pub(super) waits: WaitList,
     counts: [u32; HIGHEST as usize + 1],
     /// The priorities with a count other than 0, one bit each.
-    lent: u128,
+    ranks: u128,
     /// The priority that was set for the thread; 0 is its own.
     applied: u8,
     left: bool,
 }
 
-impl LentThread {
+impl Boosts {
     /// Counts the begin or the end of a boost to `priority`.
     pub(super) fn count(&mut self, priority: u8, more: bool) {
         let priority = priority.min(HIGHEST);
@@ -66,28 +66,28 @@ impl LentThread {
             count.saturating_sub(1)
         };
         let bit = 1 << priority;
-        self.lent = if *count == 0 {
-            self.lent & !bit
+        self.ranks = if *count == 0 {
+            self.ranks & !bit
         } else {
-            self.lent | bit
+            self.ranks | bit
         };
     }
 
     fn highest(&self) -> u8 {
-        127_u32.saturating_sub(self.lent.leading_zeros()) as u8
+        127_u32.saturating_sub(self.ranks.leading_zeros()) as u8
     }
 }
 
-impl HomeThread {
+impl ExecutorThread {
     /// The calling thread, which becomes an executor's.
     pub(super) fn new() -> Arc<Self> {
         Self::of_calling(false)
     }
 
     /// A thread that is never boosted: its processes are, but the system is not notified.
-    pub(super) fn unlent() -> Arc<Self> {
+    pub(super) fn unboosted() -> Arc<Self> {
         let thread = Self::of_calling(false);
-        thread.lent.lock().left = true;
+        thread.boosts.lock().left = true;
         thread
     }
 
@@ -96,11 +96,11 @@ impl HomeThread {
         let thread = Arc::new(Self {
             own_rank: AtomicU8::new(own.rank()),
             is_plain,
-            lent: PiLock::new(LentThread {
+            boosts: PiLock::new(Boosts {
                 own,
                 waits: WaitList::new(),
                 counts: [0; HIGHEST as usize + 1],
-                lent: 0,
+                ranks: 0,
                 applied: 0,
                 left: false,
             }),
@@ -108,28 +108,28 @@ impl HomeThread {
         });
         // A thread's first lock asks the system for the thread id: do it here, off the real-time
         // path.
-        drop(thread.lent.lock());
+        drop(thread.boosts.lock());
         thread
     }
 
     /// The highest boost; 0 if there is none.
     #[inline]
-    pub(super) fn lent(&self) -> u8 {
+    pub(super) fn boost(&self) -> u8 {
         self.now.load(Ordering::Relaxed)
     }
 
     /// Changes the boosts under the executor's lock, and sets the thread's priority if the highest
     /// one changes. That happens under the lock too: two concurrent system calls could leave the
     /// thread at the wrong priority.
-    pub(super) fn change(&self, change: impl FnOnce(&mut LentThread)) {
-        let mut lent = self.lent.lock();
-        change(&mut lent);
-        self.apply(&mut lent);
+    pub(super) fn change(&self, change: impl FnOnce(&mut Boosts)) {
+        let mut boosts = self.boosts.lock();
+        change(&mut boosts);
+        self.apply(&mut boosts);
     }
 
     /// Accesses the state under the executor's lock.
-    pub(super) fn with<R>(&self, look: impl FnOnce(&mut LentThread) -> R) -> R {
-        look(&mut self.lent.lock())
+    pub(super) fn with<R>(&self, look: impl FnOnce(&mut Boosts) -> R) -> R {
+        look(&mut self.boosts.lock())
     }
 
     /// The thread's own real-time priority when it was last read; 0 if it has none.
@@ -146,48 +146,48 @@ impl HomeThread {
     /// Reads a plain thread's own priority again, unless the thread is boosted.
     pub(super) fn refresh(&self) {
         if self.is_plain {
-            self.ask(&mut self.lent.lock());
+            self.ask(&mut self.boosts.lock());
         }
     }
 
-    fn ask(&self, lent: &mut LentThread) {
-        if lent.applied == 0 && !lent.left {
-            lent.own = path::expected(Call::Boost, || boost::scheduling_again(&lent.own));
-            self.own_rank.store(lent.own.rank(), Ordering::Relaxed);
+    fn ask(&self, boosts: &mut Boosts) {
+        if boosts.applied == 0 && !boosts.left {
+            boosts.own = path::expected(Call::Boost, || boost::scheduling_again(&boosts.own));
+            self.own_rank.store(boosts.own.rank(), Ordering::Relaxed);
         }
     }
 
     /// Leaves the executor: its thread ends, or does other things. It gets its own priority back,
     /// and is never boosted again, since its thread id may be reused.
     pub(super) fn leave(&self) {
-        let mut lent = self.lent.lock();
-        if lent.applied != 0 {
-            path::expected(Call::Boost, || boost::restore(&lent.own));
-            lent.applied = 0;
+        let mut boosts = self.boosts.lock();
+        if boosts.applied != 0 {
+            path::expected(Call::Boost, || boost::restore(&boosts.own));
+            boosts.applied = 0;
         }
-        lent.left = true;
+        boosts.left = true;
     }
 
-    fn apply(&self, lent: &mut LentThread) {
-        let mut highest = lent.highest();
+    fn apply(&self, boosts: &mut Boosts) {
+        let mut highest = boosts.highest();
         self.now.store(highest, Ordering::Relaxed);
-        if highest == lent.applied || lent.left {
+        if highest == boosts.applied || boosts.left {
             return;
         }
         if self.is_plain {
-            self.ask(lent);
+            self.ask(boosts);
             // It may have raised itself since it was boosted to this.
             if highest <= self.own_rank() {
                 highest = 0;
             }
-            if highest == lent.applied {
+            if highest == boosts.applied {
                 return;
             }
         }
         if highest == 0 {
-            path::expected(Call::Boost, || boost::restore(&lent.own));
+            path::expected(Call::Boost, || boost::restore(&boosts.own));
         } else if let Err(refusal) =
-            path::expected(Call::Boost, || boost::boost(&lent.own, highest))
+            path::expected(Call::Boost, || boost::boost(&boosts.own, highest))
         {
             if REFUSED.fetch_add(1, Ordering::Relaxed) == 0 {
                 FIRST_REFUSED.store(
@@ -197,7 +197,7 @@ impl HomeThread {
             }
             return;
         }
-        lent.applied = highest;
+        boosts.applied = highest;
     }
 }
 
@@ -208,7 +208,7 @@ thread_local! {
 
 /// A plain thread, until it ends.
 #[cfg(not(loom))]
-struct Plain(Arc<HomeThread>);
+struct Plain(Arc<ExecutorThread>);
 
 #[cfg(not(loom))]
 impl Drop for Plain {
@@ -220,11 +220,11 @@ impl Drop for Plain {
 /// The calling thread as a plain one. The first call on a thread allocates, and reads its policy
 /// from the system. None while the thread ends.
 #[cfg(not(loom))]
-pub(super) fn plain() -> Option<Arc<HomeThread>> {
+pub(super) fn plain() -> Option<Arc<ExecutorThread>> {
     PLAIN
         .try_with(|plain| {
             plain
-                .get_or_init(|| Plain(HomeThread::of_calling(true)))
+                .get_or_init(|| Plain(ExecutorThread::of_calling(true)))
                 .0
                 .clone()
         })
@@ -232,7 +232,7 @@ pub(super) fn plain() -> Option<Arc<HomeThread>> {
 }
 
 /// The calling thread as a plain one, if [`plain`] was called on it before.
-pub(super) fn known_plain() -> Option<Arc<HomeThread>> {
+pub(super) fn known_plain() -> Option<Arc<ExecutorThread>> {
     #[cfg(not(loom))]
     return PLAIN
         .try_with(|plain| plain.get().map(|plain| plain.0.clone()))
@@ -282,7 +282,7 @@ mod tests {
     use luna_platform::thread::{Policy, current_policy};
 
     #[test]
-    fn a_deadline_thread_keeps_its_policy_whatever_it_is_lent() {
+    fn a_deadline_thread_keeps_its_policy_whatever_its_boost() {
         use luna_platform::thread::{Attributes, spawn};
         use std::time::Duration;
         let policy = Policy::deadline(
@@ -296,15 +296,15 @@ mod tests {
             |_| Ok::<_, std::convert::Infallible>(()),
             |()| {
                 let own = current_policy();
-                let thread = HomeThread::new();
+                let thread = ExecutorThread::new();
                 for more in [true, false] {
-                    thread.change(|lent| lent.count(99, more));
+                    thread.change(|boosts| boosts.count(99, more));
                     // Without the privilege it is an ordinary thread, which may have been boosted.
                     if own.is_deadline() {
                         assert_eq!(current_policy(), own);
                     }
                 }
-                thread.change(|lent| lent.count(50, true));
+                thread.change(|boosts| boosts.count(50, true));
                 thread.leave();
                 assert_eq!(current_policy(), own);
             },
@@ -325,15 +325,15 @@ mod tests {
             std::time::Duration::from_millis(3),
         );
         assert_eq!(
-            [0, 80, 99, deadline.rank()].map(lent_by),
+            [0, 80, 99, deadline.rank()].map(boost_from),
             [0, 80, 99, luna_platform::thread::HIGHEST_USER_PRIORITY]
         );
     }
 
     #[test]
-    fn a_thread_runs_at_what_is_lent_or_the_refusal_is_told() {
+    fn a_thread_runs_at_its_boost_or_the_refusal_is_counted() {
         let own = current_policy();
-        let thread = HomeThread::new();
+        let thread = ExecutorThread::new();
         for (priority, more, highest) in [
             (50, true, 50),
             (30, true, 50),
@@ -342,8 +342,8 @@ mod tests {
             (60, false, 30),
             (30, false, 0),
         ] {
-            thread.change(|lent| lent.count(priority, more));
-            assert_eq!(thread.lent(), highest);
+            thread.change(|boosts| boosts.count(priority, more));
+            assert_eq!(thread.boost(), highest);
             let now = current_policy();
             match refused_boosts() {
                 None if highest == 0 => assert_eq!(now, own),
@@ -356,14 +356,14 @@ mod tests {
                 }
             }
         }
-        thread.change(|lent| lent.count(50, true));
+        thread.change(|boosts| boosts.count(50, true));
         thread.leave();
         assert_eq!(current_policy(), own);
-        thread.change(|lent| lent.count(60, true));
+        thread.change(|boosts| boosts.count(60, true));
         assert_eq!(
             current_policy(),
             own,
-            "a home that was left is told nothing"
+            "an executor that was left gets no boost"
         );
     }
 }

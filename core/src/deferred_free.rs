@@ -42,7 +42,7 @@ impl Retired {
 static RETIRED: AtomicPtr<Retired> = AtomicPtr::new(ptr::null_mut());
 
 /// Capacity of a thread's own list.
-const MOST_OWN: u32 = 64;
+const MAX_OWN: u32 = 64;
 
 /// A thread's own list: a chain from `first` to `last`, and its length; null if it is empty.
 struct Own {
@@ -143,7 +143,7 @@ pub unsafe fn retire(head: NonNull<Retired>) {
         return;
     }
     let is_kept = OWN.with(|own| {
-        if !own.keeps.get() || own.count.get() == MOST_OWN {
+        if !own.keeps.get() || own.count.get() == MAX_OWN {
             return false;
         }
         let first = own.first.replace(head.as_ptr());
@@ -309,11 +309,11 @@ mod tests {
         hand_over();
         hand_over();
         until_all_are_freed();
-        for _ in 0..2 * MOST_OWN {
+        for _ in 0..2 * MAX_OWN {
             // SAFETY: no other code has a pointer to the allocation.
             unsafe { retire(retired(&token)) };
         }
-        assert!(kept() >= MOST_OWN as usize, "the others are on the list");
+        assert!(kept() >= MAX_OWN as usize, "the others are on the list");
         drop(keeps);
         crate::current::set_on_path(false);
         until_all_are_freed();

@@ -56,7 +56,7 @@ impl Store {
 
 impl State {
     /// Writes a message for each parameter that `changed` gives the former words of.
-    pub(super) fn tell(&self, mut changed: impl FnMut(&Entry) -> Option<Box<[u64]>>) {
+    pub(super) fn notify(&self, mut changed: impl FnMut(&Entry) -> Option<Box<[u64]>>) {
         let (Some(log), Some(clock)) = (&self.log, &self.clock) else {
             return;
         };

@@ -6,7 +6,7 @@
 use crate::support;
 use luna_core::timer_queue::Sleep;
 use luna_executors::{
-    Executor, Exit, OsThread, ProcessRegistry, ProcessSpec, Stillness, block_on_patiently, blocking,
+    Executor, Exit, OsThread, ProcessRegistry, ProcessSpec, Quiescent, block_on_patiently, blocking,
 };
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
@@ -14,44 +14,44 @@ use std::sync::Arc;
 use std::time::Duration;
 use support::{Gate, until, watchdog};
 
-fn executor(name: &str, living: &Arc<ProcessRegistry>) -> Executor {
-    Executor::start_counted(Attributes::new(name), living.clone()).unwrap()
+fn executor(name: &str, registry: &Arc<ProcessRegistry>) -> Executor {
+    Executor::start_counted(Attributes::new(name), registry.clone()).unwrap()
 }
 
 /// Looks as the thread that runs a system does: sleeps until it is rung, without a deadline.
-fn until_still(living: &ProcessRegistry) -> Stillness {
+fn until_still(registry: &ProcessRegistry) -> Quiescent {
     loop {
-        let seen = living.changes();
-        if let Some(stillness) = living.still() {
-            return stillness;
+        let seen = registry.changes();
+        if let Some(quiescent) = registry.quiescent() {
+            return quiescent;
         }
-        living.wait(seen, Instant::NEVER);
+        registry.wait(seen, Instant::NEVER);
     }
 }
 
 #[test]
 fn executors_without_work_are_still_and_those_that_are_held_are_not() {
     let _watchdog = watchdog();
-    let living = Arc::new(ProcessRegistry::new());
-    let (one, two) = (executor("1", &living), executor("2", &living));
-    assert!(living.still().is_none());
+    let registry = Arc::new(ProcessRegistry::new());
+    let (one, two) = (executor("1", &registry), executor("2", &registry));
+    assert!(registry.quiescent().is_none());
     one.release();
-    assert!(living.still().is_none());
+    assert!(registry.quiescent().is_none());
     two.release();
-    let stillness = until_still(&living);
-    assert!(living.is_yet(&stillness));
+    let quiescent = until_still(&registry);
+    assert!(registry.is_yet(&quiescent));
     // One that ends is no longer among them; and none of them can be distinguished from before.
     two.stop();
-    assert!(!living.is_yet(&stillness));
-    assert!(living.is_yet(&until_still(&living)));
+    assert!(!registry.is_yet(&quiescent));
+    assert!(registry.is_yet(&until_still(&registry)));
 }
 
 #[test]
-fn a_wake_ends_the_stillness_and_another_follows() {
+fn a_wake_ends_the_quiescence_and_another_follows() {
     let _watchdog = watchdog();
-    let living = Arc::new(ProcessRegistry::new());
+    let registry = Arc::new(ProcessRegistry::new());
     let gate = Gate::default();
-    let executor = executor("waits", &living);
+    let executor = executor("waits", &registry);
     let own = gate.clone();
     let waits = executor.spawn(ProcessSpec::new("waits"), move || async move {
         own.pass().await;
@@ -65,16 +65,16 @@ fn a_wake_ends_the_stillness_and_another_follows() {
             own.pass().await;
             of_thread.pass().await;
         },
-        living.clone(),
+        registry.clone(),
     )
     .unwrap();
     executor.release();
     thread.release();
-    let before = until_still(&living);
+    let before = until_still(&registry);
     gate.open();
-    assert!(!living.is_yet(&before), "a wake is under way, or was");
+    assert!(!registry.is_yet(&before), "a wake is under way, or was");
     assert_eq!(waits.wait(), Exit::Completed);
-    let after = until_still(&living);
+    let after = until_still(&registry);
     assert_ne!(before, after);
     second.open();
     assert_eq!(thread.process().wait(), Exit::Completed);
@@ -83,8 +83,8 @@ fn a_wake_ends_the_stillness_and_another_follows() {
 #[test]
 fn a_deadline_or_a_call_keeps_it_from_being_still() {
     let _watchdog = watchdog();
-    let living = Arc::new(ProcessRegistry::new());
-    let executor = executor("busy", &living);
+    let registry = Arc::new(ProcessRegistry::new());
+    let executor = executor("busy", &registry);
     let gate = Gate::default();
     let own = gate.clone();
     let process = executor.spawn(ProcessSpec::new("sleeps"), move || async move {
@@ -98,9 +98,9 @@ fn a_deadline_or_a_call_keeps_it_from_being_still() {
     let began = Instant::now();
     executor.release();
     until(|| Instant::now() - began > Duration::from_millis(150));
-    assert!(living.still().is_none(), "the call is under way");
+    assert!(registry.quiescent().is_none(), "the call is under way");
     drop(let_go);
-    let _ = until_still(&living);
+    let _ = until_still(&registry);
     assert_eq!(calls.exit(), Some(Exit::Completed));
     assert_eq!(process.exit(), None);
     gate.open();
@@ -113,10 +113,10 @@ fn a_file_keeps_it_from_being_still_until_the_wait_is_dropped_wherever_that_is()
     use std::future::{Future, poll_fn};
     use std::task::Poll;
     let _watchdog = watchdog();
-    let living = Arc::new(ProcessRegistry::new());
+    let registry = Arc::new(ProcessRegistry::new());
     let (near, _far) = std::os::unix::net::UnixStream::pair().unwrap();
     let near: &'static _ = Box::leak(Box::new(near));
-    let executor = executor("files", &living);
+    let executor = executor("files", &registry);
     let (give, given) = std::sync::mpsc::channel();
     let gate = Gate::default();
     let own = gate.clone();
@@ -130,16 +130,16 @@ fn a_file_keeps_it_from_being_still_until_the_wait_is_dropped_wherever_that_is()
     let (wait, is_pending) = given.recv().unwrap();
     if is_pending {
         until(|| gate.waiting() == 1);
-        assert!(living.still().is_none());
+        assert!(registry.quiescent().is_none());
     }
     drop(wait);
-    let _ = until_still(&living);
+    let _ = until_still(&registry);
     gate.open();
     assert_eq!(process.wait(), Exit::Completed);
 }
 
 #[test]
-fn who_joins_a_process_is_known() {
+fn one_that_joins_a_process_is_known() {
     let _watchdog = watchdog();
     let executor = support::executor();
     let gate = Gate::default();
@@ -173,7 +173,7 @@ fn who_joins_a_process_is_known() {
 fn patience_ends_only_where_nothing_can_wake() {
     let _watchdog = watchdog();
     let short = Duration::from_millis(1);
-    let mut told = 0;
+    let mut reported = 0;
     let outcome = block_on_patiently(
         async {
             Sleep::until(Instant::now() + 20 * short).await;
@@ -181,11 +181,11 @@ fn patience_ends_only_where_nothing_can_wake() {
         },
         short,
         |_| {
-            told += 1;
+            reported += 1;
             true
         },
     );
-    assert_eq!((outcome, told), (Ok(()), 0));
+    assert_eq!((outcome, reported), (Ok(()), 0));
 
     // Notified twice, if it requests that, and then no more.
     let gates = [Gate::default(), Gate::default(), Gate::default()];
@@ -200,18 +200,18 @@ fn patience_ends_only_where_nothing_can_wake() {
             },
             short,
             |_| {
-                told += 1;
+                reported += 1;
                 closed.next().unwrap().open();
-                if told == 2 {
+                if reported == 2 {
                     let later = gates[2].clone();
                     std::thread::spawn(move || {
                         until(|| later.waiting() == 1);
                         later.open();
                     });
                 }
-                told == 2
+                reported == 2
             },
         ),
     );
-    assert_eq!((outcome, told, later.waiting()), (Ok(()), 2, 0));
+    assert_eq!((outcome, reported, later.waiting()), (Ok(()), 2, 0));
 }
