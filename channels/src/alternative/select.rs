@@ -276,8 +276,8 @@ fn report_choice_event<G: Guards>(guards: Pin<&mut G>, number: u32) {
     guards.collect(0, &mut collected);
     let chosen = collected.0.iter().find(|(other, _)| *other == number);
     let wait_point = chosen.and_then(|(_, guard)| guard.terms().wait_point);
-    // SAFETY: a wait point outlives its guards.
     let wait_point = wait_point.map_or(0, |wait_point| {
+        // SAFETY: a wait point outlives its guards.
         unsafe { wait_point.as_ref() }.identity.number()
     });
     let process = events::current_process() as u32;
