@@ -169,8 +169,8 @@ impl<T> Mutex<T> {
         unsafe { self.held() }.map_err(TryLockError::OwnerDied)
     }
 
-    /// Like [`lock`](Self::lock), for at most `timeout`. Exact: it times out only if it has not
-    /// locked.
+    /// Like [`lock`](Self::lock), for at most `timeout` from its first poll on. Exact: it times out
+    /// only if it has not locked. One that need not wait does not read the clock.
     ///
     /// # Panics
     ///

@@ -153,8 +153,8 @@ impl Semaphore {
         has_taken.then(|| unsafe { SemaphorePermit::new(self, count) })
     }
 
-    /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has
-    /// taken none.
+    /// Like [`acquire`](Self::acquire), for at most `timeout` from its first poll on. Exact: it
+    /// times out only if it has taken none. One that need not wait does not read the clock.
     ///
     /// # Panics
     ///
