@@ -4,7 +4,7 @@
 //! Not for the real-time path: [`wait_points`] looks at each channel under its lock, one after the
 //! other, so the result is no snapshot of one instant, unless all processes wait.
 
-use crate::wait_point::{Ending, WaitPoint, WaitQueues};
+use crate::wait_point::{Ending, Mover, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use luna_core::current::User;
 use luna_core::events;
@@ -12,8 +12,8 @@ use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::panic::Location;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// What kind of meeting place it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -128,11 +128,9 @@ pub(crate) struct Identity {
     id: u64,
     made_at: &'static Location<'static>,
     links: UnsafeCell<Links>,
-    #[expect(
-        clippy::box_collection,
-        reason = "few wait_points have a name: one word less for all others"
-    )]
-    name: OnceLock<Box<String>>,
+    /// How to count and move its values.
+    pub(crate) values: &'static ValueMethods,
+    name: Name,
     kind: Kind,
     external: AtomicBool,
     /// Of a barrier: whether a stranger was among the parties that came.
@@ -149,7 +147,58 @@ unsafe impl Sync for Identity {}
 struct Links {
     before: Option<NonNull<WaitPoint>>,
     after: Option<NonNull<WaitPoint>>,
-    stored: CountStored,
+}
+
+/// What depends on the type of a wait point's values.
+#[derive(Debug)]
+pub(crate) struct ValueMethods {
+    pub(crate) stored: CountStored,
+    /// How the fast path moves a value; `None`: as one word, behind the link of the node.
+    pub(crate) mover: Option<Mover>,
+}
+
+impl ValueMethods {
+    /// Of a wait point without values.
+    const NONE: &Self = &Self {
+        stored: |_| Stored::default(),
+        mover: None,
+    };
+}
+
+/// The name of a wait point. Few have one, so it takes one word.
+#[derive(Debug)]
+struct Name(AtomicPtr<String>);
+
+impl Name {
+    fn get(&self) -> Option<&String> {
+        // SAFETY: the pointer is null, or that of a box that `set` gave up; it goes with this alone.
+        // Acquire: the text was written before.
+        unsafe { self.0.load(Ordering::Acquire).as_ref() }
+    }
+
+    /// The first name stays; returns whether this is it.
+    fn set(&self, name: String) -> bool {
+        let name = Box::into_raw(Box::new(name));
+        let none = std::ptr::null_mut();
+        let stored = self
+            .0
+            .compare_exchange(none, name, Ordering::Release, Ordering::Relaxed);
+        if stored.is_err() {
+            // SAFETY: it was made above, and stored nowhere.
+            drop(unsafe { Box::from_raw(name) });
+        }
+        stored.is_ok()
+    }
+}
+
+impl Drop for Name {
+    fn drop(&mut self) {
+        let name = *self.0.get_mut();
+        if !name.is_null() {
+            // SAFETY: `set` gave up the box, and this is the only owner.
+            drop(unsafe { Box::from_raw(name) });
+        }
+    }
 }
 
 /// How many values a place stores, called under its lock.
@@ -222,9 +271,9 @@ impl Identity {
             links: UnsafeCell::new(Links {
                 before: None,
                 after: None,
-                stored: |_| Stored::default(),
             }),
-            name: OnceLock::new(),
+            values: ValueMethods::NONE,
+            name: Name(AtomicPtr::new(std::ptr::null_mut())),
             kind: Kind::of(kind),
             external: AtomicBool::new(false),
             has_stranger: AtomicBool::new(false),
@@ -250,7 +299,7 @@ impl Identity {
 
     /// The first name stays.
     pub(crate) fn set_name(&self, name: &str) {
-        if self.name.set(Box::new(name.to_owned())).is_ok() {
+        if self.name.set(name.to_owned()) {
             events::name(self.kind_in_events(), self.number(), 0, || name.to_owned());
         }
     }
@@ -338,7 +387,7 @@ impl WaitPoints {
     /// # Safety
     ///
     /// It is listed nowhere, stays where it is, and is removed before it goes.
-    unsafe fn insert(&mut self, wait_point: NonNull<WaitPoint>, stored: CountStored) {
+    unsafe fn insert(&mut self, wait_point: NonNull<WaitPoint>) {
         // SAFETY: the contract, and the invariant for those that are listed.
         unsafe {
             let id = |wait_point: NonNull<WaitPoint>| wait_point.as_ref().identity.id;
@@ -350,11 +399,7 @@ impl WaitPoints {
             }
             let after = self.after(before).replace(wait_point);
             *self.before(after) = Some(wait_point);
-            *Self::links(wait_point) = Links {
-                before,
-                after,
-                stored,
-            };
+            *Self::links(wait_point) = Links { before, after };
         }
     }
 
@@ -375,16 +420,16 @@ impl WaitPoints {
 ///
 /// # Safety
 ///
-/// The wait point stays where it is, and lives until it is unregistered. `stored` can be called for
-/// it, by this pointer, under its lock.
-pub(crate) unsafe fn register(wait_point: NonNull<WaitPoint>, stored: CountStored) {
+/// The wait point stays where it is, and lives until it is unregistered. Its method `stored` can be
+/// called for it, by this pointer, under its lock.
+pub(crate) unsafe fn register(wait_point: NonNull<WaitPoint>) {
     // A model makes and drops thousands of channels, and their locks belong to one run of it.
     if cfg!(loom) {
         return;
     }
     let mut wait_points = WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
     // SAFETY: the contract.
-    unsafe { wait_points.insert(wait_point, stored) };
+    unsafe { wait_points.insert(wait_point) };
 }
 
 /// Takes a wait point off the register, as it is freed.
@@ -422,7 +467,7 @@ pub fn wait_points() -> Vec<WaitPointView> {
         // SAFETY: a registered place lives, and unregistering needs the lock that is held.
         unsafe {
             let links = WaitPoints::links(wait_point);
-            views.push(view(wait_point, (*links).stored));
+            views.push(view(wait_point));
             next = (*links).after;
         }
     }
@@ -460,8 +505,8 @@ fn stopped() -> Option<WaitPointView> {
 
 /// # Safety
 ///
-/// The wait point lives, and `stored` was registered with it.
-unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> WaitPointView {
+/// The wait point lives, and was registered by this pointer.
+unsafe fn view(registered: NonNull<WaitPoint>) -> WaitPointView {
     // SAFETY: the contract.
     let wait_point = unsafe { registered.as_ref() };
     let mut waiting = Vec::new();
@@ -471,7 +516,7 @@ unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> WaitPoint
         let mut lists = wait_point.lock_briefly();
         if copy_waiting(&mut lists, wait_point.identity.kind, &mut waiting) {
             // SAFETY: the lock is held.
-            let stored = unsafe { stored(registered) };
+            let stored = unsafe { (wait_point.identity.values.stored)(registered) };
             let ended = lists.ending != Ending::Open;
             break (stored, lists.sender.get(), lists.receiver.get(), ended);
         }
@@ -481,11 +526,7 @@ unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> WaitPoint
     WaitPointView {
         id: wait_point.identity.id,
         address: registered.addr().get(),
-        name: wait_point
-            .identity
-            .name
-            .get()
-            .map(|name| String::clone(name)),
+        name: wait_point.identity.name.get().cloned(),
         made_at: wait_point.identity.made_at,
         kind: wait_point.identity.kind.with(stored.capacity),
         buffered: stored.now,

@@ -120,6 +120,15 @@ impl Waiting {
     }
 }
 
+/// Whether a wait point is used for plain sends and receives only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Plain {
+    No,
+    /// But for one registered alternative, and it has no buffer.
+    ButRegistered,
+    Yes,
+}
+
 /// What a wait point's lock guards. The nodes in the lists are guarded with it.
 ///
 /// Fields that each rendezvous writes come first, so that they lie on one cache line with the lock
@@ -129,8 +138,6 @@ impl Waiting {
 #[repr(C)]
 pub struct WaitQueues {
     pub(crate) waiting: Waiting,
-    /// How the fast path moves a value; `None`: as one word, behind the link of the node.
-    pub(crate) mover: Option<Mover>,
     /// Last user of each kind of end.
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
@@ -138,15 +145,13 @@ pub struct WaitQueues {
     /// Whether it has ended, or a recorded process has come: operations then take the slow path
     /// here. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
-    /// Whether it is a channel that is used for plain sends and receives only: see
-    /// [`find_whether_plain`](WaitQueues::find_whether_plain).
-    pub(crate) is_plain: bool,
-    /// Unbuffered, and plain but for one registered alternative.
-    pub(crate) is_plain_but_registered: bool,
+    plain: Plain,
     pub(crate) may_be_plain: bool,
-    pub(crate) is_rendezvous: bool,
-    /// What `waiting` is while nothing waits and the fast path decides: `IDLE` or `STORE`.
+    /// What `waiting` is while nothing waits and the fast path decides: `IDLE` where there is no
+    /// buffer, or `STORE`.
     nothing: u8,
+    /// Whether the fast path moves a value as one word, which lies behind the link of the node.
+    pub(crate) moves_word: bool,
     /// Whether an operation has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
     /// Whether anything is stored: kept here, so that a receiver need not look beyond this line
@@ -179,15 +184,14 @@ pub(crate) struct LastUser(u32);
 
 impl WaitQueues {
     /// For a channel of this kind, before its first use.
-    pub(crate) fn set_up(&mut self, is_rendezvous: bool, may_be_plain: bool, mover: Option<Mover>) {
-        self.is_rendezvous = is_rendezvous;
+    pub(crate) fn set_up(&mut self, is_rendezvous: bool, may_be_plain: bool, moves_word: bool) {
         self.nothing = match is_rendezvous {
             true => Waiting::IDLE,
             false => Waiting::STORE,
         };
         self.may_be_plain = may_be_plain;
         self.order.is_ordered = !may_be_plain;
-        self.mover = mover;
+        self.moves_word = moves_word;
         self.find_whether_plain();
     }
 
@@ -207,10 +211,10 @@ impl WaitQueues {
     #[inline]
     pub(crate) fn leave_queues(&mut self) -> bool {
         let may = self.waiting == Waiting::QUEUES
-            && self.is_plain
+            && self.is_plain()
             && self.senders.is_empty()
             && self.receivers.is_empty()
-            && !(self.is_rendezvous && self.is_storing);
+            && !(self.is_rendezvous() && self.is_storing);
         if may {
             self.set_nothing_waits();
         }
@@ -264,7 +268,26 @@ impl WaitQueues {
     /// Whether it is plain and has no buffer.
     #[inline]
     pub(crate) fn is_plain_rendezvous(&self) -> bool {
-        self.is_plain && self.is_rendezvous
+        self.is_plain() && self.is_rendezvous()
+    }
+
+    /// Whether it has no buffer.
+    #[inline(always)]
+    pub(crate) fn is_rendezvous(&self) -> bool {
+        self.nothing == Waiting::IDLE
+    }
+
+    /// Whether it is a channel that is used for plain sends and receives only: see
+    /// [`find_whether_plain`](WaitQueues::find_whether_plain).
+    #[inline(always)]
+    pub(crate) fn is_plain(&self) -> bool {
+        self.plain == Plain::Yes
+    }
+
+    /// Whether it is unbuffered, and plain but for one registered alternative.
+    #[inline(always)]
+    pub(crate) fn is_plain_but_registered(&self) -> bool {
+        self.plain == Plain::ButRegistered
     }
 
     /// Whether plain sends and receives may meet on the [hand-off slots](crate::hand_off_slots):
@@ -286,8 +309,11 @@ impl WaitQueues {
         // SAFETY: it is the first of this list.
         let is_one =
             registered.is_some_and(|first| unsafe { self.registered.after(first) }.is_none());
-        self.is_plain = is_plain && registered.is_none();
-        self.is_plain_but_registered = is_plain && self.is_rendezvous && is_one;
+        self.plain = match registered {
+            None if is_plain => Plain::Yes,
+            Some(_) if is_plain && self.is_rendezvous() && is_one => Plain::ButRegistered,
+            _ => Plain::No,
+        };
         self.is_unusual = self.ending != Ending::Open || self.log_state.is_used();
     }
 }
@@ -367,8 +393,8 @@ impl WaitPoint {
             hand_off_slots: HandOffSlots::new(),
             lock: BiasedLock::new(WaitQueues {
                 waiting: Waiting::QUEUES,
-                mover: None,
                 nothing: Waiting::IDLE,
+                moves_word: false,
                 hand_off: Nodes::NONE,
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
@@ -377,10 +403,8 @@ impl WaitPoint {
                 watching: WaitList::new(),
                 ending: Ending::Open,
                 is_unusual: false,
-                is_plain: false,
-                is_plain_but_registered: false,
+                plain: Plain::No,
                 may_be_plain: false,
-                is_rendezvous: false,
                 extends: false,
                 is_storing: false,
                 tickets: 0,
@@ -567,7 +591,6 @@ mod tests {
             size_of::<crate::core::Channel<u64>>()
         );
         let behind = size_of::<WaitQueues>() - offset_of!(WaitQueues, tickets);
-        assert!(size_of::<BiasedLock<WaitQueues>>() - behind <= 64);
         assert!(offset_of!(WaitPoint, lock) + size_of::<BiasedLock<WaitQueues>>() - behind <= 128);
     }
 }

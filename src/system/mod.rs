@@ -9,7 +9,7 @@
 //!
 //! let mut system = System::new("arm");
 //! let control: Executor = system.executor("control").policy(Policy::fifo(80)).build()?;
-//! let process: ProcessBuilder<'_> = control.process("controller").priority(20);
+//! let process: ProcessBuilder = control.process("controller").priority(20);
 //! process.spawn(async { Ok(()) })?;
 //! let console: Thread = system.thread("console");
 //! console.process("operator").spawn(async { Ok(()) })?;

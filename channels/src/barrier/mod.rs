@@ -26,7 +26,7 @@ pub use party::Party;
 pub use sync::SyncOp;
 
 use crate::finally::Finally;
-use crate::inspect::{Identity, Stored, WaitPointKind, register, unregister};
+use crate::inspect::{Identity, WaitPointKind, register, unregister};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{AlignedWaitPoint, WaitQueues};
@@ -118,9 +118,7 @@ impl Barrier {
         let shared = NonNull::from(Box::leak(shared));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().wait_point), |_| {
-                Stored::default()
-            })
+            register(NonNull::from(&*shared.as_ref().wait_point));
         };
         Barrier {
             shared,

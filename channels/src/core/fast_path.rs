@@ -26,7 +26,7 @@
 use super::Channel;
 use crate::alternative::{Commit, commit, take_first};
 use crate::source::{Offered, Source};
-use crate::wait_point::{LastUser, Mover, WaitPoint, WaitQueues, Waiting};
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{self, PlainPendingWake, PlainTurn, Process};
@@ -102,9 +102,9 @@ unsafe fn meet<const SEND: bool>(
                 true => (node, partner.cast()),
                 false => (partner.cast(), node),
             };
-            if let Some(mover) = lists.mover {
+            if !lists.moves_word {
                 lists.keep();
-                return part_long::<SEND>(wait_point, (from, to), mover, turn);
+                return part_long::<SEND>(wait_point, (from, to), turn);
             }
             Waiter::move_word(from, to);
             return part::<SEND>(wait_point, lists, partner, turn);
@@ -184,15 +184,30 @@ unsafe fn depart<const SEND: bool>(
 unsafe fn part_long<const SEND: bool>(
     wait_point: &WaitPoint,
     (from, to): (NonNull<Waiter<()>>, NonNull<Waiter<()>>),
-    mover: Mover,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the contract.
     unsafe {
-        mover(from, to);
+        move_value(wait_point, from, to);
         let partner = if SEND { to } else { from };
         let lists = wait_point.kept(turn.executor_number());
         part::<SEND>(wait_point, lists, partner.cast(), turn)
+    }
+}
+
+/// Moves a value of any type between two nodes.
+///
+/// # Safety
+///
+/// As for [`Mover`](crate::wait_point::Mover), of nodes of the channel around `wait_point`.
+#[inline(always)]
+unsafe fn move_value(wait_point: &WaitPoint, from: NonNull<Waiter<()>>, to: NonNull<Waiter<()>>) {
+    // SAFETY: the contract; a wait point has the methods of its channel's values.
+    unsafe {
+        match wait_point.identity.values.mover {
+            Some(mover) => mover(from, to),
+            None => Waiter::move_word(from, to),
+        }
     }
 }
 
@@ -296,11 +311,11 @@ unsafe fn meet_otherwise<const SEND: bool>(
             // A second operation of the same side.
             return FastPath::No;
         }
-        if !lists.is_rendezvous && lists.is_plain && lists.receivers.is_empty() {
+        if !lists.is_rendezvous() && lists.is_plain() && lists.receivers.is_empty() {
             lists.keep();
             return FastPath::Store;
         }
-        if SEND && lists.is_plain_but_registered {
+        if SEND && lists.is_plain_but_registered() {
             lists.keep();
             return FastPath::More;
         }
@@ -328,10 +343,7 @@ unsafe fn give<const SEND: bool>(
             true => (node, partner.0.cast()),
             false => (partner.0.cast(), node),
         };
-        match lists.mover {
-            Some(mover) => mover(from, to),
-            None => Waiter::move_word(from, to),
-        }
+        move_value(wait_point, from, to);
         depart::<SEND>(wait_point, lists, partner, turn)
     }
 }

@@ -30,7 +30,7 @@ use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
 use crate::ended::take_watcher;
 use crate::finally::Finally;
-use crate::inspect::{Identity, Stored};
+use crate::inspect::{Identity, Stored, ValueMethods};
 pub(crate) use crate::taken::Taken;
 pub(crate) use crate::wait_point::Ending;
 use crate::wait_point::{WaitPoint, WaitQueues};
@@ -74,12 +74,22 @@ pub(crate) struct Channel<T> {
 
 impl<T> Channel<T> {
     /// A new channel on the heap, with one end of each kind.
-    pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
+    pub(crate) fn allocate(buffer: Buffer, mut identity: Identity) -> NonNull<Channel<T>> {
+        identity.values = const {
+            &ValueMethods {
+                stored: Self::stored,
+                mover: Waiter::<T>::MOVER,
+            }
+        };
         let mut wait_point = WaitPoint::new(identity);
         wait_point.with_mut(|lists| {
             // A buffer that drops values, or grows, needs the slow path.
             let may_be_plain = buffer.when_full == WhenFull::Wait;
-            lists.set_up(buffer.capacity == 0, may_be_plain, Waiter::<T>::MOVER);
+            lists.set_up(
+                buffer.capacity == 0,
+                may_be_plain,
+                Waiter::<T>::MOVER.is_none(),
+            );
         });
         let channel = Box::new(Channel {
             wait_point,
@@ -95,10 +105,10 @@ impl<T> Channel<T> {
             )),
         });
         let channel = NonNull::from(Box::leak(channel));
-        // SAFETY: the channel is live, and leaves the register in `free`. The function is its own.
+        // SAFETY: the channel is live, and leaves the register in `free`. Its methods are its own.
         // The pointer is made of that to the whole, so that it leads back to it.
         unsafe {
-            crate::inspect::register(channel.cast(), Self::stored);
+            crate::inspect::register(channel.cast());
         }
         channel
     }

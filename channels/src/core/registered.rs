@@ -69,7 +69,7 @@ impl<T> Channel<T> {
         // sender's holds its value.
         unsafe {
             let mut lists = self.wait_point.lock_if_biased(process.executor_number())?;
-            if !lists.is_plain_but_registered || lists.is_storing || !still() {
+            if !lists.is_plain_but_registered() || lists.is_storing || !still() {
                 return None;
             }
             let first = lists.senders.first()?;

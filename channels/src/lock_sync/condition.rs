@@ -6,7 +6,7 @@ use super::error::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
-use crate::inspect::{Identity, Stored, WaitPointKind, register, unregister};
+use crate::inspect::{Identity, WaitPointKind, register, unregister};
 use crate::wait_point::{AlignedWaitPoint, LastUser, WaitQueues};
 use luna_core::current::{self, User};
 use luna_core::deferred_free::{self, Retired};
@@ -88,9 +88,7 @@ impl Condvar {
         })));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().wait_point), |_| {
-                Stored::default()
-            })
+            register(NonNull::from(&*shared.as_ref().wait_point));
         };
         Condvar { shared }
     }

@@ -4,7 +4,7 @@ use super::core::Core;
 use super::error::{LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
-use crate::inspect::{Stored, register, unregister};
+use crate::inspect::{register, unregister};
 use crate::replay;
 use luna_core::current::{self, Inheritor};
 use luna_core::deferred_free::Retired;
@@ -93,9 +93,7 @@ impl<T: Send> Mutex<T> {
         })));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().core.wait_point), |_| {
-                Stored::default()
-            })
+            register(NonNull::from(&*shared.as_ref().core.wait_point));
         };
         Mutex {
             shared,

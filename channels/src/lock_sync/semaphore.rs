@@ -4,7 +4,7 @@ use super::acquire::{AcquireOp, AcquireTimeout};
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::SemaphorePermit;
 use crate::finally::Finally;
-use crate::inspect::{Identity, Stored, WaitPointKind, register, unregister};
+use crate::inspect::{Identity, WaitPointKind, register, unregister};
 use crate::replay;
 use crate::wait_point::{AlignedWaitPoint, LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
@@ -79,9 +79,7 @@ impl Semaphore {
         })));
         // SAFETY: it is live, and leaves the register in `free`.
         unsafe {
-            register(NonNull::from(&*shared.as_ref().wait_point), |_| {
-                Stored::default()
-            })
+            register(NonNull::from(&*shared.as_ref().wait_point));
         };
         Semaphore { shared }
     }
