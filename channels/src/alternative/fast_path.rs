@@ -204,11 +204,10 @@ unsafe fn look_at_queues(
     mut lists: InsideGuard<'_, WaitQueues>,
     of_sender: bool,
 ) -> Option<Option<NonNull<WaitNode>>> {
-    // A guard of another alternative on the other side is left to the slow path.
-    if !lists.leave_queues()
-        && (!lists.is_plain_rendezvous()
-            || lists.is_storing
-            || lists.waiting.guard(!of_sender).is_some())
+    // What a buffer stores, and a guard of another alternative on the other side, are left to the
+    // slow path.
+    if !lists.is_plain_rendezvous()
+        || !lists.leave_queues() && (lists.is_storing || lists.waiting.guard(!of_sender).is_some())
     {
         return None;
     }

@@ -3,8 +3,10 @@
 
 #![cfg(not(loom))]
 
-use luna_channels::{Alternative, Receiver, RecvError, Sender, alt, channel, pri_alt};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_channels::{
+    Alternative, Buffer, Receiver, RecvError, Sender, alt, buffered, channel, pri_alt,
+};
+use luna_executors::{Executor, Exit, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -175,4 +177,37 @@ fn a_thread_comes_to_an_alternative_that_offers_on_the_fast_path() {
         }
         elsewhere.join().unwrap();
     }
+}
+
+/// A buffer is plain too, and the slow path may have been the last one there. The alternative finds
+/// what is stored. A process beside it would end one that waits for long.
+#[test]
+fn what_a_buffer_stores_is_found_on_the_fast_path() {
+    let executor = Executor::start(Attributes::new("home")).unwrap();
+    let (output, input) = buffered(Buffer::fifo(2));
+    let (_never, other) = channel::<u64>();
+    let both = executor.spawn(ProcessSpec::new("both ends"), move || async move {
+        for number in 0..WARM {
+            // By the slow path.
+            output.try_send(number).unwrap();
+            let received = match number % 2 {
+                0 => pri_alt! {
+                    x = other.recv() => x,
+                    x = input.recv() => x,
+                },
+                _ => input.recv().await,
+            };
+            assert_eq!(received, Ok(number));
+        }
+    });
+    let waits = both.clone();
+    let watch = executor.spawn(ProcessSpec::new("watch"), move || async move {
+        for _ in 0..10_000 {
+            yield_now().await;
+        }
+        waits.cancel();
+    });
+    executor.release();
+    assert_eq!(watch.wait(), Exit::Completed);
+    assert_eq!(both.wait(), Exit::Completed);
 }
