@@ -161,7 +161,7 @@ impl ReadySet {
 
     /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many
     /// calls.
-    #[inline]
+    #[inline(always)]
     pub(super) fn put_behind(&mut self, member: usize) {
         let is_ready = self.ready.contains(self.position[member]);
         if is_ready {

@@ -351,7 +351,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     /// Notes the entries that were on the stack. O(their number).
-    #[inline]
+    #[inline(always)]
     fn note_ready(&mut self, taken: *mut Entry<T>) {
         let mut next = taken;
         while let Some(entry) = NonNull::new(next) {
@@ -459,6 +459,7 @@ impl<'a, T> Alternative<'a, T> {
     /// # Safety
     ///
     /// It was, and this is the owner.
+    #[inline(always)]
     unsafe fn settled(entry: NonNull<Entry<T>>) -> Result<T, RecvError> {
         let node = entry.cast::<Waiter<T>>();
         // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed
