@@ -22,9 +22,16 @@ pub(crate) fn number(signal: Signal) -> i32 {
     }
 }
 
-/// There are none.
-pub(crate) fn name(_number: i32) -> Option<&'static str> {
-    None
+/// Those of the numbers above.
+pub(crate) fn name(number: i32) -> Option<&'static str> {
+    Some(match number {
+        1 => "SIGHUP",
+        2 => "SIGINT",
+        10 => "SIGUSR1",
+        12 => "SIGUSR2",
+        15 => "SIGTERM",
+        _ => return None,
+    })
 }
 
 pub(crate) fn real_time_number(_number: i32) -> Option<i32> {
