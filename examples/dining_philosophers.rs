@@ -105,11 +105,11 @@ fn dinner(meals: u32, seats: usize) -> luna::Result<()> {
     let (rights, mut at_rights): (Vec<_>, Vec<_>) = channels().unzip();
     at_rights.rotate_right(1); // the fork to the left of one is to the right of the one before
     for (n, (one, other)) in at_lefts.into_iter().zip(at_rights).enumerate() {
-        let process = table.process(&format!("fork {n}"));
+        let process = table.process(format!("fork {n}"));
         process.spawn(fork(one, other))?;
     }
     for (n, (left, right)) in lefts.into_iter().zip(rights).enumerate() {
-        let process = table.process(&format!("philosopher {n}"));
+        let process = table.process(format!("philosopher {n}"));
         process.spawn(philosopher(meals, left, right, footman.clone()))?;
     }
     drop(footman); // the philosophers have theirs

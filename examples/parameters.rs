@@ -5,6 +5,7 @@
 //! `--parameters FILE` with a file of your own.
 use luna::parameters::{Choice, SetError};
 use luna::prelude::*;
+use luna::system::ProcessBuilder;
 use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -21,64 +22,58 @@ impl Choice for Goal {
         &[("left", Goal::Left), ("right", Goal::Right)];
 }
 
-/// The settings of a cart's controller.
+/// The parameters of a cart's controller.
 struct Settings {
     kp: Parameter<f64>,
     kd: Parameter<f64>,
     goal: Parameter<Goal>,
 }
 
-/// A cart with its controller: a mass of 1 kg that is pushed.
-#[derive(Default)]
-struct Cart {
-    settings: Option<Settings>,
-}
-
-impl Process for Cart {
-    fn pre_run(&mut self) -> luna::Result<()> {
-        self.settings = Some(Settings {
-            kp: Parameter::with_default("cart/kp", 20.0)
+impl Settings {
+    /// Declares them for the process that is to be the controller.
+    fn declare(cart: &ProcessBuilder) -> luna::Result<Self> {
+        Ok(Self {
+            kp: cart
+                .parameter("cart/kp", 20.0)
                 .unit("N/m")
                 .range(0.0..=100.0)
                 .description("force by distance")
                 .register()?,
-            kd: Parameter::with_default("cart/kd", 5.0)
+            kd: cart
+                .parameter("cart/kd", 5.0)
                 .unit("N·s/m")
                 .range(0.0..=50.0)
                 .description("force by speed")
                 .register()?,
-            goal: Parameter::with_default("cart/goal", Goal::Left).register()?,
-        });
-        Ok(())
+            goal: cart.parameter("cart/goal", Goal::Left).register()?,
+        })
     }
+}
 
-    async fn run(&mut self) -> luna::Result<()> {
-        let Some(Settings { kp, kd, goal }) = &self.settings else {
-            return Ok(());
+/// A cart with its controller: a mass of 1 kg that is pushed.
+async fn control(Settings { kp, kd, goal }: Settings) -> luna::Result<()> {
+    let (mut place, mut speed) = (0.0_f64, 0.0_f64);
+    let mut tick = luna::periodic("cart", PERIOD)?;
+    for _ in 0..6000 {
+        // From here to the next tick all parameters are of one set.
+        let cycle = tick.next().await;
+        let target = match goal.get() {
+            Goal::Left => -1.0,
+            Goal::Right => 1.0,
         };
-        let (mut place, mut speed) = (0.0_f64, 0.0_f64);
-        let mut tick = luna::periodic("cart", PERIOD)?;
-        for _ in 0..6000 {
-            // From here to the next tick all parameters are of one set.
-            let cycle = tick.next().await;
-            let target = match goal.get() {
-                Goal::Left => -1.0,
-                Goal::Right => 1.0,
-            };
-            let force = kp.get() * (target - place) - kd.get() * speed;
-            speed += force * PERIOD.as_secs_f64();
-            place += speed * PERIOD.as_secs_f64();
-            if cycle.number % 1000 == 0 {
-                println!(
-                    "after {} s: {place:6.3} m, with kp {} N/m",
-                    cycle.number / 1000,
-                    kp.get()
-                );
-            }
+        let force = kp.get() * (target - place) - kd.get() * speed;
+        speed += force * PERIOD.as_secs_f64();
+        place += speed * PERIOD.as_secs_f64();
+        if cycle.number % 1000 == 0 {
+            println!(
+                "after {} s: {place:6.3} m, with kp {} N/m",
+                cycle.number / 1000,
+                kp.get()
+            );
         }
-        assert!((place - 1.0).abs() < 0.01, "the cart is at {place} m");
-        Ok(())
     }
+    assert!((place - 1.0).abs() < 0.01, "the cart is at {place} m");
+    Ok(())
 }
 
 fn main() -> luna::Result<()> {
@@ -91,7 +86,9 @@ fn main() -> luna::Result<()> {
     system.parameters_from(&file);
     system.parameter_arguments(std::env::args().skip(1))?;
     let main = system.executor("main").build()?;
-    main.process("cart").spawn(Cart::default())?;
+    let cart = main.process("cart");
+    let settings = Settings::declare(&cart)?;
+    cart.spawn(control(settings))?;
 
     let parameters = system.parameters();
     system

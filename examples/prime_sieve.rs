@@ -24,7 +24,7 @@ async fn sieve(input: Receiver<u32>, primes: Sender<u32>, place: Executor) -> lu
     };
     primes.send(prime).await?;
     let (output, next) = luna::channel();
-    let process = place.process(&format!("behind {prime}"));
+    let process = place.process(format!("behind {prime}"));
     // A closure: within `sieve` the compiler does not know yet whether its future is `Send`.
     process.spawn(move || sieve(next, primes, place))?;
     while let Ok(n) = input.recv().await {

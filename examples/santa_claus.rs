@@ -108,11 +108,11 @@ fn main() -> luna::Result<()> {
         .spawn(gather(CONSULTING, study_door, group))?;
     for n in 0..REINDEER {
         let reindeer = helper(n, Duration::from_millis(40), stable.clone());
-        pole.process(&format!("reindeer {n}")).spawn(reindeer)?;
+        pole.process(format!("reindeer {n}")).spawn(reindeer)?;
     }
     for n in 0..ELVES {
         let elf = helper(n, Duration::from_millis(10), study.clone());
-        pole.process(&format!("elf {n}")).spawn(elf)?;
+        pole.process(format!("elf {n}")).spawn(elf)?;
     }
     drop((stable, study)); // the helpers have theirs
     system.run()?;

@@ -17,14 +17,13 @@ fn main() -> luna::Result<()> {
     let mut system = System::new("simulated hour");
     system.virtual_clock();
     let executors: Vec<_> = (0..executors)
-        .map(|number| system.executor(&format!("executor {number}")).build())
+        .map(|number| system.executor(format!("executor {number}")).build())
         .collect::<luna::Result<_>>()?;
     let (first, mut input) = luna::channel::<usize>();
     for stage in 0..STAGES {
         let (output, next) = luna::channel();
         let own = std::mem::replace(&mut input, next);
-        let process =
-            executors[stage * executors.len() / STAGES].process(&format!("stage {stage}"));
+        let process = executors[stage * executors.len() / STAGES].process(format!("stage {stage}"));
         process.spawn(async move {
             while let Ok(value) = own.recv().await {
                 output.send(value + 1).await?;

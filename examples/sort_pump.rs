@@ -69,7 +69,7 @@ fn main() -> luna::Result<()> {
     })?;
     for number in 1..LONGEST {
         let (output, next) = luna::channel();
-        main.process(&format!("cell {number}"))
+        main.process(format!("cell {number}"))
             .spawn(cell(pipe, output))?;
         pipe = next;
     }

@@ -42,14 +42,14 @@ async fn head(input: Receiver<u32>, output: Sender<u32>, executors: u32) -> luna
 fn ring(executors: u32) -> luna::Result<()> {
     let mut system = System::new("ring");
     let places = (0..executors)
-        .map(|n| system.executor(&format!("executor {n}")).build())
+        .map(|n| system.executor(format!("executor {n}")).build())
         .collect::<luna::Result<Vec<_>>>()?;
 
     let (first, mut pipe) = luna::channel();
     for n in 1..PROCESSES {
         let (output, next) = luna::channel();
         places[(n * executors / PROCESSES) as usize]
-            .process(&format!("node {n}"))
+            .process(format!("node {n}"))
             .spawn(node(pipe, output))?;
         pipe = next;
     }

@@ -70,7 +70,7 @@ const CYCLES_SHOWN: usize = 2;
 /// assert!(report.to_string().contains("main"));
 /// # Ok::<(), luna::Error>(())
 /// ```
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct Report {
     /// The system's name.
@@ -113,10 +113,11 @@ pub struct Report {
 }
 
 /// How a system came to its end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum End {
     /// All processes ended by themselves.
+    #[default]
     Completed,
     /// A signal came (SIGINT is 2, SIGTERM 15, SIGHUP 1): the emergency functions ran, then all
     /// processes were cancelled.
@@ -281,22 +282,29 @@ impl Report {
     }
 }
 
+/// As in the first line of a report: "completed", "ended by a panic".
+impl fmt::Display for End {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            End::Completed => f.write_str("completed"),
+            End::Signal(number) => write!(f, "ended by {}", signals::name(*number)),
+            End::Panic => f.write_str("ended by a panic"),
+            End::Deadlock => f.write_str("ended by a deadlock"),
+            End::Overrun => f.write_str("ended by an overrun"),
+            End::Emergency => f.write_str("ended by an emergency"),
+            End::Undriven => f.write_str("ended with the driver of its clock"),
+            End::Livelock => f.write_str("ended by a livelock"),
+        }
+    }
+}
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let end = match self.end {
-            End::Completed => "completed".to_owned(),
-            End::Signal(number) => format!("ended by {}", signals::name(number)),
-            End::Panic => "ended by a panic".to_owned(),
-            End::Deadlock => "ended by a deadlock".to_owned(),
-            End::Overrun => "ended by an overrun".to_owned(),
-            End::Emergency => "ended by an emergency".to_owned(),
-            End::Undriven => "ended with the driver of its clock".to_owned(),
-            End::Livelock => "ended by a livelock".to_owned(),
-        };
         write!(
             f,
-            "system `{}`: {end} after {:.3} s",
+            "system `{}`: {} after {:.3} s",
             self.system,
+            self.end,
             self.elapsed.as_secs_f64()
         )?;
         if self.clock.is_virtual() {

@@ -12,7 +12,7 @@ use std::{
 };
 
 use luna::parameters::Tunable;
-use luna::{Parameter, Process, System};
+use luna::{Parameter, System};
 use luna_benches::{
     cores::{on_core, one_core},
     harness::{Case, Goal, run},
@@ -23,33 +23,7 @@ const TAKE: &str = "take the latest set, one core";
 const SET: &str = "replace a parameter, one core";
 const UNIT: &str = "ns";
 
-/// Times `step` in a process that has declared a parameter.
-struct Timed<T, S> {
-    default: T,
-    parameter: Option<Parameter<T>>,
-    steps: u64,
-    step: S,
-    elapsed: mpsc::Sender<Duration>,
-}
-
-impl<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static> Process for Timed<T, S> {
-    fn pre_run(&mut self) -> luna::Result<()> {
-        self.parameter = Some(Parameter::with_default("p", self.default).register()?);
-        Ok(())
-    }
-
-    async fn run(&mut self) -> luna::Result<()> {
-        if let Some(parameter) = &self.parameter {
-            let start = Instant::now();
-            for _ in 0..self.steps {
-                (self.step)(black_box(parameter));
-            }
-            let _ = self.elapsed.send(start.elapsed());
-        }
-        Ok(())
-    }
-}
-
+/// Times `step` in a process that has a parameter.
 fn in_process<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static>(
     steps: u64,
     default: T,
@@ -63,16 +37,18 @@ fn in_process<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static>(
         .core(one_core().id)
         .build()
         .expect("the core is there");
-    let timed = Timed {
-        default,
-        parameter: None,
-        steps,
-        step,
-        elapsed: sender,
+    let timed = main.process("timed");
+    let parameter = timed.parameter("p", default).register();
+    let parameter = parameter.expect("its name is free");
+    let body = async move {
+        let start = Instant::now();
+        for _ in 0..steps {
+            step(black_box(&parameter));
+        }
+        let _ = sender.send(start.elapsed());
+        Ok(())
     };
-    main.process("timed")
-        .spawn(timed)
-        .expect("its name is free");
+    timed.spawn(body).expect("its name is free");
     system.run().expect("it ends");
     elapsed.recv().expect("it was timed")
 }

@@ -65,7 +65,7 @@ fn luna(processes: u64) -> Duration {
 /// Its name is generated, and its handle is found by its number.
 fn luna_with_name(processes: u64) -> Duration {
     luna_by(processes, async |executor, number| {
-        let child = executor.process(&format!("child {number}"));
+        let child = executor.process(format!("child {number}"));
         let child = child.spawn(async { Ok(()) }).expect("the names differ");
         let child = executor.process_handle(child).expect("it was spawned");
         child.join().await

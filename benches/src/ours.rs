@@ -83,7 +83,7 @@ impl<const LOOPS: bool, const SPINS: bool> LunaSystem<LOOPS, SPINS> {
 
     /// A process to be, with a name that no other one has.
     pub fn process(&self) -> ProcessBuilder {
-        self.executor.process(&next_name(&self.spawned))
+        self.executor.process(next_name(&self.spawned))
     }
 }
 

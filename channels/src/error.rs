@@ -1,7 +1,8 @@
 //! What can go wrong with an operation: one small type for each, and the value comes back.
 
-use std::error::Error;
+use crate::wait_point::Ending;
 use std::fmt;
+use thiserror::Error;
 
 macro_rules! gives_value_back {
     ($name:ident) => {
@@ -13,7 +14,6 @@ macro_rules! gives_value_back {
                     .finish_non_exhaustive()
             }
         }
-        impl<T> Error for $name<T> {}
     };
 }
 
@@ -26,7 +26,7 @@ macro_rules! gives_value_back {
 /// assert!(error.is_closed());
 /// assert_eq!(error.into_inner(), 7);
 /// ```
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq, Error)]
 pub struct SendError<T> {
     /// The value that was not sent.
     pub value: T,
@@ -63,15 +63,24 @@ impl<T> fmt::Display for SendError<T> {
 gives_value_back!(SendError);
 
 /// Receiving failed: no value will ever come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum RecvError {
     /// The channel, or the branch that received, was poisoned.
+    #[error("receiving from a poisoned channel")]
     Poisoned,
     /// The last sender is gone, and all that it sent was received.
+    #[error("receiving from a channel whose last sender is gone")]
     Closed,
 }
 
 impl RecvError {
+    pub(crate) fn of(ending: Ending) -> Self {
+        match ending {
+            Ending::Poisoned => RecvError::Poisoned,
+            _ => RecvError::Closed,
+        }
+    }
+
     /// Whether the channel, or the branch that received, was poisoned.
     pub fn is_poisoned(&self) -> bool {
         *self == RecvError::Poisoned
@@ -83,24 +92,17 @@ impl RecvError {
     }
 }
 
-impl fmt::Display for RecvError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            RecvError::Poisoned => "receiving from a poisoned channel",
-            RecvError::Closed => "receiving from a channel whose last sender is gone",
-        })
-    }
-}
-impl Error for RecvError {}
-
 /// Sending at once failed. The value is given back.
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq, Error)]
 pub enum TrySendError<T> {
     /// No receiver waits, and there is no room in a buffer.
+    #[error("sending at once, but no receiver waits and there is no room")]
     Full(T),
     /// The last receiver is gone.
+    #[error("sending to a channel whose last receiver is gone")]
     Closed(T),
     /// The channel was poisoned.
+    #[error("sending to a poisoned channel")]
     Poisoned(T),
 }
 
@@ -130,25 +132,19 @@ impl<T> TrySendError<T> {
     }
 }
 
-impl<T> fmt::Display for TrySendError<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            TrySendError::Full(_) => "sending at once, but no receiver waits and there is no room",
-            TrySendError::Closed(_) => "sending to a channel whose last receiver is gone",
-            TrySendError::Poisoned(_) => "sending to a poisoned channel",
-        })
-    }
-}
 gives_value_back!(TrySendError);
 
 /// Receiving at once failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum TryRecvError {
     /// No sender waits, and nothing is buffered.
+    #[error("receiving at once, but no sender waits and nothing is buffered")]
     Empty,
     /// The channel was poisoned.
+    #[error("receiving from a poisoned channel")]
     Poisoned,
     /// The last sender is gone, and all that it sent was received.
+    #[error("receiving from a channel whose last sender is gone")]
     Closed,
 }
 
@@ -169,25 +165,17 @@ impl TryRecvError {
     }
 }
 
-impl fmt::Display for TryRecvError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            TryRecvError::Empty => "receiving at once, but no sender waits and nothing is buffered",
-            TryRecvError::Poisoned => "receiving from a poisoned channel",
-            TryRecvError::Closed => "receiving from a channel whose last sender is gone",
-        })
-    }
-}
-impl Error for TryRecvError {}
-
 /// Sending within a time failed. The value is given back.
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq, Error)]
 pub enum SendTimeoutError<T> {
     /// No receiver took the value in time; it was withdrawn.
+    #[error("sending, but no receiver took the value in time")]
     Timeout(T),
     /// The last receiver is gone.
+    #[error("sending to a channel whose last receiver is gone")]
     Closed(T),
     /// The channel, or the branch that sent, was poisoned.
+    #[error("sending to a poisoned channel")]
     Poisoned(T),
 }
 
@@ -227,25 +215,19 @@ impl<T> From<SendError<T>> for SendTimeoutError<T> {
     }
 }
 
-impl<T> fmt::Display for SendTimeoutError<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            SendTimeoutError::Timeout(_) => "sending, but no receiver took the value in time",
-            SendTimeoutError::Closed(_) => "sending to a channel whose last receiver is gone",
-            SendTimeoutError::Poisoned(_) => "sending to a poisoned channel",
-        })
-    }
-}
 gives_value_back!(SendTimeoutError);
 
 /// Receiving within a time failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum RecvTimeoutError {
     /// No value came in time.
+    #[error("receiving, but no value came in time")]
     Timeout,
     /// The channel, or the branch that received, was poisoned.
+    #[error("receiving from a poisoned channel")]
     Poisoned,
     /// The last sender is gone, and all that it sent was received.
+    #[error("receiving from a channel whose last sender is gone")]
     Closed,
 }
 
@@ -275,32 +257,65 @@ impl From<RecvError> for RecvTimeoutError {
     }
 }
 
-impl fmt::Display for RecvTimeoutError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            RecvTimeoutError::Timeout => "receiving, but no value came in time",
-            RecvTimeoutError::Poisoned => "receiving from a poisoned channel",
-            RecvTimeoutError::Closed => "receiving from a channel whose last sender is gone",
-        })
-    }
-}
-impl Error for RecvTimeoutError {}
-
 /// A buffer that cannot be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum BufferError {
     /// Its capacity is zero. A channel without a buffer is a rendezvous: make it with `channel()`.
+    #[error(
+        "a buffer of capacity 0 was asked for: give it at least 1, or make a rendezvous with `channel()`"
+    )]
     ZeroCapacity,
 }
 
-impl fmt::Display for BufferError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            BufferError::ZeroCapacity => {
-                f.write_str("a buffer of capacity 0 was asked for: give it at least 1, or make a rendezvous with `channel()`")
-            }
+/// Why an operation has failed, whatever its direction.
+pub trait Ended {
+    /// Whether its channel was poisoned, and not closed. `None`: it gave up.
+    fn poisoned(&self) -> Option<bool>;
+}
+
+impl<T> Ended for SendError<T> {
+    fn poisoned(&self) -> Option<bool> {
+        Some(self.poisoned)
+    }
+}
+
+impl<T> Ended for SendTimeoutError<T> {
+    fn poisoned(&self) -> Option<bool> {
+        (!self.is_timeout()).then(|| self.is_poisoned())
+    }
+}
+
+impl Ended for RecvError {
+    fn poisoned(&self) -> Option<bool> {
+        Some(self.is_poisoned())
+    }
+}
+
+impl Ended for RecvTimeoutError {
+    fn poisoned(&self) -> Option<bool> {
+        (!self.is_timeout()).then(|| self.is_poisoned())
+    }
+}
+
+/// What an operation that is tried at once cannot get is what one with a timeout has not got in
+/// time.
+impl<T> From<SendTimeoutError<T>> for TrySendError<T> {
+    fn from(error: SendTimeoutError<T>) -> Self {
+        match error {
+            SendTimeoutError::Timeout(value) => TrySendError::Full(value),
+            SendTimeoutError::Closed(value) => TrySendError::Closed(value),
+            SendTimeoutError::Poisoned(value) => TrySendError::Poisoned(value),
         }
     }
 }
-impl Error for BufferError {}
+
+impl From<RecvTimeoutError> for TryRecvError {
+    fn from(error: RecvTimeoutError) -> Self {
+        match error {
+            RecvTimeoutError::Timeout => TryRecvError::Empty,
+            RecvTimeoutError::Poisoned => TryRecvError::Poisoned,
+            RecvTimeoutError::Closed => TryRecvError::Closed,
+        }
+    }
+}

@@ -1,18 +1,24 @@
 //! Extended rendezvous: the sender is held until the receiver is done with the value.
 
-use crate::core::Taken;
-use crate::recv::Receiver;
-use crate::waiter::Waiter;
+use crate::end::End;
+use crate::finally::Finally;
 use luna_core::current::Priority;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
-/// Whether a receive holds its sender. Sealed: its module is private.
-pub trait Mode {
-    /// Result of a receive.
-    type Received<'a, T: 'a>;
-    /// State that a receive keeps beside its node.
+/// State that a mode's receive keeps beside its node, whatever the type of the value. Sealed: its
+/// module is private.
+pub trait Noted {
+    /// The state.
     type Note: Default + Send;
+}
+
+/// Whether a receive holds its sender. Sealed: its module is private.
+pub trait Mode<T>: Noted {
+    /// Result of a receive.
+    type Received<'a>
+    where
+        T: 'a;
     /// Whether the sender is held.
     const HOLDS: bool;
     /// Whether the note is an inheritor, boosted by the held sender.
@@ -28,39 +34,35 @@ pub trait Mode {
 
     /// Makes the result of a receive of a value, and of the number of the rendezvous with a held
     /// sender; 0 for none.
-    fn received<'a, T>(
-        receiver: &'a Receiver<T>,
-        value: T,
-        ticket: u32,
-        note: Self::Note,
-    ) -> Self::Received<'a, T>;
+    fn received<'a>(end: &'a End<T>, value: T, ticket: u32, note: Self::Note)
+    -> Self::Received<'a>;
 
-    /// Takes a value back from a receive that was dropped before it could hand it on.
+    /// Returns to its channel the value of a receive that was dropped before it could hand it on.
     #[inline]
-    fn give_back<T>(receiver: &Receiver<T>, value: T, ticket: u32) {
-        drop(Taken::new(receiver.channel(), value, ticket));
+    fn return_value(end: &End<T>, value: T, ticket: u32) {
+        // Also if the waker of the next receiver panics.
+        let _release = Finally::new(|| end.channel().release_held(ticket));
+        end.channel().return_value(value);
     }
-}
-
-/// A receive's node with its note.
-#[repr(C)]
-pub(crate) struct Noted<T, N> {
-    /// First, so that the node leads to the note.
-    pub(crate) waiter: Waiter<T>,
-    pub(crate) note: N,
 }
 
 /// The sender is released when the value is taken.
 #[derive(Debug)]
-pub struct Plain;
+pub struct Releasing;
 
-impl Mode for Plain {
-    type Received<'a, T: 'a> = T;
+impl Noted for Releasing {
     type Note = ();
+}
+
+impl<T> Mode<T> for Releasing {
+    type Received<'a>
+        = T
+    where
+        T: 'a;
     const HOLDS: bool = false;
 
     #[inline]
-    fn received<T>(_: &Receiver<T>, value: T, _: u32, (): ()) -> T {
+    fn received(_: &End<T>, value: T, _: u32, (): ()) -> T {
         value
     }
 }
@@ -69,25 +71,26 @@ impl Mode for Plain {
 #[derive(Debug)]
 pub struct Extending;
 
-impl Mode for Extending {
-    type Received<'a, T: 'a> = Extended<'a, T>;
+impl Noted for Extending {
     type Note = ();
+}
+
+impl<T> Mode<T> for Extending {
+    type Received<'a>
+        = Extended<'a, T>
+    where
+        T: 'a;
     const HOLDS: bool = true;
 
-    fn received<'a, T>(
-        receiver: &'a Receiver<T>,
-        value: T,
-        ticket: u32,
-        (): (),
-    ) -> Extended<'a, T> {
+    fn received<'a>(end: &'a End<T>, value: T, ticket: u32, (): ()) -> Extended<'a, T> {
         Extended {
             value,
-            _held: Held { receiver, ticket },
+            _held: Held { end, ticket },
         }
     }
 }
 
-/// A value that holds its sender until it is dropped: see [`Receiver::recv_extended`].
+/// A value that holds its sender until it is dropped: see [`Receiver::recv_extended`](crate::Receiver::recv_extended).
 ///
 /// Dropping it is for the real-time path: O(senders that are held on this channel), which are as
 /// many as there are extended rendezvous under way. A forgotten one holds its sender until the
@@ -127,12 +130,12 @@ impl<T: fmt::Debug> fmt::Debug for Extended<'_, T> {
 
 /// Releases the sender when dropped.
 struct Held<'a, T> {
-    receiver: &'a Receiver<T>,
+    end: &'a End<T>,
     ticket: u32,
 }
 
 impl<T> Drop for Held<'_, T> {
     fn drop(&mut self) {
-        self.receiver.channel().release_held(self.ticket);
+        self.end.channel().release_held(self.ticket);
     }
 }

@@ -38,6 +38,16 @@ pub(crate) enum Side {
     Receiver,
 }
 
+impl Side {
+    #[inline(always)]
+    pub(crate) fn of(is_sender: bool) -> Self {
+        match is_sender {
+            true => Side::Sender,
+            false => Side::Receiver,
+        }
+    }
+}
+
 mod state {
     /// No operation is there.
     pub(super) const FREE: u8 = 0;

@@ -64,6 +64,13 @@ pub struct Waiting {
     pub role: Role,
 }
 
+impl Waiting {
+    #[doc(hidden)]
+    pub fn new(user: User, role: Role) -> Self {
+        Self { user, role }
+    }
+}
+
 /// What a process or thread waits for at a wait point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -580,10 +587,7 @@ fn copy_list(
         unsafe {
             next = list.after(node);
             if waits(node) {
-                into.push(Waiting {
-                    user: node.as_ref().user(),
-                    role,
-                });
+                into.push(Waiting::new(node.as_ref().user(), role));
             }
         }
     }

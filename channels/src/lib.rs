@@ -41,21 +41,23 @@ mod barrier;
 mod buffer;
 mod call;
 mod core;
+mod end;
 mod ended;
 mod error;
 mod extended;
 mod finally;
+mod guarded_wait_point;
 mod hand_off_slots;
 pub mod inspect;
 pub mod lock_sync;
-mod recv;
+mod operation;
+mod receiver;
 mod replay;
 mod select_state;
-mod send;
+mod sender;
 mod source;
 mod stamp;
 mod stream;
-mod taken;
 mod wait_point;
 mod waiter;
 
@@ -74,8 +76,11 @@ pub use error::{
     TrySendError,
 };
 pub use extended::Extended;
-pub use recv::{Receiver, RecvOp, RecvTimeout};
-pub use send::{SendOp, SendTimeout, Sender};
+pub use operation::{
+    Direction, Operation, Receiving, RecvOp, RecvTimeout, SendOp, SendTimeout, Sending, Timed,
+};
+pub use receiver::Receiver;
+pub use sender::Sender;
 #[doc(hidden)]
 pub use stamp::Stamp;
 pub use stream::Incoming;
@@ -157,7 +162,8 @@ fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
     unsafe { (Sender::new(channel), Receiver::new(channel)) }
 }
 
-/// As [`gives_way`], of an operation that may be replayed: its process may be held then.
+/// As [`yield_after_operation`], of an operation that may be replayed: its process may be held
+/// then.
 #[inline]
 fn completes_later(cx: &mut Context<'_>) -> bool {
     if current::is_outranked() {
@@ -179,18 +185,19 @@ fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
     true
 }
 
-/// As [`gives_way`], of an operation that fails without having waited: a loop over errors must not
-/// keep other processes from running either. A replayed one fails when the recorded one did.
+/// As [`yield_after_operation`], of an operation that fails without having waited: a loop over
+/// errors must not keep other processes from running either. A replayed one fails when the recorded
+/// one did.
 #[cold]
 fn fails_later(cx: &Context<'_>) -> bool {
-    !replay::is_replayed() && gives_way(cx)
+    !replay::is_replayed() && yield_after_operation(cx)
 }
 
 /// Whether an operation that has just completed lets others run before its process continues: more
 /// urgent ones, since a communication is a scheduling point; or all, when the process has completed
 /// too many operations in one turn. The process is then queued again already.
 #[inline]
-fn gives_way(cx: &Context<'_>) -> bool {
+fn yield_after_operation(cx: &Context<'_>) -> bool {
     if current::is_outranked() {
         current::ready_again(cx, QueueEnd::Front);
         true

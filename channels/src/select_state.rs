@@ -189,7 +189,7 @@ impl SelectState {
     /// # Safety
     ///
     /// As there; the commit lock is biased to the executor of `process`, which is this thread; and
-    /// `process` was given by `current::plain_turn` or `current::unrecorded_turn` in this turn.
+    /// `process` was given by `current::plain_turn` in this turn.
     #[inline]
     pub(crate) unsafe fn open_plainly(&self, process: &Process) {
         self.has_plain_wake_handle.store(true, Ordering::Relaxed);
@@ -217,11 +217,11 @@ impl SelectState {
         {
             return None;
         }
-        // SAFETY: the commit lock is held, and the state is `OPEN` and about to be left. The wake
-        // handle was made on this thread.
-        let ready = self
-            .wake_handle
-            .with_mut(|cell| unsafe { WakeHandle::take_plain(&mut *cell) })?;
+        let ready = self.wake_handle.with_mut(|cell| {
+            // SAFETY: the commit lock is held, and the state is `OPEN` and about to be left. The
+            // wake handle was made on this thread.
+            unsafe { WakeHandle::take_plain(&mut *cell) }
+        })?;
         self.state
             .store(guard.saturating_add(CHOSEN), Ordering::Release);
         Some(ready)

@@ -1,24 +1,14 @@
 //! Source of a send's value: the send itself, a slot to which it goes back if it is not sent, or a
 //! closure that makes it when it is taken.
 
+use crate::operation::{Node, Sending};
 use crate::waiter::{Make, Waiter};
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::NonNull;
 
 /// A send's node with its source.
-#[repr(C)]
-pub struct Offered<T, S> {
-    /// First, so that the node leads to the source.
-    pub(crate) waiter: Waiter<T>,
-    pub(crate) source: S,
-}
-
-impl<T, S> fmt::Debug for Offered<T, S> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Offered")
-    }
-}
+pub(crate) type Offered<T, S> = Node<T, Sending<S>>;
 
 /// Source of a value. Sealed: its module is private.
 ///
@@ -45,22 +35,20 @@ pub unsafe trait Source<T>: Sized {
     /// # Safety
     ///
     /// The value was not taken, no other thread accesses the node, and this is called once.
-    unsafe fn unsent(offered: &mut Offered<T, Self>) -> Self::Unsent;
-}
+    unsafe fn unsent(node: &mut Node<T, Sending<Self>>) -> Self::Unsent;
 
-impl<T, S: Source<T>> Offered<T, S> {
     /// Takes or makes the value, before the node is listed. `None` if making it panicked.
     ///
     /// # Safety
     ///
-    /// There is one, or one can be made; `offered` is live, and no other thread accesses it.
+    /// There is one, or one can be made; the node is live, and no other thread accesses it.
     #[inline]
-    pub(crate) unsafe fn take(offered: NonNull<Self>) -> Option<T> {
+    unsafe fn take(node: NonNull<Node<T, Sending<Self>>>) -> Option<T> {
         // SAFETY: the contract.
         unsafe {
-            match S::MAKE {
-                None => Some(offered.as_ref().waiter.take_value()),
-                Some(make) => make(offered.cast()),
+            match Self::MAKE {
+                None => Some(node.as_ref().waiter.take_value()),
+                Some(make) => make(node.cast()),
             }
         }
     }
@@ -75,19 +63,9 @@ unsafe impl<T> Source<T> for InNode {
     type Unsent = T;
 
     #[inline]
-    unsafe fn unsent(offered: &mut Offered<T, Self>) -> T {
+    unsafe fn unsent(node: &mut Offered<T, Self>) -> T {
         // SAFETY: the contract: the value is still there.
-        unsafe { offered.waiter.take_value() }
-    }
-}
-
-impl<T> Offered<T, InNode> {
-    #[inline]
-    pub(crate) fn value(value: T) -> Self {
-        Self {
-            waiter: Waiter::with_value(value),
-            source: InNode,
-        }
+        unsafe { node.waiter.take_value() }
     }
 }
 
@@ -115,24 +93,22 @@ unsafe impl<T> Source<T> for FromSlot<'_, T> {
         self.was_full
     }
 
-    unsafe fn unsent(offered: &mut Offered<T, Self>) {
-        if offered.source.was_full {
+    unsafe fn unsent(node: &mut Offered<T, Self>) {
+        let source = &mut node.direction.source;
+        if source.was_full {
             // SAFETY: the contract: the value is still there.
-            *offered.source.slot = Some(unsafe { offered.waiter.take_value() });
+            *source.slot = Some(unsafe { node.waiter.take_value() });
         }
     }
 }
 
-impl<'a, T> Offered<T, FromSlot<'a, T>> {
-    pub(crate) fn slot(slot: &'a mut Option<T>) -> Self {
+impl<'a, T> FromSlot<'a, T> {
+    /// The waiter with the value of the slot, if there is one, and the source.
+    pub(crate) fn take_from(slot: &'a mut Option<T>) -> (Waiter<T>, Self) {
         let value = slot.take();
-        Self {
-            source: FromSlot {
-                slot,
-                was_full: value.is_some(),
-            },
-            waiter: value.map_or_else(Waiter::empty, Waiter::with_value),
-        }
+        let was_full = value.is_some();
+        let waiter = value.map_or_else(Waiter::empty, Waiter::with_value);
+        (waiter, FromSlot { slot, was_full })
     }
 }
 
@@ -153,12 +129,9 @@ unsafe impl<T, F: FnOnce() -> T + Send + 'static> Source<T> for Made<F> {
     unsafe fn unsent(_: &mut Offered<T, Self>) {}
 }
 
-impl<T, F: FnOnce() -> T + Send + 'static> Offered<T, Made<F>> {
-    pub(crate) fn made(make: F) -> Self {
-        Self {
-            waiter: Waiter::empty(),
-            source: Made(Some(make)),
-        }
+impl<F> Made<F> {
+    pub(crate) fn new(make: F) -> Self {
+        Self(Some(make))
     }
 }
 
@@ -169,7 +142,7 @@ unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) 
     // SAFETY: the contract; the waiter is the first field.
     let make = unsafe {
         let offered = node.cast::<Offered<T, Made<F>>>().as_ptr();
-        (*offered).source.0.take()
+        (*offered).direction.source.0.take()
     }?;
     match catch_unwind(AssertUnwindSafe(make)) {
         Ok(value) => Some(value),

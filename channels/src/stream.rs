@@ -1,6 +1,7 @@
 //! A receiver as a stream.
 
-use crate::recv::{Receiver, RecvOp};
+use crate::operation::RecvOp;
+use crate::receiver::Receiver;
 use futures_core::Stream;
 use std::fmt;
 use std::future::Future;

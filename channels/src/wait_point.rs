@@ -9,12 +9,11 @@ use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, BriefGuard, InsideGu
 use luna_core::current::{Inheritor, PlainTurn, ProcessId, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
-use std::ops::Deref;
 use std::ptr::NonNull;
 
 /// Whether communication is still possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Ending {
+pub enum Ending {
     Open,
     /// All senders are gone, or all receivers.
     Closed,
@@ -28,7 +27,7 @@ pub(crate) type Mover = unsafe fn(NonNull<Waiter<()>>, NonNull<Waiter<()>>);
 ///
 /// One plain operation may wait outside of the queues: it is *alone*, and its node has a wake
 /// handle and nothing else. So may one that is a guard of an alternative; its node is complete.
-/// Before anything else is done here, the slow path [lists](WaitQueues::list_alone) it.
+/// Before anything else is done here, the slow path [lists](WaitQueues::list_lone) it.
 ///
 /// ```text
 ///   IDLE or STORE <---> alone, sender or receiver
@@ -122,7 +121,7 @@ impl Waiting {
 
 /// Whether a wait point is used for plain sends and receives only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Plain {
+enum Usage {
     No,
     /// But for one registered alternative, and it has no buffer.
     ButRegistered,
@@ -145,7 +144,7 @@ pub struct WaitQueues {
     /// Whether it has ended, or a recorded process has come: operations then take the slow path
     /// here. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
-    plain: Plain,
+    usage: Usage,
     pub(crate) may_be_plain: bool,
     /// What `waiting` is while nothing waits and the fast path decides: `IDLE` where there is no
     /// buffer, or `STORE`.
@@ -223,7 +222,7 @@ impl WaitQueues {
 
     /// Lists the operation that waits alone, if there is one: from here on the queues say all.
     #[inline(always)]
-    pub(crate) fn list_alone(&mut self) {
+    pub(crate) fn list_lone(&mut self) {
         if self.waiting != Waiting::QUEUES {
             self.use_queues();
         }
@@ -241,7 +240,7 @@ impl WaitQueues {
                 // was made so by `set_alone`, and while one waits so the lists are empty.
                 unsafe {
                     WaitNode::complete(node.as_ptr());
-                    list.insert_alone(node);
+                    list.insert_into_empty(node);
                 }
             }
             if let Some(node) = self.waiting.guard(is_sender) {
@@ -250,7 +249,7 @@ impl WaitQueues {
                     false => &mut self.receivers,
                 };
                 // SAFETY: as for an operation that is no guard; a guard's node is complete.
-                unsafe { list.insert_alone(node) };
+                unsafe { list.insert_into_empty(node) };
             }
         }
         self.waiting = Waiting::QUEUES;
@@ -281,13 +280,22 @@ impl WaitQueues {
     /// [`find_whether_plain`](WaitQueues::find_whether_plain).
     #[inline(always)]
     pub(crate) fn is_plain(&self) -> bool {
-        self.plain == Plain::Yes
+        self.usage == Usage::Yes
     }
 
     /// Whether it is unbuffered, and plain but for one registered alternative.
     #[inline(always)]
     pub(crate) fn is_plain_but_registered(&self) -> bool {
-        self.plain == Plain::ButRegistered
+        self.usage == Usage::ButRegistered
+    }
+
+    /// Notes which user was the last one of this side.
+    #[inline(always)]
+    pub(crate) fn note_user(&mut self, is_sender: bool, user: LastUser) {
+        match is_sender {
+            true => self.sender = user,
+            false => self.receiver = user,
+        }
     }
 
     /// Whether plain sends and receives may meet on the [hand-off slots](crate::hand_off_slots):
@@ -309,10 +317,10 @@ impl WaitQueues {
         // SAFETY: it is the first of this list.
         let is_one =
             registered.is_some_and(|first| unsafe { self.registered.after(first) }.is_none());
-        self.plain = match registered {
-            None if is_plain => Plain::Yes,
-            Some(_) if is_plain && self.is_rendezvous() && is_one => Plain::ButRegistered,
-            _ => Plain::No,
+        self.usage = match registered {
+            None if is_plain => Usage::Yes,
+            Some(_) if is_plain && self.is_rendezvous() && is_one => Usage::ButRegistered,
+            _ => Usage::No,
         };
         self.is_unusual = self.ending != Ending::Open || self.log_state.is_used();
     }
@@ -368,25 +376,6 @@ pub(crate) struct WaitPoint {
     pub(crate) identity: Identity,
 }
 
-/// A wait point with cache lines of its own.
-#[derive(Debug)]
-#[repr(C, align(64))]
-pub(crate) struct AlignedWaitPoint(WaitPoint);
-
-impl AlignedWaitPoint {
-    pub(crate) fn new(identity: Identity) -> Self {
-        Self(WaitPoint::new(identity))
-    }
-}
-
-impl Deref for AlignedWaitPoint {
-    type Target = WaitPoint;
-    #[inline(always)]
-    fn deref(&self) -> &WaitPoint {
-        &self.0
-    }
-}
-
 impl WaitPoint {
     pub(crate) fn new(identity: Identity) -> Self {
         Self {
@@ -403,7 +392,7 @@ impl WaitPoint {
                 watching: WaitList::new(),
                 ending: Ending::Open,
                 is_unusual: false,
-                plain: Plain::No,
+                usage: Usage::No,
                 may_be_plain: false,
                 extends: false,
                 is_storing: false,
@@ -454,7 +443,7 @@ impl WaitPoint {
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock();
-        lists.list_alone();
+        lists.list_lone();
         lists
     }
 
@@ -507,23 +496,23 @@ impl WaitPoint {
     ) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
         let mut lists = unsafe { self.lock.lock_if_biased(executor) }?;
-        lists.list_alone();
+        lists.list_lone();
         Some(lists)
     }
 
     /// As [`lock_if_biased`](Self::lock_if_biased), for the fast path: an operation that waits
-    /// alone is not listed. See [`BiasedLock::enter_if_favoured`].
+    /// alone is not listed. See [`BiasedLock::enter_trusted`].
     ///
     /// # Safety
     ///
-    /// As there.
+    /// The calling thread does not hold this lock.
     #[inline(always)]
     pub(crate) unsafe fn enter(
         &self,
         turn: PlainTurn<'_>,
     ) -> Result<InsideGuard<'_, WaitQueues>, biased_lock::Refused> {
         // SAFETY: the contract.
-        unsafe { self.lock.enter_if_favoured(turn) }
+        unsafe { self.lock.enter_trusted(turn) }
     }
 
     /// See [`BiasedLock::after_revocation`].
@@ -535,7 +524,7 @@ impl WaitPoint {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// The calling thread does not hold this lock.
     #[inline(always)]
     pub(crate) unsafe fn try_enter(
         &self,
@@ -571,7 +560,7 @@ impl WaitPoint {
     /// Locks for an occasional look: see [`BiasedLock::lock_briefly`].
     pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock_briefly();
-        lists.list_alone();
+        lists.list_lone();
         lists
     }
 }

@@ -8,7 +8,7 @@
 //! - [`deferred_free`], [`arc_cache`], [`latest_slots`], [`byte_ring`]: memory off the real-time
 //!   path,
 //!   and values that one thread replaces while others read them.
-//! - [`failover`], [`parker`], [`park`], [`spin`]: how threads take turns, wait and spin.
+//! - [`failover`], [`standby`], [`park`], [`spin`]: how threads take turns, wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 
 // The model is the same whichever tool checks it: shuttle has loom's names.
@@ -26,9 +26,9 @@ mod fetch;
 pub mod latest_slots;
 mod model_local;
 pub mod park;
-pub mod parker;
 pub mod path;
 pub mod replay_log;
 pub mod spin;
+pub mod standby;
 pub mod timer_queue;
 pub mod wait_list;

@@ -3,14 +3,12 @@
 #[cfg(not(loom))]
 use crate::current;
 use crate::deferred_free::Shared;
-use crate::spin;
 use luna_platform::bell::Bell;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::futex::Waited;
 use luna_platform::sync::atomic::{AtomicU32, Ordering};
 use std::mem::ManuallyDrop;
 use std::task::{RawWaker, RawWakerVTable, Waker};
-use std::time::Duration;
 #[cfg(not(loom))]
 use std::{
     cell::Cell,
@@ -71,8 +69,6 @@ impl Parker {
 
     /// As [`park`](Self::park). For each sleep it calls `before` once wakers see the thread as
     /// parked, and `after` when it is awake and the wake is not taken yet.
-    /// [`is_woken`](Self::is_woken) turns false only after `after`, and a thread that reads false
-    /// sees the effects of `after`.
     ///
     /// ```
     /// use luna_platform::clock::Instant;
@@ -114,47 +110,14 @@ impl Parker {
                 waited = self.bell.wait(deadline);
                 after();
             }
-            // Acquire: the woken thread sees what happened before the wake. Release: for
-            // `is_woken`.
-            if self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0 {
+            // Acquire: the woken thread sees what happened before the wake.
+            if self.state.swap(EMPTY, Ordering::Acquire) & NOTIFIED != 0 {
                 return true;
             }
             if waited == Waited::TimedOut {
                 return false;
             }
         }
-    }
-
-    /// As [`park`](Self::park), but spins for a wake for `time` ([`spin`]), and does not sleep:
-    /// `None` if the time is up. `also` is called in each iteration, for the thread's other work.
-    ///
-    /// ```
-    /// use luna_platform::clock::Instant;
-    /// use luna_core::park::Parker;
-    /// use std::time::Duration;
-    ///
-    /// let (parker, time) = (Parker::new(), Duration::from_micros(1));
-    /// assert_eq!(parker.spin(time, Instant::NEVER, || ()), None);
-    /// assert_eq!(parker.spin(time, Instant::now(), || ()), Some(false));
-    /// parker.unpark();
-    /// assert_eq!(parker.spin(time, Instant::NEVER, || ()), Some(true));
-    /// ```
-    #[inline]
-    pub fn spin(&self, time: Duration, deadline: Instant, mut also: impl FnMut()) -> Option<bool> {
-        let look = || {
-            also();
-            self.state.load(Ordering::Relaxed) & NOTIFIED != 0
-        };
-        // Awake, so no ring is pending, and the word has no other bit. Acquire and Release: as in
-        // `park_between`.
-        spin::until(look, time, deadline)
-            .then(|| self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0)
-    }
-
-    /// Whether there is a wake that the thread has not taken. From any thread; one load.
-    #[inline]
-    pub fn is_woken(&self) -> bool {
-        self.state.load(Ordering::Acquire) & NOTIFIED != 0
     }
 
     /// Wakes the thread, or lets its next `park` return at once. From any thread.
@@ -310,6 +273,7 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
 mod tests {
     use super::*;
     use std::sync::Arc;
+    use std::time::Duration;
 
     #[test]
     fn a_wake_from_another_thread_ends_the_wait() {
@@ -399,28 +363,6 @@ mod loom_tests {
             // SAFETY: the park has seen the unpark, which came after the write.
             assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
             waker.join().unwrap();
-        });
-    }
-
-    #[test]
-    fn a_wake_is_seen_while_the_thread_looks_for_it_or_ends_its_sleep() {
-        loom::model(|| {
-            let shared = Arc::new(Exchange {
-                parker: Parker::new(),
-                value: UnsafeCell::new(0),
-            });
-            let other = shared.clone();
-            let waker = thread::spawn(move || {
-                // SAFETY: the other thread reads it after it has seen the wake alone.
-                other.value.with_mut(|value| unsafe { *value = 7 });
-                other.parker.unpark();
-            });
-            let spun = shared.parker.spin(Duration::ZERO, Instant::NEVER, || ());
-            assert!(spun.unwrap_or_else(|| shared.parker.park(Instant::NEVER)));
-            // SAFETY: the wake was seen, which came after the write.
-            assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
-            waker.join().unwrap();
-            assert_eq!(shared.parker.state.load(Ordering::Relaxed), EMPTY);
         });
     }
 

@@ -155,6 +155,9 @@ pub trait LogInstaller: Send + Sync {
         poll: &mut dyn FnMut(&mut Context<'_>) -> Poll<()>,
     ) -> Poll<()>;
 
+    /// The body has completed, and is about to be dropped.
+    fn completed(&self);
+
     /// The body was dropped.
     fn end(&self);
 }

@@ -201,7 +201,7 @@ impl WaitList {
     ///
     /// As for `insert`; and the list is empty.
     #[inline(always)]
-    pub unsafe fn insert_alone(&mut self, node: NonNull<WaitNode>) {
+    pub unsafe fn insert_into_empty(&mut self, node: NonNull<WaitNode>) {
         // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
         unsafe { (*node.as_ptr()).before = Some(node) };
         self.first = Some(node);

@@ -173,6 +173,7 @@ enum CallState<T> {
 /// });
 /// assert_eq!(length, Ok(18));
 /// ```
+#[doc(alias = "spawn_blocking")]
 pub fn blocking<F, T>(call: F) -> Blocking<F, T>
 where
     F: FnOnce() -> T + Send + 'static,

@@ -25,10 +25,11 @@
 //! process waiting is known with its begin and its end ([`interference`]). Of the turn in which the
 //! alarm goes off, its end and the time of the alarm are known.
 //!
-//! Without an alarm (the portable backend, or a kernel that refuses it) the executor looks as long
-//! as any deadline is armed.
+//! Without an alarm (the portable backend, a kernel that refuses it, or a process that may make
+//! blocking calls, which the signal would interrupt) the executor looks as long as any deadline is
+//! armed.
 
-use crate::executor::Shared;
+use crate::executor::{Serves, Shared};
 use crate::inbound::DEADLINE;
 use crate::interference;
 use luna_core::timer_queue::TimerQueue;
@@ -61,8 +62,10 @@ pub(crate) struct Deadlines {
 impl Deadlines {
     /// For the executor `shared`, on its thread.
     pub(crate) fn new(shared: Arc<Shared>, timers: Arc<TimerQueue>) -> Self {
+        let alarm = || Alarm::new(shared.clone(), |shared| shared.inbound().word(), DEADLINE);
+        let has_alarm = shared.serves() == Serves::Many;
         Self {
-            alarm: Alarm::new(shared.clone(), |shared| shared.inbound().word(), DEADLINE),
+            alarm: has_alarm.then(alarm).flatten(),
             shared,
             timers,
             armed: Cell::new(Instant::NEVER),
@@ -180,7 +183,7 @@ impl Deadlines {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Executor, Exit, ProcessSpec, yield_now};
+    use crate::{Executor, Exit, OsThread, ProcessSpec, yield_now};
     use luna_core::timer_queue::Sleep;
     use luna_platform::thread::Attributes;
     use std::pin::{Pin, pin};
@@ -262,6 +265,24 @@ mod tests {
                 assert_eq!(ARMED.get() - before, armed, "{seconds}");
             }
         });
+    }
+
+    /// Its signal would interrupt a blocking call of the process.
+    #[test]
+    fn a_process_that_may_block_has_no_alarm_and_keeps_its_deadlines() {
+        let spec = ProcessSpec::new("blocks");
+        let thread = OsThread::start(Attributes::new("test"), spec, || async {
+            let mut sleep = pin!(Sleep::until(Instant::now() + Duration::from_millis(1)));
+            poll(sleep.as_mut());
+            for _ in 0..2 * LOOKS {
+                yield_now().await;
+            }
+            sleep.await;
+            assert_eq!(ARMED.get(), 0);
+        });
+        let thread = thread.unwrap();
+        thread.release();
+        assert_eq!(thread.process().wait(), Exit::Completed);
     }
 
     /// It is announced at the end of the turn that sets it, and is due by then.

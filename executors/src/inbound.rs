@@ -17,7 +17,7 @@
 //! either 2 comes before b, which then fails, or the waker sees `ASLEEP` and rings. Every waker
 //! that sees it rings, not only the first: the first may be preempted before it rings, and a more
 //! urgent one must not have to wait for it. While the owner is awake no waker makes a system call.
-//! It is the protocol of the [`Bell`], which documents the bell.
+//! [`Bell`] documents how it wakes a sleeper.
 
 use crate::quiescence::Quiescence;
 use crate::remote_wakes::{Near, RemoteWakes, WakeSlot};
@@ -34,6 +34,11 @@ const ATTENTION: u64 = 1 << 33;
 /// Set to make the owner look at its deadlines: by the owner itself, or by a signal handler on its
 /// thread. It does not prevent the owner from sleeping; its sleep ends at the next deadline anyway.
 pub(crate) const DEADLINE: u64 = 1 << 34;
+/// Set from the owner's first wait for a file on: it looks at its files between two polls. As
+/// `DEADLINE`, it prevents no sleep.
+const FILES: u64 = 1 << 35;
+/// What the owner sets for itself.
+const OWN: u64 = DEADLINE | FILES;
 
 /// What waits outside, as read at one instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,7 +71,7 @@ impl Signals {
     }
 }
 
-/// The signals, the first remote_wakes, and the bell: what a wake from another core changes, on one
+/// The signals, the first wake slots, and the bell: what a wake from another core changes, on one
 /// line of memory that holds nothing else. (A line is 64 bytes; two that lie side by side are
 /// fetched together on many processors.)
 #[derive(Debug)]
@@ -160,6 +165,11 @@ impl Inbound {
         }
     }
 
+    /// Makes the owner look at its files from now on. Owner only.
+    pub(crate) fn ask_for_files(&self) {
+        self.signals.fetch_or(FILES, Ordering::AcqRel);
+    }
+
     /// The owner looks at its deadlines no more, until it is asked to again. Owner only.
     pub(crate) fn take_look(&self) {
         self.signals.fetch_and(!DEADLINE, Ordering::AcqRel);
@@ -169,7 +179,7 @@ impl Inbound {
     /// From any thread.
     pub(crate) fn is_signalled(&self) -> bool {
         // Acquire: a thread that sees that the owner has taken it sees what the owner did before.
-        self.signals.load(Ordering::Acquire) & !(ASLEEP | DEADLINE) != 0
+        self.signals.load(Ordering::Acquire) & !(ASLEEP | OWN) != 0
     }
 
     /// Polls for `time` until a signal arrives, `deadline` passes, or `also` has something; returns
@@ -224,10 +234,10 @@ impl Inbound {
     #[inline]
     fn sleep_between(&self, deadline: Instant, before: impl FnOnce(), after: impl FnOnce()) {
         self.bell.quiet();
-        let looks = self.signals.load(Ordering::Relaxed) & DEADLINE;
+        let own = self.signals.load(Ordering::Relaxed) & OWN;
         if self
             .signals
-            .compare_exchange(looks, looks | ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
+            .compare_exchange(own, own | ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
             .is_ok()
         {
             before();

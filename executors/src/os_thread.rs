@@ -1,31 +1,24 @@
 //! OS-thread processes: one process blocked on its own thread.
 
 use crate::calls;
-use crate::counted::Counted;
-use crate::executor::{Executor, Phase};
-use crate::process::{
-    Enrolled, ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec, RawExit, Record, RecordRef,
-    Recorded, prepare_thread,
-};
-use crate::quiescence::{Quiescence, Sleeper};
+use crate::executor::{Announced, Executor, ExecutorHandle};
+use crate::process::{ProcessHandle, ProcessRegistry, ProcessSpec, prepare_thread};
+use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
 use luna_core::current::{self, ExecutorId, ProcessId};
-use luna_core::deferred_free::{self, Shared};
+use luna_core::deferred_free::Shared;
 use luna_core::events;
 use luna_core::park::{self, Parker};
-use luna_core::spin::{self, Outside};
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::{Clock, Instant};
-use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
+use luna_platform::thread::{self, Attributes, Obtained, SpawnError};
 use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::{Pin, pin};
-use std::ptr::{self, NonNull};
+use std::ptr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -128,71 +121,42 @@ fn run_here<F: Future>(
     // over.
     let _clock = Clock::REAL.enter();
     let parker = Shared::new(Parker::new());
-    let _files = watch::enter(parker.bell());
+    let _files = watch::enter(parker.bell(), None);
     let quiescence = Arc::new(Quiescence::new());
     let _calls = calls::enter(quiescence.clone(), None);
     let id = ProcessId::new();
-    let priority = thread::current_policy().rank();
-    let spec = (id, priority, ProcessSpec::DEFAULT_LEVEL);
-    run(
-        pin!(future),
-        &parker,
-        ExecutorId::new(),
-        spec,
-        None,
-        |parker, deadline| sleep(id, &quiescence, parker, deadline),
-    )
-}
-
-/// Clears the record's pointer to its process.
-struct Forget<'a>(&'a Record);
-
-impl Drop for Forget<'_> {
-    fn drop(&mut self) {
-        self.0.forget_process();
-    }
+    run(pin!(future), &parker, id, |parker, deadline| {
+        sleep(id, &quiescence, parker, deadline)
+    })
 }
 
 /// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a
-/// wake. The process of a `record` is on the real-time path once all that it needs for this is
-/// there. The caller lets the thread wait for files.
+/// wake. The caller lets the thread wait for files.
 fn run<F: Future>(
     mut future: Pin<&mut F>,
     parker: &Shared<Parker>,
-    executor_id: ExecutorId,
-    (id, thread_priority, level): (ProcessId, u8, u8),
-    record: Option<&Record>,
+    id: ProcessId,
     mut sleep: impl FnMut(&Parker, Instant) -> bool,
 ) -> F::Output {
     let timers = Arc::new(TimerQueue::new());
+    let executor_id = ExecutorId::new();
     let _entered = current::enter_executor(executor_id, timers.clone(), true);
     // Alone on its thread it needs no way around its waker.
     let waker = park::waker(parker);
     let body = ptr::from_ref(&*future).addr();
     let body = body..body + size_of::<F>();
-    let process = current::Lone::new(id, executor_id, thread_priority, level, waker.clone(), body);
-    // SAFETY: it is forgotten before the process goes.
-    let _seen = record.map(|record| unsafe {
-        record.set_process(NonNull::from(&*process));
-        Forget(record)
-    });
-    if let Some(record) = record {
-        events::name_process(id.get(), level, || record.name().to_owned());
-    }
+    let priority = thread::current_policy().rank();
+    let level = ProcessSpec::DEFAULT_LEVEL;
+    let process = current::Lone::new(id, executor_id, priority, level, waker.clone(), body);
     let mut cx = Context::from_waker(&waker);
     // It may block, and a first blocking call must not allocate.
     park::prepare();
     prepare_thread();
-    current::set_on_path(record.is_some());
     loop {
-        if record.is_some_and(|record| !record.is_cancelled()) {
-            process.count_poll();
-        }
         events::begin_turn(id.get());
         // SAFETY: this thread is the process' executor, and the process ends with this function.
         let polled = unsafe { current::with_process(&process, || future.as_mut().poll(&mut cx)) };
         if let Poll::Ready(output) = polled {
-            current::set_on_path(false);
             return output;
         }
         events::end_turn(id.get(), false);
@@ -214,8 +178,9 @@ fn run<F: Future>(
     }
 }
 
-/// An OS thread of its own for one process. It starts held, as an executor does; dropping it stops
-/// it.
+/// An OS thread of its own for one process: an executor that serves it alone, so the process may
+/// make blocking calls. It starts held, as an executor does; dropping it stops it. The thread ends
+/// with the process.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -231,49 +196,7 @@ fn run<F: Future>(
 /// ```
 pub struct OsThread {
     process: ProcessHandle,
-    runs: Runs,
-}
-
-/// Where its process runs.
-enum Runs {
-    OnThread(Arc<Held>, Thread<()>),
-    /// On an executor of its own, which a simulation's thread runs.
-    OnStage(Executor),
-    /// It is left to itself.
-    Nowhere,
-}
-
-/// What the thread shares with its owner.
-struct Held {
-    phase: AtomicU8,
-    parker: Shared<Parker>,
-    thread_priority: AtomicU8,
-    executor_id: ExecutorId,
-    quiescence: Arc<Quiescence>,
-    registry: Arc<ProcessRegistry>,
-    /// How long the thread looks for a wake before it sleeps, in nanoseconds.
-    spin: AtomicU64,
-    counted: Counted,
-}
-
-impl Sleeper for Held {
-    fn quiescence(&self) -> &Quiescence {
-        &self.quiescence
-    }
-
-    fn is_woken(&self) -> bool {
-        self.parker.is_woken()
-    }
-}
-
-impl Outside for Held {
-    fn is_called(&self) -> bool {
-        self.parker.is_woken() || self.time().is_zero()
-    }
-
-    fn time(&self) -> Duration {
-        Duration::from_nanos(self.spin.load(Ordering::Relaxed))
-    }
+    executor: Executor,
 }
 
 impl OsThread {
@@ -292,97 +215,46 @@ impl OsThread {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
-        Self::start_counted(attributes, spec, build, Arc::new(ProcessRegistry::new()))
+        let registry = Arc::new(ProcessRegistry::new());
+        Self::start_counted(attributes, registry, |executor| {
+            executor.announce(spec, build)
+        })
     }
 
-    /// Like [`start`](Self::start), with the process counted in `registry`.
+    /// Like [`start`](Self::start), with the process counted in `registry`. `announce` announces
+    /// the process, and no other, on the thread that has started.
     ///
     /// # Errors
     ///
-    /// As for `start`.
-    pub fn start_counted<B, F>(
+    /// As for `start`. Then `announce` was not called.
+    pub fn start_counted(
         attributes: Attributes,
-        spec: ProcessSpec,
-        build: B,
         registry: Arc<ProcessRegistry>,
-    ) -> Result<OsThread, SpawnError<Infallible>>
-    where
-        B: FnOnce() -> F + Send + 'static,
-        F: Future<Output: ExitValue> + 'static,
-    {
-        let shared = Arc::new(Held {
-            phase: AtomicU8::new(Phase::HELD),
-            parker: Shared::new(Parker::new()),
-            thread_priority: AtomicU8::new(0),
-            executor_id: ExecutorId::new(),
-            quiescence: Arc::new(Quiescence::new()),
-            registry,
-            spin: AtomicU64::new(0),
-            counted: Counted::default(),
-        });
-        let record = RecordRef::boxed(Record::new(spec, &shared.registry));
-        record.set_waker(park::waker(&shared.parker));
-        let process = ProcessHandle(record.clone());
-        let (own, of_body, of_thread) = (shared.clone(), record.clone(), record.clone());
-        let started = thread::spawn(
-            attributes,
-            move |obtained: &Obtained| {
-                own.thread_priority
-                    .store(obtained.policy.rank(), Ordering::Relaxed);
-                own.spin.store(
-                    obtained.spin_before_sleep.as_nanos() as u64,
-                    Ordering::Relaxed,
-                );
-                // Before the body is built, which may prepare to wait for files.
-                let files = watch::enter(own.parker.bell());
-                let enrolled = own.registry.enroll(own.executor_id, own.clone());
-                // Boxed, so that it does not move from here on; once for the process' life, and
-                // freed off the real-time path.
-                let body = catch_unwind(AssertUnwindSafe(build))
-                    .map(|future| Box::pin(Recorded::new(future, of_body, own.registry.clone())));
-                Ok((own, files, enrolled, body))
-            },
-            move |(shared, _files, enrolled, body)| match body {
-                Ok(body) => shared.run(of_thread, body, enrolled),
-                Err(payload) => of_thread.end(RawExit::Panicked(payload), &shared.registry),
-            },
-        );
-        match started {
-            Ok(thread) => Ok(OsThread {
-                process,
-                runs: Runs::OnThread(shared, thread),
-            }),
-            Err(error) => {
-                record.end(RawExit::Cancelled, &shared.registry);
-                Err(error)
-            }
-        }
+        announce: impl FnOnce(&ExecutorHandle) -> (Announced, ProcessHandle),
+    ) -> Result<OsThread, SpawnError<Infallible>> {
+        let executor = Executor::start_for_one(attributes, registry)?;
+        let (announced, process) = announce(executor.handle());
+        drop(announced.start());
+        executor.settle();
+        Ok(OsThread { process, executor })
     }
 
     /// Starts the process on the thread of a simulation, as the only one of an
     /// [executor](Executor::start_simulated) of its own: it must not make blocking calls there but
     /// through [`blocking`](crate::blocking). Returns when it is built; on the simulation's thread,
     /// where that cannot be waited for, before that.
-    pub fn start_simulated<B, F>(
+    pub fn start_simulated(
         simulation: &SimulationHandle,
         attributes: &Attributes,
-        spec: ProcessSpec,
-        build: B,
-    ) -> OsThread
-    where
-        B: FnOnce() -> F + Send + 'static,
-        F: Future<Output: ExitValue> + 'static,
-    {
+        announce: impl FnOnce(&ExecutorHandle) -> (Announced, ProcessHandle),
+    ) -> OsThread {
         let executor = Executor::start_simulated(simulation, attributes);
-        let (announced, process) = executor.handle().announce(spec, build);
+        let (announced, process) = announce(executor.handle());
         drop(announced.start());
         if !is_stage(&simulation.0) {
             executor.settle();
         }
-        OsThread {
-            process,
-            runs: Runs::OnStage(executor),
-        }
+        OsThread { process, executor }
     }
 
     /// The process.
@@ -392,154 +264,39 @@ impl OsThread {
 
     /// What the thread got of the requested attributes; `None` on a simulation's thread.
     pub fn obtained(&self) -> Option<&Obtained> {
-        match &self.runs {
-            Runs::OnThread(_, thread) => Some(thread.obtained()),
-            Runs::OnStage(_) | Runs::Nowhere => None,
-        }
+        self.executor.obtained()
     }
 
     /// How long the thread has run from the release of its process to its end, once it has ended;
     /// `None` where the system does not report it, and on a simulation's thread.
     pub fn processor_time(&self) -> Option<Duration> {
-        match &self.runs {
-            Runs::OnThread(shared, _) => shared.counted.get(),
-            Runs::OnStage(_) | Runs::Nowhere => None,
-        }
+        self.executor.processor_time()
     }
 
-    /// As [`ExecutorHandle::end_spin`](crate::ExecutorHandle::end_spin).
+    /// As [`ExecutorHandle::end_spin`].
     pub fn end_spin(&self) -> bool {
-        match &self.runs {
-            Runs::OnThread(shared, _) => shared.spin.swap(0, Ordering::Relaxed) > 0,
-            Runs::OnStage(_) | Runs::Nowhere => false,
-        }
+        self.executor.handle().end_spin()
     }
 
     /// Lets the process run.
     pub fn release(&self) {
-        match &self.runs {
-            Runs::OnThread(shared, _) => shared.advance(Phase::RELEASED),
-            Runs::OnStage(executor) => executor.release(),
-            Runs::Nowhere => {}
-        }
+        self.executor.release();
     }
 
     /// Requests the end of the process, without waiting for it. A blocking call in it ends by
     /// itself or not at all.
     pub fn request_stop(&self) {
-        match &self.runs {
-            Runs::OnThread(shared, _) => {
-                self.process.cancel();
-                shared.advance(Phase::STOPPING);
-            }
-            // When no process can run: so it is the same in each run.
-            Runs::OnStage(executor) => executor.request_stop(),
-            Runs::Nowhere => {}
-        }
+        self.executor.request_stop();
     }
 
     /// Whether the thread has ended.
     pub fn has_stopped(&self) -> bool {
-        match &self.runs {
-            Runs::OnThread(_, thread) => thread.is_finished(),
-            Runs::OnStage(executor) => executor.has_stopped(),
-            Runs::Nowhere => true,
-        }
+        self.executor.has_stopped()
     }
 
     /// Detaches the thread: for one with a process that hangs in a blocking call.
-    pub fn abandon(mut self) {
-        if let Runs::OnStage(executor) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
-            executor.abandon();
-        }
-    }
-}
-
-impl Held {
-    fn advance(&self, phase: u8) {
-        self.phase.fetch_max(phase, Ordering::AcqRel);
-        self.parker.unpark();
-    }
-
-    fn run<F: Future<Output: ExitValue>>(
-        self: &Arc<Self>,
-        record: RecordRef,
-        mut body: Pin<Box<Recorded<F>>>,
-        _enrolled: Enrolled,
-    ) {
-        let _looking = (self.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(self.clone()));
-        let _calls = calls::enter(self.quiescence.clone(), Some(self.registry.clone()));
-        // Parks first, so that the wake which comes with the release is taken here and is no poll
-        // too many.
-        loop {
-            self.parker.park(Instant::NEVER);
-            if self.phase.load(Ordering::Acquire) != Phase::HELD {
-                break;
-            }
-        }
-        let (id, level) = (record.id(), record.level());
-        let priority = self.thread_priority.load(Ordering::Relaxed);
-        let ran = catch_unwind(AssertUnwindSafe(|| {
-            let spec = (id, priority, level);
-            self.counted.count(|| {
-                run(
-                    body.as_mut(),
-                    &self.parker,
-                    self.executor_id,
-                    spec,
-                    Some(&record),
-                    |_, deadline| self.sleep(deadline),
-                );
-            });
-        }));
-        if let Err(payload) = ran {
-            // Not the body's panic, which is caught where it is polled: a foreign waker's, say.
-            let abandoned = AssertUnwindSafe(|| current::with_abandoned(|| drop(body)));
-            if let Err(second) = catch_unwind(abandoned) {
-                // The first one counts, and dropping the other could panic in turn.
-                std::mem::forget(second);
-            }
-            record.end(RawExit::Panicked(payload), &self.registry);
-        }
-        record.forget_process();
-        deferred_free::collect();
-    }
-}
-
-impl Held {
-    /// Sleeps until a wake or `deadline`; returns whether it was a wake. Where only other threads
-    /// can end the sleep, the observer of quiescence is notified of that.
-    fn sleep(&self, deadline: Instant) -> bool {
-        let spin = self.spin.load(Ordering::Relaxed);
-        if spin > 0 {
-            let glance = || watch::glance(self.parker.bell());
-            let time = Duration::from_nanos(spin);
-            if let Some(woken) = self.parker.spin(time, deadline, glance) {
-                return woken;
-            }
-        }
-        if !only_others_can_wake(&self.parker, deadline) {
-            return self.parker.park(deadline);
-        }
-        let become_quiescent = || {
-            if self.quiescence.become_quiescent() {
-                self.registry.announce();
-            }
-        };
-        self.parker
-            .park_between(deadline, become_quiescent, || self.quiescence.wake())
-    }
-}
-
-impl Drop for OsThread {
-    fn drop(&mut self) {
-        self.request_stop();
-        // An executor is stopped by its own drop.
-        if let Runs::OnThread(_, thread) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
-            // The body catches its process' panic; one of the thread's own was reported by the
-            // panic hook.
-            let _ = thread.join();
-        }
+    pub fn abandon(self) {
+        self.executor.abandon();
     }
 }
 

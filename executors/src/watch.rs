@@ -6,6 +6,7 @@
 //! forgets what a file was watched for, but not the file: the next wait for it needs one system
 //! call.
 
+use crate::executor::Shared;
 use crate::file_error::FileError;
 use crate::file_waits::{Node, Waits, both};
 use luna_core::current::{self, Renewal, WakeHandle};
@@ -47,20 +48,13 @@ pub fn prepare_files() -> Result<(), FileError> {
 thread_local! {
     /// The hook for this thread's files, and the files, while it runs processes.
     static HERE: RefCell<Option<Here>> = const { RefCell::new(None) };
-    /// Whether this thread has files to look at: what a round asks, in one load. Its address stands
-    /// for the thread.
+    /// Whether this thread has files to look at. Its address stands for the thread.
     static HAS_FILES: Cell<bool> = const { Cell::new(false) };
 }
 
 /// This thread, among those that live.
 fn this_thread() -> usize {
     HAS_FILES.with(|flag| std::ptr::from_ref(flag).addr())
-}
-
-/// Whether this thread has files to [glance](glance) at. One load.
-#[inline(always)]
-pub(crate) fn has_files() -> bool {
-    HAS_FILES.get()
 }
 
 /// Looks at this thread's files now and then, without sleeping: called in each round of a busy
@@ -84,14 +78,17 @@ pub(crate) fn is_waiting(_: &Bell) -> bool {
 
 struct Here {
     hook: Hook,
+    /// The executor that this thread is, if it looks at its files only when asked to.
+    executor: Option<Arc<Shared>>,
     files: Option<Arc<ThreadFiles>>,
 }
 
 /// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is
-/// dropped.
-pub(crate) fn enter(bell: &Bell) -> FilesGuard {
+/// dropped. An `executor` is asked to look at them once there are any.
+pub(crate) fn enter(bell: &Bell, executor: Option<Arc<Shared>>) -> FilesGuard {
     let here = Here {
         hook: bell.hook().clone(),
+        executor,
         files: None,
     };
     HAS_FILES.set(false);
@@ -147,6 +144,9 @@ impl ThreadFiles {
             // The thread is awake, since it polls: only then may a watch be added.
             here.hook.hang(files.clone());
             HAS_FILES.set(true);
+            if let Some(executor) = &here.executor {
+                executor.inbound().ask_for_files();
+            }
             here.files = Some(files.clone());
             Ok(files)
         })

@@ -1,9 +1,9 @@
 //! What `luna::run` prints when its body waits and nothing can wake it: there is no system around
 //! it to detect that.
 
-use crate::csp::network;
 use crate::notice::notice;
 use crate::system::deadlock::{Sleeping, find};
+use luna_channels::inspect::wait_points;
 use luna_core::current::ProcessId;
 use std::time::Duration;
 
@@ -20,12 +20,12 @@ pub(crate) fn report_if_stuck(process: ProcessId) -> bool {
         has_ended: false,
         joiners: Vec::new(),
     };
-    let mut meetings = network::meetings();
-    for meeting in &mut meetings {
+    let mut points = wait_points();
+    for wait_point in &mut points {
         // The wait has covered unknown parties, and the result is only printed.
-        meeting.strangers = false;
+        wait_point.strangers = false;
     }
-    let Some(found) = find("", &[body], &meetings, |_| false, |_, _| false) else {
+    let Some(found) = find("", &[body], &points, |_| false, |_, _| false) else {
         return false;
     };
     let mut text =

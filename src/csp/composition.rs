@@ -1,6 +1,7 @@
 //! What a system is made of: the tree of its threads, processes and sub-processes, and the channels
 //! between them, as data.
 
+pub use luna_channels::inspect::WaitPointKind as ChannelKind;
 use luna_core::current::ProcessId;
 use luna_executors::ProcessState;
 use luna_platform::thread::{Attributes, Obtained, Policy};
@@ -114,24 +115,6 @@ pub struct ChannelPart {
     pub waiting: Vec<WaitingPart>,
 }
 
-/// What kind of channel it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum ChannelKind {
-    /// It holds nothing.
-    Rendezvous,
-    /// It holds as many values as this, at most.
-    Buffered(usize),
-    /// Not a channel, but where processes wait for each other.
-    Barrier,
-    /// Not a channel, but a lock. Its receiver is the holder.
-    Mutex,
-    /// Not a channel, but a condition variable. Its receiver is the last notifier.
-    Condition,
-    /// Not a channel, but permits. Its receiver is the last user that took some.
-    Semaphore,
-}
-
 /// A user that waits at a channel, barrier or lock.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -238,15 +221,20 @@ impl fmt::Display for EndUser {
     }
 }
 
+/// What a wait point is called in texts.
+pub(crate) fn kind_name(kind: ChannelKind) -> &'static str {
+    match kind {
+        ChannelKind::Barrier => "barrier",
+        ChannelKind::Mutex => "mutex",
+        ChannelKind::Condition => "condition",
+        ChannelKind::Semaphore => "semaphore",
+        _ => "channel",
+    }
+}
+
 impl fmt::Display for ChannelPart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let kind = match self.kind {
-            ChannelKind::Rendezvous | ChannelKind::Buffered(_) => "channel",
-            ChannelKind::Barrier => "barrier",
-            ChannelKind::Mutex => "mutex",
-            ChannelKind::Condition => "condition",
-            ChannelKind::Semaphore => "semaphore",
-        };
+        let kind = kind_name(self.kind);
         let is_channel = kind == "channel";
         f.write_str(kind)?;
         match &self.name {

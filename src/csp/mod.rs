@@ -3,7 +3,7 @@
 pub(crate) mod alone;
 pub(crate) mod composition;
 pub(crate) mod named;
-pub(crate) mod network;
 pub mod par;
 pub(crate) mod process;
+pub(crate) mod supervised;
 pub(crate) mod tree;

@@ -1,11 +1,10 @@
 //! Named sub-processes: futures that are shown, with a name, in the composition tree of the system
 //! while they live.
 
-use super::tree::{Label, Node, Tree};
+use super::tree::{Node, Tree, label};
 use luna_core::current::{self, Process, ProcessId};
 use luna_core::events::{self, Kind, code};
 use std::cell::{Cell, RefCell, UnsafeCell};
-use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
 use std::pin::Pin;
@@ -53,7 +52,7 @@ pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
         tree: None,
         untold: None,
         is_reported: false,
-        node: NodeCell(UnsafeCell::new(Node::new(Label::new(name)))),
+        node: NodeCell(UnsafeCell::new(Node::new(label(name)))),
         future,
         _pinned: PhantomPinned,
     }
@@ -95,13 +94,8 @@ thread_local! {
 }
 
 impl Tree {
-    /// Makes this the tree of the calling thread, for as long as the thread lives.
     pub(crate) fn enter_thread(self: &Arc<Self>) {
-        TREE.with_borrow_mut(|tree| {
-            if !tree.as_ref().is_some_and(|there| Arc::ptr_eq(there, self)) {
-                *tree = Some(self.clone());
-            }
-        });
+        TREE.set(Some(self.clone()));
     }
 }
 
@@ -278,13 +272,7 @@ impl<F> Drop for Named<F> {
     }
 }
 
-impl<F> fmt::Debug for Named<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Named")
-            .field("name", &self.name())
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(Named<F> as named: name = named.name());
 
 #[cfg(test)]
 mod tests;

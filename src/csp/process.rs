@@ -1,33 +1,23 @@
 //! What can be a process, and how the framework starts and ends it.
 
-use crate::csp::alone;
+use super::supervised::Supervised;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::log::Log;
 use crate::replay::ReplayLogs;
 use crate::safety::Emergency;
-use crate::time::{LoopName, Scope};
+use crate::time::Scope;
 use luna_core::arc_cache::ArcCache;
-use luna_core::events;
-use luna_executors::{
-    Announced, ExecutorHandle, ExitValue, OsThread, ProcessHandle, ProcessRegistry, ProcessSpec,
-    SimulationHandle,
-};
+use luna_executors::{Announced, ExecutorHandle, ProcessHandle, ProcessRegistry, ProcessSpec};
 use luna_platform::clock::Clock;
 use luna_platform::memory::copy_words;
 use luna_platform::panics;
-use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
-use std::cell::{Cell, RefCell};
-use std::convert::Infallible;
-use std::fmt;
+use std::cell::RefCell;
 use std::future::Future;
-use std::hint::cold_path;
 use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll};
 
 /// A process with three phases.
 ///
@@ -157,10 +147,10 @@ impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
             resident: Some(Box::new(resident)),
             build: move || {
                 let at = at;
-                // SAFETY: the resident outlives the body. The body is dropped before the record
-                // shows that the process has ended; or the record shows that it was left, and the
-                // resident stays for ever. The resident does not touch the process in between. So
-                // this is the only access while the body lives.
+                // The body is dropped before the record shows that the process has ended; or the
+                // record shows that it was left, and the resident stays for ever.
+                // SAFETY: so the resident outlives the body, and does not touch the process
+                // meanwhile: this is the only access while the body lives.
                 let process: &'static mut P = unsafe { &mut *at.0 };
                 process.run()
             },
@@ -207,11 +197,7 @@ impl<B: Build> Prepared<B> {
     }
 }
 
-impl<B> fmt::Debug for Prepared<B> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Prepared").finish_non_exhaustive()
-    }
-}
+debug_parts!(Prepared<B>);
 
 /// The phases around the body.
 pub(crate) trait Phases: Send {
@@ -296,64 +282,47 @@ struct BodyPointer<P>(*mut P);
 // SAFETY: it leads to a `P: Send` that one thread at a time accesses.
 unsafe impl<P: Send> Send for BodyPointer<P> {}
 
-/// Starts a body of any type where it is to run, so that polling it goes through no virtual call.
+/// Announces a body of any type on an executor, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
-    fn on_executor(
+    fn announce(
         self: Box<Self>,
         executor: &ExecutorHandle,
         spec: ProcessSpec,
         frame: Frame,
     ) -> (Announced, ProcessHandle);
-
-    fn on_thread(
-        self: Box<Self>,
-        attributes: Attributes,
-        spec: ProcessSpec,
-        simulation: Option<&SimulationHandle>,
-        frame: Frame,
-    ) -> Result<OsThread, SpawnError<Infallible>>;
-}
-
-/// Announces a body on an executor.
-pub(crate) fn announce<B: Build>(
-    build: B,
-    executor: &ExecutorHandle,
-    spec: ProcessSpec,
-    frame: Frame,
-) -> (Announced, ProcessHandle) {
-    executor.announce(spec, move || Supervised::make(|| build.build(), frame))
 }
 
 impl<B: Build> Start for B {
-    fn on_executor(
+    fn announce(
         self: Box<Self>,
         executor: &ExecutorHandle,
         spec: ProcessSpec,
         frame: Frame,
     ) -> (Announced, ProcessHandle) {
-        // Stays in its box until then, so that it is moved no more often than one of known type.
-        executor.announce(spec, move || Supervised::make(|| (*self).build(), frame))
+        announce(Room::Boxed(self), executor, spec, frame)
     }
+}
 
-    fn on_thread(
-        self: Box<Self>,
-        attributes: Attributes,
-        spec: ProcessSpec,
-        simulation: Option<&SimulationHandle>,
-        frame: Frame,
-    ) -> Result<OsThread, SpawnError<Infallible>> {
-        let registry = frame.common.registry.clone();
-        let build = move || Supervised::make(|| (*self).build(), frame);
-        match simulation {
-            None => OsThread::start_counted(attributes, spec, build, registry),
-            Some(simulation) => Ok(OsThread::start_simulated(
-                simulation,
-                &attributes,
-                spec,
-                build,
-            )),
-        }
-    }
+/// Where a builder waits to be called. One type for both, so that there is one way to a body's
+/// poll: the compiler can put the body into it.
+pub(crate) enum Room<B> {
+    Plain(B),
+    /// Moved no more often than a plain one.
+    Boxed(Box<B>),
+}
+
+/// Announces a body on an executor.
+pub(crate) fn announce<B: Build>(
+    builder: Room<B>,
+    executor: &ExecutorHandle,
+    spec: ProcessSpec,
+    frame: Frame,
+) -> (Announced, ProcessHandle) {
+    let build = || match builder {
+        Room::Plain(builder) => builder.build(),
+        Room::Boxed(builder) => (*builder).build(),
+    };
+    executor.announce(spec, move || Supervised::make(build, frame))
 }
 
 /// What the bodies of one system have in common.
@@ -376,7 +345,7 @@ thread_local! {
 
 impl Common {
     /// Makes this what the calling thread's bodies have in common.
-    fn enter_thread(self: &Arc<Self>) {
+    pub(super) fn enter_thread(self: &Arc<Self>) {
         let is_entered = |entered: &Option<Arc<Self>>| {
             let entered = entered.as_ref();
             entered.is_some_and(|there| Arc::ptr_eq(there, self))
@@ -394,7 +363,7 @@ impl Common {
     }
 
     /// What the bodies of this thread have in common, of which the caller is one.
-    fn with(f: impl FnOnce(&Self)) {
+    pub(super) fn with(f: impl FnOnce(&Self)) {
         // The reference is one more, since what is done with it is done without the borrow.
         let entered = ENTERED.try_with(|entered| entered.borrow().clone());
         if let Ok(Some(common)) = entered {
@@ -406,7 +375,7 @@ impl Common {
 /// What the framework gives a body on its way: on its thread it finds the same by itself.
 pub(crate) struct Frame {
     /// Given back with the frame.
-    common: ManuallyDrop<Arc<Common>>,
+    pub(super) common: ManuallyDrop<Arc<Common>>,
 }
 
 impl Frame {
@@ -430,190 +399,4 @@ impl Drop for Frame {
         // A thread that is ending keeps none any more.
         let _ = SPARE_COMMON.try_with(move |spare| spare.give_back(common));
     }
-}
-
-/// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an
-/// error.
-pub(crate) struct Verdict(pub(crate) Option<Ended>);
-
-impl Verdict {
-    /// On the current process. Apart, so that a turn which ends nothing has no room for what ends
-    /// do.
-    #[cold]
-    #[inline(never)]
-    fn of(ended: Result<Result<()>, Failure>) -> Self {
-        let ended = match ended {
-            Ok(Ok(())) => return Self(None),
-            Ok(Err(error)) => Ended::Returned(error),
-            Err(failure) => Ended::Failed(failure),
-        };
-        events::note_failure();
-        // The failure is to be reported soon; the process' own end notifies only threads that wait
-        // for any end.
-        Common::with(|common| common.registry.announce_next());
-        Self(Some(ended))
-    }
-}
-
-impl ExitValue for Verdict {
-    fn is_nothing(&self) -> bool {
-        self.0.is_none()
-    }
-}
-
-pub(crate) enum Ended {
-    Returned(Error),
-    Failed(Failure),
-}
-
-/// Why the framework ends a process: without allocation, since others go on.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Failure {
-    Overrun { name: LoopName, consecutive: u32 },
-}
-
-impl From<Failure> for Error {
-    fn from(failure: Failure) -> Error {
-        match failure {
-            Failure::Overrun { name, consecutive } => Error::overrun(name, consecutive),
-        }
-    }
-}
-
-thread_local! {
-    /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that
-    /// panics.
-    static FAILURE: Cell<Option<Failure>> = const { Cell::new(None) };
-    /// Whether there is one: what each poll asks.
-    static HAS_FAILED: Cell<bool> = const { Cell::new(false) };
-}
-
-/// Ends the current process with `failure` at its next await, which does not return.
-pub(crate) async fn fail_current(failure: Failure) -> ! {
-    FAILURE.set(Some(failure));
-    HAS_FAILED.set(true);
-    std::future::pending().await
-}
-
-/// A body with the failures that the framework finds in it. On a thread that has
-/// [entered](Common::enter_thread).
-pub(crate) struct Supervised<F> {
-    body: ManuallyDrop<F>,
-}
-
-impl<F> Supervised<F> {
-    /// Makes the body, on the thread that it is to run on.
-    fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
-        frame.common.enter_thread();
-        frame.common.log.enter_executor();
-        let alarm = Alarm;
-        let body = make();
-        std::mem::forget(alarm);
-        Self {
-            body: ManuallyDrop::new(body),
-        }
-    }
-}
-
-impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
-    type Output = Verdict;
-
-    #[inline(always)]
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Verdict> {
-        // SAFETY: the body is pinned with the whole, and never moved.
-        let body = unsafe { Pin::new_unchecked(&mut *self.get_unchecked_mut().body) };
-        let alarm = Alarm;
-        let polled = poll_until_failure(body, cx);
-        std::mem::forget(alarm);
-        match polled {
-            Poll::Pending => Poll::Pending,
-            Poll::Ready(ended) => {
-                cold_path();
-                Poll::Ready(Verdict::of(ended))
-            }
-        }
-    }
-}
-
-impl<F> Drop for Supervised<F> {
-    fn drop(&mut self) {
-        if luna_executors::has_given_up() {
-            // The thread panicked around the body: an emergency too, and before anything of the
-            // body's has its turn.
-            drop(Alarm);
-        }
-        // Also a panic of what a cancelled body leaves.
-        let alarm = Alarm;
-        // SAFETY: dropped here, in its place, and nowhere else.
-        unsafe { ManuallyDrop::drop(&mut self.body) };
-        std::mem::forget(alarm);
-    }
-}
-
-/// A panic in a process is an emergency. The panic hook has triggered it, unless the program has
-/// set another hook since, or the panic went on from another thread: then it is triggered here, as
-/// the panic leaves the body.
-struct Alarm;
-
-impl Drop for Alarm {
-    #[cold]
-    #[inline(never)]
-    fn drop(&mut self) {
-        // What the panic leaves behind is no later process'.
-        FAILURE.set(None);
-        Common::with(|common| common.emergency.trigger_by_panic());
-    }
-}
-
-#[inline(always)]
-fn poll_until_failure<F: Future>(
-    body: Pin<&mut F>,
-    cx: &mut Context<'_>,
-) -> Poll<Result<F::Output, Failure>> {
-    let polled = body.poll(cx);
-    // Also of a body that has ended and had the branch: the next process' poll must not find it.
-    if HAS_FAILED.get() {
-        cold_path();
-        if let Some(failure) = take_failure() {
-            return Poll::Ready(Err(failure));
-        }
-    }
-    polled.map(Ok)
-}
-
-/// The failure of the current process, which has none from then on.
-#[inline(never)]
-fn take_failure() -> Option<Failure> {
-    HAS_FAILED.set(false);
-    FAILURE.take()
-}
-
-/// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor
-/// `'static` is required.
-///
-/// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls.
-/// A panic passes through.
-///
-/// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel
-/// that is marked external or was used at its other end by another thread), it prints once on
-/// standard error what it waits for, and waits on.
-///
-/// # Errors
-///
-/// The body's own, or [`SetupError::Nested`](crate::error::SetupError::Nested) inside a process.
-///
-/// ```
-/// let greeting = String::from("hello");
-/// let length = luna::run(async { Ok(greeting.len()) })?;
-/// assert_eq!(length, 5);
-/// # Ok::<(), luna::Error>(())
-/// ```
-pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
-    let _scope = Scope::free_standing().enter_until_dropped();
-    // A panic of another run may have left one behind.
-    FAILURE.set(None);
-    let mut body = std::pin::pin!(body);
-    let body = std::future::poll_fn(|cx| poll_until_failure(body.as_mut(), cx));
-    luna_executors::block_on_patiently(body, alone::PATIENCE, alone::report_if_stuck)?
-        .map_err(Error::from)?
 }

@@ -4,10 +4,10 @@
 //! polls; each holds the number of the node under which it runs. Only the reader follows those
 //! numbers, once it has copied them, so a node refers to no other one but its neighbours.
 
+use arrayvec::ArrayString;
 use luna_core::current::ProcessId;
 use luna_platform::lock::PiLock;
 use std::cell::UnsafeCell;
-use std::fmt;
 use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
@@ -46,33 +46,12 @@ impl Node {
     }
 }
 
-/// A name in room of fixed size.
-#[derive(Clone, Copy)]
-pub(crate) struct Label {
-    bytes: [u8; Label::MAX],
-    length: u8,
-}
+/// The name of a sub-process, or as much of it as fits.
+pub(crate) type Label = ArrayString<63>;
 
-impl Label {
-    const MAX: usize = 63;
-
-    pub(crate) fn new(name: &str) -> Self {
-        let length = (0..=name.len().min(Self::MAX))
-            .rev()
-            .find(|&length| name.is_char_boundary(length))
-            .unwrap_or(0);
-        let mut bytes = [0; Self::MAX];
-        bytes[..length].copy_from_slice(&name.as_bytes()[..length]);
-        Self {
-            bytes,
-            length: length as u8,
-        }
-    }
-
-    pub(crate) fn as_str(&self) -> &str {
-        // It was cut between characters, so it is valid UTF-8.
-        std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
-    }
+pub(crate) fn label(name: &str) -> Label {
+    let most = Label::new().capacity();
+    Label::from(&name[..name.floor_char_boundary(most)]).unwrap_or_default()
 }
 
 /// The named sub-processes of one system.
@@ -146,19 +125,7 @@ pub(crate) struct SubProcess {
     pub(crate) process: ProcessId,
     pub(crate) is_running: bool,
     pub(crate) level: u8,
-    name: Label,
-}
-
-impl SubProcess {
-    pub(crate) fn name(&self) -> &str {
-        self.name.as_str()
-    }
-}
-
-impl fmt::Debug for Label {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Debug::fmt(self.as_str(), f)
-    }
+    pub(crate) name: Label,
 }
 
 /// For how many nodes the reader holds the lock at a time.
@@ -202,7 +169,7 @@ impl Tree {
     /// Not for the real-time path: it allocates, though never under the lock, which it holds for a
     /// few nodes at a time.
     pub(crate) fn read(&self) -> Vec<SubProcess> {
-        let node = UnsafeCell::new(Node::new(Label::new("")));
+        let node = UnsafeCell::new(Node::new(Label::new()));
         let end = {
             let mut list = self.list.lock();
             // SAFETY: the node is in no list, and is removed by the mark, before it dies.

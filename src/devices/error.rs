@@ -143,9 +143,3 @@ impl std::error::Error for DeviceError {
         }
     }
 }
-
-impl From<DeviceError> for Error {
-    fn from(error: DeviceError) -> Error {
-        Error::Device(Arc::new(error))
-    }
-}

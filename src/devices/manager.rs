@@ -158,7 +158,7 @@ impl DeviceManager {
             device: name.to_owned(),
             by: Holder::ThisProgram,
         };
-        let devices = self.plan.devices();
+        let devices = &self.plan.devices;
         let key = key(name);
         let status = {
             let mut entries = devices.lock();
@@ -205,7 +205,7 @@ impl DeviceManager {
     }
 
     fn safety(&self) -> Safety {
-        Safety::new(self.plan.emergency().clone())
+        Safety::new(self.plan.emergency.clone())
     }
 
     /// All devices that were opened, in that order, with those that are closed again.
@@ -223,7 +223,7 @@ impl DeviceManager {
     /// ```
     pub fn list(&self) -> Vec<DeviceView> {
         self.plan
-            .devices()
+            .devices
             .lock()
             .iter()
             .filter(|entry| entry.open.is_some())

@@ -25,7 +25,7 @@ pub use several::{Errors, Several};
 use crate::replay::RecordError;
 use crate::safety::BudgetKind;
 use crate::system::deadlock::Deadlock;
-use crate::time::{Instant, LoopName};
+use crate::time::Instant;
 use std::fmt;
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
@@ -205,22 +205,20 @@ impl Error {
     /// assert!(deep.is_poisoned());
     /// ```
     pub fn is_poisoned(&self) -> bool {
-        match self {
-            Error::Poisoned => true,
-            Error::Process { source, .. } => source.is_poisoned(),
-            Error::Several(several) => several.first().is_poisoned(),
-            _ => false,
-        }
+        matches!(self.innermost(), Error::Poisoned)
     }
 
     /// Whether it comes from a closed channel, however deep. Of several errors the first one in
     /// written order is asked.
     pub fn is_closed(&self) -> bool {
+        matches!(self.innermost(), Error::Closed)
+    }
+
+    fn innermost(&self) -> &Error {
         match self {
-            Error::Closed => true,
-            Error::Process { source, .. } => source.is_closed(),
-            Error::Several(several) => several.first().is_closed(),
-            _ => false,
+            Error::Process { source, .. } => source.innermost(),
+            Error::Several(several) => several.first().innermost(),
+            error => error,
         }
     }
 
@@ -228,13 +226,6 @@ impl Error {
         Error::Process {
             name: name.to_owned(),
             source: Box::new(self),
-        }
-    }
-
-    pub(crate) fn overrun(name: LoopName, consecutive: u32) -> Error {
-        Error::Overrun {
-            name: name.as_str().to_owned(),
-            consecutive,
         }
     }
 }
@@ -246,7 +237,8 @@ impl fmt::Debug for Error {
 }
 
 /// An error of user code. Two are equal if they are the same one.
-#[derive(Clone)]
+#[derive(Clone, thiserror::Error)]
+#[error(transparent)]
 pub struct OtherError(Arc<dyn std::error::Error + Send + Sync>);
 
 impl OtherError {
@@ -269,20 +261,8 @@ impl Eq for OtherError {}
 impl UnwindSafe for OtherError {}
 impl RefUnwindSafe for OtherError {}
 
-impl std::error::Error for OtherError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        self.0.source()
-    }
-}
-
 impl fmt::Debug for OtherError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Debug::fmt(&self.0, f)
-    }
-}
-
-impl fmt::Display for OtherError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Display::fmt(&self.0, f)
     }
 }

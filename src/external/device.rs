@@ -24,11 +24,14 @@ use std::task::Poll;
 /// their turn.
 const CALLS_IN_ONE_GO: u32 = 16;
 
-/// An open file in non-blocking mode.
+/// An open file that lets its link wait: in non-blocking mode, or asked before each read whether
+/// there is anything.
 #[derive(Debug)]
 pub(super) struct Device {
     file: File,
     is_terminal: bool,
+    /// Whether its mode stays as it is: other programs have the same open file.
+    keeps_mode: bool,
     /// Calls since the process last waited.
     calls: u32,
     /// Whether the last read took all bytes that were there, so that the next one would find none.
@@ -58,14 +61,27 @@ impl Device {
         Self {
             file: file.into(),
             is_terminal,
+            keeps_mode: false,
             calls: 0,
             is_drained: false,
             is_always_ready: false,
         }
     }
 
+    /// As [`new`](Self::new), to be read alone: its mode stays as it is.
+    pub(super) fn shared(file: OwnedFd) -> Self {
+        Self {
+            keeps_mode: true,
+            ..Self::new(file)
+        }
+    }
+
     pub(super) fn prepare(&mut self) -> Result<(), LinkError> {
         self.is_always_ready = self.file.metadata().is_ok_and(|about| about.is_file());
+        self.is_drained = self.keeps_mode && !self.is_always_ready;
+        if self.keeps_mode {
+            return Ok(());
+        }
         file::set_non_blocking(&self.file).map_err(|error| LinkError::SetUp(error.into()))
     }
 
@@ -115,7 +131,8 @@ impl Device {
             self.give_way(ended.as_mut()).await?;
             match file::read(&self.file, to) {
                 Ok(count) => {
-                    self.is_drained = count < to.len() && !self.is_always_ready;
+                    let may_be_empty = count < to.len() || self.keeps_mode;
+                    self.is_drained = may_be_empty && !self.is_always_ready;
                     return Ok(count);
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {

@@ -9,9 +9,8 @@ use crate::Sender;
 use crate::csp::process::Process;
 use crate::error::{Error, Result};
 use luna_channels::ChannelEnd;
-use std::fmt;
 use std::future::Future;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::pin::pin;
 
 /// Makes a process that reads records from `file` and sends them to `sender`'s channel.
@@ -26,9 +25,9 @@ use std::pin::pin;
 /// is poisoned. The file is closed when the process has ended.
 ///
 /// The file is put in non-blocking mode, for good and for all duplicates of its descriptor: give a
-/// terminal that a shell uses too as one opened anew (`/dev/tty`). One on a disk can be read, but
-/// the system holds up the whole thread for it. Nothing is allocated after
-/// [`pre_run`](Process::pre_run).
+/// terminal that a shell uses too as one opened anew (`/dev/tty`), and standard input by [`stdin`].
+/// One on a disk can be read, but the system holds up the whole thread for it. Nothing is allocated
+/// after [`pre_run`](Process::pre_run).
 ///
 /// ```
 /// use luna::external::{Framing, Frame};
@@ -68,7 +67,56 @@ pub fn input<T: FromBytes + Send>(
     }
 }
 
-/// A link from a file to a channel, to be spawned: see [`input`].
+/// Makes a process that reads records from standard input, as [`input`] does from another file. The
+/// end of standard input ends it, and so does the end of its last receiver: a run that ends does
+/// not wait for another line.
+///
+/// The mode of standard input stays as it is, since the shell and other programs have the same open
+/// file. It is asked before each read whether there is anything. If another program takes that
+/// first, the read waits, and with it all processes of the thread: spawn it as an OS-thread process.
+/// What [`std::io::stdin`] has taken into its buffer is not seen here, so read it in one of both
+/// ways.
+///
+/// # Errors
+///
+/// [`LinkError::Read`]: the program has no standard input, or no descriptors left.
+///
+/// ```no_run
+/// use luna::external::{self, Frame, Framing};
+/// use luna::prelude::*;
+///
+/// let mut system = System::new("console");
+/// let (sender, lines) = luna::channel::<Frame<80>>();
+/// let console = system.thread("console").process("standard input");
+/// console.spawn(external::stdin(sender, Framing::lines(80).or_end_of_file())?)?;
+/// let main = system.executor("main").build()?;
+/// main.process("operator").spawn(async move {
+///     while let Ok(line) = lines.recv().await {
+///         match line.text() {
+///             Ok("quit") => break,
+///             text => println!("unknown: {text:?}"),
+///         }
+///     }
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub fn stdin<T: FromBytes + Send>(
+    sender: Sender<T>,
+    framing: Framing,
+) -> Result<Input<T>, LinkError> {
+    let file = std::io::stdin().as_fd().try_clone_to_owned();
+    let file = file.map_err(|error| LinkError::Read(error.into()))?;
+    Ok(Input {
+        device: Some(Device::shared(file)),
+        sender: Some(sender.external()),
+        framing,
+        splitter: None,
+    })
+}
+
+/// A link from a file to a channel, to be spawned: see [`input`] and [`stdin`].
 ///
 /// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and
 /// `link.run().await?`.
@@ -83,7 +131,8 @@ pub struct Input<T> {
 }
 
 impl<T: FromBytes + Send> Process for Input<T> {
-    /// Checks the framing, makes room for records, and puts the file in non-blocking mode.
+    /// Checks the framing, makes room for records, and puts the file in non-blocking mode, unless it
+    /// is standard input.
     ///
     /// # Errors
     ///
@@ -160,11 +209,4 @@ async fn pump<T: FromBytes + Send>(
     }
 }
 
-impl<T> fmt::Debug for Input<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Input")
-            .field("device", &self.device)
-            .field("framing", &self.framing)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(Input<T> as input: device = input.device, framing = input.framing);

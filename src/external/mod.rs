@@ -9,7 +9,8 @@
 //! A program that reads and writes one device makes two links of it, the one with a clone of the
 //! file.
 //!
-//! [`readable`] and [`writable`] wait for a file without a link.
+//! [`stdin`] makes a link of standard input. [`readable`] and [`writable`] wait for a file without a
+//! link.
 //!
 //! ```
 //! use luna::external::{self, Frame, Framing};
@@ -50,7 +51,7 @@ mod splitter;
 pub use error::{LinkError, OsError};
 pub use frame::Frame;
 pub use framing::{Framing, Prefix};
-pub use input::{Input, input};
+pub use input::{Input, input, stdin};
 pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
 pub use output::{Output, output};
 pub use packer::Packer;

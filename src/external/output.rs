@@ -8,7 +8,6 @@ use super::record::ToBytes;
 use crate::Receiver;
 use crate::csp::process::Process;
 use crate::error::{Error, Result};
-use std::fmt;
 use std::future::Future;
 use std::os::fd::OwnedFd;
 use std::pin::pin;
@@ -130,11 +129,4 @@ async fn pump<T: ToBytes + Send>(
     }
 }
 
-impl<T> fmt::Debug for Output<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Output")
-            .field("device", &self.device)
-            .field("framing", &self.framing)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(Output<T> as output: device = output.device, framing = output.framing);

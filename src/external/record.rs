@@ -1,6 +1,6 @@
 //! Values and their records outside of the program.
 
-use std::fmt;
+use thiserror::Error;
 
 /// A value that a record of a device turns into.
 ///
@@ -99,22 +99,16 @@ impl<const N: usize> ToBytes for [u8; N] {
 }
 
 /// Why bytes mean nothing, in words: "the check sum is wrong".
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Error)]
+#[error("{0}")]
 pub struct Malformed(
     /// The reason.
     pub &'static str,
 );
 
-impl fmt::Display for Malformed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.0)
-    }
-}
-
-impl std::error::Error for Malformed {}
-
 /// A record that cannot be read or written, and why.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Error)]
+#[error("record {number} {fault}")]
 #[non_exhaustive]
 pub struct BadRecord {
     /// Which of the link's records it is, counted from 1, the bad ones included.
@@ -124,22 +118,26 @@ pub struct BadRecord {
 }
 
 /// What is wrong with a record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Error)]
 #[non_exhaustive]
 pub enum Fault {
     /// It has more bytes than the framing allows. When it is read, it is skipped.
+    #[error("has more than the {most} bytes that its framing allows")]
     TooLong {
         /// How many the framing allows.
         most: usize,
     },
     /// The file ended within it.
+    #[error("was cut off by the end of the file after {came} bytes")]
     Cut {
         /// How many of its bytes came, with those that frame it.
         came: usize,
     },
     /// Its bytes mean nothing.
+    #[error("cannot be decoded: {0}")]
     Malformed(Malformed),
     /// A record to be written has not the one length that the framing allows.
+    #[error("has {length} bytes, but the framing is of {fixed} each")]
     WrongLength {
         /// The length it has.
         length: usize,
@@ -147,36 +145,12 @@ pub enum Fault {
         fixed: usize,
     },
     /// A record to be written contains the byte that ends records, so it would be read as two.
+    #[error("contains `{}`, which ends records", .delimiter.escape_ascii())]
     HoldsDelimiter {
         /// That byte.
         delimiter: u8,
     },
     /// A record to be written has no bytes: the reader could not see that it was there.
+    #[error("has no bytes, which its framing cannot show")]
     Empty,
 }
-
-impl fmt::Display for BadRecord {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "record {} ", self.number)?;
-        match self.fault {
-            Fault::TooLong { most } => {
-                write!(f, "has more than the {most} bytes that its framing allows")
-            }
-            Fault::Cut { came } => {
-                write!(f, "was cut off by the end of the file after {came} bytes")
-            }
-            Fault::Malformed(why) => write!(f, "cannot be decoded: {why}"),
-            Fault::WrongLength { length, fixed } => {
-                write!(f, "has {length} bytes, but the framing is of {fixed} each")
-            }
-            Fault::HoldsDelimiter { delimiter } => write!(
-                f,
-                "contains `{}`, which ends records",
-                delimiter.escape_ascii()
-            ),
-            Fault::Empty => f.write_str("has no bytes, which its framing cannot show"),
-        }
-    }
-}
-
-impl std::error::Error for BadRecord {}

@@ -1,7 +1,7 @@
 //! Without the logger: the same names for processes, and nothing behind them.
 
-use crate::error::{Error, SetupError};
-use crate::parameters;
+use crate::error::SetupError;
+use std::cell::Cell;
 use std::convert::Infallible;
 use std::fmt;
 use std::marker::PhantomData;
@@ -66,7 +66,7 @@ impl<T: Sample> SignalBuilder<T> {
     ///
     /// The call is outside of `pre_run`, as in a build with the logger.
     pub fn register(self) -> Result<Signal<T>, RegisterError> {
-        if parameters::is_declaring() {
+        if ENTERED.get() > 0 {
             Ok(Signal(PhantomData))
         } else {
             Err(RegisterError::NotInPreRun { signal: self.name })
@@ -75,32 +75,17 @@ impl<T: Sample> SignalBuilder<T> {
 }
 
 /// Why a signal cannot be registered.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegisterError {
     /// It was not registered in `pre_run` of a process.
+    #[error(
+        "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+    )]
     NotInPreRun {
         /// The signal's name.
         signal: String,
     },
-}
-
-impl fmt::Display for RegisterError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let RegisterError::NotInPreRun { signal } = self;
-        write!(
-            f,
-            "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
-        )
-    }
-}
-
-impl std::error::Error for RegisterError {}
-
-impl From<RegisterError> for Error {
-    fn from(error: RegisterError) -> Error {
-        Error::Setup(SetupError::Signal(error))
-    }
 }
 
 /// What a signal carries: a number, a boolean, or an array of them.
@@ -140,7 +125,18 @@ pub(crate) struct Log;
 /// Nothing can be asked for.
 pub(crate) type Asked = Option<Infallible>;
 
+thread_local! {
+    /// How many guards of [`Log::enter`] this thread has: signals may be registered below one.
+    static ENTERED: Cell<u32> = const { Cell::new(0) };
+}
+
 pub(crate) struct Entered;
+
+impl Drop for Entered {
+    fn drop(&mut self) {
+        ENTERED.set(ENTERED.get() - 1);
+    }
+}
 
 impl Log {
     pub(crate) fn new(_: &str, _: bool) -> Self {
@@ -148,6 +144,7 @@ impl Log {
     }
 
     pub(crate) fn enter(&self) -> Entered {
+        ENTERED.set(ENTERED.get() + 1);
         Entered
     }
 

@@ -5,7 +5,7 @@ pub use luna_logger::{
     TcpSink, Tee, UdpSink, WriterSink, install, message,
 };
 
-use crate::error::{Error, SetupError};
+use crate::error::SetupError;
 use luna_logger::{Entered, Hub, LoggingReport, Recorder, TimeBase};
 #[cfg(feature = "events")]
 use luna_platform::clock::nanos;
@@ -19,12 +19,6 @@ const VARIABLE: &str = "LUNA_LOG";
 /// The variable with the number of events that each ring of such a recording has room for.
 #[cfg(feature = "events")]
 const EVENTS: &str = "LUNA_LOG_EVENTS";
-
-impl From<RegisterError> for Error {
-    fn from(error: RegisterError) -> Error {
-        Error::Setup(SetupError::Signal(error))
-    }
-}
 
 /// The recordings that the user asks for.
 pub(crate) type Asked = Option<Logging>;

@@ -4,8 +4,9 @@
 use crate::replay;
 use luna_core::current;
 use luna_core::latest_slots::{LatestSlots, SlotMemory};
+use luna_platform::lock::PiLock;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock, Weak};
+use std::sync::{Arc, Weak};
 
 /// The parameters of a process, which it takes all together.
 pub(crate) struct Reader {
@@ -13,8 +14,8 @@ pub(crate) struct Reader {
     pub(super) process: u32,
     pub(super) name: Arc<str>,
     pub(super) slots: LatestSlots,
-    /// What its process declared, for recordings: known when its `pre_run` is over.
-    pub(super) cells: OnceLock<Box<[Weak<Cells>]>>,
+    /// What was declared for its process, for recordings. All of it before the process runs.
+    pub(super) cells: PiLock<Vec<Weak<Cells>>>,
 }
 
 /// The words of a parameter in a process, once in each slot.
@@ -46,7 +47,7 @@ impl Reader {
         if !replay::input("parameters", || self.slots.latch()) {
             return;
         }
-        for cells in self.cells.get().into_iter().flatten() {
+        for cells in self.cells.lock().iter() {
             // They are freed when no process can latch any more: so not here.
             if let Some(cells) = cells.upgrade() {
                 cells.note();

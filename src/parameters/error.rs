@@ -8,14 +8,6 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum DeclareError {
-    /// It was not registered in `pre_run` of a process.
-    #[error(
-        "parameter `{parameter}` was registered outside of `pre_run`; register it in `pre_run` of the process that reads it (`impl luna::Process`)"
-    )]
-    NotInPreRun {
-        /// The parameter's name.
-        parameter: String,
-    },
     /// There is a parameter of that name.
     #[error(
         "process `{process}` has a parameter `{parameter}` already; give each a name of its own, or declare it as shared in all processes that read it"
@@ -109,15 +101,17 @@ impl fmt::Display for Source {
 }
 
 /// Why a value was refused.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum Reason {
     /// No process has declared such a parameter.
+    #[error("there is no such parameter{}", meant(nearest))]
     Unknown {
         /// A declared name like it.
         nearest: Option<String>,
     },
     /// It is outside of the parameter's range, or of its type's range.
+    #[error("it must be {least} to {most}")]
     OutOfRange {
         /// The least that it can be.
         least: String,
@@ -125,11 +119,13 @@ pub enum Reason {
         most: String,
     },
     /// It is not of the parameter's type.
+    #[error("it must be {expected}")]
     WrongType {
         /// What it has to be.
         expected: String,
     },
     /// A list of another length.
+    #[error("it must have {expected} elements, and has {found}")]
     WrongLength {
         /// The parameter's.
         expected: usize,
@@ -137,10 +133,13 @@ pub enum Reason {
         found: usize,
     },
     /// It is infinite, or no number.
+    #[error("it must be finite")]
     NotFinite,
     /// A whole number that a parameter with fractions would round.
+    #[error("it has more digits than the type; write fewer")]
     NotExact,
     /// It is none of the choices.
+    #[error("it must be one of {choices}{}", meant(nearest))]
     NoSuchChoice {
         /// The choices.
         choices: String,
@@ -148,31 +147,15 @@ pub enum Reason {
         nearest: Option<String>,
     },
     /// The set has two values for it.
+    #[error("it is set twice; leave one out")]
     Twice,
 }
 
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let meant = |nearest: &Option<String>| match nearest {
-            Some(name) => format!("; did you mean `{name}`?"),
-            None => String::new(),
-        };
-        match self {
-            Reason::Unknown { nearest } => {
-                write!(f, "there is no such parameter{}", meant(nearest))
-            }
-            Reason::OutOfRange { least, most } => write!(f, "it must be {least} to {most}"),
-            Reason::WrongType { expected } => write!(f, "it must be {expected}"),
-            Reason::WrongLength { expected, found } => {
-                write!(f, "it must have {expected} elements, and has {found}")
-            }
-            Reason::NotFinite => f.write_str("it must be finite"),
-            Reason::NotExact => f.write_str("it has more digits than the type; write fewer"),
-            Reason::NoSuchChoice { choices, nearest } => {
-                write!(f, "it must be one of {choices}{}", meant(nearest))
-            }
-            Reason::Twice => f.write_str("it is set twice; leave one out"),
-        }
+/// The question behind a name that is not known.
+fn meant(nearest: &Option<String>) -> String {
+    match nearest {
+        Some(name) => format!("; did you mean `{name}`?"),
+        None => String::new(),
     }
 }
 

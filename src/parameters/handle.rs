@@ -15,33 +15,21 @@ use std::sync::Arc;
 /// with a thread of its own may call them. Clones are the same.
 ///
 /// ```
-/// use luna::Parameter;
-/// use luna::parameters::{Reason, SetError, Value};
+/// use luna::parameters::{SetError, Value};
 /// use luna::prelude::*;
 /// use std::time::Duration;
 ///
-/// #[derive(Default)]
-/// struct Heater { target: Option<Parameter<f64>> }
-///
-/// impl Process for Heater {
-///     fn pre_run(&mut self) -> luna::Result<()> {
-///         let target = Parameter::with_default("heater/target", 20.0).unit("°C").range(0.0..=60.0);
-///         self.target = Some(target.register()?);
-///         Ok(())
-///     }
-///
-///     async fn run(&mut self) -> luna::Result<()> {
-///         let mut tick = luna::periodic("heater", Duration::from_millis(1))?;
-///         while self.target.as_ref().is_some_and(|target| target.get() < 40.0) {
-///             tick.next().await;
-///         }
-///         Ok(())
-///     }
-/// }
-///
 /// let mut system = System::new("oven");
 /// let main = system.executor("main").build()?;
-/// main.process("heater").spawn(Heater::default())?;
+/// let heater = main.process("heater");
+/// let target = heater.parameter("heater/target", 20.0).unit("°C").range(0.0..=60.0).register()?;
+/// heater.spawn(async move {
+///     let mut tick = luna::periodic("heater", Duration::from_millis(1))?;
+///     while target.get() < 40.0 {
+///         tick.next().await;
+///     }
+///     Ok(())
+/// })?;
 /// let parameters = system.parameters();
 /// system.thread("console").process("operator").spawn(async move {
 ///     let error = parameters.set([("heater/traget", 40.0)]).unwrap_err();
@@ -49,7 +37,8 @@ use std::sync::Arc;
 ///         error.to_string(),
 ///         "no parameter was set: `heater/traget` = 40.0: there is no such parameter; did you mean `heater/target`?"
 ///     );
-///     assert!(parameters.set([("heater/target", 61.0)]).is_err());
+///     let error = parameters.set([("heater/target", 61.0)]).unwrap_err();
+///     assert!(matches!(error, SetError::Refused(refused) if refused[0].name == "heater/target"));
 ///     parameters.set([("heater/target", 45.0)])?;
 ///     assert_eq!(parameters.list()[0].value, Value::Float(45.0));
 ///     Ok(())
@@ -65,8 +54,8 @@ impl Parameters {
         Self(store)
     }
 
-    /// All parameters that were declared, by name, with their values. Empty before the start.
-    /// O(parameters × processes).
+    /// All parameters that were declared, by name, with their values; before the start with
+    /// their defaults. O(parameters × processes).
     pub fn list(&self) -> Vec<Info> {
         self.0.infos()
     }
@@ -126,11 +115,7 @@ impl Parameters {
     }
 }
 
-impl fmt::Debug for Parameters {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Parameters").finish_non_exhaustive()
-    }
-}
+debug_parts!(Parameters);
 
 /// A parameter, as [listed](Parameters::list).
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,9 @@
 //! Parameters: numbers and choices that a process declares, files and people set, and the real-time
 //! path reads.
 //!
-//! A process declares its [`Parameter`]s in `pre_run`: name, default, unit, range. At the start
-//! they get their values from a TOML file
+//! A process' [`Parameter`]s are declared where it is described, with
+//! [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter): name, default, unit,
+//! range. At the start they get their values from a TOML file
 //! ([`System::parameters_from`](crate::System::parameters_from)), the environment and the command
 //! line. While the system runs, they get them from the file again, or through [`Parameters`]. A set
 //! is taken as a whole: if it has a name that is not declared, or a value out of range, nothing of
@@ -13,36 +14,23 @@
 //! [`Parameter::latch`]. Reading is a load, without a lock. `docs/parameters.md` has more.
 //!
 //! ```
-//! use luna::Parameter;
 //! use luna::prelude::*;
 //! use std::time::Duration;
-//!
-//! #[derive(Default)]
-//! struct Pan { gains: Option<(Parameter<f64>, Parameter<f64>)> }
-//!
-//! impl Process for Pan {
-//!     fn pre_run(&mut self) -> luna::Result<()> {
-//!         let kp = Parameter::with_default("pan/kp", 2.0).unit("1/rad").range(0.0..=50.0).description("of the controller").register()?;
-//!         let kd = Parameter::with_default("pan/kd", 0.1).unit("s/rad").range(0.0..=5.0).register()?;
-//!         self.gains = Some((kp, kd));
-//!         Ok(())
-//!     }
-//!
-//!     async fn run(&mut self) -> luna::Result<()> {
-//!         let Some((kp, kd)) = &self.gains else { return Ok(()) };
-//!         let mut tick = luna::periodic("pan", Duration::from_millis(1))?;
-//!         for _ in 0..10 {
-//!             tick.next().await;
-//!             assert_eq!((kp.get(), kd.get()), (2.5, 0.1));
-//!         }
-//!         Ok(())
-//!     }
-//! }
 //!
 //! let mut system = System::new("camera");
 //! system.set_parameter("pan/kp", 2.5);
 //! let main = system.executor("main").build()?;
-//! main.process("pan").spawn(Pan::default())?;
+//! let pan = main.process("pan");
+//! let kp = pan.parameter("pan/kp", 2.0).unit("1/rad").range(0.0..=50.0).description("of the controller").register()?;
+//! let kd = pan.parameter("pan/kd", 0.1).unit("s/rad").range(0.0..=5.0).register()?;
+//! pan.spawn(async move {
+//!     let mut tick = luna::periodic("pan", Duration::from_millis(1))?;
+//!     for _ in 0..10 {
+//!         tick.next().await;
+//!         assert_eq!((kp.get(), kd.get()), (2.5, 0.1));
+//!     }
+//!     Ok(())
+//! })?;
 //! system.run()?;
 //! # Ok::<(), luna::Error>(())
 //! ```
@@ -69,12 +57,6 @@ pub use value::Value;
 pub(crate) use watch::FileWatch;
 
 use sources::Given;
-
-/// Whether a `pre_run` runs on this thread, where parameters and signals may be registered.
-#[cfg(not(feature = "logger"))]
-pub(crate) fn is_declaring() -> bool {
-    Store::is_declaring()
-}
 
 impl Store {
     /// Gives a value that comes over that of the file.

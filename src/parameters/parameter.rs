@@ -3,9 +3,11 @@
 use super::cells::Cells;
 use super::error::DeclareError;
 use super::form::Form;
-use super::store::{Declared, Store};
+use super::store::Declared;
 use super::types::{Number, Tunable};
 use super::value::Value;
+use crate::system::Plan;
+use luna_core::current::ProcessId;
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
@@ -14,11 +16,11 @@ use std::sync::atomic::Ordering;
 
 /// A value that is set from outside, and read on the real-time path: see [`parameters`](super).
 ///
-/// Declared in `pre_run`, where it has its value already. Clones are the same parameter. Elsewhere
-/// than in the process that has declared it, a handle reads what that process has taken.
+/// Declared with [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter), and moved
+/// into the process' body, as a channel's end is. Clones are the same parameter. Elsewhere than in
+/// the process that it was declared for, a handle reads what that process has taken.
 ///
 /// ```
-/// use luna::Parameter;
 /// use luna::parameters::Choice;
 /// use luna::prelude::*;
 ///
@@ -29,28 +31,17 @@ use std::sync::atomic::Ordering;
 ///     const CHOICES: &'static [(&'static str, Mode)] = &[("position", Mode::Position), ("speed", Mode::Speed)];
 /// }
 ///
-/// #[derive(Default)]
-/// struct Axis { mode: Option<Parameter<Mode>>, gains: Option<Parameter<[f32; 3]>> }
-///
-/// impl Process for Axis {
-///     fn pre_run(&mut self) -> luna::Result<()> {
-///         self.mode = Some(Parameter::with_default("axis/mode", Mode::Position).register()?);
-///         self.gains = Some(Parameter::with_default("axis/gains", [2.0, 0.0, 0.1]).range(0.0..=10.0).register()?);
-///         Ok(())
-///     }
-///
-///     async fn run(&mut self) -> luna::Result<()> {
-///         let (Some(mode), Some(gains)) = (&self.mode, &self.gains) else { return Ok(()) };
-///         assert!(mode.get() == Mode::Speed);
-///         assert_eq!(gains.get(), [1.0, 2.0, 3.0]);
-///         Ok(())
-///     }
-/// }
-///
 /// let mut system = System::new("drive");
 /// system.set_parameter("axis/mode", "speed").set_parameter("axis/gains", [1.0, 2.0, 3.0]);
 /// let main = system.executor("main").build()?;
-/// main.process("axis").spawn(Axis::default())?;
+/// let axis = main.process("axis");
+/// let mode = axis.parameter("axis/mode", Mode::Position).register()?;
+/// let gains = axis.parameter("axis/gains", [2.0_f32, 0.0, 0.1]).range(0.0..=10.0).register()?;
+/// axis.spawn(async move {
+///     assert!(mode.get() == Mode::Speed);
+///     assert_eq!(gains.get(), [1.0, 2.0, 3.0]);
+///     Ok(())
+/// })?;
 /// system.run()?;
 /// # Ok::<(), luna::Error>(())
 /// ```
@@ -60,19 +51,7 @@ pub struct Parameter<T> {
 }
 
 impl<T: Tunable> Parameter<T> {
-    /// A parameter to be declared, with the value that it has unless it is set.
-    pub fn with_default(name: &str, default: T) -> ParameterBuilder<T> {
-        ParameterBuilder {
-            name: name.into(),
-            default,
-            unit: String::new(),
-            description: String::new(),
-            range: None,
-            is_shared: false,
-        }
-    }
-
-    /// The value, of the set that the process has taken last.
+    /// The value, of the set that the process has taken last; before the start the default.
     ///
     /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one for
     /// each element. All elements are of one set. In another process, or on another thread, it
@@ -98,7 +77,7 @@ impl<T: Tunable> Parameter<T> {
     ///
     /// Real-time path: yes. Wait-free, O(1), no allocation: a load, and an atomic exchange if there
     /// is a new set. While the process is recorded O(its parameters). Elsewhere than in the process
-    /// that has declared the parameter it does nothing.
+    /// that the parameter was declared for it does nothing.
     #[inline]
     pub fn latch(&self) {
         self.cells.reader.latch();
@@ -114,18 +93,16 @@ impl<T> Clone for Parameter<T> {
     }
 }
 
-impl<T> fmt::Debug for Parameter<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Parameter")
-            .field("name", &self.cells.name)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(Parameter<T> as parameter: name = parameter.cells.name);
 
-/// A parameter to be: see [`Parameter::with_default`].
+/// A parameter to be: see
+/// [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter).
 #[must_use = "a parameter is declared by `register`"]
-#[derive(Debug, Clone)]
-pub struct ParameterBuilder<T> {
+#[derive(Clone)]
+pub struct ParameterBuilder<'a, T> {
+    plan: &'a Plan,
+    /// The process that it is declared for, by number and name.
+    process: (ProcessId, &'a str),
     name: Arc<str>,
     default: T,
     unit: String,
@@ -134,7 +111,25 @@ pub struct ParameterBuilder<T> {
     is_shared: bool,
 }
 
-impl<T: Tunable> ParameterBuilder<T> {
+impl<'a, T: Tunable> ParameterBuilder<'a, T> {
+    pub(crate) fn new(
+        plan: &'a Plan,
+        process: (ProcessId, &'a str),
+        name: &str,
+        default: T,
+    ) -> Self {
+        Self {
+            plan,
+            process,
+            name: name.into(),
+            default,
+            unit: String::new(),
+            description: String::new(),
+            range: None,
+            is_shared: false,
+        }
+    }
+
     /// What it is measured in.
     pub fn unit(mut self, unit: &str) -> Self {
         self.unit = unit.to_owned();
@@ -163,20 +158,25 @@ impl<T: Tunable> ParameterBuilder<T> {
         self
     }
 
-    /// Declares it, for the process that runs its `pre_run`. Its name is free again when all its
-    /// handles are gone, for a parameter that is declared alike: it goes on with the old value. Its
-    /// description, and whether it is [shared](Self::shared), are then as newly declared.
+    /// Declares it. The start then gives it its first value; while the system runs it has that at
+    /// once. Its name is free again when all its handles are gone, for a parameter that is declared
+    /// alike: it goes on with the old value. Its description, and whether it is
+    /// [shared](Self::shared), are then as newly declared.
     ///
     /// Not for the real-time path: it allocates, and takes a lock. O(processes that have
     /// parameters).
     ///
     /// # Errors
     ///
-    /// A [`DeclareError`]: the call is outside of `pre_run`; a name that another has, or that
-    /// cannot be written in a file; a text that is too long; a range or a default that makes no
-    /// sense. A value of the file that is out of range is no error of this: the start fails with
-    /// all of those.
+    /// A [`DeclareError`]: a name that another has, or that cannot be written in a file; a text
+    /// that is too long; a range or a default that makes no sense. A value of the file that is out
+    /// of range is no error of this: the start fails with all of those.
     pub fn register(self) -> Result<Parameter<T>, DeclareError> {
+        let plan = self.plan;
+        self.declare().inspect_err(|_| plan.note_refusal())
+    }
+
+    fn declare(self) -> Result<Parameter<T>, DeclareError> {
         let parameter = || self.name.to_string();
         if let Some((least, most)) = &self.range
             && !is_range(least, most)
@@ -200,18 +200,28 @@ impl<T: Tunable> ParameterBuilder<T> {
             value: value.to_string(),
             reason,
         })?;
-        let cells = Store::declare(Declared {
+        let declared = Declared {
             name: self.name,
             unit: self.unit,
             description: self.description,
             form,
             default,
             is_shared: self.is_shared,
-        })?;
+        };
+        let (process, its_name) = self.process;
+        let cells = self.plan.parameters.declare(declared, process, its_name)?;
         Ok(Parameter {
             cells,
             has: PhantomData,
         })
+    }
+}
+
+impl<T> fmt::Debug for ParameterBuilder<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ParameterBuilder")
+            .field("name", &self.name)
+            .finish_non_exhaustive()
     }
 }
 

@@ -35,10 +35,8 @@ pub trait Tunable: Copy + Send + 'static {
 /// A number that a parameter can be, or an array have.
 pub trait Number: Tunable<Element = Self> + PartialOrd + sealed::Sealed {}
 
-macro_rules! numbers {
+macro_rules! scalars {
     ($($of:ty, $kind:expr, $to:expr, $from:expr;)*) => {$(
-        impl sealed::Sealed for $of {}
-        impl Number for $of {}
         impl Tunable for $of {
             type Element = $of;
             const WORDS: usize = 1;
@@ -58,14 +56,24 @@ macro_rules! numbers {
     )*};
 }
 
-numbers! {
+macro_rules! numbers {
+    ($($of:ty)*) => {$(
+        impl sealed::Sealed for $of {}
+        impl Number for $of {}
+    )*};
+}
+
+numbers!(f32 f64 i8 i16 i32 i64 u8 u16 u32 u64);
+
+scalars! {
+    bool, Kind::Bool, u64::from, |word| word != 0;
     f64, Kind::F64, f64::to_bits, f64::from_bits;
     f32, Kind::F32, |number: f32| number.to_bits().into(), |word| f32::from_bits(word as u32);
 }
 
 macro_rules! integers {
     ($($of:ty)*) => {
-        numbers! {$(
+        scalars! {$(
             $of,
             Kind::Integer { name: stringify!($of), least: <$of>::MIN as i128, most: <$of>::MAX as i128 },
             |number| number as u64,
@@ -75,23 +83,6 @@ macro_rules! integers {
 }
 
 integers!(i8 i16 i32 i64 u8 u16 u32 u64);
-
-impl Tunable for bool {
-    type Element = bool;
-    const WORDS: usize = 1;
-    const IS_ARRAY: bool = false;
-    fn kind() -> Kind {
-        Kind::Bool
-    }
-    #[inline(always)]
-    fn word(self, _: usize) -> u64 {
-        self.into()
-    }
-    #[inline(always)]
-    fn of_words(mut word: impl FnMut(usize) -> u64) -> Self {
-        word(0) != 0
-    }
-}
 
 impl<T: Number, const N: usize> Tunable for [T; N] {
     type Element = T;

@@ -1,6 +1,5 @@
 //! What can be wrong with a recording, and with a replay.
 
-use std::fmt;
 use thiserror::Error;
 
 /// Why a program cannot be recorded or replayed, or has not done in the replay what it did when it
@@ -9,25 +8,32 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum RecordError {
     /// The file cannot be written or read.
-    #[error("recording `{path}`: {message}")]
+    #[error("replay log `{path}`: {message}")]
     File {
         /// Its path.
         path: String,
         /// The message of the system.
         message: String,
     },
-    /// It is no recording.
-    #[error("the file is no recording")]
+    /// It is no replay log.
+    #[error(
+        "the file is no replay log (.replay): `System::record` or `luna demo --record` makes one"
+    )]
     NoRecording,
+    /// It is a recording of the logger.
+    #[error(
+        "the file is a recording of the logger (.luna), not a replay log (.replay): `luna scope` shows it, and `luna convert` converts it"
+    )]
+    OfTheLogger,
     /// It was written by another version, which has this number.
     #[error(
-        "the recording has version {0}, and this program reads version {VERSION} alone",
+        "the replay log has version {0}, and this program reads version {VERSION} alone",
         VERSION = super::file::VERSION
     )]
     Version(u16),
     /// The bytes of a block are not those that were written.
     #[error(
-        "the recording is damaged in the block at byte {offset}: `Recording::salvage` keeps what comes before"
+        "the replay log is damaged in the block at byte {offset}: `Recording::salvage` keeps what comes before"
     )]
     Damaged {
         /// Where the block begins.
@@ -35,14 +41,14 @@ pub enum RecordError {
     },
     /// The file ends before the recording does.
     #[error(
-        "the recording ends at byte {offset}, before its end: `Recording::salvage` keeps what is there"
+        "the replay log ends at byte {offset}, before its end: `Recording::salvage` keeps what is there"
     )]
     Truncated {
         /// Where the block begins that is not whole, or missing.
         offset: u64,
     },
     /// It is a recording of another system, or of one with other processes.
-    #[error("the recording is of another program: it has {recorded}, and here is {found}")]
+    #[error("the replay log is of another program: it has {recorded}, and here is {found}")]
     OtherProgram {
         /// What the recording has.
         recorded: String,
@@ -66,7 +72,12 @@ pub enum RecordError {
 }
 
 /// The first difference between a recording and its replay.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error(
+    "the replay differs from the recording after {event} events: process `{process}`, operation {operation}{}: \
+     recorded is {expected}, and now it is {found}",
+    .output.map_or_else(String::new, |output| format!(", output {output}"))
+)]
 #[non_exhaustive]
 pub struct Divergence {
     /// How many events had come again before.
@@ -82,25 +93,4 @@ pub struct Divergence {
     pub expected: String,
     /// What the replay has come to.
     pub found: String,
-}
-
-impl fmt::Display for Divergence {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Divergence {
-            event,
-            process,
-            operation,
-            expected,
-            found,
-            ..
-        } = self;
-        write!(
-            f,
-            "the replay differs from the recording after {event} events: process `{process}`, operation {operation}"
-        )?;
-        if let Some(output) = self.output {
-            write!(f, ", output {output}")?;
-        }
-        write!(f, ": recorded is {expected}, and now it is {found}")
-    }
 }

@@ -6,6 +6,8 @@ use std::io::Write;
 
 pub(super) const VERSION: u16 = 2;
 const MAGIC: &[u8; 8] = b"LUNAREPL";
+/// What a recording of the logger begins with.
+const MAGIC_OF_LOGGER: &[u8; 8] = b"\x89LUNA\r\n\x1a";
 /// Magic, version, their checksum.
 const HEAD: usize = 14;
 /// Length and checksum of a block.
@@ -101,6 +103,9 @@ pub(super) type Block<'a> = (BlockKind, &'a [u8]);
 
 /// The blocks of a file, as far as they are whole, and what is wrong after them.
 pub(super) fn blocks(file: &[u8]) -> Result<(Vec<Block<'_>>, Option<RecordError>), RecordError> {
+    if file.starts_with(MAGIC_OF_LOGGER) {
+        return Err(RecordError::OfTheLogger);
+    }
     if !file.starts_with(MAGIC) {
         return Err(RecordError::NoRecording);
     }

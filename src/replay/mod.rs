@@ -308,7 +308,7 @@ impl ReplayLogs {
             ReplayLogs::Record(recorder) => Track::Record(recorder.track(parent, spec.name())),
             ReplayLogs::Replay(replayer) => Track::Replay(replayer.track(parent, spec.name())),
         };
-        spec.with_replay_log(Arc::new(Kept(track)))
+        spec.with_replay_log(Arc::new(track))
     }
 
     pub(crate) fn is_replay(&self) -> bool {
@@ -333,7 +333,7 @@ impl ReplayLogs {
     }
 }
 
-/// What records or replays a process.
+/// What records or replays a process: used in its polls, and as its body goes.
 #[expect(
     clippy::large_enum_variant,
     reason = "there is one in an allocation of its own for each process"
@@ -343,30 +343,20 @@ enum Track {
     Replay(replayer::Track),
 }
 
-/// The track of a process. What is shared of it is no more than its memory: it is used in the
-/// process' polls, and as its body goes.
-struct Kept(Track);
-
 // SAFETY: a process is polled, and its body dropped, by one thread at a time, and nothing else uses
 // its track.
-unsafe impl Send for Kept {}
+unsafe impl Send for Track {}
 // SAFETY: as above.
-unsafe impl Sync for Kept {}
+unsafe impl Sync for Track {}
 
-impl LogInstaller for Kept {
+impl LogInstaller for Track {
     fn poll(
         &self,
         cx: &mut Context<'_>,
         poll: &mut dyn FnMut(&mut Context<'_>) -> Poll<()>,
     ) -> Poll<()> {
-        match &self.0 {
-            Track::Record(track) => {
-                let polled = current::with_replay_log(track, || poll(cx));
-                if polled.is_ready() {
-                    track.end();
-                }
-                polled
-            }
+        match self {
+            Track::Record(track) => current::with_replay_log(track, || poll(cx)),
             Track::Replay(track) => {
                 if !track.begins(cx) {
                     return Poll::Pending;
@@ -375,9 +365,7 @@ impl LogInstaller for Kept {
                     true => Poll::Pending,
                     false => current::with_replay_log(track, || poll(cx)),
                 };
-                if polled.is_ready() {
-                    track.end();
-                } else if track.is_over(cx) {
+                if polled.is_pending() && track.is_over(cx) {
                     return Poll::Ready(());
                 }
                 polled
@@ -385,8 +373,15 @@ impl LogInstaller for Kept {
         }
     }
 
+    fn completed(&self) {
+        match self {
+            Track::Record(track) => track.end(),
+            Track::Replay(track) => track.end(),
+        }
+    }
+
     fn end(&self) {
-        if let Track::Record(track) = &self.0 {
+        if let Track::Record(track) = self {
             track.cut();
         }
     }

@@ -49,7 +49,8 @@ impl Recording {
     }
 
     /// Reads a recording as far as it is whole, and returns the fault behind that. A replay of one
-    /// goes up to there.
+    /// goes up to there. It may report a difference where the events of a channel's first sender
+    /// are lost: their communications have no stamp.
     ///
     /// # Errors
     ///

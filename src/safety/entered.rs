@@ -7,7 +7,6 @@ use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::lock::PiLock;
 use std::cell::UnsafeCell;
-use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
 use std::pin::Pin;
@@ -244,11 +243,7 @@ impl Drop for SafeStateEntered {
     }
 }
 
-impl fmt::Debug for SafeStateEntered {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("SafeStateEntered").finish_non_exhaustive()
-    }
-}
+debug_parts!(SafeStateEntered);
 
 #[cfg(test)]
 mod tests;

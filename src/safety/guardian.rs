@@ -14,7 +14,6 @@ use super::emergency::Emergency;
 use super::state::{Cause, Degree};
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
-use luna_platform::clock::Instant;
 use luna_platform::memory;
 use luna_platform::parent::outlive_requests;
 use luna_platform::thread::{Attributes, EMERGENCY_PRIORITY, Policy, apply_to_current};
@@ -283,10 +282,9 @@ fn lost(emergency: &Emergency, is_strict: bool) {
     if is_strict {
         emergency.trigger(Cause::GuardianLost);
     } else {
-        let now = Instant::now_real();
         emergency
             .journal
-            .note(Degree::Warning, Cause::GuardianLost, now, || true);
+            .note(Degree::Warning, Cause::GuardianLost, || true);
         notice!(
             "luna: the guardian has ended: nobody would bring the machine to safety if this program were killed"
         );

@@ -34,12 +34,12 @@ mod watchdog;
 
 pub use budget::{BudgetKind, BudgetOverrun, OnOverrun};
 pub(crate) use budget::{Budgets, Ledger};
+pub use emergency::emergency;
 pub(crate) use emergency::{Emergency, EmergencyThread, LIMIT};
-pub use emergency::{EmergencyTrigger, emergency};
 pub use entered::SafeStateEntered;
 pub(crate) use guardian::GuardianWatch;
 pub use guardian::{Guardian, guard};
-pub use handle::{Safety, SafetyFunction, current};
+pub use handle::{EmergencyTrigger, Safety, SafetyFunction, current};
 pub use luna_platform::panics::catch as catch_panic;
 pub(crate) use parent::ParentThread;
 pub use state::{Cause, Degree, ResetError, SafetyEvent, SafetyState};

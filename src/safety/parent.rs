@@ -3,10 +3,10 @@
 use super::emergency::Emergency;
 use super::state::Cause;
 use crate::error::{Error, Result, SetupError};
+use crate::notice::notice;
 use luna_platform::parent::{ParentWatch, Watched};
 use luna_platform::thread::{self, Attributes, MINIMUM_STACK_SIZE, Policy, TIMER_PRIORITY, Thread};
 use std::convert::Infallible;
-use std::io;
 use std::sync::Arc;
 
 /// The thread that waits for the parent's death. Dropping it ends it.
@@ -16,14 +16,24 @@ pub(crate) struct ParentThread {
 }
 
 impl ParentThread {
-    /// Starts it. Returns the reason if the machine does not support it.
+    /// Starts it. A machine that does not support it is an error if that `is_strict`, else a notice.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
         real_time: bool,
-    ) -> Result<Result<Self, io::Error>> {
+        is_strict: bool,
+    ) -> Result<Option<Self>> {
         let watch = match ParentWatch::new() {
             Ok(watch) => Arc::new(watch),
-            Err(error) => return Ok(Err(error)),
+            Err(error) => {
+                let error = Error::from(SetupError::system(format!(
+                    "the parent process cannot be watched: {error}; Linux 5.3 or later can (pidfd_open(2))"
+                )));
+                if is_strict {
+                    return Err(error);
+                }
+                notice!("luna: {error}");
+                return Ok(None);
+            }
         };
         let policy = match real_time {
             // It only triggers.
@@ -41,18 +51,10 @@ impl ParentThread {
             },
         )
         .map_err(|error| Error::not_started("the watch of the parent process", error))?;
-        Ok(Ok(Self {
+        Ok(Some(Self {
             watch,
             thread: Some(thread),
         }))
-    }
-
-    /// The error of a strict system on a machine without it.
-    pub(crate) fn refused(error: &io::Error) -> Error {
-        let message = format!(
-            "the parent process cannot be watched: {error}; Linux 5.3 or later can (pidfd_open(2))"
-        );
-        SetupError::System { message }.into()
     }
 }
 

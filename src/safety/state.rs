@@ -109,6 +109,19 @@ pub struct SafetyEvent {
     pub at: Instant,
 }
 
+impl SafetyEvent {
+    /// Reported now, by the current process if there is one.
+    fn now(degree: Degree, cause: Cause) -> Self {
+        Self {
+            degree,
+            cause,
+            process: current::process(|process| process.map(|process| process.id())),
+            who: None,
+            at: Instant::now(),
+        }
+    }
+}
+
 impl fmt::Display for SafetyEvent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.degree, self.cause)?;
@@ -144,29 +157,16 @@ impl fmt::Display for SafetyState {
 }
 
 /// Why the state was not reset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ResetError {
     /// There is an emergency: the system ends, and a new one has to be made.
+    #[error("an emergency cannot be reset: the system ends, make a new one")]
     Emergency,
     /// The functions of [`on_safe_state`](crate::System::on_safe_state) still run.
+    #[error("the functions of the safe state still run: reset it when they have")]
     FunctionsRun,
 }
-
-impl fmt::Display for ResetError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            ResetError::Emergency => {
-                "an emergency cannot be reset: the system ends, make a new one"
-            }
-            ResetError::FunctionsRun => {
-                "the functions of the safe state still run: reset it when they have"
-            }
-        })
-    }
-}
-
-impl std::error::Error for ResetError {}
 
 /// The degree, in the lowest two bits, and above them how often a safe state was entered until
 /// then. Both are in one word, so that two safe states are never taken for one.
@@ -201,8 +201,8 @@ impl Level {
 pub(crate) struct Journal {
     /// A [`Level`].
     level: AtomicU32,
-    /// The first events. Each slot is written once, under the lock, and then read without it.
-    kept: Box<[OnceLock<SafetyEvent>]>,
+    /// The places of the first events.
+    kept: Box<[Place]>,
     book: PiLock<Book>,
     /// The log that records changes.
     log: OnceLock<Log>,
@@ -213,35 +213,41 @@ pub(crate) struct Journal {
 
 #[derive(Debug)]
 struct Book {
-    /// How many slots of `kept` are written.
+    /// How many places of `kept` are written.
     kept: usize,
     more: u64,
     /// What made it a warning, a safe state and an emergency.
-    latched: [Option<Latched>; 3],
-    /// Holds the latched events when the slots are used up. New ones come with a reset, which is
+    latched: [Option<Place>; 3],
+    /// For the latched events when those places are used up. New ones come with a reset, which is
     /// off the real-time path.
-    apart: Apart,
+    apart: [Place; 3],
 }
 
-/// Where an event is.
-#[derive(Debug, Clone, Copy)]
-enum Latched {
-    Kept(usize),
-    Apart,
-}
+/// Written once, under the lock of the book, and then read without it.
+type Place = Arc<OnceLock<SafetyEvent>>;
 
-type Apart = [Arc<OnceLock<SafetyEvent>>; 3];
+impl Book {
+    /// The place of the next event, which is latched as `latches`; none if there is no room.
+    fn next_place(&mut self, kept: &[Place], latches: Option<usize>) -> Option<Place> {
+        if let Some(place) = kept.get(self.kept) {
+            self.kept += 1;
+            return Some(place.clone());
+        }
+        self.more += 1;
+        Some(self.apart[latches?].clone())
+    }
+}
 
 impl Journal {
     pub(crate) fn new() -> Self {
         Self {
             level: AtomicU32::new(Degree::Normal as u32),
-            kept: (0..KEPT).map(|_| OnceLock::new()).collect(),
+            kept: (0..KEPT).map(|_| Place::default()).collect(),
             book: PiLock::new(Book {
                 kept: 0,
                 more: 0,
-                latched: [None; 3],
-                apart: Apart::default(),
+                latched: Default::default(),
+                apart: Default::default(),
             }),
             log: OnceLock::new(),
             #[cfg(test)]
@@ -277,29 +283,16 @@ impl Journal {
     /// Notes a report. If the state was not that bad before, `admit` is asked first, so that no
     /// reset comes in between; without its consent nothing is noted. O(1); no allocation: the cause
     /// is moved to its place.
-    pub(crate) fn note(
-        &self,
-        degree: Degree,
-        cause: Cause,
-        at: Instant,
-        admit: impl FnOnce() -> bool,
-    ) {
-        let event = SafetyEvent {
-            degree,
-            cause,
-            process: current::process(|process| process.map(|process| process.id())),
-            who: None,
-            at,
-        };
+    pub(crate) fn note(&self, degree: Degree, cause: Cause, admit: impl FnOnce() -> bool) {
+        let event = SafetyEvent::now(degree, cause);
         let mut changes = false;
         let by = event.process;
         // After the event is made: an event that is not kept is user data, and dropped without the
         // lock.
         let mut book = self.book.lock();
+        let emergency = book.latched[2].as_ref().and_then(|place| place.get());
         if matches!(event.cause, Cause::Signal(_))
-            && self.latched(&book, Degree::Emergency, |latched| {
-                latched.cause == event.cause
-            }) == Some(true)
+            && emergency.is_some_and(|latched| latched.cause == event.cause)
         {
             // Another worker has received it just before.
             return;
@@ -314,22 +307,21 @@ impl Journal {
         let latches = (degree as usize)
             .checked_sub(1)
             .filter(|&slot| book.latched[slot].is_none());
-        let mut event = Some(event);
-        let place = self.keep(&mut book, &mut event);
+        let place = book.next_place(&self.kept, latches);
+        let left = match &place {
+            // Only the lock's holder writes, each place once.
+            Some(place) => place.set(event).err(),
+            None => Some(event),
+        };
         if let Some(slot) = latches {
-            book.latched[slot] = Some(match place {
-                Some(place) => Latched::Kept(place),
-                None => Latched::Apart,
-            });
-            // It is the first since the last reset, so there is room.
-            event = event.and_then(|event| book.apart[slot].set(event).err());
+            book.latched[slot] = place;
         }
         // A crash has made it that bad before it is noted here.
         if changes || latches.is_some() && degree >= self.degree() {
             self.report(&book, degree, by);
         }
         drop(book);
-        drop(event);
+        drop(left);
     }
 
     /// It is that bad at least. Without the lock.
@@ -344,22 +336,13 @@ impl Journal {
 
     /// What made it an emergency.
     pub(crate) fn emergency(&self) -> Option<SafetyEvent> {
-        let (latched, apart) = {
-            let book = self.book.lock();
-            (book.latched[2]?, book.apart[2].clone())
-        };
-        self.event(latched, &apart).cloned()
+        let latched = self.book.lock().latched[2].clone();
+        latched?.get().cloned()
     }
 
     pub(super) fn reset(&self, why: Error, may: impl FnOnce() -> bool) -> Result<(), ResetError> {
-        let event = SafetyEvent {
-            degree: Degree::Normal,
-            cause: Cause::Reset(why),
-            process: current::process(|process| process.map(|process| process.id())),
-            who: None,
-            at: Instant::now(),
-        };
-        let new_places = Apart::default();
+        let event = SafetyEvent::now(Degree::Normal, Cause::Reset(why));
+        let new_places = Default::default();
         let mut book = self.book.lock();
         if self.degree() == Degree::Emergency {
             return Err(ResetError::Emergency);
@@ -377,14 +360,19 @@ impl Journal {
         if reset.is_err() {
             return Err(ResetError::Emergency);
         }
-        book.latched = [None; 3];
-        let before = std::mem::replace(&mut book.apart, new_places);
+        let former = (
+            std::mem::take(&mut book.latched),
+            std::mem::replace(&mut book.apart, new_places),
+        );
         let by = event.process;
-        let mut event = Some(event);
-        self.keep(&mut book, &mut event);
+        let place = book.next_place(&self.kept, None);
+        let left = match place {
+            Some(place) => place.set(event).err(),
+            None => Some(event),
+        };
         self.report(&book, Degree::Normal, by);
         drop(book);
-        drop((before, event));
+        drop((former, left));
         Ok(())
     }
 
@@ -392,56 +380,17 @@ impl Journal {
         let (degree, kept, more_events, latched) = {
             let book = self.book.lock();
             let degree = self.degree();
-            let latched = (degree as usize)
-                .checked_sub(1)
-                .and_then(|slot| Some((book.latched[slot]?, book.apart[slot].clone())));
+            let slot = (degree as usize).checked_sub(1);
+            let latched = slot.and_then(|slot| book.latched[slot].clone());
             (degree, book.kept, book.more, latched)
         };
-        let events = self.kept[..kept].iter().filter_map(OnceLock::get);
+        let events = self.kept[..kept].iter().filter_map(|place| place.get());
         SafetyState {
             degree,
-            latched: latched.and_then(|(latched, apart)| self.event(latched, &apart).cloned()),
+            latched: latched.and_then(|latched| latched.get().cloned()),
             events: events.cloned().collect(),
             more_events,
         }
-    }
-
-    fn event<'a>(
-        &'a self,
-        latched: Latched,
-        apart: &'a OnceLock<SafetyEvent>,
-    ) -> Option<&'a SafetyEvent> {
-        match latched {
-            Latched::Kept(place) => self.kept[place].get(),
-            Latched::Apart => apart.get(),
-        }
-    }
-
-    /// The result of `look` on the event that made it that bad.
-    fn latched<R>(
-        &self,
-        book: &Book,
-        degree: Degree,
-        look: impl FnOnce(&SafetyEvent) -> R,
-    ) -> Option<R> {
-        let slot = (degree as usize).checked_sub(1)?;
-        self.event(book.latched[slot]?, &book.apart[slot]).map(look)
-    }
-
-    /// Moves the event to a slot and returns that; leaves it if there is no room.
-    fn keep(&self, book: &mut Book, event: &mut Option<SafetyEvent>) -> Option<usize> {
-        let place = book.kept;
-        let Some(room) = self.kept.get(place) else {
-            book.more += 1;
-            return None;
-        };
-        let written = room.set(event.take()?);
-        debug_assert!(
-            written.is_ok(),
-            "only the lock's holder writes, each place once"
-        );
-        book.kept += 1;
-        Some(place)
     }
 }
 

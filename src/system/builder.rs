@@ -3,13 +3,14 @@
 use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
+use crate::parameters::{ParameterBuilder, Tunable};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, LEVELS, ProcessId};
 use luna_executors::{Name, ProcessHandle, ProcessSpec};
 use luna_platform::facts::SystemFacts;
 use luna_platform::thread::{Attributes, Policy};
-use std::fmt;
+use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -41,7 +42,6 @@ macro_rules! place_methods {
         /// has it is checked when the executor or process is made; not in a system on a
         /// [virtual clock](crate::System::virtual_clock), if that was set before.
         pub fn core(mut self, core: usize) -> Self {
-            self.core = Some(core);
             self.attributes = self.attributes.core(core);
             self
         }
@@ -97,7 +97,6 @@ macro_rules! place_methods {
 pub struct ExecutorBuilder {
     plan: Arc<Plan>,
     name: String,
-    core: Option<usize>,
     attributes: Attributes,
 }
 
@@ -106,7 +105,6 @@ impl ExecutorBuilder {
         Self {
             plan,
             name: name.to_owned(),
-            core: None,
             attributes: Attributes::new(name),
         }
     }
@@ -137,13 +135,12 @@ impl ExecutorBuilder {
         let Self {
             plan,
             name,
-            core,
             attributes,
         } = self;
         let number = attributes
             .validate_shared()
             .map_err(Into::into)
-            .and_then(|()| check_core(&plan, &name, core))
+            .and_then(|()| check_core(&plan, &name, attributes.asked_core()))
             .and_then(|()| plan.add_executor(ExecutorPlan { name, attributes }))
             .inspect_err(|_| plan.note_refusal())?;
         Ok(Executor { plan, number })
@@ -178,9 +175,9 @@ pub struct Executor {
 
 impl Executor {
     /// A process to be, on this executor.
-    pub fn process(&self, name: &str) -> ProcessBuilder {
+    pub fn process(&self, name: impl AsRef<str>) -> ProcessBuilder {
         let plan = SPARE_PLANS.with(|spare| spare.another(&self.plan));
-        ProcessBuilder::new(plan, name, Ok(Placement::Executor(self.number)))
+        ProcessBuilder::new(plan, name.as_ref(), Ok(Placement::Executor(self.number)))
     }
 
     /// A spawned process of this system, from when it runs. Not for the real-time path, as
@@ -195,7 +192,6 @@ impl Executor {
 pub struct Thread {
     plan: Arc<Plan>,
     name: String,
-    core: Option<usize>,
     attributes: Attributes,
 }
 
@@ -204,7 +200,6 @@ impl Thread {
         Self {
             plan,
             name: name.to_owned(),
-            core: None,
             attributes: Attributes::new(name),
         }
     }
@@ -212,18 +207,18 @@ impl Thread {
     place_methods!();
 
     /// The thread's one process to be. What is wrong with the thread is an error of `spawn`.
-    pub fn process(self, name: &str) -> ProcessBuilder {
+    pub fn process(self, name: impl AsRef<str>) -> ProcessBuilder {
         let place = self
             .attributes
             .validate()
             .map_err(Into::into)
-            .and_then(|()| check_core(&self.plan, &self.name, self.core))
+            .and_then(|()| check_core(&self.plan, &self.name, self.attributes.asked_core()))
             .and_then(|()| self.plan.take_thread_name(&self.name))
             .map(|()| Placement::Thread {
                 name: self.name,
                 attributes: Box::new(self.attributes),
             });
-        ProcessBuilder::new(self.plan, name, place)
+        ProcessBuilder::new(self.plan, name.as_ref(), place)
     }
 }
 
@@ -231,22 +226,24 @@ impl Thread {
 #[must_use = "a process starts with `spawn`"]
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
-    name: Name,
+    spec: ProcessSpec,
     place: Result<Placement>,
     level: u8,
-    timed: bool,
     shares_name: bool,
     budgets: Budgets,
 }
+
+// A description: each of its methods changes one value, and calls no code of the user.
+impl UnwindSafe for ProcessBuilder {}
+impl RefUnwindSafe for ProcessBuilder {}
 
 impl ProcessBuilder {
     fn new(plan: Arc<Plan>, name: &str, place: Result<Placement>) -> Self {
         Self {
             plan,
-            name: Name::from(name),
+            spec: ProcessSpec::new(Name::from(name)),
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
-            timed: false,
             shares_name: false,
             budgets: Budgets::default(),
         }
@@ -280,10 +277,36 @@ impl ProcessBuilder {
         self
     }
 
+    /// A [parameter](crate::parameters) of the process, with the value that it has unless it is
+    /// set. Declared with [`register`](ParameterBuilder::register), it is moved into the body.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use std::time::Duration;
+    ///
+    /// let mut system = System::new("camera");
+    /// system.set_parameter("pan/kp", 2.5);
+    /// let main = system.executor("main").build()?;
+    /// let pan = main.process("pan").priority(20);
+    /// let kp = pan.parameter("pan/kp", 2.0).unit("1/rad").range(0.0..=50.0).register()?;
+    /// pan.spawn(async move {
+    ///     let mut tick = luna::periodic("pan", Duration::from_millis(1))?;
+    ///     tick.next().await;
+    ///     assert_eq!(kp.get(), 2.5);
+    ///     Ok(())
+    /// })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn parameter<T: Tunable>(&self, name: &str, default: T) -> ParameterBuilder<'_, T> {
+        let process = (self.spec.id(), &**self.spec.name());
+        ParameterBuilder::new(&self.plan, process, name, default)
+    }
+
     /// Measures the longest time that the process keeps the processor, for about 50 ns each time it
     /// gets it.
     pub fn timed(mut self) -> Self {
-        self.timed = true;
+        self.spec = self.spec.timed(true);
         self
     }
 
@@ -415,7 +438,7 @@ impl ProcessBuilder {
         process: impl IntoProcess<M>,
     ) -> Result<(Arc<Plan>, ProcessPlan<impl Build>)> {
         self.plan
-            .check_plain(&self.name)
+            .check_plain(self.spec.name())
             .inspect_err(|_| self.plan.note_refusal())?;
         let shares_name = self.shares_name;
         let (system, place, spec, ledger) = self.checked()?;
@@ -452,32 +475,26 @@ impl ProcessBuilder {
         let name = system.reserve(spec.name())?;
         let declared = system.stand_ins().declare::<E>(spec.name());
         // Without the lock: what is made here is the user's.
-        match declared.inspect_err(|_| system.note_refusal())? {
+        let prepared = match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
                 // From here on it is used up, so the name stays taken, also if what is the user's
                 // panics.
                 name.keep();
-                let prepared = stand_in.prepare(ends);
-                system.add_reserved_boxed(ProcessPlan {
-                    place,
-                    spec,
-                    shares_name: false,
-                    ledger,
-                    prepared,
-                })
+                stand_in.prepare(ends)
             }
             None => {
-                let prepared = body(ends).prepare();
+                let prepared = body(ends).prepare().boxed();
                 name.keep();
-                system.add_reserved(ProcessPlan {
-                    place,
-                    spec,
-                    shares_name: false,
-                    ledger,
-                    prepared,
-                })
+                prepared
             }
-        }
+        };
+        system.add_reserved(ProcessPlan {
+            place,
+            spec,
+            shares_name: false,
+            ledger,
+            prepared,
+        })
     }
 
     /// The description of the process, if it is valid.
@@ -488,16 +505,14 @@ impl ProcessBuilder {
         if self.level >= LEVELS {
             self.plan.note_refusal();
             return Err(SetupError::Level {
-                process: self.name.to_string(),
+                process: self.spec.name().to_string(),
                 level: self.level,
             }
             .into());
         }
-        let budgets = self.budgets.ledger(&self.name);
+        let budgets = self.budgets.ledger(self.spec.name());
         let ledger = budgets.inspect_err(|_| self.plan.note_refusal())?;
-        let mut spec = ProcessSpec::new(self.name)
-            .level(self.level)
-            .timed(self.timed);
+        let mut spec = self.spec.level(self.level);
         if let Some(ledger) = &ledger {
             spec = spec.monitored(ledger.clone());
         }
@@ -505,21 +520,7 @@ impl ProcessBuilder {
     }
 }
 
-macro_rules! debug_by_name {
-    ($($type:ident),+) => { $(
-        impl fmt::Debug for $type {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.debug_struct(stringify!($type)).field("name", &self.name).finish_non_exhaustive()
-            }
-        }
-    )+ };
-}
-debug_by_name!(ExecutorBuilder, Thread, ProcessBuilder);
-
-impl fmt::Debug for Executor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Executor")
-            .field("number", &self.number)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(ExecutorBuilder as builder: name = builder.name);
+debug_parts!(Thread as thread: name = thread.name);
+debug_parts!(ProcessBuilder as builder: name = builder.spec.name());
+debug_parts!(Executor as executor: number = executor.number);

@@ -2,16 +2,14 @@
 
 use super::plan::{ExecutorPlan, Members, On, Placement, Plan};
 use crate::csp::composition::{
-    ChannelKind, ChannelPart, Composition, EndUser, ProcessKind, ProcessPart, ThreadKind,
-    ThreadPart, WaitingPart,
+    ChannelPart, Composition, EndUser, ProcessKind, ProcessPart, ThreadKind, ThreadPart,
+    WaitingPart,
 };
-use crate::csp::network::{self, Meeting, Role};
 use crate::csp::tree::SubProcess;
-use luna_channels::inspect::WaitPointKind;
+use luna_channels::inspect::{Role, WaitPointView, wait_points};
 use luna_core::current::{ProcessId, User};
 use luna_executors::ProcessState;
 use std::collections::HashMap;
-use std::fmt;
 use std::sync::Arc;
 
 /// A handle to look at a system while it runs: see [`System::observer`](crate::System::observer).
@@ -56,30 +54,35 @@ impl Observer {
         // them.
         let mut threads = parts(&self.plan.members());
         let mut names = HashMap::new();
-        let mut below = Children::of(self.plan.tree().read());
+        let mut below = Children::of(self.plan.tree.read());
         for process in threads.iter_mut().flat_map(|thread| &mut thread.processes) {
             names.insert(process.id, process.name.clone());
             process.children = below.take(process.id, 0);
         }
-        let meetings = network::meetings();
-        let of_system = meetings
+        let points = wait_points();
+        let of_system = points
             .iter()
-            .filter(|meeting| meeting.users().any(|id| names.contains_key(&id)));
+            .filter(|wait_point| users(wait_point).any(|id| names.contains_key(&id)));
         Composition {
             system: self.plan.name().to_owned(),
             threads,
             channels: of_system
-                .map(|meeting| channel_part(meeting, &names))
+                .map(|wait_point| channel_part(wait_point, &names))
                 .collect(),
         }
     }
 }
 
-impl fmt::Debug for Observer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Observer")
-            .field("system", &self.plan.name())
-            .finish_non_exhaustive()
+debug_parts!(Observer as observer: system = observer.plan.name());
+
+fn part(name: &str, id: ProcessId, state: ProcessState, priority: u8) -> ProcessPart {
+    ProcessPart {
+        name: name.to_owned(),
+        id,
+        kind: ProcessKind::UserThread,
+        state,
+        priority,
+        children: Vec::new(),
     }
 }
 
@@ -88,25 +91,17 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
     let planned = members.executors.iter().map(ExecutorPlan::part);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
-        let part = ProcessPart {
-            name: member.name().to_owned(),
-            id,
-            kind: ProcessKind::UserThread,
-            state: member.handle.state(),
-            priority: member.handle.priority(),
-            children: Vec::new(),
-        };
-        (part, member.on())
+        let (state, priority) = (member.handle.state(), member.handle.priority());
+        (part(member.name(), id, state, priority), member.on())
     });
     let waiting = members.waiting.iter().map(|process| {
-        let part = ProcessPart {
-            name: process.name().to_string(),
-            id: process.id(),
-            kind: ProcessKind::UserThread,
-            state: ProcessState::Created,
-            priority: process.spec.priority(),
-            children: Vec::new(),
-        };
+        let priority = process.spec.priority();
+        let part = part(
+            process.name(),
+            process.id(),
+            ProcessState::Created,
+            priority,
+        );
         let on = match &process.place {
             Placement::Executor(number) => On::Executor(*number),
             Placement::Thread { name, attributes } => On::Thread(Box::new(ThreadPart::asked(
@@ -155,7 +150,7 @@ impl Children {
     fn take(&mut self, process: ProcessId, parent: u64) -> Vec<ProcessPart> {
         let children = self.0.remove(&(process, parent)).unwrap_or_default();
         let parts = children.into_iter().map(|child| ProcessPart {
-            name: child.name().to_owned(),
+            name: child.name.to_string(),
             id: process,
             kind: ProcessKind::SubProcess,
             state: if child.is_running {
@@ -170,33 +165,36 @@ impl Children {
     }
 }
 
-fn channel_part(meeting: &Meeting, names: &HashMap<ProcessId, String>) -> ChannelPart {
+/// The processes that have used it last, or wait at it.
+fn users(wait_point: &WaitPointView) -> impl Iterator<Item = ProcessId> {
+    let last = wait_point.sender.into_iter().chain(wait_point.receiver);
+    let all = last.chain(wait_point.waiting.iter().map(|one| one.user));
+    all.filter_map(|user| match user {
+        User::Process(id) => Some(id),
+        User::Outside => None,
+    })
+}
+
+fn channel_part(wait_point: &WaitPointView, names: &HashMap<ProcessId, String>) -> ChannelPart {
     let user = |user: User| match user {
         User::Process(id) => names
             .get(&id)
             .map_or(EndUser::Outside, |name| EndUser::Process(name.clone())),
         User::Outside => EndUser::Outside,
     };
-    let waiting = meeting.waiting.iter().map(|one| WaitingPart {
+    let waiting = wait_point.waiting.iter().map(|one| WaitingPart {
         user: user(one.user),
         sends: matches!(one.role, Role::Sender | Role::Held),
     });
     ChannelPart {
-        name: meeting.name.clone(),
-        made_at: meeting.made_at.to_string(),
-        kind: match meeting.kind {
-            WaitPointKind::Buffered(most) => ChannelKind::Buffered(most),
-            WaitPointKind::Barrier => ChannelKind::Barrier,
-            WaitPointKind::Mutex => ChannelKind::Mutex,
-            WaitPointKind::Condition => ChannelKind::Condition,
-            WaitPointKind::Semaphore => ChannelKind::Semaphore,
-            _ => ChannelKind::Rendezvous,
-        },
-        buffered: meeting.buffered,
-        external: meeting.external,
-        ended: meeting.ended,
-        sender: meeting.sender.map(user),
-        receiver: meeting.receiver.map(user),
+        name: wait_point.name.clone(),
+        made_at: wait_point.made_at.to_string(),
+        kind: wait_point.kind,
+        buffered: wait_point.buffered,
+        external: wait_point.external,
+        ended: wait_point.ended,
+        sender: wait_point.sender.map(user),
+        receiver: wait_point.receiver.map(user),
         waiting: waiting.collect(),
     }
 }

@@ -1,7 +1,5 @@
 //! What a run comes to: its report, and the error that it returns.
 
-use super::clock::ClockKind;
-use super::deadlock::Deadlock;
 use super::plan::{Plan, Running};
 use super::register::Register;
 use super::stolen::Stolen;
@@ -9,38 +7,27 @@ use super::warnings::Warnings;
 use crate::error::{Error, Result};
 use crate::notice::notice;
 use crate::replay::RecordError;
-use crate::report::{End, Report, SafetyReport, ThreadReport, TimersReport};
+use crate::report::{End, Report};
 use crate::safety::{Cause, Emergency};
 use crate::time::{StolenTime, Witness};
 use luna_core::current::ProcessId;
 use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::Instant;
-use luna_platform::shortfall::Shortfall;
-use luna_platform::thread::Mode;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// What is known of a run whose threads have ended.
 pub(super) struct Ended {
-    pub(super) clock: ClockKind,
-    pub(super) elapsed: Duration,
-    pub(super) really_elapsed: Duration,
+    /// Without what the register of processes knows.
+    pub(super) report: Report,
     /// Why virtual time stood still, if it did and no emergency came first.
     pub(super) standstill: Option<Standstill>,
     /// The first error of a process before that.
     pub(super) failed_before: Option<Error>,
-    pub(super) deadlock: Option<Deadlock>,
-    pub(super) threads: Vec<ThreadReport>,
-    pub(super) timers: Option<TimersReport>,
     pub(super) callback_panic: Option<Error>,
     /// The signal that ended the system.
     pub(super) signal: Option<i32>,
     pub(super) was_emergency: bool,
     pub(super) stolen: Stolen,
-    pub(super) safety: SafetyReport,
-    pub(super) shortfalls: Vec<Shortfall>,
-    #[cfg(feature = "logger")]
-    pub(super) logging: Option<crate::report::LoggingReport>,
     pub(super) running: Arc<Running>,
 }
 
@@ -63,23 +50,13 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
         stolen: ended.stolen,
     };
     let report = Report {
-        system: plan.name().to_owned(),
         end,
-        clock: ended.clock,
-        elapsed: ended.elapsed,
-        really_elapsed: ended.really_elapsed,
-        threads: ended.threads,
         processes: started.reports(),
         earlier: started.earlier(),
         loops: running.common.scope.take_reports(&known),
         stand_ins: plan.stand_ins().replaced(),
-        shortfalls: ended.shortfalls,
-        deadlock: ended.deadlock,
-        timers: ended.timers,
-        safety: ended.safety,
-        #[cfg(feature = "logger")]
-        logging: ended.logging,
         record: recorded.as_ref().ok().copied().flatten(),
+        ..ended.report
     };
     let livelock = livelock(started, standstill, running.common.clock.now());
     if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
@@ -149,10 +126,11 @@ fn end_of(ended: &Ended, started: &Register, is_raised: bool) -> End {
             None => End::Completed,
         };
     }
-    let is_strict = ended.running.mode == Mode::Strict;
     match started.first_panic() {
         _ if is_raised => End::Emergency,
-        None if ended.deadlock.is_some() && is_strict => End::Deadlock,
+        None if ended.report.deadlock.is_some() && ended.running.ends_at_deadlock() => {
+            End::Deadlock
+        }
         None if started.overrun().is_some() => End::Overrun,
         _ => End::Panic,
     }

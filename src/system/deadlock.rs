@@ -9,7 +9,7 @@
 
 mod text;
 
-use crate::csp::network::{Meeting, Role};
+use luna_channels::inspect::{Role, WaitPointView};
 use luna_core::current::{ProcessId, User};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -139,14 +139,14 @@ pub(crate) struct Sleeping {
     pub(crate) joiners: Vec<ProcessId>,
 }
 
-/// What the `processes` wait for at `meetings`. `None` if something outside might wake one of them.
+/// What the `processes` wait for at `points`. `None` if something outside might wake one of them.
 /// `is_forgotten` reports whether a process that is not among them was one of the system's.
 /// `refers` reports whether the address of a channel lies in a process' body. O(processes +
-/// meetings + waiters at them), and O(processes) for each unused end.
+/// points + waiters at them), and O(processes) for each unused end.
 pub(crate) fn find(
     system: &str,
     processes: &[Sleeping],
-    meetings: &[Meeting],
+    points: &[WaitPointView],
     is_forgotten: impl Fn(ProcessId) -> bool,
     refers: impl Fn(ProcessId, usize) -> bool,
 ) -> Option<Deadlock> {
@@ -160,15 +160,15 @@ pub(crate) fn find(
         is_forgotten,
         refers,
     };
-    // For each process: the meetings at which it waits, and the process at the end that it waits
+    // For each process: the points at which it waits, and the process at the end that it waits
     // for.
     let mut waiting = vec![Vec::new(); processes.len()];
-    for meeting in meetings {
-        for one in &meeting.waiting {
+    for wait_point in points {
+        for one in &wait_point.waiting {
             if let User::Process(id) = one.user
                 && let Some(&place) = known.places.get(&id)
             {
-                waiting[place].push((meeting, one.role));
+                waiting[place].push((wait_point, one.role));
             }
         }
     }
@@ -188,13 +188,13 @@ pub(crate) fn find(
             continue;
         }
         let before = waits.len();
-        for &(meeting, role) in &waiting[from] {
-            let (operation, partner, to) = wait_of(&known, meeting, role)?;
+        for &(wait_point, role) in &waiting[from] {
+            let (operation, partner, to) = wait_of(&known, wait_point, role)?;
             edges[from].extend(to);
             waits.push(Wait {
                 process: process.name.to_string(),
                 operation,
-                at: meeting.to_string(),
+                at: text::place(wait_point),
                 partner,
             });
         }
@@ -240,37 +240,37 @@ impl<F, R: Fn(ProcessId, usize) -> bool> Known<'_, F, R> {
     /// The places of the processes that appear to hold the other end than the one at which `role`
     /// waits. Both kinds of end have the channel's address in them, so those that wait with the
     /// same end do not count.
-    fn holders(&self, meeting: &Meeting, role: Role) -> Vec<usize> {
+    fn holders(&self, wait_point: &WaitPointView, role: Role) -> Vec<usize> {
         let has_this_end = |id: ProcessId| {
-            let mut waiting = meeting.waiting.iter();
+            let mut waiting = wait_point.waiting.iter();
             waiting.any(|one| one.role == role && one.user == User::Process(id))
         };
         let live = self.processes.iter().zip(0..);
         live.filter(|(one, _)| !one.has_ended && !has_this_end(one.id))
-            .filter(|(one, _)| (self.refers)(one.id, meeting.address))
+            .filter(|(one, _)| (self.refers)(one.id, wait_point.address))
             .map(|(_, place)| place)
             .collect()
     }
 }
 
-/// The operation that a process waits for at `meeting`, its partner, and the indexes of those
+/// The operation that a process waits for at `wait_point`, its partner, and the indexes of those
 /// partners that live. `None` if it waits for something outside of the system, or in a way that is
 /// not known here.
 fn wait_of(
     known: &Known<'_, impl Fn(ProcessId) -> bool, impl Fn(ProcessId, usize) -> bool>,
-    meeting: &Meeting,
+    wait_point: &WaitPointView,
     role: Role,
 ) -> Option<(Operation, Partner, Vec<usize>)> {
-    if meeting.external || (role == Role::Party && meeting.strangers) {
+    if wait_point.external || (role == Role::Party && wait_point.strangers) {
         return None;
     }
     let (operation, other_end) = match role {
-        Role::Sender | Role::Held => (Operation::Send, meeting.receiver),
-        Role::Receiver => (Operation::Receive, meeting.sender),
+        Role::Sender | Role::Held => (Operation::Send, wait_point.receiver),
+        Role::Receiver => (Operation::Receive, wait_point.sender),
         // A mutex with a waiter is held.
-        Role::Locker => (Operation::Lock, meeting.receiver),
-        Role::Notified => (Operation::Notified, meeting.receiver),
-        Role::Acquirer => (Operation::Acquire, meeting.receiver),
+        Role::Locker => (Operation::Lock, wait_point.receiver),
+        Role::Notified => (Operation::Notified, wait_point.receiver),
+        Role::Acquirer => (Operation::Acquire, wait_point.receiver),
         Role::Party => return Some((Operation::Sync, Partner::Others, Vec::new())),
         Role::Stopped => return Some((Operation::Stop, Partner::Nobody, Vec::new())),
         _ => return None,
@@ -279,7 +279,7 @@ fn wait_of(
         None => {
             let is_channel = matches!(operation, Operation::Send | Operation::Receive);
             let holders = match is_channel {
-                true => known.holders(meeting, role),
+                true => known.holders(wait_point, role),
                 false => Vec::new(),
             };
             let names = holders

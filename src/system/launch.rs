@@ -2,7 +2,6 @@
 
 mod machine;
 mod processes;
-mod safety;
 
 use super::clock::ClockKind;
 use super::neighbours;
@@ -22,7 +21,6 @@ use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{Attributes, Mode, Policy, TIMER_PRIORITY};
 use machine::{Needs, lock_memory};
 use processes::start_processes;
-use safety::SafetyThreads;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,9 +37,7 @@ pub(super) struct Launched {
     pub(super) simulation: Option<Simulation>,
     pub(super) executors: Vec<(String, Executor)>,
     pub(super) running: Arc<Running>,
-    pub(super) emergency: EmergencyThread,
-    pub(super) parent: Option<ParentThread>,
-    pub(super) guardian: Option<GuardianWatch>,
+    pub(super) safety: SafetyThreads,
     pub(super) timers: Option<ManagerThread>,
     pub(super) shortfalls: Vec<Shortfall>,
     pub(super) recording: Session,
@@ -76,7 +72,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         stand_ins.and_then(|()| launch_described(plan, settings, executors, waiting, &registry));
     launched.inspect_err(|_| {
         registry.close_ended(|_| ());
-        plan.parameters().end();
+        plan.parameters.end();
         let mut members = plan.members();
         members.phase = Phase::Ended;
         let never_prepared = std::mem::take(&mut members.waiting);
@@ -84,7 +80,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         drop(members);
         drop(never_prepared);
         // The functions will not run any more.
-        plan.emergency().conclude();
+        plan.emergency.conclude();
     })
 }
 
@@ -113,12 +109,12 @@ fn launch_described(
     let log = Log::new(plan.name(), is_virtual);
     let recording = log.start(std::mem::take(&mut settings.logging))?;
     let recorded = settings.replay_logs.recorded_parameters();
-    settings.replay_logs.parameters = plan.parameters().begin(&log, &clock, recorded.as_deref())?;
+    settings.replay_logs.parameters = plan.parameters.begin(&log, &clock, recorded.as_deref())?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;
 
-    let emergency = plan.emergency().clone();
+    let emergency = plan.emergency.clone();
     emergency.record(log.clone());
     if let Some(simulation) = &handle {
         emergency.simulate(simulation.clone());
@@ -140,7 +136,7 @@ fn launch_described(
         }
         None => (None, None),
     };
-    let parameters = plan.parameters().clone();
+    let parameters = plan.parameters.clone();
     let scope = Scope::with_room_for(loops, registry.clone(), clock.clone(), manager, parameters);
     let executors = start_executors(executor_plans, handle.as_ref(), needs.mode, registry)?;
     let places = executors.iter().map(|(name, executor)| {
@@ -157,7 +153,7 @@ fn launch_described(
         common: Arc::new(Common {
             scope,
             emergency,
-            tree: plan.tree().clone(),
+            tree: plan.tree.clone(),
             registry: registry.clone(),
             clock: clock.clone(),
             log,
@@ -174,9 +170,7 @@ fn launch_described(
         simulation,
         executors,
         running,
-        emergency: safety.emergency,
-        parent: safety.parent,
-        guardian: safety.guardian,
+        safety,
         timers,
         shortfalls,
         recording,
@@ -221,4 +215,38 @@ fn start_executors(
         Ok((executor.name, started))
     };
     plans.into_iter().map(start).collect()
+}
+
+/// What is there from before anything moves until all has ended. If the start fails it is ended in
+/// this order.
+pub(super) struct SafetyThreads {
+    pub(super) parent: Option<ParentThread>,
+    pub(super) emergency: EmergencyThread,
+    pub(super) guardian: Option<GuardianWatch>,
+}
+
+impl SafetyThreads {
+    fn start(
+        emergency: &Arc<Emergency>,
+        registry: &Arc<ProcessRegistry>,
+        settings: &Settings,
+        needs: &Needs,
+    ) -> Result<Self> {
+        let strict = settings.strict;
+        let guardian = settings.guardian.as_ref();
+        let guardian = guardian
+            .map(|guardian| GuardianWatch::start(guardian, emergency.clone(), strict))
+            .transpose()?;
+        let (own, registry) = (emergency.clone(), registry.clone());
+        let guard = EmergencyThread::start(own, registry, needs.real_time, &needs.cores)?;
+        let parent = match settings.parents_death {
+            true => ParentThread::start(emergency.clone(), needs.real_time, strict)?,
+            false => None,
+        };
+        Ok(Self {
+            parent,
+            emergency: guard,
+            guardian,
+        })
+    }
 }

@@ -30,8 +30,8 @@ mod plan;
 mod quiescence;
 mod reaper;
 mod register;
+mod replay;
 mod safety;
-mod shortfalls;
 mod stand_in;
 mod stolen;
 mod supervise;
@@ -47,15 +47,11 @@ pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
-use crate::replay::{Mode, ROOM, Recording};
 use crate::report::Report;
 use crate::time::{Manager, TimerManager, Timers};
-use clock::ClockPlan;
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
-pub(crate) use plan::Plan;
-use std::fmt;
-use std::path::PathBuf;
+pub(crate) use plan::{Phase, Plan};
 use std::sync::Arc;
 
 /// A machine's software: executors and OS threads, the processes on them, and what to do in an
@@ -95,8 +91,9 @@ impl System {
     }
 
     /// Refuses to start, with an error, if anything that was asked for cannot be had: policies,
-    /// cores, locked memory. And a deadlock, which otherwise is only reported, is an emergency that
-    /// ends the system with [`Error::Deadlock`](crate::Error::Deadlock).
+    /// cores, locked memory. And a deadlock is an emergency that ends the system with
+    /// [`Error::Deadlock`](crate::Error::Deadlock), as it always is on a virtual clock; otherwise
+    /// it is only reported.
     pub fn strict(&mut self) -> &mut Self {
         self.plan.settings().strict = true;
         self
@@ -213,162 +210,14 @@ impl System {
         self
     }
 
-    /// Runs the system on a clock of its own: when no process can run, time jumps to the next
-    /// deadline, so hours take moments, and every run is the same.
-    ///
-    /// Processes, loops, delays and timeouts behave as on the real clock; only the threads differ.
-    /// One thread runs all executors and OS-thread processes, the one of the highest policy first,
-    /// of equals the one that was described first. Computing takes no time. Policies, cores and
-    /// locked memory are not requested. A blocking call within an OS-thread process stops all, so
-    /// it goes through [`blocking`](crate::blocking), and one that waits for a channel panics as on
-    /// an executor. `docs/time.md` describes the rest.
-    ///
-    /// Call it before the executors and threads are described: later descriptions may name cores
-    /// that this machine has not.
-    ///
-    /// ```
-    /// use luna::prelude::*;
-    /// use std::time::Duration;
-    ///
-    /// let mut system = System::new("simulated");
-    /// system.virtual_clock();
-    /// let main = system.executor("main").build()?;
-    /// main.process("patient").spawn(async {
-    ///     luna::after(Duration::from_secs(24 * 3600)).await;
-    ///     Ok(())
-    /// })?;
-    /// assert_eq!(system.run()?.elapsed, Duration::from_secs(24 * 3600));
-    /// # Ok::<(), luna::Error>(())
-    /// ```
-    pub fn virtual_clock(&mut self) -> &mut Self {
-        self.plan.settings().clock = ClockPlan::Virtual;
-        self
-    }
-
-    /// Runs the system on a clock that moves only as a simulator commands, in lock-step with it;
-    /// the rest is as with a [virtual clock](Self::virtual_clock). The simulator keeps the driver.
-    /// If that is dropped, the processes that still live are cancelled, and the system ends as
-    /// [`End::Undriven`](crate::End::Undriven). A second call makes a new clock; the driver of the
-    /// first is notified that its system has ended.
-    ///
-    /// ```
-    /// use luna::prelude::*;
-    /// use luna::End;
-    /// use std::sync::Arc;
-    /// use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-    /// use std::time::Duration;
-    ///
-    /// let period = Duration::from_millis(1);
-    /// let mut system = System::new("plant and controller");
-    /// let mut driver = system.driven_clock();
-    /// let cycles = Arc::new(AtomicU64::new(0));
-    /// let counted = cycles.clone();
-    /// let main = system.executor("main").build()?;
-    /// main.process("controller").spawn(async move {
-    ///     let mut tick = luna::periodic("control", period)?;
-    ///     loop {
-    ///         tick.next().await;
-    ///         counted.fetch_add(1, Relaxed);
-    ///     }
-    /// })?;
-    /// let simulator = std::thread::spawn(move || {
-    ///     for step in 1..=1000 {
-    ///         driver.advance_by(period)?;
-    ///         assert_eq!(cycles.load(Relaxed), step);
-    ///     }
-    ///     Ok::<(), luna::system::DriveError>(())
-    /// });
-    /// let report = system.run()?;
-    /// simulator.join().unwrap().unwrap();
-    /// assert_eq!((report.end, report.elapsed), (End::Undriven, Duration::from_secs(1)));
-    /// # Ok::<(), luna::Error>(())
-    /// ```
-    pub fn driven_clock(&mut self) -> ClockDriver {
-        let (driver, clock) = ClockDriver::new();
-        let former = std::mem::replace(&mut self.plan.settings().clock, ClockPlan::Driven(clock));
-        drop(former);
-        if self.plan.has_begun() {
-            // The clock will never be used: its driver is notified.
-            self.plan.settings().clock = ClockPlan::Real;
-        }
-        driver
-    }
-
-    /// Records the run's nondeterministic inputs into a file: see [`replay`](crate::replay). The
-    /// file is made when the system starts.
-    ///
-    /// Each process has room for 64 KiB of events that are yet to be written
-    /// ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
-    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): no process waits
-    /// for the file. Recorded processes take the slow path for each communication, some tens of
-    /// nanoseconds longer than the fast path of one executor. The run's error is
-    /// [`Error::Record`](crate::Error::Record) if the file cannot be written.
-    pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
-        self.record_room(path, ROOM)
-    }
-
-    /// As [`record`](Self::record), with room for `bytes` bytes of each process; at least 256.
-    pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
-        self.plan.settings().replay_logs.mode = Mode::Record(path.into(), bytes);
-        self
-    }
-
-    /// Stores a text in the recording: what the program needs to describe the same system again.
-    /// [`Recording::note`] gives it.
-    pub fn record_note(&mut self, note: impl Into<String>) -> &mut Self {
-        self.plan.settings().replay_logs.note = note.into();
-        self
-    }
-
-    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same
-    /// processes, described in the same way, do the same again, and what they give outside is
-    /// compared. The run's error is [`Error::Record`](crate::Error::Record) with the first
-    /// difference, if there is one.
-    ///
-    /// Time moves from event to event, so durations have no meaning: delays, loops and timeouts end
-    /// when they ended in the recording. What was under way when the recorded system was ended goes
-    /// on as far as it had come, and is ended then.
-    pub fn replay(&mut self, recording: &Recording) -> &mut Self {
-        self.virtual_clock();
-        self.plan.settings().replay_logs.replay(recording);
-        self
-    }
-
-    /// Sets the highest number of polls at one instant of a virtual clock, at least one; 1 000 000
-    /// 000 if not stated. Time does not move while any process can run, so a process that yields
-    /// for ever would stop it for good. After that many polls the system ends with
-    /// [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
-    ///
-    /// ```
-    /// use luna::prelude::*;
-    /// use luna::Error;
-    ///
-    /// let mut system = System::new("restless");
-    /// system.virtual_clock().most_turns_at_an_instant(1000);
-    /// let main = system.executor("main").build()?;
-    /// main.process("spinner").spawn(async {
-    ///     let start = luna::now();
-    ///     while luna::now() == start {
-    ///         luna::yield_now().await;
-    ///     }
-    ///     Ok(())
-    /// })?;
-    /// assert!(matches!(system.run(), Err(Error::Livelock { turns: 1000, .. })));
-    /// # Ok::<(), luna::Error>(())
-    /// ```
-    pub fn most_turns_at_an_instant(&mut self, turns: u64) -> &mut Self {
-        self.plan.settings().most_turns = Some(turns.max(1));
-        self
-    }
-
     /// An executor to be: one OS thread that runs many processes by priority.
-    pub fn executor(&mut self, name: &str) -> ExecutorBuilder {
-        ExecutorBuilder::new(self.plan.clone(), name)
+    pub fn executor(&mut self, name: impl AsRef<str>) -> ExecutorBuilder {
+        ExecutorBuilder::new(self.plan.clone(), name.as_ref())
     }
 
     /// An OS thread to be, for one process alone, which may make blocking calls.
-    pub fn thread(&mut self, name: &str) -> Thread {
-        Thread::new(self.plan.clone(), name)
+    pub fn thread(&mut self, name: impl AsRef<str>) -> Thread {
+        Thread::new(self.plan.clone(), name.as_ref())
     }
 
     /// Lets `body` stand in for the process called `process`, with the channel ends of that
@@ -612,8 +461,8 @@ impl System {
     /// process: then it is printed on standard error while the system runs. The errors of the other
     /// processes that have failed are printed at the end. Else a panic in a
     /// [`post_run`](crate::Process::post_run), also behind a signal.
-    /// [`Error::Deadlock`](crate::Error::Deadlock) if the system is [`strict`](Self::strict) and
-    /// every process waits for another.
+    /// [`Error::Deadlock`](crate::Error::Deadlock) if every process waits for another, and the
+    /// system is [`strict`](Self::strict) or its clock is virtual.
     pub fn run(&self) -> Result<Report> {
         supervise::run(&self.plan).inspect_err(|_| self.plan.note_refusal())
     }
@@ -631,10 +480,4 @@ impl Drop for System {
     }
 }
 
-impl fmt::Debug for System {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("System")
-            .field("name", &self.plan.name())
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(System as system: name = system.plan.name());

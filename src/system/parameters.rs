@@ -12,7 +12,7 @@ const LOOK: Duration = Duration::from_millis(250);
 impl System {
     /// The [parameters](crate::parameters) of the system, to look at and to replace while it runs.
     pub fn parameters(&self) -> Parameters {
-        Parameters::new(self.plan.parameters().clone())
+        Parameters::new(self.plan.parameters.clone())
     }
 
     /// Reads the values of [parameters](crate::parameters) from a TOML file when the system starts.
@@ -34,14 +34,14 @@ impl System {
     /// assert!(error.to_string().starts_with("no parameter was set: /nowhere/machine.toml: "));
     /// ```
     pub fn parameters_from(&mut self, file: impl Into<PathBuf>) -> &mut Self {
-        self.plan.parameters().read_from(file.into());
+        self.plan.parameters.read_from(file.into());
         self
     }
 
     /// Sets the value of a parameter at the start, over file and environment; also when the file is
     /// [read again](Parameters::reload). A name or value that is wrong fails the start.
     pub fn set_parameter(&mut self, name: &str, value: impl Into<Value>) -> &mut Self {
-        self.plan.parameters().give_value(name, value.into());
+        self.plan.parameters.give_value(name, value.into());
         self
     }
 
@@ -51,7 +51,7 @@ impl System {
     ///
     /// [`SetError::Syntax`](crate::parameters::SetError::Syntax).
     pub fn set_parameter_text(&mut self, assignment: &str) -> Result<&mut Self> {
-        let taken = self.plan.parameters().take_assignment(assignment);
+        let taken = self.plan.parameters.take_assignment(assignment);
         taken.inspect_err(|_| self.plan.note_refusal())?;
         Ok(self)
     }
@@ -77,7 +77,7 @@ impl System {
         &mut self,
         arguments: impl IntoIterator<Item = String>,
     ) -> Result<Vec<String>> {
-        let others = self.plan.parameters().take_arguments(arguments);
+        let others = self.plan.parameters.take_arguments(arguments);
         Ok(others.inspect_err(|_| self.plan.note_refusal())?)
     }
 

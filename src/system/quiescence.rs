@@ -7,11 +7,10 @@
 
 use super::deadlock::{Deadlock, Sleeping, find};
 use super::plan::{Plan, Running};
-use crate::csp::network;
+use luna_channels::inspect::wait_points;
 use luna_core::current::ProcessId;
 use luna_executors::{ProcessState, Quiescent};
 use luna_platform::clock::Instant;
-use luna_platform::thread::Mode;
 use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
@@ -81,7 +80,7 @@ impl Lookout {
     /// The deadlock at the system's end: none if it has gone on since. One that has ended the
     /// system counts, even if processes ran on the way to safety.
     pub(super) fn into_found(self, plan: &Plan, running: &Running) -> Option<Deadlock> {
-        let has_ended_it = running.mode == Mode::Strict;
+        let has_ended_it = running.ends_at_deadlock();
         let found = self
             .found
             .filter(|found| has_ended_it || found.stands(plan));
@@ -113,9 +112,9 @@ fn judge(plan: &Plan, running: &Running, quiescent: &Quiescent) -> Option<Found>
     let processes = sleeping(plan);
     let is_forgotten = |id| plan.members().started.has_forgotten(id);
     let found = processes.and_then(|processes| {
-        let meetings = network::meetings();
+        let points = wait_points();
         let find = |refers: &dyn Fn(ProcessId, usize) -> bool| {
-            find(plan.name(), &processes, &meetings, is_forgotten, refers)
+            find(plan.name(), &processes, &points, is_forgotten, refers)
         };
         // Bodies are read only if there is something to explain.
         find(&|_, _| false)?;

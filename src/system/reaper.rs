@@ -3,7 +3,7 @@
 use super::pending_errors::PendingErrors;
 use super::plan::{Plan, Running};
 use super::register::Reaped;
-use crate::csp::process::{Common, clean_up};
+use crate::csp::process::clean_up;
 use luna_core::{current, deferred_free};
 use luna_platform::clock::Instant;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -23,19 +23,14 @@ impl Reaper<'_> {
     /// soon. O(their number).
     pub(super) fn reap(&self) -> bool {
         let mut have_ended = false;
-        let Common {
-            registry,
-            emergency,
-            clock,
-            ..
-        } = &*self.running.common;
-        let hurried = registry.hurried();
-        let clock = clock.enter();
+        let common = &self.running.common;
+        let hurried = common.registry.hurried();
+        let clock = common.clock.enter();
         loop {
             // One at a time and without the lock, since `post_run` may take long, and spawn.
             let next = {
                 let mut members = self.plan.members();
-                members.started.note_ends(registry, emergency);
+                members.started.note_ends(common);
                 have_ended |= members.started.take_news();
                 members.started.next_reaped()
             };

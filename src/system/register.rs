@@ -10,55 +10,18 @@ mod by_id;
 
 use self::by_id::ById;
 use super::plan::Member;
-use crate::csp::process::{Ended, Phases, Verdict};
+use crate::csp::process::{Common, Phases};
+use crate::csp::supervised::{Ended, Verdict};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
 use luna_core::current::ProcessId;
-use luna_executors::{Exit, Name, ProcessHandle, ProcessRegistry};
+use luna_executors::{Exit, Name, ProcessHandle};
+use rustc_hash::FxHashSet;
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
-use std::hash::{BuildHasherDefault, Hasher};
 
 /// Default number of ended processes that are remembered.
 pub(super) const REMEMBERED: usize = 1024;
-
-/// The hasher for numbers that are given out one after the other, and for names, which are the
-/// program's own. It does not withstand keys that are chosen to collide.
-#[derive(Default)]
-pub(super) struct Spread(u64);
-
-impl Spread {
-    fn add(&mut self, number: u64) {
-        // Fibonacci hashing; a table looks at the highest and the lowest bits.
-        self.0 = (self.0 ^ number)
-            .wrapping_mul(0x9E37_79B9_7F4A_7C15)
-            .rotate_left(32);
-    }
-}
-
-impl Hasher for Spread {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        let mut words = bytes.chunks_exact(8);
-        for word in &mut words {
-            let word: [u8; 8] = word.try_into().unwrap_or_default();
-            self.add(u64::from_le_bytes(word));
-        }
-        let rest = words.remainder().iter().rev();
-        self.add(rest.fold(0, |word, &byte| word << 8 | u64::from(byte)));
-    }
-
-    fn write_u8(&mut self, number: u8) {
-        self.add(number.into());
-    }
-
-    fn write_u32(&mut self, number: u32) {
-        self.add(number.into());
-    }
-}
 
 /// Work that is left for a process that has ended, to be done outside of the plan's lock.
 pub(super) struct Reaped {
@@ -75,9 +38,10 @@ pub(super) struct Reaped {
 /// The error, with its process' place in the order of starts.
 type Found = Option<(u64, Error)>;
 
+#[derive(Default)]
 pub(crate) struct Register {
     members: ById<Member>,
-    names: HashSet<Name, BuildHasherDefault<Spread>>,
+    names: FxHashSet<Name>,
     /// Number of processes ever started: the next one's place in the order.
     started: u64,
     /// The processes with budgets, in the order of their start.
@@ -98,29 +62,6 @@ pub(crate) struct Register {
     /// Number of looks at members, one by one or all together.
     #[cfg(test)]
     looks: std::cell::Cell<usize>,
-}
-
-impl Default for Register {
-    fn default() -> Self {
-        Self {
-            members: ById::new(),
-            names: HashSet::default(),
-            started: 0,
-            monitored: BTreeSet::new(),
-            premature: HashSet::new(),
-            reaped: VecDeque::new(),
-            has_news: false,
-            ended: VecDeque::new(),
-            most_ended: REMEMBERED,
-            earlier: EarlierProcesses::default(),
-            forgotten: Numbers::default(),
-            first_error: None,
-            first_panic: None,
-            first_cleanup: None,
-            #[cfg(test)]
-            looks: std::cell::Cell::default(),
-        }
-    }
 }
 
 impl Register {
@@ -156,8 +97,11 @@ impl Register {
     }
 
     /// Looks at the processes that have ended. O(their number).
-    pub(super) fn note_ends(&mut self, registry: &ProcessRegistry, emergency: &Emergency) {
-        registry.take_ended(|id| self.note_end(id, emergency));
+    pub(super) fn note_ends(&mut self, common: &Common) {
+        let emergency = &common.emergency;
+        common
+            .registry
+            .take_ended(|id| self.note_end(id, emergency));
     }
 
     /// Looks at all processes that live: some may have ended and not been reported yet. O(their
@@ -176,8 +120,11 @@ impl Register {
     }
 
     /// As [`note_ends`](Self::note_ends), for the last time.
-    pub(super) fn note_last_ends(&mut self, registry: &ProcessRegistry, emergency: &Emergency) {
-        registry.close_ended(|id| self.note_end(id, emergency));
+    pub(super) fn note_last_ends(&mut self, common: &Common) {
+        let emergency = &common.emergency;
+        common
+            .registry
+            .close_ended(|id| self.note_end(id, emergency));
     }
 
     /// Whether any end was noted since the last call.
@@ -342,7 +289,7 @@ impl Register {
     pub(super) fn overrun(&self) -> Option<Error> {
         self.monitored().find_map(|(_, member)| {
             let offence = member.ledger()?.emergency()?;
-            Some(Error::from(offence).in_process(member.name()))
+            Some(offence.in_process(member.name()))
         })
     }
 
@@ -410,7 +357,7 @@ fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
     let offence = member.ledger().and_then(|ledger| ledger.offence());
     let error = match (exit, said) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
-        (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
+        (Exit::Cancelled, _) => offence.unwrap_or(Error::Cancelled),
         (_, Some(Ended::Returned(error))) => error,
         (_, Some(Ended::Failed(failure))) => failure.into(),
         _ => return None,

@@ -78,7 +78,7 @@ impl System {
         limit: Duration,
         function: impl FnMut() + Send + 'static,
     ) -> &mut Self {
-        let emergency = self.plan.emergency();
+        let emergency = &self.plan.emergency;
         // After the run it would never be called.
         if let Err(error) = emergency.add_function(name, limit, Box::new(function))
             && !self.plan.has_begun()
@@ -117,7 +117,7 @@ impl System {
         name: &str,
         function: impl FnMut() + Send + 'static,
     ) -> &mut Self {
-        let functions = &self.plan.emergency().at_safe_state;
+        let functions = &self.plan.emergency.at_safe_state;
         if let Err(error) = functions.add(name, LIMIT, Box::new(function))
             && !self.plan.has_begun()
         {
@@ -128,13 +128,13 @@ impl System {
 
     /// What raises an emergency of this system from any thread, from now on: for drivers.
     pub fn emergency_trigger(&self) -> EmergencyTrigger {
-        EmergencyTrigger::new(self.plan.emergency().clone())
+        EmergencyTrigger::new(self.plan.emergency.clone())
     }
 
     /// The system's safety state, from now on and also after its end. In a process
     /// [`safety::current`](crate::safety::current) returns it.
     pub fn safety(&self) -> Safety {
-        Safety::new(self.plan.emergency().clone())
+        Safety::new(self.plan.emergency.clone())
     }
 
     /// Makes it an emergency when the program that started this one ends, in any way: a supervisor

@@ -1,7 +1,7 @@
 //! Stand-ins: other bodies for processes that are declared with their channel ends, chosen by name.
 
 use crate::csp::process::{IntoProcess, Prepared, Start};
-use crate::error::{Result, SetupError};
+use crate::error::SetupError;
 use std::any::{Any, TypeId, type_name};
 use std::collections::BTreeMap;
 
@@ -29,19 +29,17 @@ impl StandIns {
         &mut self,
         process: &str,
         body: impl FnOnce(E) -> P + Send + 'static,
-    ) -> Result<()> {
+    ) -> Result<(), SetupError> {
         if self.is_closed || self.declared.contains_key(process) {
             return Err(SetupError::StandInTooLate {
                 process: process.to_owned(),
-            }
-            .into());
+            });
         }
         if self.waiting.contains_key(process) {
             return Err(SetupError::DuplicateName {
                 kind: "stand-in",
                 name: process.to_owned(),
-            }
-            .into());
+            });
         }
         let stand_in = StandIn {
             ends: TypeId::of::<E>(),
@@ -58,15 +56,17 @@ impl StandIns {
     }
 
     /// Declares a process with ends of type `E`; returns its stand-in, if it has one.
-    pub(super) fn declare<E: 'static>(&mut self, process: &str) -> Result<Option<StandIn>> {
+    pub(super) fn declare<E: 'static>(
+        &mut self,
+        process: &str,
+    ) -> Result<Option<StandIn>, SetupError> {
         let stand_in = match self.waiting.get(process) {
             Some(stand_in) if stand_in.ends != TypeId::of::<E>() => {
                 return Err(SetupError::StandInDoesNotFit {
                     process: process.to_owned(),
                     has: type_name::<E>(),
                     takes: stand_in.type_name,
-                }
-                .into());
+                });
             }
             _ => self.waiting.remove(process),
         };
@@ -78,18 +78,17 @@ impl StandIns {
     }
 
     /// A process that is spawned without its ends cannot be replaced.
-    pub(super) fn check_plain(&self, process: &str) -> Result<()> {
+    pub(super) fn check_plain(&self, process: &str) -> Result<(), SetupError> {
         if self.waiting.contains_key(process) {
             return Err(SetupError::NotReplaceable {
                 process: process.to_owned(),
-            }
-            .into());
+            });
         }
         Ok(())
     }
 
     /// When the system starts: none may be left.
-    pub(super) fn close(&mut self) -> Result<()> {
+    pub(super) fn close(&mut self) -> Result<(), SetupError> {
         match self.waiting.keys().next() {
             None => {
                 self.is_closed = true;
@@ -98,8 +97,7 @@ impl StandIns {
             Some(process) => Err(SetupError::NobodyToReplace {
                 process: process.clone(),
                 known: self.declared.keys().cloned().collect(),
-            }
-            .into()),
+            }),
         }
     }
 

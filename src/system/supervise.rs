@@ -7,10 +7,9 @@ use super::pending_errors::PendingErrors;
 use super::plan::{Phase, Plan, Running};
 use super::quiescence::Lookout;
 use super::reaper::{Reaper, wait_until};
-use super::shortfalls::announce_shortfalls;
 use super::stolen::{Stolen, Window};
 use super::system_threads::SystemThreads;
-use super::warnings::Warnings;
+use super::warnings::{Warnings, announce_shortfalls};
 use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
@@ -21,7 +20,7 @@ use crate::time::ManagerThread;
 use luna_core::current;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::signals::HeldBack;
-use luna_platform::thread::{HandlerStack, Mode};
+use luna_platform::thread::HandlerStack;
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -91,7 +90,7 @@ fn release(plan: &Plan, launched: &mut Launched, system_threads: &SystemThreads<
     }
     // If an emergency has run its functions before the start, the processes are not released.
     if !emergency.has_begun() {
-        launched.emergency.arm();
+        launched.safety.emergency.arm();
         for (_, executor) in &system_threads.executors {
             executor.release();
         }
@@ -119,9 +118,7 @@ fn end(
     let Launched {
         clock: clock_kind,
         running,
-        emergency: guard,
-        parent,
-        guardian,
+        safety: safety_threads,
         timers,
         shortfalls,
         recording,
@@ -130,7 +127,6 @@ fn end(
     let Common {
         scope,
         emergency,
-        registry,
         clock,
         ..
     } = &*running.common;
@@ -158,16 +154,19 @@ fn end(
     let threads = system_threads.end(|deadline, done| wait_until(&reaper, deadline, done));
     reaper.reap();
     // A detached thread may have ended since.
-    plan.members().started.note_last_ends(registry, emergency);
+    plan.members().started.note_last_ends(&running.common);
     reaper.reap();
-    drop(parent);
-    let signal = guard.stop().or_else(|| match emergency.cause() {
-        // A crash, by a signal that was then handled in another way.
-        Some((_, Cause::Signal(number))) => Some(number),
-        _ => None,
-    });
+    drop(safety_threads.parent);
+    let signal = safety_threads
+        .emergency
+        .stop()
+        .or_else(|| match emergency.cause() {
+            // A crash, by a signal that was then handled in another way.
+            Some((_, Cause::Signal(number))) => Some(number),
+            _ => None,
+        });
     #[cfg(unix)]
-    plan.devices().let_go();
+    plan.devices.let_go();
     // Only now: a process that was cancelled where time stood still may have raised one, or
     // panicked, on the way out.
     let was_emergency = emergency.is_safe();
@@ -178,14 +177,14 @@ fn end(
         }
     });
     let safety = emergency.conclude();
-    if let Some(guardian) = guardian {
+    if let Some(guardian) = safety_threads.guardian {
         guardian.end(safety.failed().next().is_none());
     }
     for function in safety.failed() {
         // Only now: standard error may be a pipe without a reader.
         notice!("luna: emergency function {function}; the others ran");
     }
-    plan.parameters().end();
+    plan.parameters.end();
     // Only detached threads of the system can still record.
     #[cfg_attr(
         not(feature = "logger"),
@@ -193,22 +192,26 @@ fn end(
     )]
     let logging = recording.finish();
     Ended {
-        clock: clock_kind,
-        elapsed,
-        really_elapsed,
+        report: Report {
+            system: plan.name().to_owned(),
+            clock: clock_kind,
+            elapsed,
+            really_elapsed,
+            threads,
+            shortfalls,
+            deadlock,
+            timers,
+            safety,
+            #[cfg(feature = "logger")]
+            logging,
+            ..Report::default()
+        },
         standstill,
         failed_before,
-        deadlock,
-        threads,
-        timers,
         callback_panic: callback_panic.flatten(),
         signal,
         was_emergency,
         stolen,
-        safety,
-        shortfalls,
-        #[cfg(feature = "logger")]
-        logging,
         running,
     }
 }
@@ -244,7 +247,7 @@ fn watch(
     let every = launched
         .look_at_parameters
         .filter(|_| !launched.clock.is_virtual());
-    let mut file = every.and_then(|every| FileWatch::new(plan.parameters(), every));
+    let mut file = every.and_then(|every| FileWatch::new(&plan.parameters, every));
     loop {
         let seen = registry.changes();
         if emergency.has_begun() && !emergency.is_safe() {
@@ -291,7 +294,7 @@ fn watch(
             let (found, until) = lookout.look(plan, running);
             look_again = until;
             if let Some(deadlock) = found {
-                if running.mode == Mode::Strict {
+                if running.ends_at_deadlock() {
                     // The machine may stand in the middle of a movement.
                     emergency.trigger(Cause::Deadlock);
                     pending.add(&Error::Deadlock(Box::new(deadlock.clone())));
@@ -303,7 +306,7 @@ fn watch(
         let mut until = look_again.min(warn_again).min(next_sample);
         until = until.min(pending.report_due());
         if let Some(file) = &mut file {
-            if let Err(error) = file.look(plan.parameters()) {
+            if let Err(error) = file.look(&plan.parameters) {
                 notice!("luna: {error}");
             }
             until = until.min(file.next());

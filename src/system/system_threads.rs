@@ -99,7 +99,7 @@ impl Drop for SystemThreads<'_> {
             return;
         }
         // Nothing if it has ended already.
-        self.plan.emergency().trigger(Cause::Panic);
+        self.plan.emergency.trigger(Cause::Panic);
         {
             let mut members = self.plan.members();
             members.phase = Phase::Ended;

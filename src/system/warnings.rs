@@ -1,10 +1,13 @@
-//! Reports overruns, on the thread that runs the system: the path only raises a flag, and rings if
-//! the flag was not raised before.
+//! What a system reports on standard error while it runs: once what it runs without, and overruns.
+//! The path of an overrun only raises a flag, and rings if the flag was not raised before.
 
-use super::plan::Members;
+use super::plan::{Members, Plan};
+use crate::notice::notice;
 use luna_core::current::ProcessId;
+use luna_executors::Executor;
 use luna_platform::clock::Instant;
-use std::collections::HashMap;
+use luna_platform::shortfall::{LatencyRefusal, MemoryRefusal, PolicyRefusal, Shortfall};
+use std::collections::{HashMap, VecDeque};
 use std::time::Duration;
 
 /// The time between two lines about one process.
@@ -58,4 +61,129 @@ fn take_lines(name: &str, ledger: &crate::safety::Ledger) -> Vec<String> {
         .filter(|report| report.overruns > 0)
         .map(|report| format!("luna: process `{name}`: {report}"))
         .collect()
+}
+
+/// Reports once what the system runs without.
+pub(super) fn announce_shortfalls(
+    plan: &Plan,
+    of_system: &[Shortfall],
+    executors: &VecDeque<(String, Executor)>,
+) {
+    let members = plan.members();
+    let of_executors = executors
+        .iter()
+        .map(|(name, executor)| (name.as_str(), executor.obtained()));
+    let of_threads = members
+        .threads
+        .iter()
+        .map(|(name, thread)| (name.as_str(), thread.obtained()));
+    let of_all = of_executors.chain(of_threads).flat_map(|(name, obtained)| {
+        obtained
+            .into_iter()
+            .flat_map(|got| &got.shortfalls)
+            .map(move |one| (name, one))
+    });
+    let all: Vec<_> = of_system
+        .iter()
+        .map(|one| ("system", one))
+        .chain(of_all)
+        .collect();
+    for line in lines_about(&all) {
+        notice!("luna: {line}");
+    }
+}
+
+/// One line for the privileges that are missing, and one for each other reason.
+fn lines_about(all: &[(&str, &Shortfall)]) -> Vec<String> {
+    let mut missing: Vec<&str> = Vec::new();
+    let mut others: Vec<(Vec<&str>, &Shortfall)> = Vec::new();
+    for &(name, one) in all {
+        if let Some(what) = without_privilege(one) {
+            if !missing.contains(&what) {
+                missing.push(what);
+            }
+        } else if let Some((names, _)) = others.iter_mut().find(|(_, other)| *other == one) {
+            names.push(name);
+        } else {
+            others.push((vec![name], one));
+        }
+    }
+    // The thread, the value and the reason of each are in the report.
+    let missing = (!missing.is_empty()).then(|| {
+        format!(
+            "best effort, without {}: run as root or `sudo setcap cap_sys_nice,cap_ipc_lock+ep \
+             PROGRAM`; see docs/realtime.md#permissions",
+            missing.join(", ")
+        )
+    });
+    let others = others
+        .into_iter()
+        .map(|(names, one)| format!("best effort, {}: {one}", names.join(", ")));
+    missing.into_iter().chain(others).collect()
+}
+
+/// What a privilege of the process would give; `None` if it is not a privilege that is missing.
+fn without_privilege(shortfall: &Shortfall) -> Option<&'static str> {
+    match shortfall {
+        Shortfall::Policy { why, .. } | Shortfall::Inheritance { why, .. } => {
+            matches!(why, PolicyRefusal::NotPermitted { .. }).then_some("real-time policies")
+        }
+        Shortfall::MemoryLock(MemoryRefusal::Limited { .. }) => Some("locked memory"),
+        Shortfall::DmaLatency(LatencyRefusal::NotPermitted) => Some("short wake-ups"),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use luna_platform::shortfall::{CoreRefusal, SpinRefusal};
+    use luna_platform::thread::Policy;
+
+    fn policy(asked: Policy) -> Shortfall {
+        let why = PolicyRefusal::NotPermitted { limit: Some(0) };
+        Shortfall::Policy { asked, why }
+    }
+
+    #[test]
+    fn missing_privileges_are_one_line_of_at_most_200_characters() {
+        let [fifo, deadline] = [policy(Policy::fifo(80)), policy(Policy::Other)];
+        let memory = Shortfall::MemoryLock(MemoryRefusal::Limited { limit: Some(1) });
+        let latency = Shortfall::DmaLatency(LatencyRefusal::NotPermitted);
+        let all = [
+            ("system", &memory),
+            ("system", &latency),
+            ("control", &fifo),
+            ("an executor with a name of many words", &deadline),
+        ];
+        let lines = lines_about(&all);
+        assert_eq!(lines.len(), 1, "{lines:?}");
+        assert!("luna: ".len() + lines[0].len() <= 200, "{lines:?}");
+        for part in [
+            "without locked memory, short wake-ups, real-time policies:",
+            "`sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`",
+            "docs/realtime.md#permissions",
+        ] {
+            assert!(lines[0].contains(part), "{part} in {lines:?}");
+        }
+    }
+
+    #[test]
+    fn what_no_privilege_gives_has_a_line_with_its_reason_and_remedy() {
+        let core = Shortfall::Core {
+            asked: 9,
+            why: CoreRefusal::Offline,
+        };
+        let spin = Shortfall::Spin {
+            asked: Duration::from_micros(50),
+            why: SpinRefusal::NotPinned,
+        };
+        let lines = lines_about(&[("one", &core), ("two", &spin), ("three", &core)]);
+        let expected = [
+            format!("best effort, one, three: {core}"),
+            format!("best effort, two: {spin}"),
+        ];
+        assert_eq!(lines, expected);
+        assert_eq!(lines_about(&[]), [""; 0]);
+    }
 }

@@ -44,9 +44,8 @@ pub struct Distribution {
     squares: f64,
 }
 
-impl Distribution {
-    /// Allocates the histogram.
-    pub(crate) fn new() -> Self {
+impl Default for Distribution {
+    fn default() -> Self {
         let histogram = Histogram::new_with_bounds(1, LONGEST, 2)
             .expect("the bounds are constants that the crate accepts");
         Self {
@@ -58,7 +57,9 @@ impl Distribution {
             squares: 0.0,
         }
     }
+}
 
+impl Distribution {
     /// What the histogram takes on the heap.
     #[cfg(test)]
     pub(crate) fn histogram_bytes(&self) -> usize {
@@ -131,7 +132,7 @@ mod tests {
 
     #[test]
     fn moments_are_exact_and_percentiles_close() {
-        let mut times = Distribution::new();
+        let mut times = Distribution::default();
         for nanos in 1..=10_000 {
             times.record(nanos);
         }
@@ -152,7 +153,7 @@ mod tests {
 
     #[test]
     fn extremes_beyond_the_histogram_are_kept() {
-        let mut times = Distribution::new();
+        let mut times = Distribution::default();
         assert_eq!(
             (times.min(), times.percentile(99.0)),
             (Duration::ZERO, Duration::ZERO)

@@ -26,12 +26,12 @@
 //! ```
 
 pub(crate) mod accounting;
-mod clock;
 pub(crate) mod distribution;
 mod grid;
 mod late;
 pub(crate) mod late_cycle;
 pub(crate) mod manager;
+mod period;
 mod periodic;
 mod registry;
 mod spin;
@@ -39,8 +39,9 @@ pub(crate) mod statistics;
 mod ticks;
 mod timer;
 
+use luna_core::current;
+
 pub(crate) use accounting::{Accounting, UsageSince, short};
-pub use clock::now;
 pub(crate) use late::Witness;
 pub(crate) use late_cycle::StolenTime;
 pub use luna_channels::{After, after, at};
@@ -51,3 +52,18 @@ pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};
 pub use ticks::{NextTick, Tick, Ticks, ticks};
 pub use timer::{Expiry, Timer};
+
+/// The time on the clock of the system. Real-time path: yes; O(1), no system call (24 ns on the
+/// reference machine).
+///
+/// ```
+/// let start = luna::now();
+/// assert!(luna::now() >= start);
+/// ```
+#[inline]
+pub fn now() -> Instant {
+    if current::has_replay_log() {
+        return luna_core::replay_log::now();
+    }
+    Instant::now()
+}

@@ -2,17 +2,16 @@
 
 mod cycle;
 mod options;
-mod slots;
 
 use super::grid::{Grid, Trim};
 use super::manager::TimerSlot;
+use super::period::period_nanos;
 use super::registry::{LoopName, Scope};
 use super::statistics::Statistics;
 use crate::error::{Result, SetupError};
 use crate::parameters::Reader;
 use luna_core::events;
-use luna_platform::clock::{Instant, nanos};
-use std::fmt;
+use luna_platform::clock::Instant;
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
 use std::time::Duration;
@@ -134,20 +133,17 @@ enum Prepared {
 /// })?;
 /// # Ok::<(), luna::Error>(())
 /// ```
-pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
-    let named = || name.to_owned();
-    let scope = Scope::current().ok_or_else(|| SetupError::NoProcess { name: named() })?;
-    let length = nanos(period);
-    if length == 0 {
-        return Err(SetupError::ZeroPeriod { name: named() }.into());
-    }
-    if length > i64::MAX as u64 {
-        return Err(SetupError::PeriodTooLong {
-            name: named(),
-            period,
-        }
-        .into());
-    }
+#[doc(alias = "interval")]
+pub fn periodic(name: impl AsRef<str>, period: Duration) -> Result<Periodic> {
+    make(name.as_ref(), period)
+}
+
+/// See [`periodic`].
+fn make(name: &str, period: Duration) -> Result<Periodic> {
+    let scope = Scope::current().ok_or_else(|| SetupError::NoProcess {
+        name: name.to_owned(),
+    })?;
+    let length = period_nanos(name, period)?;
     let statistics = scope.enroll(name, period)?;
     let now = Instant::now();
     // With a manager all loops of a period are in phase.
@@ -227,12 +223,9 @@ impl Drop for Periodic {
     }
 }
 
-impl fmt::Debug for Periodic {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Periodic")
-            .field("name", &self.name())
-            .field("period", &self.period())
-            .field("number", &self.number)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(
+    Periodic as periodic:
+        name = periodic.name(),
+        period = periodic.period(),
+        number = periodic.number
+);

@@ -5,6 +5,7 @@ use super::manager::Manager;
 use super::statistics::{LoopReport, Statistics};
 use crate::error::SetupError;
 use crate::parameters::{Reader, Store};
+use arrayvec::ArrayString;
 use luna_core::current;
 use luna_core::events::{self, Kind};
 use luna_executors::ProcessRegistry;
@@ -12,53 +13,12 @@ use luna_platform::clock::{Clock, Instant};
 use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// A loop's name, in room of fixed size: taking one allocates nothing.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) struct LoopName {
-    bytes: [u8; LoopName::MAX],
-    length: u8,
-}
-
-impl LoopName {
-    /// The most bytes a name may have.
-    pub(crate) const MAX: usize = 63;
-
-    fn new(name: &str) -> Option<Self> {
-        let mut bytes = [0; Self::MAX];
-        bytes
-            .get_mut(..name.len())?
-            .copy_from_slice(name.as_bytes());
-        Some(Self {
-            bytes,
-            length: name.len() as u8,
-        })
-    }
-
-    pub(crate) fn as_str(&self) -> &str {
-        // It was made of a whole `str`, so it is valid UTF-8.
-        std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
-    }
-}
-
-impl Default for LoopName {
-    fn default() -> Self {
-        Self {
-            bytes: [0; Self::MAX],
-            length: 0,
-        }
-    }
-}
-
-impl fmt::Debug for LoopName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Debug::fmt(self.as_str(), f)
-    }
-}
+/// The name of a loop, in place: to take one allocates nothing.
+pub(crate) type LoopName = ArrayString<63>;
 
 /// State that the processes of one system share, found through their thread.
 pub(crate) struct Scope {
@@ -85,6 +45,7 @@ pub(crate) struct Scope {
     clippy::vec_box,
     reason = "a loop takes its statistics along: a pointer, not a kilobyte of them"
 )]
+#[derive(Default)]
 struct Loops {
     /// Unused room.
     free: Vec<Box<Statistics>>,
@@ -109,42 +70,41 @@ impl Scope {
         manager: Option<Arc<Manager>>,
         parameters: Arc<Store>,
     ) -> Arc<Self> {
+        let loops = Loops {
+            free: (0..most).map(|_| Box::default()).collect(),
+            ended: Vec::with_capacity(most),
+            names: Vec::with_capacity(most),
+        };
         Arc::new(Self {
-            loops: PiLock::new(Loops {
-                free: (0..most).map(|_| Statistics::new()).collect(),
-                ended: Vec::with_capacity(most),
-                names: Vec::with_capacity(most),
-            }),
+            loops: PiLock::new(loops),
             grows: false,
             most,
-            start: AtomicU64::new(clock.now().as_nanos()),
             has_begun: AtomicBool::new(false),
-            has_loops: AtomicBool::new(false),
             registry: Some(registry),
-            clock,
             manager,
             parameters: Some(parameters),
+            ..Self::unbounded(clock)
         })
     }
 
     /// Allocates room on demand.
     pub(crate) fn free_standing() -> Arc<Self> {
-        Arc::new(Self {
-            loops: PiLock::new(Loops {
-                free: Vec::new(),
-                ended: Vec::new(),
-                names: Vec::new(),
-            }),
+        Arc::new(Self::unbounded(Clock::REAL))
+    }
+
+    fn unbounded(clock: Clock) -> Self {
+        Self {
+            loops: PiLock::new(Loops::default()),
             grows: true,
             most: 0,
-            start: AtomicU64::new(Instant::now().as_nanos()),
+            start: AtomicU64::new(clock.now().as_nanos()),
             has_begun: AtomicBool::new(true),
             has_loops: AtomicBool::new(false),
             registry: None,
-            clock: Clock::REAL,
+            clock,
             manager: None,
             parameters: None,
-        })
+        }
     }
 
     /// The processes start now. To be called before the first of them runs.
@@ -185,12 +145,7 @@ impl Scope {
 
     /// Makes this the scope of the calling thread, for as long as the thread lives.
     pub(crate) fn enter_thread(self: &Arc<Self>) {
-        SCOPE.with(|scope| {
-            let mut scope = scope.borrow_mut();
-            if !scope.as_ref().is_some_and(|there| Arc::ptr_eq(there, self)) {
-                *scope = Some(self.clone());
-            }
-        });
+        SCOPE.set(Some(self.clone()));
     }
 
     /// Makes this the scope of the calling thread until the guard is dropped.
@@ -206,7 +161,7 @@ impl Scope {
 
     fn enter(self: Arc<Self>, is_preparing: bool) -> Entered {
         Entered {
-            before: SCOPE.with(|scope| scope.borrow_mut().replace(self)),
+            before: SCOPE.replace(Some(self)),
             was_preparing: IS_PREPARING.replace(is_preparing),
         }
     }
@@ -218,7 +173,7 @@ impl Scope {
 
     /// The scope of this thread.
     pub(crate) fn current() -> Option<Arc<Scope>> {
-        SCOPE.with(|scope| scope.borrow().clone())
+        SCOPE.with_borrow(Clone::clone)
     }
 
     /// Whether any loop was begun.
@@ -234,13 +189,11 @@ impl Scope {
         name: &str,
         period: Duration,
     ) -> Result<Box<Statistics>, SetupError> {
-        let Some(short) = LoopName::new(name) else {
-            return Err(SetupError::NameTooLong {
-                name: name.to_owned(),
-                most: LoopName::MAX,
-            });
-        };
-        let made = self.grows.then(Statistics::new);
+        let short = LoopName::from(name).map_err(|_| SetupError::NameTooLong {
+            name: name.to_owned(),
+            most: LoopName::new().capacity(),
+        })?;
+        let made = self.grows.then(Box::<Statistics>::default);
         let mut loops = self.loops.lock();
         if loops.names.contains(&short) {
             drop(loops);
@@ -263,7 +216,7 @@ impl Scope {
         if !Self::is_preparing() {
             events::name_in_ring(Kind::Loop, statistics.number, name);
         }
-        statistics.period = period;
+        statistics.report.period = period;
         if self.grows {
             // It is not reported.
             statistics.late.set_threshold(Duration::MAX);
@@ -291,7 +244,7 @@ impl Scope {
             .into_iter()
             .map(|loops| {
                 let name = loops.name.as_str().to_owned();
-                (name, LoopReport::new(*loops, witness))
+                (name, loops.into_report(witness))
             })
             .collect()
     }
@@ -305,8 +258,7 @@ pub(crate) struct Entered {
 
 impl Drop for Entered {
     fn drop(&mut self) {
-        let before = self.before.take();
-        SCOPE.with(|scope| *scope.borrow_mut() = before);
+        SCOPE.set(self.before.take());
         IS_PREPARING.set(self.was_preparing);
     }
 }

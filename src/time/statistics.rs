@@ -8,38 +8,25 @@ use std::time::Duration;
 
 /// A loop's statistics while it runs: owned by the loop alone, in memory that was set aside before
 /// the start.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Statistics {
     pub(crate) name: LoopName,
     /// Its number among the system's loops, from 1.
     pub(crate) number: u32,
-    pub(crate) period: Duration,
-    pub(crate) slots_elapsed: u64,
-    pub(crate) kept: u64,
-    pub(crate) missed: u64,
-    pub(crate) overruns: u64,
-    pub(crate) wake_latency: Distribution,
-    pub(crate) cycle_time: Distribution,
-    pub(crate) run_time: Distribution,
+    /// All but what is known of late cycles.
+    pub(crate) report: LoopReport,
     pub(crate) late: LateCycles,
 }
 
 impl Statistics {
-    /// Allocates the histograms.
-    pub(crate) fn new() -> Box<Self> {
-        Box::new(Self {
-            name: LoopName::default(),
-            number: 0,
-            period: Duration::ZERO,
-            slots_elapsed: 0,
-            kept: 0,
-            missed: 0,
-            overruns: 0,
-            wake_latency: Distribution::new(),
-            cycle_time: Distribution::new(),
-            run_time: Distribution::new(),
-            late: LateCycles::default(),
-        })
+    pub(crate) fn into_report(self, witness: &impl Witness) -> LoopReport {
+        let (late, late_after) = self.late.summary();
+        LoopReport {
+            late,
+            late_after,
+            late_cycles: self.late.reports(witness),
+            ..self.report
+        }
     }
 }
 
@@ -68,7 +55,7 @@ impl Statistics {
 /// assert_eq!(servo.cycles + servo.missed, servo.slots_elapsed);
 /// # Ok::<(), luna::Error>(())
 /// ```
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct LoopReport {
     /// The loop's period.
@@ -97,25 +84,6 @@ pub struct LoopReport {
     pub late_cycles: Vec<LateCycle>,
 }
 
-impl LoopReport {
-    pub(crate) fn new(statistics: Statistics, witness: &impl Witness) -> Self {
-        let (late, late_after) = statistics.late.summary();
-        LoopReport {
-            late_after,
-            late,
-            late_cycles: statistics.late.reports(witness),
-            period: statistics.period,
-            cycles: statistics.kept,
-            missed: statistics.missed,
-            slots_elapsed: statistics.slots_elapsed,
-            overruns: statistics.overruns,
-            wake_latency: statistics.wake_latency,
-            cycle_time: statistics.cycle_time,
-            run_time: statistics.run_time,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,7 +91,7 @@ mod tests {
     /// The figure in the documentation of `System::max_loops`.
     #[test]
     fn the_room_of_a_loop_takes_about_50_kib() {
-        let room = Statistics::new();
+        let room = Statistics::default().report;
         let histograms = [&room.wake_latency, &room.cycle_time, &room.run_time]
             .map(Distribution::histogram_bytes);
         let bytes = size_of::<Statistics>() + histograms.iter().sum::<usize>();

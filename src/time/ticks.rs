@@ -1,10 +1,11 @@
 //! Timer channels that tick.
 
 use super::Instant;
-use crate::error::{Result, SetupError};
+use super::period::period_nanos;
+use crate::error::Result;
 use luna_channels::{Due, Stamp, When};
 use luna_core::current;
-use luna_platform::clock::{Clock, nanos};
+use luna_platform::clock::Clock;
 use std::time::Duration;
 
 /// A timer channel: it ticks each `period`, the first time a period from now; where that is another
@@ -21,7 +22,8 @@ use std::time::Duration;
 ///
 /// # Errors
 ///
-/// [`SetupError::ZeroPeriod`] and [`SetupError::PeriodTooLong`], of more than 292 years.
+/// [`SetupError::ZeroPeriod`](crate::error::SetupError::ZeroPeriod) and
+/// [`SetupError::PeriodTooLong`](crate::error::SetupError::PeriodTooLong), of more than 292 years.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -41,22 +43,14 @@ use std::time::Duration;
 /// # Ok::<(), luna::Error>(())
 /// ```
 pub fn ticks(period: Duration) -> Result<Ticks> {
-    let name = || "ticks".to_owned();
-    match nanos(period) {
-        0 => Err(SetupError::ZeroPeriod { name: name() }.into()),
-        long if long > i64::MAX as u64 => Err(SetupError::PeriodTooLong {
-            name: name(),
-            period,
-        }
-        .into()),
-        period => Ok(Ticks {
-            period,
-            first: super::now().plus_nanos(period),
-            number: 0,
-            chosen: Stamp::new(),
-            clock: Some(clock_here()),
-        }),
-    }
+    let period = period_nanos("ticks", period)?;
+    Ok(Ticks {
+        period,
+        first: super::now().plus_nanos(period),
+        number: 0,
+        chosen: Stamp::new(),
+        clock: Some(clock_here()),
+    })
 }
 
 /// A timer channel that ticks: see [`ticks`].
@@ -141,6 +135,8 @@ impl Ticks {
     /// })?;
     /// # Ok::<(), luna::Error>(())
     /// ```
+    #[doc(alias = "next")]
+    #[track_caller]
     pub fn tick(&mut self) -> When<NextTick<'_>> {
         let here = clock_here();
         if self.clock.is_some_and(|clock| clock != here) {

@@ -93,6 +93,7 @@ impl Timer {
     /// })?;
     /// # Ok::<(), luna::Error>(())
     /// ```
+    #[track_caller]
     pub fn expired(&mut self) -> When<Expiry<'_>> {
         When::new(Expiry(self))
     }

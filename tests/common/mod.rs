@@ -83,7 +83,7 @@ pub(crate) fn setup_error<T: std::fmt::Debug>(
     }
 }
 
-const PART: &str = "LUNA_TEST_PART";
+pub(crate) const PART: &str = "LUNA_TEST_PART";
 
 /// The part that this program plays, if it is a child of a test. Call it in a test named `part`.
 pub(crate) fn part() -> Option<String> {

@@ -145,3 +145,14 @@ fn an_executor_after_the_start() {
         already_run("over")
     );
 }
+
+#[test]
+fn a_tick_under_another_runtime_says_where_it_was_made() {
+    let mut ticks = luna::ticks(std::time::Duration::from_secs(3600)).unwrap();
+    let (tick, line) = (ticks.tick(), line!());
+    let awaited = std::panic::AssertUnwindSafe(|| futures_lite::future::block_on(tick));
+    let payload = std::panic::catch_unwind(awaited).unwrap_err();
+    let message = payload.downcast_ref::<String>().unwrap();
+    let expected = format!("a tick, a timer or a watchdog, made at {}:{line}:", file!());
+    assert!(message.starts_with(&expected), "{message}");
+}

@@ -60,7 +60,7 @@ fn a_hundred_at_once() {
     for number in 0..100 {
         let calls = calls.clone();
         executor
-            .process(&format!("calling {number}"))
+            .process(format!("calling {number}"))
             .spawn_ok(async move {
                 for round in 0..3 {
                     let calls = calls.clone();
@@ -90,7 +90,7 @@ fn calls_that_wait_for_each_other() {
     for number in 0..TOGETHER {
         let (barrier, leaders) = (barrier.clone(), leaders.clone());
         executors[number % 2]
-            .process(&format!("calling {number}"))
+            .process(format!("calling {number}"))
             .spawn_ok(async move {
                 let is_leader = luna::blocking(move || barrier.wait().is_leader()).await;
                 leaders.fetch_add(usize::from(is_leader), Ordering::Relaxed);

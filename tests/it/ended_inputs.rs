@@ -72,7 +72,7 @@ fn a_merge_ends_when_all_inputs_have() {
             let mut inputs = Vec::new();
             for (index, (sender, receiver, pause)) in parts().into_iter().enumerate() {
                 inputs.push(receiver);
-                let process = executor.process(&format!("source {index}"));
+                let process = executor.process(format!("source {index}"));
                 process.spawn_ok(source(sender, pause));
             }
             let process = executor.process("merge");

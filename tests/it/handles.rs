@@ -172,7 +172,7 @@ fn many_join_and_wait() {
             );
             Ok(())
         };
-        joining.push(place.process(&format!("joining {number}")).spawn_ok(joins));
+        joining.push(place.process(format!("joining {number}")).spawn_ok(joins));
     }
     let own = right.clone();
     let last = async move {

@@ -69,6 +69,7 @@ mod spawn_at_start_and_end;
 mod spawn_while_running;
 mod stand_ins;
 mod standard_error;
+mod standard_input;
 mod strict;
 mod supervisor_panics;
 mod unwind;

@@ -5,6 +5,7 @@ use crate::common;
 use common::{SpawnOk, watchdog};
 use luna::parameters::{SetError, Value};
 use luna::prelude::*;
+use luna::system::ProcessBuilder;
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex};
@@ -22,18 +23,14 @@ struct Few {
 }
 
 impl Few {
-    fn declare() -> luna::Result<Self> {
+    fn declare(process: &ProcessBuilder) -> luna::Result<Self> {
         Ok(Self {
-            f: Parameter::with_default("f", 0.0)
-                .range(-5.0..=5.0)
-                .register()?,
-            g: Parameter::with_default("g", 0.0).register()?,
-            i: Parameter::with_default("i", 0).range(-5..=5).register()?,
-            u: Parameter::with_default("u", 0).register()?,
-            b: Parameter::with_default("b", false).register()?,
-            l: Parameter::with_default("l", [0; 2])
-                .range(-5..=5)
-                .register()?,
+            f: process.parameter("f", 0.0).range(-5.0..=5.0).register()?,
+            g: process.parameter("g", 0.0).register()?,
+            i: process.parameter("i", 0).range(-5..=5).register()?,
+            u: process.parameter("u", 0).register()?,
+            b: process.parameter("b", false).register()?,
+            l: process.parameter("l", [0; 2]).range(-5..=5).register()?,
         })
     }
 
@@ -93,7 +90,7 @@ fn sets() -> impl Strategy<Value = Vec<BTreeMap<String, Value>>> {
 }
 
 struct Tries {
-    few: Option<Few>,
+    few: Few,
     parameters: luna::parameters::Parameters,
     sets: Vec<BTreeMap<String, Value>>,
     /// How many were taken.
@@ -101,13 +98,8 @@ struct Tries {
 }
 
 impl Process for Tries {
-    fn pre_run(&mut self) -> luna::Result<()> {
-        self.few = Some(Few::declare()?);
-        Ok(())
-    }
-
     async fn run(&mut self) -> luna::Result<()> {
-        let Some(few) = &self.few else { return Ok(()) };
+        let few = &self.few;
         let mut model = few.get();
         let mut taken = 0;
         for set in std::mem::take(&mut self.sets) {
@@ -156,13 +148,14 @@ proptest! {
         system.virtual_clock();
         let main = system.executor("main").build().unwrap();
         let taken = Arc::new(Mutex::new(u64::MAX));
+        let process = main.process("tries");
         let tries = Tries {
-            few: None,
+            few: Few::declare(&process).unwrap(),
             parameters: system.parameters(),
             sets,
             taken: taken.clone(),
         };
-        main.process("tries").spawn_ok(tries);
+        process.spawn_ok(tries);
         system.run().unwrap();
         prop_assert!(*taken.lock().unwrap() < u64::MAX);
     }

@@ -8,7 +8,7 @@ use luna::parameters::SetError;
 use luna::prelude::*;
 use luna::replay::{self, RecordError, Recording};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -32,28 +32,15 @@ struct Reads {
     name: &'static str,
     /// Takes by a loop, or by hand.
     by_loop: bool,
-    gain: Option<Parameter<f64>>,
-    list: Option<Parameter<[u32; 3]>>,
+    gain: Parameter<f64>,
+    list: Parameter<[u32; 3]>,
     seen: Arc<Mutex<Seen>>,
     done: Arc<AtomicU64>,
 }
 
 impl Process for Reads {
-    fn pre_run(&mut self) -> luna::Result<()> {
-        let name = |part: &str| format!("{}/{part}", self.name);
-        self.gain = Some(
-            Parameter::with_default(&name("gain"), 1.0)
-                .unit("V")
-                .register()?,
-        );
-        self.list = Some(Parameter::with_default(&name("list"), [0; 3]).register()?);
-        Ok(())
-    }
-
     async fn run(&mut self) -> luna::Result<()> {
-        let (Some(gain), Some(list)) = (&self.gain, &self.list) else {
-            return Ok(());
-        };
+        let Self { gain, list, .. } = self;
         let mut tick = luna::periodic(self.name, Duration::from_micros(300))?;
         let mut changes = 0;
         let mut last = (gain.get(), list.get());
@@ -90,11 +77,18 @@ fn system() -> luna::Result<(System, BothSeen, Arc<AtomicU64>)> {
     let done = Arc::new(AtomicU64::new(0));
     for ((name, by_loop), seen) in [("left", true), ("right", false)].into_iter().zip(&seen) {
         let executor = system.executor(name).build()?;
-        executor.process(name).spawn(Reads {
+        let process = executor.process(name);
+        let named = |part: &str| format!("{name}/{part}");
+        let gain = process
+            .parameter(&named("gain"), 1.0)
+            .unit("V")
+            .register()?;
+        let list = process.parameter(&named("list"), [0; 3]).register()?;
+        process.spawn(Reads {
             name,
             by_loop,
-            gain: None,
-            list: None,
+            gain,
+            list,
             seen: seen.clone(),
             done: done.clone(),
         })?;
@@ -144,20 +138,22 @@ fn a_replay_reads_what_was_read() {
             .set_parameter("left/gain", 77.0)
             .parameters_from("/nowhere/x.toml");
         let parameters = replayed.parameters();
+        let is_over = Arc::new(AtomicBool::new(false));
+        let ends = is_over.clone();
         let tries = std::thread::spawn(move || {
             loop {
                 match parameters.set([("left/gain", 5.0)]) {
-                    Err(SetError::Replayed) => return true,
+                    Err(SetError::Replayed) => return,
                     // The replay may be over before it is asked.
-                    Err(SetError::NotRunning { .. }) if !parameters.list().is_empty() => {
-                        return false;
-                    }
+                    Err(SetError::NotRunning { .. }) if ends.load(Ordering::Relaxed) => return,
                     Err(SetError::NotRunning { .. }) => std::thread::yield_now(),
                     other => panic!("{other:?}"),
                 }
             }
         });
-        replayed.run().unwrap();
+        let outcome = replayed.run();
+        is_over.store(true, Ordering::Relaxed);
+        outcome.unwrap();
         tries.join().unwrap();
         assert_eq!(again.map(|seen| seen.lock().unwrap().clone()), seen);
     }
@@ -199,34 +195,26 @@ fn a_set_that_is_taken_is_a_message_for_each_value_that_changes() {
         .set_parameter("pan/kp", 2.5);
     let main = system.executor("main").build().unwrap();
     let parameters = system.parameters();
-    struct Axis(Vec<Parameter<f64>>, Parameters);
-    impl Process for Axis {
-        fn pre_run(&mut self) -> luna::Result<()> {
-            for (name, default, unit) in [
-                ("pan/kp", 2.0, "1/rad"),
-                ("pan/ki", 0.5, ""),
-                ("pan/kd", 0.1, ""),
-            ] {
-                self.0.push(
-                    Parameter::with_default(name, default)
-                        .unit(unit)
-                        .register()?,
-                );
-            }
-            Ok(())
-        }
-        async fn run(&mut self) -> luna::Result<()> {
-            luna::after(Duration::from_secs(1)).await;
-            self.1
-                .set([("pan/kp", 3.0), ("pan/ki", 0.5), ("pan/kd", 0.25)])?;
-            assert!(self.1.set([("pan/kp", 4.0), ("pan/kq", 0.5)]).is_err());
-            luna::after(Duration::from_secs(1)).await;
-            self.1.reload().unwrap_err();
-            self.1.set([("pan/ki", 7)])?;
-            Ok(())
-        }
+    let axis = main.process("axis");
+    let mut declared = Vec::new();
+    for (name, default, unit) in [
+        ("pan/kp", 2.0, "1/rad"),
+        ("pan/ki", 0.5, ""),
+        ("pan/kd", 0.1, ""),
+    ] {
+        let parameter = axis.parameter(name, default).unit(unit);
+        declared.push(parameter.register().unwrap());
     }
-    main.process("axis").spawn_ok(Axis(Vec::new(), parameters));
+    axis.spawn_ok(async move {
+        let _declared = declared;
+        luna::after(Duration::from_secs(1)).await;
+        parameters.set([("pan/kp", 3.0), ("pan/ki", 0.5), ("pan/kd", 0.25)])?;
+        assert!(parameters.set([("pan/kp", 4.0), ("pan/kq", 0.5)]).is_err());
+        luna::after(Duration::from_secs(1)).await;
+        parameters.reload().unwrap_err();
+        parameters.set([("pan/ki", 7)])?;
+        Ok(())
+    });
     system.run().unwrap();
     let bytes = std::fs::read(&file.0).unwrap();
     let mut reader = Reader::new(&bytes[..]).unwrap();

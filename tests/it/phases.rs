@@ -211,28 +211,22 @@ fn a_system_without_processes_ends_at_once() {
     );
 }
 
-/// What registering says: of a signal, and of a parameter.
-fn register(name: &str) -> [Option<String>; 2] {
+/// What registering a signal says.
+fn register(name: &str) -> Option<String> {
     let signal = Signal::<f64>::register(name).err();
-    let parameter = Parameter::with_default(name, 1.0).register().err();
-    [
-        signal.map(|error| error.to_string()),
-        parameter.map(|error| error.to_string()),
-    ]
+    signal.map(|error| error.to_string())
 }
 
-fn refused(name: &str) -> [Option<String>; 2] {
-    [("signal", "records"), ("parameter", "reads")].map(|(what, does)| {
-        Some(format!(
-            "{what} `{name}` was registered outside of `pre_run`; register it in `pre_run` of the process that {does} it (`impl luna::Process`)"
-        ))
-    })
+fn refused(name: &str) -> Option<String> {
+    Some(format!(
+        "signal `{name}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+    ))
 }
 
 /// Registers in each of its phases.
 struct Registrar {
     name: &'static str,
-    seen: Arc<Mutex<Vec<[Option<String>; 2]>>>,
+    seen: Arc<Mutex<Vec<Option<String>>>>,
 }
 
 impl Registrar {
@@ -260,7 +254,7 @@ impl Process for Registrar {
 }
 
 #[test]
-fn signals_and_parameters_are_registered_in_pre_run_alone() {
+fn signals_are_registered_in_pre_run_alone() {
     let _watch = watchdog();
     assert_eq!(register("in main"), refused("in main"));
     luna::run(async {
@@ -302,7 +296,7 @@ fn signals_and_parameters_are_registered_in_pre_run_alone() {
             drop(spawner);
             system.run().unwrap();
             for (name, seen) in [("first", of_first), ("late", of_late)] {
-                let expected = [[None, None], refused(name), refused(name), refused(name)];
+                let expected = [None, refused(name), refused(name), refused(name)];
                 assert_eq!(*seen.lock().unwrap(), expected, "{place:?}, {is_virtual}");
             }
         }

@@ -188,7 +188,7 @@ fn alternatives_that_stay_registered() {
         for (number, sender) in senders.into_iter().enumerate() {
             let executor = &executors[number % 2];
             executor
-                .process(&format!("sender {number}"))
+                .process(format!("sender {number}"))
                 .spawn(async move {
                     for round in 0..ROUNDS / 2 {
                         work();
@@ -423,7 +423,7 @@ fn processes_that_others_spawn() {
                     let outputs = outputs.clone();
                     let child =
                         place
-                            .process(&format!("{name}'s child {round}"))
+                            .process(format!("{name}'s child {round}"))
                             .spawn(async move {
                                 let number = replay::input("number", || round * 10);
                                 give(&outputs, name, number);

@@ -262,7 +262,15 @@ fn a_file_that_ends_too_early_is_noticed_and_replayed_up_to_there() {
                 assert_eq!(wrong, Some(error));
                 assert!(!recording.is_whole());
                 if !recording.system().is_empty() {
-                    replay(&recording, Change::Nothing).0.unwrap();
+                    // The events of `first` may be lost, and those of `second` not: without a
+                    // stamp of the first communications, `second` comes first then.
+                    match replay(&recording, Change::Nothing).0 {
+                        Ok(_) => {}
+                        Err(Error::Record(RecordError::Diverged(found))) => {
+                            assert_eq!(found.process, "sink", "{length}: {found}");
+                        }
+                        Err(other) => panic!("{length}: {other}"),
+                    }
                 }
             }
             Err(other) => assert_eq!(other, error),

@@ -359,8 +359,8 @@ fn nobody_misses_the_safe_state() {
     for number in 0..3 {
         let asks = asks.clone();
         system
-            .thread(&format!("waits {number}"))
-            .process(&format!("waits {number}"))
+            .thread(format!("waits {number}"))
+            .process(format!("waits {number}"))
             .spawn_ok(async move {
                 let safety = luna::safety::current().unwrap();
                 for _ in 0..rounds {

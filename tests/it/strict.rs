@@ -241,23 +241,23 @@ fn best_effort_runs_without_and_says_so_in_one_line() {
     let mut said = ended.said(&["run one", "run two"]);
     said.sort_unstable();
     assert_eq!(said, ["run one", "run two"], "{ended:?}");
-    let lines: Vec<_> = ended
-        .errors
-        .lines()
-        .filter(|line| line.starts_with("luna:"))
-        .collect();
-    let [line] = lines[..] else {
-        panic!("one line, not {lines:?}")
-    };
-    for part in [
-        "`limited`",
-        "best effort",
-        "control: no policy fifo:80",
-        "console: no policy fifo:10",
-    ] {
-        assert!(line.contains(part), "{part} in {line}");
+    if cfg!(all(target_os = "linux", not(luna_portable))) {
+        let lines: Vec<_> = ended
+            .errors
+            .lines()
+            .filter(|line| line.starts_with("luna:") && line.contains("setcap"))
+            .collect();
+        let [line] = lines[..] else {
+            panic!("one line, not {lines:?}")
+        };
+        assert!(
+            line.chars().count() <= 200 && line.contains("real-time policies"),
+            "{line}"
+        );
+    } else {
+        skip("the line: no privilege gives what the platform has not");
     }
-    // As many as in the report, in the same words.
+    // All of them are in the report, with their threads, values and reasons.
     let reported = ended
         .output
         .lines()
@@ -267,10 +267,6 @@ fn best_effort_runs_without_and_says_so_in_one_line() {
         ended.said(&[&format!("missing {reported}")]).len(),
         1,
         "{ended:?}"
-    );
-    assert!(
-        line.contains(&format!("without {reported} of what it asked for")),
-        "{line}"
     );
 }
 

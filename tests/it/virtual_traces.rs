@@ -35,7 +35,7 @@ fn run(seed: u64) -> String {
                 Policy::Other,
                 Policy::fifo(30),
             ];
-            let builder = system.executor(&format!("executor {number}"));
+            let builder = system.executor(format!("executor {number}"));
             builder.policy(policy[number]).build().unwrap()
         })
         .collect();
@@ -77,7 +77,7 @@ fn run(seed: u64) -> String {
             executor.process(&name).priority(level).spawn_ok(body);
         } else {
             system
-                .thread(&format!("thread {number}"))
+                .thread(format!("thread {number}"))
                 .process(&name)
                 .spawn_ok(body);
         }

@@ -5,9 +5,10 @@ use crate::replay;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use luna_core::current::PendingWake;
-use luna_core::timer_queue::Sleep;
+use luna_core::timer_queue::{Sleep, no_timers};
 use luna_platform::clock::Instant;
 use std::future::Future;
+use std::panic::Location;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -27,6 +28,9 @@ use std::time::Duration;
 /// assert!(late);
 /// # }).unwrap();
 /// ```
+#[doc(alias = "sleep")]
+#[inline]
+#[track_caller]
 pub fn after(delay: Duration) -> After {
     at(Instant::now() + delay)
 }
@@ -49,9 +53,12 @@ pub fn after(delay: Duration) -> After {
 /// assert!(Instant::now() >= deadline);
 /// # }).unwrap();
 /// ```
+#[inline]
+#[track_caller]
 pub fn at(deadline: Instant) -> After {
     After {
         sleep: Sleep::until(deadline),
+        made_at: Location::caller(),
         has_come: false,
     }
 }
@@ -61,6 +68,8 @@ pub fn at(deadline: Instant) -> After {
 #[must_use = "a delay does nothing unless awaited or offered in an alternative"]
 pub struct After {
     sleep: Sleep,
+    /// For the panic where there are no timers.
+    made_at: &'static Location<'static>,
     /// It is awaited in a process with a replay log, and has come.
     has_come: bool,
 }
@@ -71,9 +80,15 @@ impl After {
         self.sleep.deadline()
     }
 
-    fn sleep(self: Pin<&mut Self>) -> Pin<&mut Sleep> {
+    #[inline]
+    fn poll_sleep(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: nothing is moved.
+        let Self { sleep, made_at, .. } = unsafe { self.get_unchecked_mut() };
         // SAFETY: the sleep is pinned with the whole.
-        unsafe { self.map_unchecked_mut(|this| &mut this.sleep) }
+        let sleep = unsafe { Pin::new_unchecked(sleep) };
+        sleep.poll_or(cx, || {
+            no_timers("the delay `luna::after` or `luna::at`", Some(made_at))
+        })
     }
 }
 
@@ -81,19 +96,21 @@ impl Future for After {
     type Output = ();
 
     #[inline]
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         if replay::is_on() {
+            let mut has_come = self.has_come;
+            let poll = |cx: &mut Context<'_>| self.as_mut().poll_sleep(cx);
+            let polled = replay::poll_delay(&mut has_come, poll, cx);
             // SAFETY: nothing is moved.
-            let Self { sleep, has_come } = unsafe { self.get_unchecked_mut() };
-            // SAFETY: the sleep is pinned with the whole.
-            let mut sleep = unsafe { Pin::new_unchecked(sleep) };
-            return replay::poll_delay(has_come, |cx| sleep.as_mut().poll(cx), cx);
+            unsafe { self.get_unchecked_mut() }.has_come = has_come;
+            return polled;
         }
-        self.sleep().poll(cx)
+        self.poll_sleep(cx)
     }
 }
 
-impl RawGuard for After {
+// SAFETY: it has no wait point, and is never listed.
+unsafe impl RawGuard for After {
     fn terms(&self) -> Terms<'_> {
         Terms {
             deadline: Some(self.sleep.deadline()),
@@ -122,7 +139,7 @@ impl RawGuard for After {
     }
 
     unsafe fn poll_time(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        self.sleep().poll(cx)
+        self.poll_sleep(cx)
     }
 
     unsafe fn fail(self: Pin<&mut Self>) -> bool {

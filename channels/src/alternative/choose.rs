@@ -4,6 +4,10 @@
 //! preference is therefore the right one, also across cores: no other thread can make a higher
 //! guard ready between the look and the choice. No thread waits for a lock against the order while
 //! it holds another, so there is no deadlock. There is no retry.
+//!
+//! A registered alternative starts to wait under its own lock, and is the only partner that does. A
+//! send that finds none waiting reports to those of its channel before the next guard is looked at.
+//! They then look at the channel before they wait, and for that they need its lock.
 
 use super::guard::Attempt;
 use super::list::{MAX_GUARDS, Open};

@@ -28,7 +28,7 @@ use std::ptr::NonNull;
 
 /// A guard on the fast path: a plain send or receive, of which the value does not matter.
 #[derive(Debug, Clone, Copy)]
-pub struct Plain<'a> {
+pub struct PlainGuard<'a> {
     pub(crate) wait_point: &'a WaitPoint,
     /// The first field of the guard's waiter.
     pub(crate) node: NonNull<WaitNode>,
@@ -41,7 +41,7 @@ pub struct Plain<'a> {
 /// turn of its process.
 pub trait Visit {
     /// Goes to a guard. Returns whether to go on to the next one.
-    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool;
+    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool;
 }
 
 /// The ends among which a fair alternative chooses the least recently chosen one.
@@ -152,7 +152,7 @@ impl<'a> Looks<'a> {
 
 impl Visit for Looks<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
         let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
             self.is_refused = true;
             return false;
@@ -233,7 +233,7 @@ pub(super) struct Leaving {
 
 impl Visit for Leaving {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
         if number != self.end && number != self.kept {
             // SAFETY: the look has kept the lock, on this thread.
             drop(unsafe { guard.wait_point.kept(self.executor) });
@@ -267,7 +267,7 @@ impl Listing {
 
 impl Visit for Listing {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
         let (node, of_sender) = (guard.node, guard.of_sender);
         // SAFETY: the look has kept the lock, on this thread. The node is new, so no other thread
         // knows it.
@@ -300,7 +300,7 @@ unsafe fn list_in_queue(
     priority: Priority,
     of_sender: bool,
 ) {
-    lists.list_alone();
+    lists.list_lone();
     // SAFETY: the contract.
     unsafe {
         match of_sender {
@@ -345,17 +345,16 @@ impl<'a> Withdrawing<'a> {
 
 impl Visit for Withdrawing<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: Plain<'_>) -> bool {
+    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
         self.ends.note(guard.stamp);
         let node = guard.node.cast::<Waiter<()>>();
         // SAFETY: the node was begun when it was listed. This thread holds no other lock of a wait
         // point, and under the lock a waiting node is listed.
         unsafe {
-            let outcome = Waiter::outcome(node);
             if number == self.chosen {
                 self.ends.chosen = Some(NonNull::from(guard.stamp));
-                self.is_over = outcome == Outcome::Done;
-            } else if outcome == Outcome::Waiting {
+                self.is_over = Waiter::outcome(node) == Outcome::Done;
+            } else if Waiter::is_waiting(node) {
                 match guard.wait_point.try_enter(self.turn) {
                     Some(mut lists)
                         if lists.waiting == Waiting::alone_guard(guard.node, guard.of_sender) =>
@@ -365,7 +364,7 @@ impl Visit for Withdrawing<'_> {
                     }
                     lists => {
                         drop(lists);
-                        withdraw_queued(guard);
+                        withdraw_queued(guard.wait_point, guard.node, guard.of_sender);
                     }
                 }
             }
@@ -378,21 +377,20 @@ impl Visit for Withdrawing<'_> {
 ///
 /// # Safety
 ///
-/// It was listed, and this is its owner.
+/// It was listed at this wait point, and this is its owner.
 #[cold]
 #[inline(never)]
-unsafe fn withdraw_queued(guard: Plain<'_>) {
-    let node = guard.node.cast::<Waiter<()>>();
+unsafe fn withdraw_queued(wait_point: &WaitPoint, node: NonNull<WaitNode>, of_sender: bool) {
     // No server is boosted by waiters here: clients' calls are no plain operations.
-    let mut lists = guard.wait_point.lock_lists();
+    let mut lists = wait_point.lock_lists();
     // SAFETY: the contract; under the lock a waiting node is listed.
     unsafe {
-        if Waiter::outcome(node) == Outcome::Waiting {
-            match guard.of_sender {
-                true => lists.senders.remove(guard.node),
-                false => lists.receivers.remove(guard.node),
+        if Waiter::<()>::is_waiting(node.cast()) {
+            match of_sender {
+                true => lists.senders.remove(node),
+                false => lists.receivers.remove(node),
             }
-            Waiter::settle_stale(node);
+            Waiter::<()>::settle_stale(node.cast());
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What an alternative may offer.
 
-use super::fast_path::Plain;
+use super::fast_path::PlainGuard;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
@@ -17,12 +17,6 @@ use std::task::{Context, Poll};
 /// Sealed: a guard is decided under the locks of all that is offered, so that exactly one happens.
 /// Any other future as a guard would either lose what it had done when another was chosen, or have
 /// to be polled on.
-#[diagnostic::on_unimplemented(
-    message = "`{Self}` is not a guard",
-    label = "an alternative takes `recv()`, `send(..)`, `sync()` or `luna::after(..)`, not any future",
-    note = "a guard is the operation itself, without `.await`",
-    note = "put other work in the body, or in a process of its own that answers over a channel"
-)]
 pub trait Guard: RawGuard {
     /// Output of the guard when it is chosen.
     type Output;
@@ -56,10 +50,11 @@ pub trait Guard: RawGuard {
         true
     }
 
-    /// What the fast path needs of it, if it supports that: a send or receive without a closure and
-    /// without inheritance.
+    /// What the fast path needs of it, if it is `PLAIN`: a send without a closure, or a receive
+    /// that holds no sender. A plain guard also implements [`note_listed`](Self::note_listed) and
+    /// [`meet`](Self::meet).
     #[doc(hidden)]
-    fn plain(&self) -> Plain<'_> {
+    fn plain(&self) -> PlainGuard<'_> {
         unreachable!("a guard without a fast path")
     }
 
@@ -106,7 +101,8 @@ pub struct Terms<'a> {
     pub(crate) deadline: Option<Instant>,
     /// Whether a partner may commit several alternatives at once to make it happen.
     pub(crate) commits_several: bool,
-    /// Whether it has an error to return.
+    /// Whether it is chosen, and [fails](RawGuard::fail), when a sibling branch has failed. A call
+    /// does not: the branch ends instead.
     pub(crate) can_fail: bool,
 }
 
@@ -124,7 +120,19 @@ impl<'a> Terms<'a> {
 
 /// The steps of an alternative that do not depend on the guard's output. They are unsafe to call,
 /// since `Guard` brings them wherever it is a bound: an alternative calls them in their order.
-pub trait RawGuard {
+///
+/// ```text
+///   terms --> attempt --ready-------------------------> poll_chosen --> output
+///                |                                          ^
+///                '--> list (poll_time without a wait point) -- chosen
+///                        '-- another was chosen --> withdraw
+/// ```
+///
+/// # Safety
+///
+/// The wait point of its terms outlives the guard. A guard that is dropped while it is listed takes
+/// its node off the list.
+pub unsafe trait RawGuard {
     /// What is to be considered. The same in all calls.
     fn terms(&self) -> Terms<'_>;
 

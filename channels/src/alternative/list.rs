@@ -1,7 +1,12 @@
 //! The guards of one alternative, as a list with static types.
 
+use super::after::After;
 use super::fast_path::Visit;
 use super::guard::{Guard, RawGuard};
+use super::when::{Due, When};
+use crate::barrier::SyncOp;
+use crate::call::CallOp;
+use crate::operation::{Direction, Operation};
 use arrayvec::ArrayVec;
 use luna_core::wait_list::WaitNode;
 use std::pin::Pin;
@@ -39,6 +44,40 @@ pub struct Skip;
 #[derive(Debug)]
 pub struct Cons<G, R>(pub Option<G>, pub R);
 
+/// What may stand as a guard, which a list takes as `Listed`. Each kind of guard has one
+/// implementation of its own, from which the compiler infers `Listed`. For any other type it cannot
+/// infer that, and reports this one error.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not a guard of an alternative",
+    label = "write the operation without `.await`: `recv()`, `send(..)`, `sync()`, `luna::after(..)`",
+    note = "the alternative itself awaits its guards: `v = s.recv() => ..`",
+    note = "a guard is not any future: put other work in the body, or in a process of its own that answers over a channel"
+)]
+pub trait Offered<Listed> {
+    /// Takes it.
+    fn into_list(self) -> Listed;
+}
+
+macro_rules! offered {
+    ($([$($parameter:tt)*] $guard:ty;)*) => {$(
+        #[diagnostic::do_not_recommend]
+        impl<$($parameter)*> Offered<Seed<Self>> for $guard {
+            #[inline(always)]
+            fn into_list(self) -> Seed<Self> {
+                Seed(self.into_seed())
+            }
+        }
+    )*};
+}
+
+offered! {
+    [] After;
+    ['a] SyncOp<'a>;
+    [D: Due] When<D>;
+    ['a, Q, A] CallOp<'a, Q, A>;
+    ['a, T, D: Direction<T>] Operation<'a, T, D>;
+}
+
 /// A guard that has not been looked at: not where it will stay yet.
 pub struct Seed<G: Guard>(G::Seed);
 
@@ -50,8 +89,8 @@ impl<G: Guard> std::fmt::Debug for Seed<G> {
 
 /// Takes a guard; the bound is checked here, at the guard's own expression.
 #[inline(always)]
-pub fn guard<G: Guard>(guard: G) -> Seed<G> {
-    Seed(guard.into_seed())
+pub fn guard<G: Offered<Listed>, Listed>(guard: G) -> Listed {
+    guard.into_list()
 }
 
 /// A list of guards that have not been looked at.

@@ -51,6 +51,7 @@
 /// # thread.join().unwrap().unwrap();
 /// # }).unwrap();
 /// ```
+#[doc(alias = "select")]
 #[macro_export]
 macro_rules! alt {
     ($($branches:tt)*) => { $crate::__alternative!(@parse true [] $($branches)*) };
@@ -107,6 +108,25 @@ macro_rules! __alternative {
     };
     (@parse $fair:tt []) => { ::core::compile_error!("an alternative needs at least one guard") };
     (@parse $fair:tt [$($done:tt)+]) => { $crate::__alternative!(@emit $fair [$($done)+] []) };
+
+    // As in the macros of other runtimes, where such a branch is left out if its pattern does not
+    // match. Here a guard that happened cannot be undone.
+    (@parse $fair:tt [$($done:tt)*] Ok($($value:tt)*) = $($rest:tt)*) => {
+        $crate::__alternative!(@refutable Ok($($value)*))
+    };
+    (@parse $fair:tt [$($done:tt)*] Err($($value:tt)*) = $($rest:tt)*) => {
+        $crate::__alternative!(@refutable Err($($value)*))
+    };
+    (@parse $fair:tt [$($done:tt)*] Some($($value:tt)*) = $($rest:tt)*) => {
+        $crate::__alternative!(@refutable Some($($value)*))
+    };
+    (@refutable $($pattern:tt)*) => {
+        ::core::compile_error!(::core::concat!(
+            "the pattern `", ::core::stringify!($($pattern)*), "` does not match every outcome, ",
+            "and a guard that has happened is not undone: write `result = guard => match result ",
+            "{ Ok(value) => .., Err(error) => .. }`, or `result = guard => { let value = result?; .. }`"
+        ))
+    };
 
     // A guard with a precondition, and one without. A body that is a block needs no comma.
     (@parse $fair:tt [$($done:tt)*] $pattern:pat = $guard:expr, if $condition:expr => $body:block, $($rest:tt)*) => {

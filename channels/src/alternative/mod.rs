@@ -13,7 +13,7 @@ mod stop;
 mod when;
 
 pub use after::{After, after, at};
-pub(crate) use fast_path::{Commit, Plain, commit, take_first};
+pub(crate) use fast_path::{Commit, PlainGuard, commit, take_first};
 pub use guard::Guard;
 pub(crate) use guard::{Attempt, RawGuard, Terms};
 pub use list::{Cons, Either, Guards, Never, Nil, Seed, Seeds, Skip, guard};

@@ -30,7 +30,7 @@ pub use recv::AlternativeRecv;
 use super::ready_set::ReadySet;
 use crate::core::Channel;
 use crate::error::RecvError;
-use crate::recv::Receiver;
+use crate::receiver::Receiver;
 use crate::replay;
 use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
@@ -241,7 +241,7 @@ impl<'a, T> Alternative<'a, T> {
         // SAFETY: no other thread knows it any more.
         drop(unsafe { Box::from_raw(entry.as_ptr()) });
         if let Some(Ok(value)) = held {
-            channel.give_back(value);
+            channel.return_value(value);
         }
         true
     }
@@ -508,7 +508,7 @@ impl<T> Drop for Alternative<'_, T> {
         // SAFETY: no entry leads to it any more.
         drop(unsafe { Box::from_raw(self.hub.as_ptr()) });
         if let Some((channel, Ok(value))) = held {
-            channel.give_back(value);
+            channel.return_value(value);
         }
     }
 }

@@ -6,10 +6,11 @@ use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::WaitQueues;
 use luna_core::current::{self, PendingWake};
-use luna_core::timer_queue::Sleep;
+use luna_core::timer_queue::{Sleep, no_timers};
 use luna_platform::clock::Instant;
 use std::fmt;
 use std::future::Future;
+use std::panic::Location;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -46,6 +47,8 @@ pub trait Due {
 #[must_use = "it waits only when awaited or offered in an alternative"]
 pub struct When<D> {
     due: D,
+    /// For the panic where there are no timers.
+    made_at: &'static Location<'static>,
     sleep: Sleep,
     /// Whether `sleep` is to be set before it is used again.
     is_set: bool,
@@ -55,9 +58,11 @@ pub struct When<D> {
 
 impl<D: Due> When<D> {
     #[doc(hidden)]
+    #[track_caller]
     pub fn new(due: D) -> Self {
         Self {
             due,
+            made_at: Location::caller(),
             sleep: Sleep::until(Instant::NEVER),
             is_set: false,
             has_come: false,
@@ -90,7 +95,9 @@ impl<D: Due> When<D> {
             }
             // A sleep that ends before what has been put off ends sooner than it should: then on
             // with the new time.
-            if sleep.poll(cx).is_pending() {
+            let made_at = this.made_at;
+            let refuse = || no_timers("a tick, a timer or a watchdog", Some(made_at));
+            if sleep.poll_or(cx, refuse).is_pending() {
                 return Poll::Pending;
             }
             this.is_set = false;
@@ -127,7 +134,8 @@ impl<D: Due> Future for When<D> {
     }
 }
 
-impl<D: Due> RawGuard for When<D> {
+// SAFETY: it has no wait point, and is never listed.
+unsafe impl<D: Due> RawGuard for When<D> {
     fn terms(&self) -> Terms<'_> {
         Terms {
             stamp: self.due.stamp(),

@@ -1,7 +1,7 @@
 //! A barrier among processes of one executor: arriving and releasing without atomics.
 //!
 //! It gives the same results as [`SyncOp::look`](super::SyncOp::look) and
-//! [`Shared::release`], without branches for what is not there: the lock is biased to the
+//! [`Meeting::release`], without branches for what is not there: the lock is biased to the
 //! executor, the turn is a plain one, and no alternative offers the barrier. So no waker is cloned
 //! or called, and no user code runs. Whenever one of these conditions does not hold, no state has
 //! changed, and the party takes the slow path.
@@ -10,7 +10,7 @@
 //! knows that its process belongs to this very executor: only the executor that owns the bias comes
 //! here, and a lock is biased to no second one.
 
-use super::Shared;
+use super::{Barrier, Meeting};
 use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
@@ -32,11 +32,11 @@ pub(super) enum Arrival {
     Done,
     /// As `Done`, and the process is queued again: others run first.
     GaveWay,
-    /// The round is complete, and there are others to be [released](Shared::release).
+    /// The round is complete, and there are others to be [released](Meeting::release).
     Completes,
 }
 
-impl Shared {
+impl Barrier {
     /// Comes to the barrier. Without atomic read-modify-writes; O(waiting parties of lower
     /// priority), and O(parties) for the last one.
     ///
@@ -50,17 +50,18 @@ impl Shared {
         node: NonNull<Waiter<()>>,
         turn: PlainTurn<'_>,
     ) -> Arrival {
+        let meeting: &Meeting = &self.meeting;
         let process = turn.process();
         // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
-        let mut lists = match unsafe { self.wait_point.enter(turn) } {
+        let mut lists = match unsafe { meeting.enter(turn) } {
             Ok(lists) => lists,
             Err(Refused::NotBiased) => return Arrival::SlowPath,
-            Err(Refused::Revoked) => return self.revoked(),
+            Err(Refused::Revoked) => return meeting.revoked(),
         };
         // SAFETY: the lists are this barrier's, and the lock is held. The node is in none of them,
         // and stays where it is.
         unsafe {
-            let came = self.round(&lists, |round| {
+            let came = meeting.state(&lists, |round| {
                 if round.offering > 0 {
                     return Arrival::SlowPath;
                 }
@@ -82,13 +83,15 @@ impl Shared {
             }
             let WaitQueues { senders, held, .. } = &mut *lists;
             held.append(senders);
-            self.release_plain(lists, turn)
+            meeting.release_plain(lists, turn)
         }
     }
+}
 
+impl Meeting {
     #[cold]
     fn revoked(&self) -> Arrival {
-        self.wait_point.after_revocation();
+        self.after_revocation();
         Arrival::SlowPath
     }
 
@@ -105,10 +108,9 @@ impl Shared {
         turn: PlainTurn<'_>,
     ) -> Arrival {
         let mut pending = [const { MaybeUninit::<PlainPendingWake>::uninit() }; TOGETHER];
-        // SAFETY: this is the thread of the process' executor, which the lock is biased to while it
-        // is held here; so a plain wake handle was made on this thread. A node in the list is a
-        // live waiter, which is not touched after it was settled. The first `count` places are
-        // written in each round, and taken once.
+        // In each round the first `count` places are written, and taken once.
+        // SAFETY: the lock is held, and biased to this thread's executor: plain wake handles were
+        // made here. A listed node is a live waiter, and is not touched after it was settled.
         unsafe {
             loop {
                 let mut count = 0;
@@ -127,12 +129,12 @@ impl Shared {
                     ready.assume_init_read().wake();
                 }
                 if is_last {
-                    return match !turn.goes_on() && current::gives_way(turn.process()) {
+                    return match !turn.goes_on() && current::yield_after_operation(turn.process()) {
                         true => Arrival::GaveWay,
                         false => Arrival::Done,
                     };
                 }
-                match self.wait_point.lock_if_biased(turn.executor_number()) {
+                match self.lock_if_biased(turn.executor_number()) {
                     Some(again) if count > 0 => lists = again,
                     _ => return Arrival::Completes,
                 }

@@ -11,6 +11,7 @@
 
 use super::sync::Came;
 use super::{Barrier, SyncOp};
+use crate::finally::Finally;
 use luna_core::current::{self, ExecutorId, Renewal, WakeHandle};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -133,7 +134,7 @@ impl Group {
         let came = unsafe {
             let global = &mut *self.global.get();
             if global.is_none() {
-                self.barrier.shared().note_user();
+                self.barrier.meeting.note_user();
             }
             let sync = global.get_or_insert_with(|| {
                 let barrier: *const Barrier = &raw const self.barrier;
@@ -183,11 +184,11 @@ impl Group {
                 (*node).wait.wake_handle_mut().take()
             };
             // A wake may panic: the remaining wakes must still be done.
-            let rest = Rest(self);
+            let rest = Finally::new(|| self.ready_all());
             if let Some(wake_handle) = wake_handle {
                 wake_handle.take().wake();
             }
-            std::mem::forget(rest);
+            rest.cancel();
         }
     }
 
@@ -235,22 +236,13 @@ struct After<'a> {
 impl After<'_> {
     /// Also if a waker panics, all are woken.
     fn carry_out(self) {
-        let members = self.is_complete.then(|| Rest(self.group));
+        let wake_members = || self.group.ready_all();
+        let members = self.is_complete.then(|| Finally::new(wake_members));
         if self.completes {
-            self.group.barrier.shared().release();
+            self.group.barrier.meeting.release();
         }
         drop(members);
         drop(self.former);
-    }
-}
-
-/// The members that are still to be woken: when this is dropped, they are, also after a waker has
-/// panicked.
-struct Rest<'a>(&'a Group);
-
-impl Drop for Rest<'_> {
-    fn drop(&mut self) {
-        self.0.ready_all();
     }
 }
 
@@ -414,13 +406,13 @@ impl Future for LocalSync<'_> {
         }
         let completes = this.come_for_all(cx);
         if !this.is_through() {
-            this.group.barrier.shared().wait_point.waits();
+            this.group.barrier.meeting.waits();
             return Poll::Pending;
         }
         // It may be on its way to being woken.
         this.phase = Phase::Over;
         this.leave().1.carry_out();
-        if completes && crate::gives_way(cx) {
+        if completes && crate::yield_after_operation(cx) {
             this.phase = Phase::GaveWay;
             return Poll::Pending;
         }
@@ -431,7 +423,7 @@ impl Future for LocalSync<'_> {
 impl Drop for LocalSync<'_> {
     fn drop(&mut self) {
         if self.phase == Phase::Waiting {
-            self.group.barrier.shared().wait_point.waits_no_more();
+            self.group.barrier.meeting.waits_no_more();
             self.leave().1.carry_out();
         }
     }

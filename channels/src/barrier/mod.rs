@@ -26,17 +26,15 @@ pub use party::Party;
 pub use sync::SyncOp;
 
 use crate::finally::Finally;
-use crate::inspect::{Identity, WaitPointKind, register, unregister};
+use crate::guarded_wait_point::GuardedWaitPoint;
+use crate::inspect::WaitPointKind;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use crate::wait_point::{AlignedWaitPoint, WaitQueues};
+use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
 use luna_core::current::{self, User};
-use luna_core::deferred_free::{self, Retired};
-use luna_platform::sync::UnsafeCell;
-use luna_platform::sync::atomic::{AtomicUsize, Ordering};
+use luna_core::deferred_free::Shared;
 use std::fmt;
-use std::ptr::NonNull;
 
 /// How far a barrier is. Guarded by its lock.
 #[derive(Debug)]
@@ -57,17 +55,10 @@ struct Round {
 ///
 /// # Invariants
 ///
-/// `round` is accessed under the lock of `wait_point` alone. All nodes in its lists are waiters of
-/// `()`; those of alternatives lead to select states that were opened for several commits, each to
-/// another one. A node's `ticket` is the round that it waits in.
-#[repr(C)]
-struct Shared {
-    /// First, so that it leads back to this.
-    retired: Retired,
-    handles: AtomicUsize,
-    wait_point: AlignedWaitPoint,
-    round: UnsafeCell<Round>,
-}
+/// All nodes in the wait point's lists are waiters of `()`; those of alternatives lead to select
+/// states that were opened for several commits, each to another one. A node's `ticket` is the round
+/// that it waits in.
+type Meeting = GuardedWaitPoint<Round>;
 
 /// A meeting point of several processes: each `sync` waits until all parties have come.
 ///
@@ -88,14 +79,10 @@ struct Shared {
 /// thread.join().unwrap().unwrap();
 /// ```
 pub struct Barrier {
-    shared: NonNull<Shared>,
+    meeting: Shared<Meeting>,
     chosen: Stamp,
 }
 
-// SAFETY: what is shared is guarded by a lock, or counted by atomics.
-unsafe impl Send for Barrier {}
-// SAFETY: as above.
-unsafe impl Sync for Barrier {}
 impl std::panic::UnwindSafe for Barrier {}
 impl std::panic::RefUnwindSafe for Barrier {}
 
@@ -104,32 +91,16 @@ impl Barrier {
     /// Allocates; not for the real-time path.
     #[track_caller]
     pub fn new(parties: usize) -> Barrier {
-        let shared = Box::new(Shared {
-            retired: Retired::new(Shared::free),
-            handles: AtomicUsize::new(1),
-            wait_point: AlignedWaitPoint::new(Identity::new(WaitPointKind::Barrier)),
-            round: UnsafeCell::new(Round {
-                parties,
-                arrived: 0,
-                offering: 0,
-                number: 0,
-            }),
-        });
-        let shared = NonNull::from(Box::leak(shared));
-        // SAFETY: it is live, and leaves the register in `free`.
-        unsafe {
-            register(NonNull::from(&*shared.as_ref().wait_point));
+        let round = Round {
+            parties,
+            arrived: 0,
+            offering: 0,
+            number: 0,
         };
         Barrier {
-            shared,
+            meeting: GuardedWaitPoint::share(WaitPointKind::Barrier, round),
             chosen: Stamp::new(),
         }
-    }
-
-    #[inline]
-    fn shared(&self) -> &Shared {
-        // SAFETY: this handle keeps it alive.
-        unsafe { self.shared.as_ref() }
     }
 
     /// Comes to the barrier, and waits until all parties have come. As a guard, comes only if all
@@ -149,21 +120,24 @@ impl Barrier {
     /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round,
     /// that round waits for it too.
     pub fn enroll(&self) -> Party {
-        self.shared().enroll();
+        let lists = self.meeting.lock();
+        // SAFETY: the lists are the barrier's own.
+        unsafe { self.meeting.state(&lists, |round| round.parties += 1) };
+        drop(lists);
         Party::new(self.clone())
     }
 
     /// Removes one of the parties that [`new`](Self::new) counted. If all others have come, the
     /// round is complete. O(parties) then. A barrier without parties stays one.
     pub fn resign(&self) {
-        self.shared().resign();
+        self.meeting.resign();
     }
 
     /// Number of parties that must come: for display, since it may have changed already.
     pub fn parties(&self) -> usize {
-        let lists = self.shared().wait_point.lock();
+        let lists = self.meeting.lock();
         // SAFETY: the lists are the barrier's own.
-        unsafe { self.shared().round(&lists, |round| round.parties) }
+        unsafe { self.meeting.state(&lists, |round| round.parties) }
     }
 
     /// A second level: a group of `parties` processes of one executor that is one party of this
@@ -203,33 +177,23 @@ impl Barrier {
     /// ```
     #[must_use]
     pub fn external(self) -> Self {
-        self.shared().wait_point.identity.set_external();
+        self.meeting.identity.set_external();
         self
     }
 
     /// Names the barrier in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.shared().wait_point.identity.set_name(name);
+        self.meeting.identity.set_name(name);
         self
     }
 }
 
 impl Clone for Barrier {
     fn clone(&self) -> Self {
-        self.shared().handles.fetch_add(1, Ordering::Relaxed);
         Barrier {
-            shared: self.shared,
+            meeting: self.meeting.clone(),
             chosen: Stamp::new(),
-        }
-    }
-}
-
-impl Drop for Barrier {
-    fn drop(&mut self) {
-        if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
-            // SAFETY: this was the last handle, and operations borrow theirs.
-            unsafe { deferred_free::retire(self.shared.cast()) };
         }
     }
 }
@@ -237,51 +201,26 @@ impl Drop for Barrier {
 impl fmt::Debug for Barrier {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Barrier")
-            .field("shared", &self.shared)
+            .field("shared", &&raw const *self.meeting)
             .finish_non_exhaustive()
     }
 }
 
-impl Shared {
-    unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `Barrier::new` made it of a box, and the head is its first field.
-        unsafe {
-            let shared = head.cast::<Shared>();
-            unregister(&shared.as_ref().wait_point);
-            drop(Box::from_raw(shared.as_ptr()));
-        }
-    }
-
-    /// # Safety
-    ///
-    /// `lists` are those of this barrier.
-    #[inline]
-    unsafe fn round<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut Round) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
-        // gets no lists.
-        self.round.with_mut(|round| f(unsafe { &mut *round }))
-    }
-
+impl Meeting {
     /// Remembers that a party is unknown to every system: from outside, or a thread of its own.
     fn note_user(&self) {
         if current::user() == User::Outside {
-            self.wait_point.identity.set_external();
+            self.identity.set_external();
         } else if !current::on_path() {
-            self.wait_point.identity.set_stranger();
+            self.identity.set_stranger();
         }
     }
 
-    fn enroll(&self) {
-        let lists = self.wait_point.lock();
-        // SAFETY: the lists are this barrier's.
-        unsafe { self.round(&lists, |round| round.parties += 1) };
-    }
-
     fn resign(&self) {
-        let mut lists = self.wait_point.lock();
+        let mut lists = self.lock();
         // SAFETY: the lists are this barrier's.
         let is_complete = unsafe {
-            self.round(&lists, |round| {
+            self.state(&lists, |round| {
                 round.parties = round.parties.saturating_sub(1);
             });
             self.complete_with(&mut lists, 0)
@@ -302,7 +241,7 @@ impl Shared {
     unsafe fn complete_with(&self, lists: &mut WaitQueues, more: usize) -> bool {
         // SAFETY: the contract.
         let (missing, offering) = unsafe {
-            self.round(lists, |round| {
+            self.state(lists, |round| {
                 let come = round.arrived + round.offering + more;
                 (round.parties.saturating_sub(come), round.offering)
             })
@@ -325,7 +264,7 @@ impl Shared {
         held.append(receivers);
         // SAFETY: the contract.
         unsafe {
-            self.round(lists, |round| {
+            self.state(lists, |round| {
                 round.arrived = 0;
                 round.offering = 0;
                 round.number = round.number.wrapping_add(1);
@@ -361,7 +300,7 @@ impl Shared {
                     Waiter::settle_stale(waiter);
                 }
             }
-            let is_enough = self.round(lists, |round| {
+            let is_enough = self.state(lists, |round| {
                 round.offering = open;
                 round.arrived + open + more >= round.parties
             });
@@ -386,7 +325,7 @@ impl Shared {
     /// Releases the members of completed rounds. O(their number), in critical sections of O(1).
     fn release(&self) {
         loop {
-            let mut lists = self.wait_point.lock();
+            let mut lists = self.lock();
             let Some(node) = lists.held.pop() else {
                 return;
             };

@@ -1,7 +1,7 @@
 //! A party's coming to a barrier.
 
 use super::fast_path::Arrival;
-use super::{Barrier, Shared};
+use super::{Barrier, Meeting};
 use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
@@ -34,7 +34,7 @@ enum Phase {
 pub(super) enum Came {
     /// The round is not complete.
     Waits,
-    /// This party has completed the round, and the others are to be [released](Shared::release).
+    /// This party has completed the round, and the others are to be [released](Meeting::release).
     Completes,
     /// The round is complete. The wake handle is not needed any more.
     IsOver(Option<WakeHandle>),
@@ -70,8 +70,8 @@ impl<'a> SyncOp<'a> {
     }
 
     #[inline]
-    fn shared(&self) -> &'a Shared {
-        self.barrier.shared()
+    fn meeting(&self) -> &'a Meeting {
+        &self.barrier.meeting
     }
 
     #[inline]
@@ -95,20 +95,20 @@ impl<'a> SyncOp<'a> {
     ///
     /// It is pinned, new or listed, and in no alternative unless that has chosen it.
     pub(super) unsafe fn look(&mut self, renewal: &mut Renewal<'_, '_>) -> Came {
-        let shared = self.shared();
+        let meeting = self.meeting();
         let is_new = self.phase == Phase::New;
-        let mut lists = shared.wait_point.lock();
+        let mut lists = meeting.lock();
         // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
         // contract, and its drop takes it off. Under the lock a listed node may be changed, and the
         // round's number determines its list.
         unsafe {
             if is_new {
-                if shared.complete_with(&mut lists, 1) {
+                if meeting.complete_with(&mut lists, 1) {
                     self.phase = Phase::Over;
                     return Came::Completes;
                 }
                 if let Some(wake_handle) = renewal.take() {
-                    let number = shared.round(&lists, |round| {
+                    let number = meeting.state(&lists, |round| {
                         round.arrived += 1;
                         round.number
                     });
@@ -126,7 +126,7 @@ impl<'a> SyncOp<'a> {
                 self.phase = Phase::Over;
                 return Came::IsOver(None);
             }
-            if shared.round(&lists, |round| round.number) == (*node).ticket {
+            if meeting.state(&lists, |round| round.number) == (*node).ticket {
                 renewal.store(Waiter::change_wake_handle(self.node()));
                 return Came::Waits;
             }
@@ -145,11 +145,11 @@ impl<'a> SyncOp<'a> {
         // SAFETY: its callers are polled pinned, in these phases.
         match renewal.put(|renewal| unsafe { self.look(renewal) }) {
             Came::Waits => {
-                self.shared().wait_point.waits();
+                self.meeting().waits();
                 Poll::Pending
             }
             Came::Completes => {
-                self.shared().release();
+                self.meeting().release();
                 self.let_others_run(cx)
             }
             Came::IsOver(_former) => Poll::Ready(()),
@@ -158,7 +158,7 @@ impl<'a> SyncOp<'a> {
 
     /// It has completed the round, and released the others.
     fn let_others_run(&mut self, cx: &Context<'_>) -> Poll<()> {
-        if crate::gives_way(cx) {
+        if crate::yield_after_operation(cx) {
             self.phase = Phase::GaveWay;
             return Poll::Pending;
         }
@@ -175,7 +175,7 @@ impl<'a> SyncOp<'a> {
             }
             Arrival::Completes => {
                 self.phase = Phase::Over;
-                self.shared().release();
+                self.meeting().release();
                 return self.let_others_run(cx);
             }
             _ => {}
@@ -191,7 +191,7 @@ impl<'a> SyncOp<'a> {
                 current::end_branch(cx);
                 return Poll::Pending;
             }
-            Phase::New => self.shared().note_user(),
+            Phase::New => self.meeting().note_user(),
             Phase::Listed => {}
             Phase::GaveWay => {
                 self.phase = Phase::Over;
@@ -210,7 +210,7 @@ impl<'a> SyncOp<'a> {
                 self.leave();
             }
             // The round is complete, whatever becomes of this party.
-            _ => self.shared().release(),
+            _ => self.meeting().release(),
         }
     }
 
@@ -230,8 +230,8 @@ impl<'a> SyncOp<'a> {
             Phase::New => return (false, None),
             Phase::Completed | Phase::GaveWay | Phase::Over => return (true, None),
         }
-        self.shared().wait_point.waits_no_more();
-        let mut lists = self.shared().wait_point.lock();
+        self.meeting().waits_no_more();
+        let mut lists = self.meeting().lock();
         // SAFETY: as in `poll_round`.
         unsafe {
             match self.outcome() {
@@ -240,16 +240,16 @@ impl<'a> SyncOp<'a> {
                 _ => {}
             }
             let node = Waiter::link(self.node());
-            let number = self.shared().round(&lists, |round| round.number);
+            let number = self.meeting().state(&lists, |round| round.number);
             let is_complete = number != (*node).ticket;
             if is_complete {
                 lists.held.remove(self.node().cast());
             } else if Waiter::select_state(self.node()).is_some() {
                 lists.receivers.remove(self.node().cast());
-                self.shared().round(&lists, |round| round.offering -= 1);
+                self.meeting().state(&lists, |round| round.offering -= 1);
             } else {
                 lists.senders.remove(self.node().cast());
-                self.shared().round(&lists, |round| round.arrived -= 1);
+                self.meeting().state(&lists, |round| round.arrived -= 1);
             }
             let outcome = if is_complete {
                 Outcome::Done
@@ -277,7 +277,7 @@ impl Future for SyncOp<'_> {
                 if let Some(turn) = PlainTurn::of(cx) {
                     // SAFETY: a new node is known to its future alone, which is pinned; its drop
                     // takes the node off.
-                    arrival = unsafe { this.shared().come_fast(this.node(), turn) };
+                    arrival = unsafe { this.barrier.come_fast(this.node(), turn) };
                 }
                 match arrival {
                     Arrival::Waits => {
@@ -301,11 +301,12 @@ impl Future for SyncOp<'_> {
     }
 }
 
-impl RawGuard for SyncOp<'_> {
+// SAFETY: it borrows its barrier, which keeps the wait point; its drop takes it off the list.
+unsafe impl RawGuard for SyncOp<'_> {
     fn terms(&self) -> Terms<'_> {
         Terms {
             commits_several: true,
-            ..Terms::at(&self.shared().wait_point, &self.barrier.chosen)
+            ..Terms::at(self.meeting(), &self.barrier.chosen)
         }
     }
 
@@ -319,9 +320,9 @@ impl RawGuard for SyncOp<'_> {
         let Some(lists) = lists else {
             return Attempt::NotReady;
         };
-        this.shared().note_user();
+        this.meeting().note_user();
         // SAFETY: the contract: the lists are this barrier's.
-        if unsafe { this.shared().complete_with(lists, 1) } {
+        if unsafe { this.meeting().complete_with(lists, 1) } {
             this.phase = Phase::Completed;
             Attempt::Ready(PendingWake::NONE)
         } else {
@@ -359,7 +360,7 @@ impl RawGuard for SyncOp<'_> {
                 next = lists.receivers.after(other);
             }
             Waiter::begin(this.node(), false, Some((select_state, guard)), None);
-            (*Waiter::link(this.node())).ticket = this.shared().round(lists, |round| {
+            (*Waiter::link(this.node())).ticket = this.meeting().state(lists, |round| {
                 round.offering += 1;
                 round.number
             });
@@ -381,7 +382,7 @@ impl RawGuard for SyncOp<'_> {
         match this.phase {
             Phase::Completed => {
                 this.phase = Phase::GaveWay;
-                this.shared().release();
+                this.meeting().release();
                 Poll::Ready(())
             }
             Phase::Listed if this.outcome() != Outcome::Done => this.poll_round(cx),

@@ -1,8 +1,7 @@
 //! A call that was accepted.
 
 use super::Message;
-use super::serving::Accepted;
-use crate::recv::Receiver;
+use crate::end::End;
 use crate::waiter::Outcome;
 use luna_core::current::Inheritor;
 use std::fmt;
@@ -35,14 +34,24 @@ pub struct Call<'a, Q, A> {
 }
 
 impl<'a, Q, A> Call<'a, Q, A> {
-    pub(super) fn of(accepted: Accepted<'a, Message<Q, A>>) -> Self {
-        let Message::Request(request) = accepted.value else {
-            unreachable!("what a client offers is a request")
-        };
+    /// A call whose client is held by `ticket`.
+    pub(super) fn accepted(
+        end: &'a End<Message<Q, A>>,
+        message: Message<Q, A>,
+        ticket: u32,
+        inheritor: Option<Inheritor>,
+    ) -> Self {
+        // The boost was begun under the channel's lock, where the system may have refused it.
+        if let Some(inheritor) = &inheritor {
+            inheritor.catch_up();
+        }
         let reply = Reply {
-            receiver: accepted.receiver,
-            ticket: accepted.ticket,
-            inheritor: accepted.inheritor,
+            end,
+            ticket,
+            inheritor,
+        };
+        let Message::Request(request) = message else {
+            unreachable!("what a client offers is a request")
         };
         Call { request, reply }
     }
@@ -105,7 +114,7 @@ impl<Q: fmt::Debug, A> fmt::Debug for Call<'_, Q, A> {
 /// `ticket` is that of the client, as long as it was not let go; then 0. Ticket 0 holds no client.
 #[must_use = "the client gets no reply when this is dropped"]
 pub struct Reply<'a, Q, A> {
-    receiver: &'a Receiver<Message<Q, A>>,
+    end: &'a End<Message<Q, A>>,
     ticket: u32,
     /// Gives the boost back after the client was woken: before, other processes could run in
     /// between.
@@ -130,7 +139,7 @@ impl<Q, A> Reply<'_, Q, A> {
         let mut message = Some(message);
         let ticket = std::mem::take(&mut self.ticket);
         if ticket != 0 {
-            self.receiver.channel().finish_held(ticket, |client| {
+            self.end.channel().finish_held(ticket, |client| {
                 if let Some(message) = message.take() {
                     // SAFETY: a held sender's node holds no value; the lock is held.
                     unsafe { client.as_ref().put_value(message) };

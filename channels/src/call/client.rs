@@ -3,9 +3,9 @@
 use super::{CallError, Message};
 use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::error::SendError;
+use crate::operation::SendOp;
 use crate::select_state::SelectState;
-use crate::send::{SendOp, Sender};
-use crate::source::Offered;
+use crate::sender::Sender;
 use crate::wait_point::{Ending, WaitQueues};
 use luna_core::current;
 use std::fmt;
@@ -57,7 +57,7 @@ impl<Q, A> Client<Q, A> {
     #[inline]
     pub fn call(&self, request: Q) -> CallOp<'_, Q, A> {
         CallOp {
-            send: SendOp::new(&self.sender, Offered::value(Message::Request(request))),
+            send: self.sender.send(Message::Request(request)),
             sender: &self.sender,
             interrupted: false,
         }
@@ -186,7 +186,7 @@ impl<'a, Q, A> CallOp<'a, Q, A> {
     }
 
     fn is_poisoned(&self) -> bool {
-        self.sender.channel().wait_point().lock().ending == Ending::Poisoned
+        self.sender.end().channel().wait_point().lock().ending == Ending::Poisoned
     }
 
     /// A failed branch does not wait for a server: its reply goes nowhere.
@@ -216,7 +216,8 @@ impl<Q, A> Future for CallOp<'_, Q, A> {
     }
 }
 
-impl<Q, A> RawGuard for CallOp<'_, Q, A> {
+// SAFETY: as for the send within it.
+unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
     fn terms(&self) -> Terms<'_> {
         Terms {
             can_fail: false,

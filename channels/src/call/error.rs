@@ -1,7 +1,7 @@
 //! What can go wrong with a call.
 
-use std::error::Error;
 use std::fmt;
+use thiserror::Error;
 
 /// A call failed. A request that no server has taken is given back.
 ///
@@ -12,16 +12,22 @@ use std::fmt;
 /// assert!(error.is_closed());
 /// assert_eq!(error.into_request(), Some(7));
 /// ```
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq, Error)]
 pub enum CallError<Q> {
     /// The last server is gone, and did not take the request.
+    #[error("calling on a channel whose last server is gone")]
     Closed(Q),
     /// The channel, or the branch that called, was poisoned before a server took the request.
+    #[error("calling on a poisoned channel")]
     Poisoned(Q),
     /// A server took the request and did not reply: it has dropped the call, or panicked.
+    #[error(
+        "the server has dropped the call without a reply: it has ended or panicked, or does not reply to all"
+    )]
     Unanswered,
     /// A server took the request, and the channel, or the branch that called, was poisoned before
     /// the reply.
+    #[error("the channel was poisoned before the server replied")]
     Interrupted,
 }
 
@@ -50,19 +56,6 @@ impl<Q> CallError<Q> {
     }
 }
 
-impl<Q> fmt::Display for CallError<Q> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            CallError::Closed(_) => "calling on a channel whose last server is gone",
-            CallError::Poisoned(_) => "calling on a poisoned channel",
-            CallError::Unanswered => {
-                "the server has dropped the call without a reply: it has ended or panicked, or does not reply to all"
-            }
-            CallError::Interrupted => "the channel was poisoned before the server replied",
-        })
-    }
-}
-
 impl<Q> fmt::Debug for CallError<Q> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Without the request, so that it need not be `Debug`.
@@ -71,5 +64,3 @@ impl<Q> fmt::Debug for CallError<Q> {
             .finish_non_exhaustive()
     }
 }
-
-impl<Q> Error for CallError<Q> {}

@@ -29,7 +29,7 @@ use crate::buffer::Buffer;
 
 /// What lies in a call's node, and what is received.
 #[derive(Debug)]
-pub(crate) enum Message<Q, A> {
+pub enum Message<Q, A> {
     /// Until it is taken.
     Request(Q),
     Answer(A),

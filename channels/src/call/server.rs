@@ -2,20 +2,12 @@
 
 use super::serving::Serving;
 use super::{Call, Message};
-use crate::alternative::{Attempt, Guard, RawGuard, Terms};
-use crate::core::{Ending, Received};
 use crate::error::{RecvError, TryRecvError};
-use crate::extended::Mode;
-use crate::recv::{Receiver, RecvOp};
+use crate::operation::RecvOp;
+use crate::receiver::Receiver;
 use crate::replay;
-use crate::select_state::SelectState;
-use crate::wait_point::WaitQueues;
 use luna_core::current;
 use std::fmt;
-use std::future::Future;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 /// The answering end of a [`call_channel`](crate::call_channel). Any number of clones, on any
 /// threads, may accept at the same time; each call goes to one. One server may have accepted
@@ -89,9 +81,7 @@ impl<Q, A> Server<Q, A> {
     /// ```
     #[inline]
     pub fn accept(&self) -> AcceptOp<'_, Q, A> {
-        AcceptOp {
-            recv: RecvOp::new(&self.receiver),
-        }
+        RecvOp::receiving(self.receiver.end())
     }
 
     /// Accepts a call at once: only if a client waits. The real-time path may call it; O(1).
@@ -110,32 +100,7 @@ impl<Q, A> Server<Q, A> {
         if current::has_replay_log() {
             replay::outside("`try_accept`");
         }
-        let mut locked = self.receiver.channel().lock();
-        locked.note_server();
-        let received = locked.recv_now(true);
-        let mut inheritor = None;
-        if let Received::Done(_, _, holding) = &received {
-            Serving::holds(&mut inheritor, holding.priority);
-            locked.boost_while_they_wait();
-        }
-        locked.release();
-        match received {
-            Received::Done(value, ready, holding) => {
-                // Before the client's waker can panic: then the call is dropped without a reply.
-                let accepted = Serving::received(&self.receiver, value, holding.ticket, inheritor);
-                let call = Call::of(accepted);
-                ready.wake();
-                Ok(call)
-            }
-            Received::Empty => Err(TryRecvError::Empty),
-            Received::Ended(Ending::Poisoned) => Err(TryRecvError::Poisoned),
-            Received::Ended(_) => Err(TryRecvError::Closed),
-            // A request is never made when it is taken.
-            Received::Broken(ready) => {
-                ready.wake();
-                Err(TryRecvError::Poisoned)
-            }
-        }
+        self.accept().at_once().map_err(TryRecvError::from)
     }
 
     /// Like [`accept`](Self::accept), blocking this thread. For plain threads and OS-thread
@@ -212,101 +177,4 @@ impl<Q, A> fmt::Debug for Server<Q, A> {
 }
 
 /// An accept under way: see [`Server::accept`].
-#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
-pub struct AcceptOp<'a, Q, A> {
-    recv: RecvOp<'a, Message<Q, A>, Serving>,
-}
-
-impl<'a, Q, A> AcceptOp<'a, Q, A> {
-    #[inline]
-    fn recv(self: Pin<&mut Self>) -> Pin<&mut RecvOp<'a, Message<Q, A>, Serving>> {
-        // SAFETY: the receive is pinned with the whole.
-        unsafe { self.map_unchecked_mut(|this| &mut this.recv) }
-    }
-}
-
-impl<'a, Q, A> Future for AcceptOp<'a, Q, A> {
-    type Output = Result<Call<'a, Q, A>, RecvError>;
-
-    #[inline]
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        self.recv().poll(cx).map(|accepted| accepted.map(Call::of))
-    }
-}
-
-impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
-    fn terms(&self) -> Terms<'_> {
-        Terms {
-            can_fail: false,
-            ..self.recv.terms()
-        }
-    }
-
-    unsafe fn attempt(
-        self: Pin<&mut Self>,
-        lists: Option<&mut WaitQueues>,
-        cx: &mut Context<'_>,
-    ) -> Attempt {
-        // SAFETY: the contract is the same.
-        unsafe { self.recv().attempt(lists, cx) }
-    }
-
-    unsafe fn list(
-        self: Pin<&mut Self>,
-        lists: &mut WaitQueues,
-        select_state: NonNull<SelectState>,
-        guard: u32,
-    ) {
-        // SAFETY: the contract is the same.
-        unsafe { self.recv().list(lists, select_state, guard) };
-    }
-
-    unsafe fn withdraw(self: Pin<&mut Self>) {
-        // SAFETY: the contract: it is the guard within this one.
-        unsafe { self.recv().withdraw() };
-    }
-
-    unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: the contract: it is the guard within this one.
-        unsafe { self.recv().poll_chosen(cx) }
-    }
-
-    fn note_logged(&self) {
-        self.recv.note_logged();
-    }
-
-    fn order(&self) -> u64 {
-        RawGuard::order(&self.recv)
-    }
-
-    unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        // SAFETY: the contract: it is the guard within this one.
-        unsafe { self.recv().fail() }
-    }
-}
-
-impl<'a, Q, A> Guard for AcceptOp<'a, Q, A> {
-    type Output = Result<Call<'a, Q, A>, RecvError>;
-    type Seed = Self;
-
-    #[inline]
-    fn into_seed(self) -> Self {
-        self
-    }
-
-    #[inline]
-    fn from_seed(seed: Self) -> Self {
-        seed
-    }
-
-    unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
-        // SAFETY: the contract: it is the guard within this one.
-        unsafe { self.recv().output() }.map(Call::of)
-    }
-}
-
-impl<Q, A> fmt::Debug for AcceptOp<'_, Q, A> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("AcceptOp").field(&self.recv).finish()
-    }
-}
+pub type AcceptOp<'a, Q, A> = RecvOp<'a, Message<Q, A>, Serving>;

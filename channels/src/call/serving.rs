@@ -1,9 +1,11 @@
 //! The mode of a server's receive: it holds its client, inherits its priority, and gives a call
 //! back that was not handed on.
 
+use super::{Call, Message};
 use crate::core::Channel;
+use crate::end::End;
 use crate::extended::{Mode, Noted};
-use crate::recv::Receiver;
+use crate::operation::Node;
 use crate::wait_point::Ending;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{Inheritor, Priority};
@@ -12,20 +14,18 @@ use std::ptr::NonNull;
 
 /// The client is held until it is answered, and its priority is inherited.
 #[derive(Debug)]
-pub(super) struct Serving;
+pub struct Serving;
 
-/// A value with its sender held by ticket, and the server's boost for it.
-#[derive(Debug)]
-pub(super) struct Accepted<'a, T> {
-    pub(super) receiver: &'a Receiver<T>,
-    pub(super) value: T,
-    pub(super) ticket: u32,
-    pub(super) inheritor: Option<Inheritor>,
+impl Noted for Serving {
+    type Note = Option<Inheritor>;
 }
 
-impl Mode for Serving {
-    type Received<'a, T: 'a> = Accepted<'a, T>;
-    type Note = Option<Inheritor>;
+impl<Q, A> Mode<Message<Q, A>> for Serving {
+    type Received<'a>
+        = Call<'a, Q, A>
+    where
+        Q: 'a,
+        A: 'a;
     const HOLDS: bool = true;
     const INHERITS: bool = true;
 
@@ -40,22 +40,17 @@ impl Mode for Serving {
         }
     }
 
-    fn received<'a, T>(
-        receiver: &'a Receiver<T>,
-        value: T,
+    fn received<'a>(
+        end: &'a End<Message<Q, A>>,
+        message: Message<Q, A>,
         ticket: u32,
         inheritor: Option<Inheritor>,
-    ) -> Accepted<'a, T> {
-        Accepted {
-            receiver,
-            value,
-            ticket,
-            inheritor,
-        }
+    ) -> Call<'a, Q, A> {
+        Call::accepted(end, message, ticket, inheritor)
     }
 
-    fn give_back<T>(receiver: &Receiver<T>, value: T, ticket: u32) {
-        receiver.channel().wait_again(value, ticket);
+    fn return_value(end: &End<Message<Q, A>>, message: Message<Q, A>, ticket: u32) {
+        end.channel().wait_again(message, ticket);
     }
 }
 
@@ -66,12 +61,12 @@ impl Mode for Serving {
 /// `receiver` was listed in this channel, and was committed under the lock that is still held.
 #[inline]
 pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
-    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that
-    // inherits is noted with an inheritor.
+    // SAFETY: the contract: under the lock a node that is not settled is not its future's. That of one that
+    // inherits is followed by its note.
     unsafe {
         if (*Waiter::link(receiver)).inherits {
-            let noted = receiver.cast::<Noted<T, Option<Inheritor>>>().as_ptr();
-            if let Some(inheritor) = &mut (*noted).note {
+            let node = receiver.cast::<Node<T, Option<Inheritor>>>().as_ptr();
+            if let Some(inheritor) = &mut (*node).direction {
                 inheritor.inherit(sender);
             }
         }
@@ -99,7 +94,11 @@ impl<T> Channel<T> {
                 next = locked.lists.held.after(node);
             }
         };
-        debug_assert!(locked.lists.ending != Ending::Poisoned);
+        if locked.lists.ending == Ending::Poisoned {
+            // The channel is being poisoned: that releases the sender too.
+            drop(locked);
+            return drop(value);
+        }
         // SAFETY: the sender was found, and the receiver is committed here; a held sender holds no
         // value, nor does a receiver before it is done.
         unsafe {

@@ -25,7 +25,6 @@
 
 use super::Channel;
 use crate::alternative::{Commit, commit, take_first};
-use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
@@ -43,32 +42,23 @@ pub(crate) enum FastPath {
     Waits,
     /// It is done, and the process is queued again: others run first.
     GaveWay,
-    /// Fast path unavailable; no state changed. Take the slow path.
+    /// Fast path unavailable: no value has moved, and the operation is as new. Take the slow path.
+    /// Stale guards of alternatives may have been taken off.
     No,
     /// There is a buffer. The lock is kept.
     Store,
     /// An alternative is registered. The lock is kept.
-    More,
+    Registered,
 }
 
 impl FastPath {
-    /// It is done: counts it, and yields if another process is to run first.
-    #[inline(always)]
-    fn done_in(turn: PlainTurn<'_>) -> FastPath {
-        match turn.goes_on() {
-            true => FastPath::Done,
-            // SAFETY: a turn has a current process of an executor.
-            false => unsafe { Self::done(turn.process()) },
-        }
-    }
-
     /// # Safety
     ///
-    /// As for [`current::gives_way`].
+    /// As for [`current::yield_after_operation`].
     #[inline(always)]
     pub(super) unsafe fn done(process: &Process) -> FastPath {
         // SAFETY: the contract is the same.
-        match unsafe { current::gives_way(process) } {
+        match unsafe { current::yield_after_operation(process) } {
             true => FastPath::GaveWay,
             false => FastPath::Done,
         }
@@ -98,20 +88,21 @@ unsafe fn meet<const SEND: bool>(
     // process of this executor.
     unsafe {
         if let Some(partner) = lists.waiting.one(!SEND) {
+            if !lists.moves_word {
+                lists.keep();
+                return part_long::<SEND>(wait_point, node, turn, partner);
+            }
             let (from, to) = match SEND {
                 true => (node, partner.cast()),
                 false => (partner.cast(), node),
             };
-            if !lists.moves_word {
-                lists.keep();
-                return part_long::<SEND>(wait_point, (from, to), turn);
-            }
             Waiter::move_word(from, to);
             return part::<SEND>(wait_point, lists, partner, turn);
         }
         if lists.waiting.is_idle() {
-            note_user::<SEND>(&mut lists, turn.process());
-            Waiter::begin_alone(node, turn.process());
+            let process = turn.process();
+            lists.note_user(SEND, LastUser::process(process.id()));
+            Waiter::begin_alone(node, process);
             lists.set_alone(node.cast(), SEND);
             if !lists.leave() {
                 return revoked(wait_point, FastPath::Waits);
@@ -131,7 +122,8 @@ unsafe fn meet<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// The partner waits alone.
+/// The lists are those of `wait_point`. The partner waits alone there: this executor has begun its
+/// node by [`Waiter::begin_alone`].
 #[inline(always)]
 unsafe fn part<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -148,11 +140,12 @@ unsafe fn part<const SEND: bool>(
     }
 }
 
-/// As the rest of [`part`], for a partner that does not wait any more, with its wake.
+/// As the rest of [`part`], for a partner that was taken off.
 ///
 /// # Safety
 ///
-/// As there.
+/// The lists are those of `wait_point`. The partner's node is listed nowhere and not settled.
+/// `ready` is its wake, made in a plain turn on this thread.
 #[inline(always)]
 unsafe fn depart<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -162,36 +155,40 @@ unsafe fn depart<const SEND: bool>(
 ) -> FastPath {
     // SAFETY: the contract.
     unsafe {
-        note_user::<SEND>(&mut lists, turn.process());
+        lists.note_user(SEND, LastUser::process(turn.process().id()));
         Waiter::<()>::settle_plain(partner.cast());
         if !lists.leave() {
             return part_revoked(wait_point, ready, turn);
         }
-        match ready.wake_alone(turn) {
+        match ready.wake_if_none_ready(turn) {
             Ok(()) => FastPath::Done,
             Err(ready) => wake_otherwise(ready, turn),
         }
     }
 }
 
-/// As the rest of [`meet`], for a value that is longer than a word. The lock was kept.
+/// As the rest of [`meet`], for a value that is longer than a word. The lock was kept. The
+/// arguments are in the order of `meet`, so that none is moved between registers.
 ///
 /// # Safety
 ///
-/// As there; the value is to be moved from the first node to the second, one of which is the
-/// partner's.
+/// As there; `partner` waits alone for an operation of this side.
 #[inline(never)]
 unsafe fn part_long<const SEND: bool>(
     wait_point: &WaitPoint,
-    (from, to): (NonNull<Waiter<()>>, NonNull<Waiter<()>>),
+    node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
+    partner: NonNull<WaitNode>,
 ) -> FastPath {
+    let (from, to) = match SEND {
+        true => (node, partner.cast()),
+        false => (partner.cast(), node),
+    };
     // SAFETY: the contract.
     unsafe {
         move_value(wait_point, from, to);
-        let partner = if SEND { to } else { from };
         let lists = wait_point.kept(turn.executor_number());
-        part::<SEND>(wait_point, lists, partner.cast(), turn)
+        part::<SEND>(wait_point, lists, partner, turn)
     }
 }
 
@@ -252,15 +249,6 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
     }
 }
 
-#[inline(always)]
-fn note_user<const SEND: bool>(lists: &mut WaitQueues, process: &Process) {
-    let user = LastUser::process(process.id());
-    match SEND {
-        true => lists.sender = user,
-        false => lists.receiver = user,
-    }
-}
-
 /// As [`meet`], where neither nothing nor a partner waits alone. The lock was kept.
 ///
 /// # Safety
@@ -317,7 +305,7 @@ unsafe fn meet_otherwise<const SEND: bool>(
         }
         if SEND && lists.is_plain_but_registered() {
             lists.keep();
-            return FastPath::More;
+            return FastPath::Registered;
         }
         FastPath::No
     }
@@ -414,151 +402,88 @@ unsafe fn recv(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTur
 }
 
 impl<T> Channel<T> {
-    /// Sends, or lets the sender wait. O(1), without atomic read-modify-writes. If the result is
-    /// `Store` or `More`, [`store_fast`](Self::store_fast) or [`send_to_more`](Self::send_to_more)
-    /// is to be called at once.
+    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes. If
+    /// the result is `Store` or `Registered`, [`meet_found`](Self::meet_found) is to be called at
+    /// once.
     ///
     /// # Safety
     ///
-    /// `node` is not listed, no other thread accesses it, and it holds a value. It stays where it
-    /// is until it is settled or withdrawn.
+    /// `node` is a plain operation's and not listed, and no other thread accesses it. A send's
+    /// holds its value, a receive's none. It stays where it is until it is settled or withdrawn.
     #[inline(always)]
-    pub(crate) unsafe fn send_fast(
+    pub(crate) unsafe fn meet_fast(
         &self,
+        is_sender: bool,
         node: NonNull<Waiter<T>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
         // SAFETY: the contract.
-        unsafe { send(&self.wait_point, node.cast(), turn) }
-    }
-
-    /// Sends to a registered alternative, or lists the sender.
-    ///
-    /// # Safety
-    ///
-    /// As for [`send_fast`](Self::send_fast), which was called just before and has returned
-    /// `More`.
-    pub(crate) unsafe fn send_to_more<S: Source<T>>(
-        &self,
-        offered: NonNull<Offered<T, S>>,
-    ) -> FastPath {
-        // SAFETY: the contract: this is a process' plain turn, and its executor has the lock.
         unsafe {
-            let process = current::this_process();
-            let lists = self.wait_point.kept(process.executor_number());
-            self.send_to_registered(lists, offered, process)
+            match is_sender {
+                true => send(&self.wait_point, node.cast(), turn),
+                false => recv(&self.wait_point, node.cast(), turn),
+            }
         }
     }
 
-    /// Stores the value of a sender, or lists the sender.
+    /// Meets what the fast path has found beside a plain partner.
     ///
     /// # Safety
     ///
-    /// `node` holds a value; as for [`send_fast`](Self::send_fast), which was called just before
-    /// and has returned `Store`.
-    #[inline]
-    pub(crate) unsafe fn store_fast(
-        &self,
-        node: NonNull<Waiter<T>>,
-        turn: PlainTurn<'_>,
-    ) -> FastPath {
-        // SAFETY: the contract: the executor has kept the lock, which guards the store too.
-        unsafe {
-            let process = turn.process();
-            let mut lists = self.wait_point.kept(turn.executor_number());
-            if self.store.with(|store| (*store).len() < self.capacity()) {
-                note_user::<true>(&mut lists, process);
-                let value = Waiter::take_value_of(node);
-                self.store.with_mut(|store| (*store).push_back(value));
-                lists.is_storing = true;
-                if !lists.leave() {
-                    self.wait_point.after_revocation();
-                }
-                return FastPath::done_in(turn);
-            }
-            if !lists.senders.is_empty() {
-                return FastPath::No;
-            }
-            note_user::<true>(&mut lists, process);
-            lists.list_alone();
-            Waiter::begin_plain(node, process);
-            lists.senders.insert_alone(node.cast());
-            FastPath::Waits
-        }
-    }
-
-    /// Receives into the node, or lets the receiver wait. O(1), without atomic read-modify-writes.
-    /// If the result is `Store`, [`recv_stored`](Self::recv_stored) is to be called at once.
-    ///
-    /// # Safety
-    ///
-    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
-    /// is until it is settled or withdrawn.
+    /// As for [`meet_fast`](Self::meet_fast), which was called just before and has returned
+    /// `found`.
     #[inline(always)]
-    pub(crate) unsafe fn recv_fast(
+    pub(crate) unsafe fn meet_found(
         &self,
+        is_sender: bool,
+        found: FastPath,
         node: NonNull<Waiter<T>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
-        // SAFETY: the contract.
-        unsafe { recv(&self.wait_point, node.cast(), turn) }
-    }
-
-    /// Receives a stored value, and a waiting sender moves up; or lets the receiver wait.
-    ///
-    /// # Safety
-    ///
-    /// As for [`recv_fast`](Self::recv_fast), which was called just before and has returned
-    /// `Store`.
-    #[inline]
-    pub(crate) unsafe fn recv_stored(
-        &self,
-        node: NonNull<Waiter<T>>,
-        turn: PlainTurn<'_>,
-    ) -> FastPath {
-        // SAFETY: the contract: the executor has kept the lock, which guards the store too.
+        // SAFETY: the contract. With `Store` and `Registered` the executor has kept the lock.
         unsafe {
-            let process = turn.process();
-            let mut lists = self.wait_point.kept(turn.executor_number());
-            let stored = self.store.with(|store| (*store).len());
-            // Values given back by dropped futures may exceed the capacity.
-            if stored > self.capacity() {
-                return FastPath::No;
+            match (found, is_sender) {
+                (FastPath::Store, true) => self.store_fast(node, turn),
+                (FastPath::Store, false) => self.take_stored_fast(node, turn),
+                (FastPath::Registered, _) => self.send_to_registered(node, turn),
+                (other, _) => other,
             }
-            let mut moves_up = None;
-            if let Some(first) = lists.senders.first() {
-                let Some(ready) = Waiter::take_plain_wake_handle(first.cast::<Waiter<T>>()) else {
-                    return FastPath::No;
-                };
-                moves_up = Some((first, ready));
-            }
-            note_user::<false>(&mut lists, process);
-            let Some(value) = self.store.with_mut(|store| (*store).pop_front()) else {
-                if !lists.waiting.is_store() {
-                    return FastPath::No;
-                }
-                Waiter::begin_alone(node, process);
-                lists.set_alone(node.cast(), false);
-                return FastPath::Waits;
-            };
-            Waiter::put_value_of(node, value);
-            let Some((first, ready)) = moves_up else {
-                lists.is_storing = stored > 1;
-                if !lists.leave() {
-                    self.wait_point.after_revocation();
-                }
-                return FastPath::done_in(turn);
-            };
-            let sender = first.cast::<Waiter<T>>();
-            lists.senders.remove_first(first);
-            let next = Waiter::take_value_of(sender);
-            self.store.with_mut(|store| (*store).push_back(next));
-            Waiter::settle_plain(sender);
-            drop(lists);
-            ready.wake();
-            FastPath::done(process)
         }
     }
+}
+
+/// Ends an operation that is done without a partner.
+///
+/// # Safety
+///
+/// `lists` are those of `wait_point`.
+#[inline(always)]
+pub(super) unsafe fn leave_done(
+    wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    if !lists.leave() {
+        return leave_revoked(wait_point, turn);
+    }
+    match turn.goes_on() {
+        true => FastPath::Done,
+        false => give_way(turn),
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn leave_revoked(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
+    wait_point.after_revocation();
+    give_way(turn)
+}
+
+/// Counts an operation that is done, and yields if another process is to run first.
+#[inline(never)]
+fn give_way(turn: PlainTurn<'_>) -> FastPath {
+    // SAFETY: a turn has a current process of an executor.
+    unsafe { FastPath::done(turn.process()) }
 }
 
 /// Takes the value of the first waiting sender, if that is a plain operation's. The caller wakes it
@@ -578,7 +503,7 @@ pub(super) unsafe fn take_from_first<T>(
     unsafe {
         let sender = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wake_handle(sender)?;
-        note_user::<false>(lists, process);
+        lists.note_user(false, LastUser::process(process.id()));
         lists.senders.remove_first(first);
         let value = Waiter::take_value_of(sender);
         Waiter::settle_plain(sender);

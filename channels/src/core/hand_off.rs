@@ -3,7 +3,6 @@
 
 use super::{Channel, ChannelGuard, Locked};
 use crate::hand_off_slots::{Side, has_room};
-use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, user_number};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Renewal};
@@ -13,9 +12,9 @@ use std::ptr::NonNull;
 use std::task::Context;
 
 /// Result of an operation at the hand-off slots.
-pub(crate) enum HandOff<'a, T, R> {
+pub(crate) enum HandOff<'a, T> {
     /// It is done. There is no process to wake.
-    Done(R),
+    Done,
     /// It waits on its hand-off slot, and is to [look](Channel::look_from_slot).
     Waits,
     /// Nothing has happened. The lock is held, and no operation waits on a hand-off slot.
@@ -32,52 +31,57 @@ impl Drop for AbortOnDrop {
 }
 
 impl<T> Channel<T> {
-    /// Sends to the receiver that waits on a hand-off slot, or waits on one. O(1).
+    /// Meets the partner that waits on a hand-off slot, or waits on one. O(1).
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
-    /// stays where it is until it is settled or withdrawn.
+    /// `node` is a plain operation's and not listed. No other thread accesses it. A send's holds
+    /// its value, a receive's none. It stays where it is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn send_by_slot<S: Source<T>>(
+    pub(crate) unsafe fn meet_by_slot(
         &self,
-        offered: NonNull<Offered<T, S>>,
-    ) -> HandOff<'_, T, ()> {
-        let hand_off_slots = &self.wait_point.hand_off_slots;
-        let node = offered.cast::<Waiter<T>>();
+        is_sender: bool,
+        node: NonNull<Waiter<T>>,
+    ) -> HandOff<'_, T> {
+        let (own, other) = (Side::of(is_sender), Side::of(!is_sender));
+        let slots = &self.wait_point.hand_off_slots;
         let mut lists = self.wait_point.lock();
-        // SAFETY: the contract: the value lies in the node, unless it is made. On a hand-off slot a
-        // receiver's node holds no value, and its future looks at the hand-off slot alone. The lock
-        // is held.
-        unsafe {
-            if S::MAKE.is_none() && lists.may_use_hand_off_slots() {
-                if hand_off_slots.is_waiting(Side::Receiver)
-                    && let Some(receiver) = lists.hand_off.get(Side::Receiver)
-                {
-                    lists.sender = LastUser::of(current::user());
-                    let wait_point = &self.wait_point;
-                    wait_point.report(|| [events::current_process(), user_number(receiver)]);
-                    let value = Waiter::take_value_of(node);
-                    if has_room::<T>() {
-                        hand_off_slots.put(Side::Receiver, value);
+        // For a receive, values given back by dropped receives come first.
+        if lists.may_use_hand_off_slots() && (is_sender || !lists.is_storing) {
+            if slots.is_waiting(other)
+                && let Some(partner) = lists.hand_off.get(other)
+            {
+                lists.note_user(is_sender, LastUser::of(current::user()));
+                self.wait_point.report(|| {
+                    // SAFETY: a node on a slot is live, and the lock is held.
+                    let partner = unsafe { user_number(partner) };
+                    let users = [events::current_process(), partner];
+                    if is_sender {
+                        users
                     } else {
-                        Waiter::put_value_of(receiver.cast(), value);
+                        [users[1], users[0]]
                     }
-                    hand_off_slots.settle(Side::Receiver);
-                    return HandOff::Done(());
-                }
-                if hand_off_slots.is_free(Side::Sender) && spin::may_look() {
-                    lists.sender = LastUser::of(current::user());
+                });
+                // SAFETY: the contract. A waiting receiver's node holds no value, and its future
+                // looks at the slot alone. A waiting sender's value lies in the slot if that has
+                // room, else in its node. The lock is held.
+                unsafe { self.move_by_slot(is_sender, node, partner.cast()) };
+                slots.settle(other);
+                return HandOff::Done;
+            }
+            if slots.is_free(own) && spin::may_look() {
+                lists.note_user(is_sender, LastUser::of(current::user()));
+                // SAFETY: the contract. A sender's value stays in the node too: it is taken from
+                // there if the node is listed.
+                unsafe {
                     Waiter::begin_in_slot(node);
-                    lists.hand_off.note(Side::Sender, node.cast());
-                    if has_room::<T>() {
-                        // The value stays in the node too: it is taken from there if the node is
-                        // listed.
-                        hand_off_slots.put(Side::Sender, Waiter::take_value_of(node));
+                    lists.hand_off.note(own, node.cast());
+                    if is_sender && has_room::<T>() {
+                        slots.put(own, Waiter::take_value_of(node));
                     }
-                    hand_off_slots.occupy(Side::Sender);
-                    return HandOff::Waits;
                 }
+                slots.occupy(own);
+                return HandOff::Waits;
             }
         }
         self.wait_point.clear_slots(&mut lists);
@@ -87,47 +91,28 @@ impl<T> Channel<T> {
         })
     }
 
-    /// Receives from the sender that waits on a hand-off slot, or waits on one. O(1).
+    /// Moves the value between an operation and its partner on a hand-off slot.
     ///
     /// # Safety
     ///
-    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
-    /// is until it is settled or withdrawn.
-    #[inline]
-    pub(crate) unsafe fn recv_by_slot(&self, node: NonNull<Waiter<T>>) -> HandOff<'_, T, T> {
-        let hand_off_slots = &self.wait_point.hand_off_slots;
-        let mut lists = self.wait_point.lock();
-        // SAFETY: as above; a sender's node holds its value, and with room the hand-off slot does.
+    /// The lock is held. One node, or its slot, holds a value for the other.
+    #[inline(always)]
+    unsafe fn move_by_slot(
+        &self,
+        is_sender: bool,
+        node: NonNull<Waiter<T>>,
+        partner: NonNull<Waiter<T>>,
+    ) {
+        let slots = &self.wait_point.hand_off_slots;
+        // SAFETY: the contract.
         unsafe {
-            // Values given back by dropped receives come first.
-            if lists.may_use_hand_off_slots() && !lists.is_storing {
-                if hand_off_slots.is_waiting(Side::Sender)
-                    && let Some(sender) = lists.hand_off.get(Side::Sender)
-                {
-                    lists.receiver = LastUser::of(current::user());
-                    let wait_point = &self.wait_point;
-                    wait_point.report(|| [user_number(sender), events::current_process()]);
-                    let value = match has_room::<T>() {
-                        true => hand_off_slots.take(Side::Sender),
-                        false => Waiter::take_value_of(sender.cast()),
-                    };
-                    hand_off_slots.settle(Side::Sender);
-                    return HandOff::Done(value);
-                }
-                if hand_off_slots.is_free(Side::Receiver) && spin::may_look() {
-                    lists.receiver = LastUser::of(current::user());
-                    Waiter::begin_in_slot(node);
-                    lists.hand_off.note(Side::Receiver, node.cast());
-                    hand_off_slots.occupy(Side::Receiver);
-                    return HandOff::Waits;
-                }
+            match (is_sender, has_room::<T>()) {
+                (true, true) => slots.put(Side::Receiver, Waiter::take_value_of(node)),
+                (true, false) => Waiter::put_value_of(partner, Waiter::take_value_of(node)),
+                (false, true) => Waiter::put_value_of(node, slots.take(Side::Sender)),
+                (false, false) => Waiter::put_value_of(node, Waiter::take_value_of(partner)),
             }
         }
-        self.wait_point.clear_slots(&mut lists);
-        HandOff::No(ChannelGuard {
-            channel: self,
-            lists,
-        })
     }
 
     /// Looks for the partner of an operation that waits on a hand-off slot; if none comes, or
@@ -135,14 +120,15 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// The operation waits on the hand-off slot of this side, with this node, and this is its poll.
+    /// The operation waits on the hand-off slot of its side, with this node, and this is its poll.
     #[inline]
     pub(crate) unsafe fn look_from_slot(
         &self,
         node: NonNull<Waiter<T>>,
-        side: Side,
+        is_sender: bool,
         cx: &Context<'_>,
     ) -> Outcome {
+        let side = Side::of(is_sender);
         let hand_off_slots = &self.wait_point.hand_off_slots;
         // The looking operation must leave the hand-off slot itself. A panic that would drop it on
         // the way (in the test for attention of its thread) ends the program.

@@ -3,8 +3,8 @@
 //! The operation that arrives second does the work: it takes the partner off the waiting list,
 //! moves the value, settles the partner's outcome, releases the lock, and wakes the partner, in
 //! this order. Settling the outcome gives the partner's node up: its future may be polled and
-//! dropped at that very moment on another core, so nothing of it is touched afterwards (invariant 3
-//! of the protocol), and its wake handle was taken out before.
+//! dropped at that very moment on another core, so nothing of it is touched afterwards, and its
+//! wake handle was taken out before.
 //!
 //! ```text
 //!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
@@ -17,13 +17,14 @@
 //! [`SelectState`](crate::select_state::SelectState) first. If the alternative has chosen another
 //! guard, the node is taken off the list and passed over: each such node costs one step, once.
 
+mod fast_buffer;
 mod fast_path;
 mod guard;
 mod hand_off;
 mod registered;
 
 pub(crate) use fast_path::{FastPath, part_from};
-pub(crate) use guard::{ChannelGuard, Locked, Received, Sent};
+pub(crate) use guard::{Attempted, ChannelGuard, Locked};
 pub(crate) use hand_off::HandOff;
 
 use crate::alternative::Entry;
@@ -31,7 +32,6 @@ use crate::buffer::{Buffer, WhenFull};
 use crate::ended::take_watcher;
 use crate::finally::Finally;
 use crate::inspect::{Identity, Stored, ValueMethods};
-pub(crate) use crate::taken::Taken;
 pub(crate) use crate::wait_point::Ending;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
@@ -45,7 +45,7 @@ use std::mem::offset_of;
 use std::ptr::NonNull;
 use std::task::Context;
 /// Number of received values that can come back from dropped futures before more memory must be
-/// allocated: see [`Channel::give_back`].
+/// allocated: see [`Channel::return_value`].
 const SPARE: usize = 2;
 
 /// The state shared by both kinds of ends.
@@ -282,19 +282,20 @@ impl<T> Channel<T> {
         unsafe { self.renew_wake_handle(None, node, &mut renewal) }
     }
 
-    /// Takes back a value that was received by a future which was dropped before it could hand it
-    /// on: the value goes to the next receiver, before all others. It cannot be received from a
+    /// Returns a value to the channel whose receive was dropped before it could hand the value on:
+    /// it goes to the next receiver, before all others. It cannot be received from a
     /// poisoned channel, where it is dropped. An overwriting buffer that has become full in the
     /// meantime drops what it would have dropped had the value never left. Allocates only if more
     /// than [`SPARE`] values, or one for each receiver, are back at once.
-    pub(crate) fn give_back(&self, value: T) {
+    pub(crate) fn return_value(&self, value: T) {
         let mut locked = self.lock();
         if locked.lists.ending == Ending::Poisoned {
             drop(locked);
             drop(value);
             return;
         }
-        // Also by an extended rendezvous, which finds no sender to hold: the sender has gone on.
+        // Also by an extended rendezvous, which finds no sender to hold: its sender has gone on, or
+        // is released right after this.
         if let Some(receiver) = locked.commit_receiver(true) {
             // SAFETY: it was just committed; a receiver's node holds no value before it is done.
             let ready = unsafe {
@@ -468,10 +469,7 @@ impl<T> Channel<T> {
     }
 
     fn end_those_that_wait(&self, ending: Ending) {
-        let outcome = match ending {
-            Ending::Poisoned => Outcome::Poisoned,
-            _ => Outcome::Closed,
-        };
+        let outcome = Outcome::of(ending);
         let mut locked = self.lock();
         // Operations that come from now on see the ending, so the lists only get shorter. One by
         // one, so that the lock is held for few steps.
@@ -493,7 +491,7 @@ impl<T> Channel<T> {
                     )
                 }
             } else if let Some(node) = lists.held.pop() {
-                // It has communicated, whatever comes after (invariant 2); poisoning wakes every
+                // It has communicated, whatever comes after; poisoning wakes every
                 // waiter. SAFETY: the node was in the list, and the lock is held.
                 unsafe { Waiter::release(node.cast::<Waiter<T>>()) }
             } else if let Some(ready) = take_watcher(lists) {

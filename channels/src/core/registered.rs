@@ -5,11 +5,9 @@
 use super::fast_path::take_from_first;
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
-use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::Waiter;
-use luna_core::biased_lock::InsideGuard;
-use luna_core::current::{PlainPendingWake, Process};
+use luna_core::current::{PlainPendingWake, PlainTurn, Process};
 use std::ptr::NonNull;
 
 impl<T> Channel<T> {
@@ -18,14 +16,17 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are
-    /// this channel's, and plain but for one registered alternative.
-    pub(super) unsafe fn send_to_registered<S: Source<T>>(
+    /// As for [`meet_found`](Self::meet_found), of a send that has found `Registered`: the lists
+    /// are plain but for one registered alternative.
+    #[inline(never)]
+    pub(super) unsafe fn send_to_registered(
         &self,
-        mut lists: InsideGuard<'_, WaitQueues>,
-        offered: NonNull<Offered<T, S>>,
-        process: &Process,
+        sender: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
     ) -> FastPath {
+        let process = turn.process();
+        // SAFETY: the contract: the executor has kept the lock.
+        let mut lists = unsafe { self.wait_point.kept(turn.executor_number()) };
         if !lists.receivers.is_empty() || !lists.senders.is_empty() {
             return FastPath::No;
         }
@@ -42,15 +43,16 @@ impl<T> Channel<T> {
             // done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
-                Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
+                Waiter::put_value_of(receiver, Waiter::take_value_of(sender));
                 Waiter::settle_plain(receiver);
                 drop(lists);
                 go_on(ready, process)
             },
-            // SAFETY: by the contract on `offered` and the lock; no other node is listed.
-            Some(None) => unsafe { wait_as_sender(&mut lists, offered, process) },
+            // SAFETY: by the contract on `sender` and the lock; no other node is listed.
+            Some(None) => unsafe { wait_as_sender(&mut lists, sender, process) },
         }
     }
+
     /// Receives for a registered alternative from a plain sender, if that is the first to wait;
     /// then reports under the lock whether no other waits. `None`: not possible here, or `still`
     /// returned false under the lock; no state changed.
@@ -84,19 +86,18 @@ impl<T> Channel<T> {
 ///
 /// # Safety
 ///
-/// As for [`send_fast`](Channel::send_fast); and no node is listed on either side.
+/// As for [`meet_fast`](Channel::meet_fast); and no node is listed on either side.
 #[inline(always)]
-unsafe fn wait_as_sender<T, S: Source<T>>(
+unsafe fn wait_as_sender<T>(
     lists: &mut WaitQueues,
-    offered: NonNull<Offered<T, S>>,
+    node: NonNull<Waiter<T>>,
     process: &Process,
 ) -> FastPath {
     lists.sender = LastUser::process(process.id());
-    let node = offered.cast::<Waiter<T>>();
     // SAFETY: the contract.
     unsafe {
         Waiter::begin_plain(node, process);
-        lists.senders.insert_alone(node.cast());
+        lists.senders.insert_into_empty(node.cast());
     }
     FastPath::Waits
 }

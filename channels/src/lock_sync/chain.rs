@@ -1,9 +1,12 @@
-//! Passes a priority on: from the holder of a mutex to the holder of the mutex that it waits for.
+//! Passes a priority on: from the first waiter to the holder of a mutex, and from there to the
+//! holder of the mutex that this one waits for.
 
-use super::core::CoreRef;
+use super::core::{Core, CoreRef};
 use super::entry::Entry;
+use crate::wait_point::WaitQueues;
 use arrayvec::ArrayVec;
-use luna_core::current::Inheritor;
+use luna_core::current::{Inheritor, Priority};
+use std::ptr::NonNull;
 
 /// How many holders a chain is followed along.
 pub(super) const HOLDERS: usize = 8;
@@ -58,4 +61,82 @@ pub(super) fn follow(changed: Option<Changed>) {
             }
         }
     }
+}
+
+impl Core {
+    /// Moves `entry`, if it still waits here, to where its process' priority belongs now. Returns
+    /// the holder, if its boost changes by that. O(waiters).
+    pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
+        let mut lists = self.wait_point.lock();
+        let mut next = lists.senders.first();
+        while let Some(node) = next {
+            // SAFETY: the node is in the list, and the lock is held.
+            unsafe {
+                if Entry::of(node) == entry {
+                    self.requeue(&mut lists, entry);
+                    return self.relend(&lists).map(|changed| changed.inheritor);
+                }
+                next = lists.senders.after(node);
+            }
+        }
+        None
+    }
+
+    /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
+    /// O(waiters of lower priority).
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in the list of senders of `lists`, which are this mutex's.
+    pub(super) unsafe fn requeue(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) {
+        let node = Entry::node(entry);
+        // SAFETY: the contract.
+        unsafe {
+            let priority = Entry::priority(entry);
+            if priority != node.as_ref().priority() {
+                lists.senders.remove(node);
+                lists.senders.insert_again_at(node, priority);
+            }
+        }
+    }
+
+    /// Boosts the holder to the priority of the first other waiter. O(1), and O(waiters before that
+    /// are branches of the holder itself).
+    pub(super) fn relend(&self, lists: &WaitQueues) -> Option<Changed> {
+        self.state(lists, |state| {
+            let inheritor = state.inheritor.as_mut()?;
+            // As a whole: the waiter may be another branch of the same process. The process does
+            // not inherit its own priority, since it may be an inherited one.
+            let change = inheritor.boost_whole(first_other(lists, inheritor));
+            change.is_ne().then(|| Changed {
+                inheritor: inheritor.copy(),
+                is_more: change.is_gt(),
+            })
+        })
+    }
+}
+
+/// Ends the boost of a former holder.
+pub(super) fn end_boost(former: Option<Inheritor>) {
+    if let Some(mut inheritor) = former
+        && inheritor.give_back()
+    {
+        let is_more = false;
+        follow(Some(Changed { inheritor, is_more }));
+    }
+}
+
+/// The priority of the first waiter that is not the holder itself.
+fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
+    let mut next = lists.senders.first();
+    while let Some(node) = next {
+        // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
+        unsafe {
+            if !Entry::is_of(Entry::of(node), holder) {
+                return node.as_ref().priority();
+            }
+            next = lists.senders.after(node);
+        }
+    }
+    Priority::default()
 }

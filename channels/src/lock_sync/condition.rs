@@ -1,36 +1,22 @@
 //! The condition variable.
 
-use super::core::{Admitted, CoreRef};
+use super::core::CoreRef;
 use super::entry::{Cause, Entry};
 use super::error::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
-use crate::inspect::{Identity, WaitPointKind, register, unregister};
-use crate::wait_point::{AlignedWaitPoint, LastUser, WaitQueues};
+use crate::guarded_wait_point::GuardedWaitPoint;
+use crate::inspect::WaitPointKind;
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
+use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{self, User};
-use luna_core::deferred_free::{self, Retired};
+use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitNode;
 use luna_platform::clock::Instant;
-use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
 use std::ptr::NonNull;
 use std::time::Duration;
-
-/// What the handles share.
-///
-/// # Invariants
-///
-/// A waiting entry is in the wait point's list of senders, and has the number `tickets`; or it was
-/// notified together with all others, has an earlier number, and is in the list `held` until it is
-/// moved on. All nodes are entries that were begun.
-#[repr(C)]
-pub(super) struct Shared {
-    /// First, so that it leads back to this.
-    retired: Retired,
-    handles: AtomicUsize,
-    pub(super) wait_point: AlignedWaitPoint,
-}
 
 /// Holders of a [`Mutex`](super::Mutex) that cannot go on yet wait here, until another process has
 /// changed what the mutex guards, and notifies.
@@ -62,14 +48,17 @@ pub(super) struct Shared {
 /// .unwrap();
 /// thread.join().unwrap();
 /// ```
+///
+/// # Invariants
+///
+/// A waiting entry is in the wait point's list of senders, and has the number `tickets`; or it was
+/// notified together with all others, has an earlier number, and is in the list `held` until it is
+/// moved on. All nodes are entries that were begun.
+#[derive(Clone)]
 pub struct Condvar {
-    shared: NonNull<Shared>,
+    shared: Shared<GuardedWaitPoint<()>>,
 }
 
-// SAFETY: what is shared is guarded by a lock, or atomic.
-unsafe impl Send for Condvar {}
-// SAFETY: as above.
-unsafe impl Sync for Condvar {}
 impl std::panic::UnwindSafe for Condvar {}
 impl std::panic::RefUnwindSafe for Condvar {}
 
@@ -81,21 +70,13 @@ impl Condvar {
         reason = "a default would be made at another place than where reports say"
     )]
     pub fn new() -> Condvar {
-        let shared = NonNull::from(Box::leak(Box::new(Shared {
-            retired: Retired::new(Shared::free),
-            handles: AtomicUsize::new(1),
-            wait_point: AlignedWaitPoint::new(Identity::new(WaitPointKind::Condition)),
-        })));
-        // SAFETY: it is live, and leaves the register in `free`.
-        unsafe {
-            register(NonNull::from(&*shared.as_ref().wait_point));
-        };
-        Condvar { shared }
+        Condvar {
+            shared: GuardedWaitPoint::share(WaitPointKind::Condition, ()),
+        }
     }
 
-    pub(super) fn shared(&self) -> &Shared {
-        // SAFETY: this handle keeps it alive.
-        unsafe { self.shared.as_ref() }
+    pub(super) fn wait_point(&self) -> &WaitPoint {
+        &self.shared
     }
 
     /// Unlocks, waits to be notified, and locks again.
@@ -218,11 +199,14 @@ impl Condvar {
     ) -> Result<(MutexGuard<'a, T>, WaitTimeoutResult), LockError<'a, T>> {
         use luna_core::park::{block_on, block_on_until};
         let mut wait = std::pin::pin!(WaitOp::new(self, guard, true));
-        if let Some(locked) = block_on_until(wait.as_mut(), Instant::now() + timeout) {
-            return Ok((locked?, WaitTimeoutResult::NOTIFIED));
-        }
-        let result = wait.as_mut().time_out();
-        Ok((block_on(wait)?, result))
+        let guard = match block_on_until(wait.as_mut(), Instant::now() + timeout) {
+            Some(locked) => locked?,
+            None => {
+                wait.as_mut().time_out();
+                block_on(wait.as_mut())?
+            }
+        };
+        Ok((guard, wait.timeout_result()))
     }
 
     /// Lets the most urgent waiter go on, as soon as it holds its mutex; of equals the first. Does
@@ -232,18 +216,11 @@ impl Condvar {
     /// mutex), a system call if the mutex is free and the thread of the notified waiter sleeps, or
     /// if the priority of a thread changes.
     pub fn notify_one(&self) {
-        let mut lists = self.shared().wait_point.lock();
+        let mut lists = self.wait_point().lock();
         self.note_notifier(&mut lists);
-        let admitted = lists
-            .senders
-            .pop()
-            // SAFETY: it was just taken off this condition's list; this thread holds the list's
-            // lock.
-            .and_then(|node| unsafe { move_on(node, Cause::NotifiedAlone) });
-        drop(lists);
-        if let Some((admitted, _mutex)) = admitted {
-            admitted.carry_out();
-        }
+        let first = lists.senders.pop();
+        // SAFETY: it was just taken off this condition's list, and the lock is held.
+        unsafe { move_on(lists, first, Cause::NotifiedAlone) };
     }
 
     /// Lets all present waiters go on, each as soon as it holds its mutex.
@@ -252,7 +229,7 @@ impl Condvar {
     /// [`notify_one`](Self::notify_one), in a critical section of its own. The most urgent are
     /// moved on first.
     pub fn notify_all(&self) {
-        let mut guard = self.shared().wait_point.lock();
+        let mut guard = self.wait_point().lock();
         self.note_notifier(&mut guard);
         let lists = &mut *guard;
         lists.held.append(&mut lists.senders);
@@ -263,20 +240,14 @@ impl Condvar {
 
     /// Moves on the waiters that were notified together.
     fn release(&self) {
-        loop {
-            let mut lists = self.shared().wait_point.lock();
-            let Some(node) = lists.held.pop() else {
-                return;
-            };
-            // SAFETY: as in `notify_one`.
-            let admitted = unsafe { move_on(node, Cause::NotifiedWithAll) };
-            drop(lists);
+        let mut lists = self.wait_point().lock();
+        while let Some(first) = lists.held.pop() {
             // A wake may panic: the remaining wakes must still be done.
             let rest = Finally::new(|| self.release());
-            if let Some((admitted, _mutex)) = admitted {
-                admitted.carry_out();
-            }
+            // SAFETY: as in `notify_one`.
+            unsafe { move_on(lists, Some(first), Cause::NotifiedWithAll) };
             rest.cancel();
+            lists = self.wait_point().lock();
         }
     }
 
@@ -289,7 +260,7 @@ impl Condvar {
     /// Remembers that a user is outside of the system.
     pub(super) fn note_user(&self, user: User) {
         if user == User::Outside {
-            self.shared().wait_point.identity.set_external();
+            self.wait_point().identity.set_external();
         }
     }
 
@@ -298,73 +269,53 @@ impl Condvar {
     /// is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
-        self.shared().wait_point.identity.set_external();
+        self.wait_point().identity.set_external();
         self
     }
 
     /// Names the condition in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.shared().wait_point.identity.set_name(name);
+        self.wait_point().identity.set_name(name);
         self
     }
 }
 
-/// Moves a waiter to its mutex. The reference is to be dropped without the condition's lock: it may
-/// be the last, and then its drop takes other locks.
+/// Moves a waiter, if there is one, to its mutex.
 ///
 /// # Safety
 ///
-/// `node` was just taken off a condition's list, and this thread holds the list's lock.
-unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<(Admitted, CoreRef)> {
+/// `node` was just taken off a condition's list, and `lists` are the condition's.
+unsafe fn move_on(
+    lists: BiasedGuard<'_, WaitQueues>,
+    node: Option<NonNull<WaitNode>>,
+    cause: Cause,
+) {
+    let Some(entry) = node.map(Entry::of) else {
+        return;
+    };
     // SAFETY: the contract: its future cannot go without the condition's lock before it is settled,
     // and keeps its mutex. After that it may, so that the reference keeps the mutex while its lock
     // is held here.
-    unsafe {
-        let entry = Entry::of(node);
-        Entry::set_cause(entry, cause);
-        let core = CoreRef::new(Entry::core(entry)?);
+    let (core, admitted) = unsafe {
+        (*entry.as_ptr()).cause = cause;
+        let Some(core) = Entry::core(entry) else {
+            return;
+        };
+        let core = CoreRef::new(core);
         let admitted = core.admit(entry);
-        Some((admitted, core))
-    }
-}
-
-impl Shared {
-    /// # Safety
-    ///
-    /// As [`Retired`] requires.
-    unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `Condvar::new` made it of a box, and the head is its first field.
-        unsafe {
-            let shared = head.cast::<Shared>();
-            unregister(&shared.as_ref().wait_point);
-            drop(Box::from_raw(shared.as_ptr()));
-        }
-    }
-}
-
-impl Clone for Condvar {
-    fn clone(&self) -> Self {
-        self.shared().handles.fetch_add(1, Ordering::Relaxed);
-        Condvar {
-            shared: self.shared,
-        }
-    }
-}
-
-impl Drop for Condvar {
-    fn drop(&mut self) {
-        if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
-            // SAFETY: this was the last handle, and operations borrow theirs.
-            unsafe { deferred_free::retire(self.shared.cast()) };
-        }
-    }
+        (core, admitted)
+    };
+    drop(lists);
+    admitted.carry_out();
+    // Not under the condition's lock: it may be the last, and then its drop takes other locks.
+    drop(core);
 }
 
 impl fmt::Debug for Condvar {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Condvar")
-            .field("shared", &self.shared)
+            .field("shared", &&raw const *self.shared)
             .finish_non_exhaustive()
     }
 }

@@ -1,8 +1,8 @@
-//! The node of a waiter for a mutex, or for a condition and then its mutex.
+//! The node of a waiter for a mutex or a semaphore, or for a condition and then its mutex.
 
 use super::core::{Core, CoreRef};
-use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{Inheritor, Priority, Renewal, WakeHandle};
+use crate::waiter::{Link, Outcome, Waiter};
+use luna_core::current::{Inheritor, Priority};
 use luna_core::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
@@ -40,10 +40,12 @@ pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
     waiter: Waiter<()>,
     /// Inherits when the entry holds the mutex.
-    inheritor: Option<Inheritor>,
-    cause: Cause,
-    /// The mutex that it is to lock, from its begin to its end. It keeps that mutex's memory, also
-    /// if its future is leaked: the chain may still find it.
+    pub(super) inheritor: Option<Inheritor>,
+    /// How many permits it wants.
+    count: u32,
+    pub(super) cause: Cause,
+    /// Where it is to take them, from its begin to its end. It keeps that mutex's memory, also if
+    /// its future is leaked: the chain may still find it.
     core: Option<CoreRef>,
     is_listed: bool,
     listed: MaybeUninit<Listed>,
@@ -55,6 +57,7 @@ impl Entry {
         Self {
             waiter: Waiter::empty(),
             inheritor: None,
+            count: 0,
             cause: Cause::None,
             core: None,
             is_listed: false,
@@ -75,8 +78,8 @@ impl Entry {
         entry.cast()
     }
 
-    /// Prepares the node for being listed by its own process, and lists it with that process as one
-    /// that waits for `core`. O(1).
+    /// Prepares the node for being listed by its own process, and lists it with that process, if
+    /// that may inherit, as one that waits for `core`. O(1).
     ///
     /// # Safety
     ///
@@ -85,6 +88,7 @@ impl Entry {
     pub(super) unsafe fn begin(
         entry: NonNull<Entry>,
         core: NonNull<Core>,
+        count: u32,
         inheritor: Option<Inheritor>,
     ) {
         // SAFETY: the contract.
@@ -102,6 +106,7 @@ impl Entry {
                 inheritor.begin_wait(NonNull::from(&mut (*this).listed).cast());
             }
             (*this).inheritor = inheritor;
+            (*this).count = count;
             (*this).core = Some(CoreRef::new(core));
         }
     }
@@ -141,6 +146,21 @@ impl Entry {
         }
     }
 
+    /// How many permits it wants.
+    ///
+    /// # Safety
+    ///
+    /// It is live and was begun.
+    pub(super) unsafe fn count(entry: NonNull<Entry>) -> u32 {
+        // SAFETY: the contract; between begin and end, this does not change.
+        unsafe { (*entry.as_ptr()).count }
+    }
+
+    /// The part of its waiter that others find it by.
+    pub(super) fn link(entry: NonNull<Entry>) -> *mut Link {
+        entry.as_ptr().cast()
+    }
+
     /// What has become of it.
     ///
     /// # Safety
@@ -178,16 +198,6 @@ impl Entry {
             .is_some_and(|inheritor| inheritor.is_same(holder))
     }
 
-    /// Takes the inheritor out.
-    ///
-    /// # Safety
-    ///
-    /// It is live, and the lock that guards it is held.
-    pub(super) unsafe fn take_inheritor(entry: NonNull<Entry>) -> Option<Inheritor> {
-        // SAFETY: the contract; this borrows the one field.
-        unsafe { (*entry.as_ptr()).inheritor.take() }
-    }
-
     /// The mutex that it is to lock.
     ///
     /// # Safety
@@ -198,70 +208,5 @@ impl Entry {
         unsafe { &(*entry.as_ptr()).core }
             .as_ref()
             .map(CoreRef::pointer)
-    }
-
-    /// # Safety
-    ///
-    /// It is live, and the condition's lock is held.
-    pub(super) unsafe fn cause(entry: NonNull<Entry>) -> Cause {
-        // SAFETY: the contract.
-        unsafe { (*entry.as_ptr()).cause }
-    }
-
-    /// # Safety
-    ///
-    /// As for [`cause`](Self::cause).
-    pub(super) unsafe fn set_cause(entry: NonNull<Entry>, cause: Cause) {
-        // SAFETY: the contract.
-        unsafe { (*entry.as_ptr()).cause = cause };
-    }
-
-    /// In which round of the condition it waits.
-    ///
-    /// # Safety
-    ///
-    /// It was begun, and the condition's lock is held.
-    pub(super) unsafe fn ticket(entry: NonNull<Entry>) -> u32 {
-        // SAFETY: the contract.
-        unsafe { (*Waiter::link(Self::waiter(entry))).ticket }
-    }
-
-    /// # Safety
-    ///
-    /// As for [`ticket`](Self::ticket).
-    pub(super) unsafe fn set_ticket(entry: NonNull<Entry>, ticket: u32) {
-        // SAFETY: the contract.
-        unsafe { (*Waiter::link(Self::waiter(entry))).ticket = ticket };
-    }
-
-    /// Takes the wake handle out.
-    ///
-    /// # Safety
-    ///
-    /// It was begun and is in no list any more, and the lock is held that guarded it.
-    #[must_use = "its drop is user code, and the caller's last step"]
-    pub(super) unsafe fn take_wake_handle(entry: NonNull<Entry>) -> Option<WakeHandle> {
-        // SAFETY: the contract.
-        unsafe { (*Waiter::link(Self::waiter(entry))).wait.wake_handle_mut() }.take()
-    }
-
-    /// Makes it wake the present poller.
-    ///
-    /// # Safety
-    ///
-    /// It is listed, and the lock is held that guards it.
-    pub(super) unsafe fn renew_wake_handle(entry: NonNull<Entry>, renewal: &mut Renewal<'_, '_>) {
-        // SAFETY: the contract.
-        renewal.store(unsafe { (*Waiter::link(Self::waiter(entry))).wait.wake_handle_mut() });
-    }
-}
-
-/// The inheritor for a lock taken by the caller: its process; or the thread, if it runs no process
-/// and the `thread` itself holds the lock.
-pub(super) fn inheritor(thread: bool) -> Option<Inheritor> {
-    if thread {
-        Inheritor::current_or_thread()
-    } else {
-        Inheritor::current()
     }
 }

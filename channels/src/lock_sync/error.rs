@@ -1,52 +1,65 @@
 //! One small error for each operation.
 
 use super::guard::{MutexGuard, OwnerDied};
-use std::error::Error;
 use std::fmt;
+use thiserror::Error;
 
-const DIED: &str = "a process ended while it held the mutex, and the guarded value may be incomplete: recover the guard from the error";
+pub(super) const DIED: &str = "a process ended while it held the mutex, and the guarded value may be incomplete: recover the guard from the error";
 const POISONED: &str =
     "a sibling of this branch of a parallel construct has failed, which poisons its operations";
 const TIMEOUT: &str = "the time ran out";
 
 /// Why [`lock`](super::Mutex::lock) or a [`wait`](super::Condvar::wait) did not simply lock.
+#[derive(Error)]
 pub enum LockError<'a, T> {
     /// The former holder died while it held the mutex. The error holds the mutex.
+    #[error("{}", DIED)]
     OwnerDied(OwnerDied<'a, T>),
     /// A sibling of this branch of a parallel construct has failed, so that its operations fail as
     /// poisoned. It does not hold the mutex.
+    #[error("{}", POISONED)]
     Poisoned,
 }
 
 /// Why [`try_lock`](super::Mutex::try_lock) did not simply lock.
+#[derive(Error)]
 pub enum TryLockError<'a, T> {
     /// The mutex is held.
+    #[error("the mutex is locked")]
     Locked,
     /// The former holder died while it held the mutex. The error holds the mutex.
+    #[error("{}", DIED)]
     OwnerDied(OwnerDied<'a, T>),
 }
 
 /// Why [`lock_timeout`](super::Mutex::lock_timeout) did not simply lock.
+#[derive(Error)]
 pub enum LockTimeoutError<'a, T> {
     /// The time ran out. It does not hold the mutex.
+    #[error("{}", TIMEOUT)]
     Timeout,
     /// The former holder died while it held the mutex. The error holds the mutex.
+    #[error("{}", DIED)]
     OwnerDied(OwnerDied<'a, T>),
     /// As [`LockError::Poisoned`].
+    #[error("{}", POISONED)]
     Poisoned,
 }
 
 /// Why [`acquire`](super::Semaphore::acquire) failed: a sibling of this branch of a parallel
 /// construct has failed, so that its operations fail as poisoned.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("{}", POISONED)]
 pub struct AcquireError;
 
 /// Why [`acquire_timeout`](super::Semaphore::acquire_timeout) failed. It has no permits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum AcquireTimeoutError {
     /// The time ran out.
+    #[error("{}", TIMEOUT)]
     Timeout,
     /// As [`AcquireError`].
+    #[error("{}", POISONED)]
     Poisoned,
 }
 
@@ -128,59 +141,3 @@ impl<T> fmt::Debug for LockTimeoutError<'_, T> {
         })
     }
 }
-
-impl<T> fmt::Display for OwnerDied<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(DIED)
-    }
-}
-
-impl<T> fmt::Display for LockError<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            LockError::OwnerDied(_) => DIED,
-            LockError::Poisoned => POISONED,
-        })
-    }
-}
-
-impl<T> fmt::Display for TryLockError<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            TryLockError::Locked => "the mutex is locked",
-            TryLockError::OwnerDied(_) => DIED,
-        })
-    }
-}
-
-impl<T> fmt::Display for LockTimeoutError<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            LockTimeoutError::Timeout => TIMEOUT,
-            LockTimeoutError::OwnerDied(_) => DIED,
-            LockTimeoutError::Poisoned => POISONED,
-        })
-    }
-}
-
-impl fmt::Display for AcquireError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(POISONED)
-    }
-}
-
-impl fmt::Display for AcquireTimeoutError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            AcquireTimeoutError::Timeout => TIMEOUT,
-            AcquireTimeoutError::Poisoned => POISONED,
-        })
-    }
-}
-
-impl<T> Error for OwnerDied<'_, T> {}
-impl<T> Error for LockError<'_, T> {}
-impl<T> Error for TryLockError<'_, T> {}
-impl<T> Error for LockTimeoutError<'_, T> {}
-impl Error for AcquireError {}
-impl Error for AcquireTimeoutError {}

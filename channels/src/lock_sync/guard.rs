@@ -1,10 +1,12 @@
 //! Holding a mutex.
 
+use super::error::DIED;
 use super::mutex::Mutex;
 use luna_core::current;
 use std::fmt;
 use std::mem::ManuallyDrop;
 use std::ops::{Deref, DerefMut};
+use thiserror::Error;
 
 /// Whether this runs during the end of a process or branch that is cancelled, has failed or panics.
 fn is_dying() -> bool {
@@ -130,6 +132,8 @@ impl<T: fmt::Debug> fmt::Debug for MutexGuard<'_, T> {
 /// drop(guard);
 /// assert!(balance.blocking_lock().is_ok());
 /// ```
+#[derive(Error)]
+#[error("{}", DIED)]
 #[must_use = "it holds the mutex, which is unlocked, and still marked, when this is dropped"]
 pub struct OwnerDied<'a, T>(MutexGuard<'a, T>);
 

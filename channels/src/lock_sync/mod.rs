@@ -20,11 +20,16 @@
 
 // The protocol.
 //
-// A mutex is a wait point (its lock, a list of waiters) and a state under that lock: whether it is
-// held, and by which inheritor. It is handed over directly: unlocking pops the first waiter, makes
-// it the holder under the lock, settles its node, and wakes it after. So the mutex is never free
-// while there is a waiter, and no process barges in. A settled waiter holds the mutex even if it
-// has not seen so yet: if its future is dropped then, it unlocks.
+// A mutex is a wait point (its lock, a list of waiters) and a state under that lock: how many
+// permits are free, which is one or none, and the holder's inheritor. A semaphore is the same with
+// any number of permits, and without a holder (`Core`). A mutex is handed over directly: unlocking
+// pops the first waiter, makes it the holder under the lock, settles its node, and wakes it after.
+// So the mutex is never free while there is a waiter, and no process barges in. A settled waiter
+// holds the mutex even if it has not seen so yet: if its future is dropped then, it unlocks.
+//
+// All futures here are a `Take` of permits. Locking and acquiring wrap one. Waiting at a condition
+// unlocks, lists the entry of its take at the condition, and goes on with the take when a notifier
+// has moved that entry to the mutex.
 //
 // What can break, and what holds it together:
 //
@@ -60,11 +65,14 @@ mod condition;
 mod core;
 mod entry;
 mod error;
+mod give_back;
 mod guard;
+mod handle;
 mod lock;
 mod mutex;
 mod permit;
 mod semaphore;
+mod take;
 mod wait;
 
 pub use acquire::{AcquireOp, AcquireTimeout};

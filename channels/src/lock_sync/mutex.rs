@@ -1,36 +1,18 @@
 //! The mutex itself.
 
 use super::core::Core;
-use super::error::{LockError, LockTimeoutError, TryLockError};
+use super::error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
+use super::handle::Handle;
 use super::lock::{LockOp, LockTimeout};
-use crate::inspect::{register, unregister};
-use crate::replay;
-use luna_core::current::{self, Inheritor};
-use luna_core::deferred_free::Retired;
+use super::take::Take;
+use crate::inspect::WaitPointKind;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
-use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
-use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
-use std::ptr::NonNull;
 use std::time::Duration;
-
-/// What the handles share.
-///
-/// # Invariants
-///
-/// `value` is accessed by the holder of the mutex, and dropped with the last handle. The memory
-/// goes with the core's last reference.
-#[repr(C)]
-struct Shared<T> {
-    /// First, so that it leads back to this.
-    core: Core,
-    handles: AtomicUsize,
-    value: UnsafeCell<ManuallyDrop<T>>,
-}
 
 /// A value for use by one process or thread at a time: a process of an executor, an OS-thread
 /// process, a task of another runtime, or a plain thread.
@@ -69,56 +51,33 @@ struct Shared<T> {
 /// assert_eq!(*total.try_lock().unwrap(), 2);
 /// ```
 pub struct Mutex<T> {
-    shared: NonNull<Shared<T>>,
-    _owns: PhantomData<Shared<T>>,
+    handle: Handle<T>,
 }
-
-// SAFETY: handles share a value that one at a time accesses, on whichever thread; all else is
-// guarded by a lock, or atomic.
-unsafe impl<T: Send> Send for Mutex<T> {}
-// SAFETY: as above.
-unsafe impl<T: Send> Sync for Mutex<T> {}
-// What a panic leaves half done is marked.
-impl<T> std::panic::UnwindSafe for Mutex<T> {}
-impl<T> std::panic::RefUnwindSafe for Mutex<T> {}
 
 impl<T: Send> Mutex<T> {
     /// An unlocked mutex around `value`. Allocates; not for the real-time path.
     #[track_caller]
     pub fn new(value: T) -> Mutex<T> {
-        let shared = NonNull::from(Box::leak(Box::new(Shared {
-            core: Core::new(Shared::<T>::free),
-            handles: AtomicUsize::new(1),
-            value: UnsafeCell::new(ManuallyDrop::new(value)),
-        })));
-        // SAFETY: it is live, and leaves the register in `free`.
-        unsafe {
-            register(NonNull::from(&*shared.as_ref().core.wait_point));
-        };
         Mutex {
-            shared,
-            _owns: PhantomData,
+            handle: Handle::new(WaitPointKind::Mutex, 1, value),
         }
     }
 }
 
 impl<T> Mutex<T> {
-    fn shared(&self) -> &Shared<T> {
-        // SAFETY: this handle keeps it alive.
-        unsafe { self.shared.as_ref() }
-    }
-
+    #[inline]
     pub(super) fn core(&self) -> &Core {
-        &self.shared().core
+        self.handle.core()
     }
 
-    /// The core, by a pointer to the whole.
-    pub(super) fn core_pointer(&self) -> NonNull<Core> {
-        self.shared.cast()
+    #[inline]
+    pub(super) fn take(&self, of_thread: bool) -> Take<'_> {
+        Take::new(&self.handle, 1, of_thread)
     }
 
+    #[inline]
     pub(super) fn value(&self) -> &UnsafeCell<ManuallyDrop<T>> {
-        &self.shared().value
+        self.handle.value()
     }
 
     /// Locks, waiting until the holder and all more urgent waiters have unlocked.
@@ -135,7 +94,7 @@ impl<T> Mutex<T> {
     /// parallel construct after a sibling has failed.
     #[inline]
     pub fn lock(&self) -> LockOp<'_, T> {
-        LockOp::new(self, false)
+        LockOp::new(self)
     }
 
     /// Locks, if the mutex is free. O(1), for the real-time path. On a plain thread, the first call
@@ -152,15 +111,7 @@ impl<T> Mutex<T> {
     /// # drop(guard);
     /// ```
     pub fn try_lock(&self) -> Result<MutexGuard<'_, T>, TryLockError<'_, T>> {
-        let take = || self.core().take(Inheritor::current_or_thread()).is_ok();
-        let has_taken = match current::has_replay_log() {
-            true => replay::call(true, take, |taken| {
-                (!taken).then_some(replay::failure::NOTHING)
-            })
-            .unwrap_or_default(),
-            false => take(),
-        };
-        if !has_taken {
+        if !self.core().try_take(1) {
             return Err(TryLockError::Locked);
         }
         // SAFETY: it was taken.
@@ -207,7 +158,9 @@ impl<T> Mutex<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_lock(&self) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
-        luna_core::park::block_on(LockOp::new(self, true))
+        let taken = luna_core::park::block_on(self.take(true));
+        // SAFETY: a take that succeeds gives the mutex to its caller.
+        unsafe { self.taken(taken) }
     }
 
     /// Like [`blocking_lock`](Self::blocking_lock), for at most `timeout`.
@@ -234,11 +187,9 @@ impl<T> Mutex<T> {
         &self,
         timeout: Duration,
     ) -> Result<MutexGuard<'_, T>, LockTimeoutError<'_, T>> {
-        let mut lock = std::pin::pin!(LockOp::new(self, true));
-        match luna_core::park::block_on_until(lock.as_mut(), Instant::now() + timeout) {
-            Some(locked) => locked.map_err(LockTimeoutError::from),
-            None => lock.give_up(),
-        }
+        let taken = self.take(true).block_for(timeout);
+        // SAFETY: a take that succeeds gives the mutex to its caller.
+        unsafe { self.taken_in_time(taken) }
     }
 
     /// The result for the caller, which was just made the holder.
@@ -256,6 +207,38 @@ impl<T> Mutex<T> {
         }
     }
 
+    /// The result of a [`Take`], for its caller.
+    ///
+    /// # Safety
+    ///
+    /// If it succeeded, as for [`MutexGuard::new`].
+    #[inline]
+    pub(super) unsafe fn taken(
+        &self,
+        taken: Result<(), AcquireError>,
+    ) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
+        taken.map_err(|AcquireError| LockError::Poisoned)?;
+        // SAFETY: the contract.
+        unsafe { self.held() }.map_err(LockError::OwnerDied)
+    }
+
+    /// As [`taken`](Self::taken), of one that gives up.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    pub(super) unsafe fn taken_in_time(
+        &self,
+        taken: Result<(), AcquireTimeoutError>,
+    ) -> Result<MutexGuard<'_, T>, LockTimeoutError<'_, T>> {
+        taken.map_err(|error| match error {
+            AcquireTimeoutError::Timeout => LockTimeoutError::Timeout,
+            AcquireTimeoutError::Poisoned => LockTimeoutError::Poisoned,
+        })?;
+        // SAFETY: the contract.
+        unsafe { self.held() }.map_err(LockTimeoutError::OwnerDied)
+    }
+
     /// Names the mutex in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
@@ -264,47 +247,11 @@ impl<T> Mutex<T> {
     }
 }
 
-impl<T> Shared<T> {
-    /// # Safety
-    ///
-    /// `head` begins a whole that is not used any more; its value is dropped.
-    unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `Mutex::new` made it of a box, and the head is its first field's first.
-        unsafe {
-            let shared = head.cast::<Shared<T>>();
-            unregister(&shared.as_ref().core.wait_point);
-            drop(Box::from_raw(shared.as_ptr()));
-        }
-    }
-}
-
 impl<T> Clone for Mutex<T> {
     fn clone(&self) -> Self {
-        self.shared().handles.fetch_add(1, Ordering::Relaxed);
         Mutex {
-            shared: self.shared,
-            _owns: PhantomData,
+            handle: self.handle.clone(),
         }
-    }
-}
-
-impl<T> Drop for Mutex<T> {
-    fn drop(&mut self) {
-        if self.shared().handles.fetch_sub(1, Ordering::AcqRel) != 1 {
-            return;
-        }
-        struct LetGo(NonNull<Core>);
-        impl Drop for LetGo {
-            fn drop(&mut self) {
-                // SAFETY: the last handle's, and operations borrow theirs.
-                unsafe { Core::let_go(self.0) };
-            }
-        }
-        let _let_go = LetGo(self.core_pointer());
-        // SAFETY: this was the last handle, so the mutex is free, and can never be locked again:
-        // the value is dropped once.
-        self.value()
-            .with_mut(|value| unsafe { ManuallyDrop::drop(&mut *value) });
     }
 }
 
@@ -317,9 +264,8 @@ impl<T: Send + Default> Default for Mutex<T> {
 
 impl<T> fmt::Debug for Mutex<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Without locking it: debug output never waits, and must not make others wait.
         f.debug_struct("Mutex")
-            .field("shared", &self.shared)
+            .field("shared", &self.handle)
             .finish_non_exhaustive()
     }
 }

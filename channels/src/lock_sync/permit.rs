@@ -43,6 +43,6 @@ impl<'a> SemaphorePermit<'a> {
 
 impl Drop for SemaphorePermit<'_> {
     fn drop(&mut self) {
-        self.semaphore.shared().add(self.count);
+        self.semaphore.core().give_back(self.count, false);
     }
 }

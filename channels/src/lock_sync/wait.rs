@@ -1,134 +1,96 @@
 //! Waiting at a condition, as a future.
 
 use super::condition::Condvar;
-use super::entry::{Cause, Entry, inheritor};
-use super::error::LockError;
+use super::entry::{Cause, Entry};
+use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
+use super::take::{self, Phase, Take};
 use crate::finally::Finally;
 use crate::replay::{self, Logged, Stage};
 use crate::wait_point::WaitQueues;
-use crate::waiter::Outcome;
-use luna_core::current::{self, Inheritor, Renewal, WakeHandle};
+use luna_core::current::{self, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
-use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
-use std::marker::PhantomPinned;
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::task::{Context, Poll};
-
-enum Phase<'a, T> {
-    /// It still holds the mutex.
-    New(MutexGuard<'a, T>),
-    /// The entry is in a list of the condition, or of the mutex, or was settled.
-    Listed,
-    /// It has unlocked, and is not listed: by its process' replay log it is never notified, but
-    /// locks again when it did.
-    Unlocked,
-    /// It holds the mutex, and has no entry.
-    Keeps,
-    Over,
-}
 
 /// Waiting at a condition: see [`Condvar::wait`].
 ///
+/// Unlocking comes first: `guard` is there until then. What follows is a take of the mutex,
+/// which is begun in the list of the condition, and moved to that of the mutex by a notifier. Its
+/// phase `GaveWay` means here that it has unlocked, and is not listed: by its process' replay log it
+/// is never notified, but locks again when it did.
+///
 /// # Invariants
 ///
-/// In `Listed` it is pinned, and the entry was begun. Under the condition's lock its cause
-/// determines which of the two locks guards the rest of it.
+/// Under the condition's lock the cause of an entry that was begun determines which of the two
+/// locks guards the rest of it.
 #[must_use = "an operation does nothing unless awaited, but that the mutex is unlocked when this is dropped"]
 pub struct WaitOp<'c, 'a, T> {
     condition: &'c Condvar,
     mutex: &'a Mutex<T>,
-    entry: UnsafeCell<Entry>,
-    phase: Phase<'a, T>,
-    /// The thread itself waits, so it may inherit.
-    of_thread: bool,
+    guard: Option<MutexGuard<'a, T>>,
+    take: Take<'a>,
     /// Its time ran out before it was notified.
     has_timed_out: bool,
-    _pinned: PhantomPinned,
 }
-
-// SAFETY: a listed entry is guarded by locks wherever the future is; it leads to the value as
-// `&mut T` does.
-unsafe impl<T: Send> Send for WaitOp<'_, '_, T> {}
-// SAFETY: `&WaitOp` gives access to nothing.
-unsafe impl<T: Send> Sync for WaitOp<'_, '_, T> {}
 
 impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     pub(super) fn new(condition: &'c Condvar, guard: MutexGuard<'a, T>, of_thread: bool) -> Self {
+        let mutex = guard.mutex();
         WaitOp {
             condition,
-            mutex: guard.mutex(),
-            entry: UnsafeCell::new(Entry::new()),
-            phase: Phase::New(guard),
-            of_thread,
+            mutex,
+            guard: Some(guard),
+            take: mutex.take(of_thread),
             has_timed_out: false,
-            _pinned: PhantomPinned,
         }
-    }
-
-    fn entry(&self) -> NonNull<Entry> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.entry.get()) }
     }
 
     /// Lists it, and unlocks the mutex after: every notifier from then on finds it.
     fn begin(&mut self, guard: MutexGuard<'a, T>, cx: &Context<'_>) {
-        let inheritor = inheritor(self.of_thread);
-        let priority = inheritor
-            .as_ref()
-            .map_or_else(current::priority, Inheritor::priority_before_blocking);
+        let priority = take::priority(self.take.of_thread);
+        let inheritor = take::caller(self.take.of_thread);
         let wake_handle = WakeHandle::of(cx);
-        let entry = self.entry();
+        let entry = self.take.entry();
         self.condition.note_user(current::user());
         // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and
         // keeps the mutex by its handle.
         unsafe {
-            Entry::begin(entry, self.mutex.core_pointer(), inheritor);
-            let mut lists = self.condition.shared().wait_point.lock();
-            Entry::set_ticket(entry, lists.tickets);
+            self.take.begin(inheritor);
+            let mut lists = self.condition.wait_point().lock();
+            (*Entry::link(entry)).ticket = lists.tickets;
             lists
                 .senders
                 .insert(Entry::node(entry), priority, wake_handle);
         }
-        self.phase = Phase::Listed;
         guard.unlock();
     }
 
-    fn has_locked(&self) -> bool {
-        // SAFETY: asked in `Listed`.
-        unsafe { Entry::outcome(self.entry()) == Outcome::Done }
-    }
-
     fn poll_listed(&mut self, cx: &Context<'_>) -> Poll<()> {
-        if self.has_locked() {
-            return Poll::Ready(());
-        }
-        let entry = self.entry();
+        let entry = self.take.entry();
         let mut renewal = Renewal::of(cx);
         let waits_here = renewal.put(|renewal| {
-            let _lists = self.condition.shared().wait_point.lock();
+            let _lists = self.condition.wait_point().lock();
             // SAFETY: the lock is held; without a cause the entry is in one of the condition's
             // lists, else it was moved to the mutex.
             unsafe {
-                let waits_here = Entry::cause(entry) == Cause::None;
+                let waits_here = (*entry.as_ptr()).cause == Cause::None;
                 if waits_here {
-                    Entry::renew_wake_handle(entry, renewal);
+                    renewal.store((*Entry::link(entry)).wait.wake_handle_mut());
                 }
                 waits_here
             }
         });
         if !waits_here {
-            // SAFETY: the entry is this future's, and was moved there.
-            return unsafe { self.mutex.core().poll_listed(entry, cx) };
+            return self.take.poll_listed(cx);
         }
-        self.condition.shared().wait_point.waits();
+        self.condition.wait_point().waits();
         Poll::Pending
     }
 
@@ -139,118 +101,100 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     ///
     /// `lists` are the condition's, and it has no cause.
     unsafe fn take_off(&self, lists: &mut WaitQueues) -> bool {
+        let node = Entry::node(self.take.entry());
         // SAFETY: the contract, and the condition's invariant.
         unsafe {
-            let was_notified = Entry::ticket(self.entry()) != lists.tickets;
+            let was_notified = (*Entry::link(self.take.entry())).ticket != lists.tickets;
             if was_notified {
-                lists.held.remove(Entry::node(self.entry()));
+                lists.held.remove(node);
             } else {
-                lists.senders.remove(Entry::node(self.entry()));
+                lists.senders.remove(node);
             }
             was_notified
         }
     }
 
     /// At a deadline: it waits for the mutex alone from now on, unless it was notified before.
-    pub(super) fn time_out(self: Pin<&mut Self>) -> WaitTimeoutResult {
+    pub(super) fn time_out(self: Pin<&mut Self>) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        let mut lists = this.condition.shared().wait_point.lock();
-        // SAFETY: the lock is held, and under it the entry's cause determines its list.
+        let entry = this.take.entry();
+        let mut lists = this.condition.wait_point().lock();
+        // SAFETY: the lock is held, and under it the entry's cause determines its list. This
+        // future's handle keeps the mutex.
         let admitted = unsafe {
-            if Entry::cause(this.entry()) != Cause::None {
-                return WaitTimeoutResult::NOTIFIED;
-            }
-            let (cause, result) = if this.take_off(&mut lists) {
-                (Cause::NotifiedWithAll, WaitTimeoutResult::NOTIFIED)
-            } else {
-                this.has_timed_out = true;
-                (Cause::TimedOut, WaitTimeoutResult::TIMED_OUT)
-            };
-            Entry::set_cause(this.entry(), cause);
-            // This future's handle keeps the mutex.
-            (this.mutex.core().admit(this.entry()), result)
-        };
-        drop(lists);
-        admitted.0.carry_out();
-        admitted.1
-    }
-
-    fn end(&mut self) {
-        if let Phase::Listed = std::mem::replace(&mut self.phase, Phase::Over) {
-            // SAFETY: it is this future's, was begun, and is settled or in no list.
-            unsafe { Entry::end(self.entry()) };
-        }
-    }
-
-    /// Gives up in any state. A notification that was for it alone is passed on; a mutex that it
-    /// was handed is too.
-    fn cancel(&mut self) {
-        let entry = self.entry();
-        self.condition.shared().wait_point.waits_no_more();
-        let mut lists = self.condition.shared().wait_point.lock();
-        // SAFETY: the lock is held; the entry's cause determines its list.
-        unsafe {
-            let cause = Entry::cause(entry);
-            if cause == Cause::None {
-                self.take_off(&mut lists);
-                let _former = Entry::take_wake_handle(entry);
-                drop(lists);
-                self.end();
+            if (*entry.as_ptr()).cause != Cause::None {
                 return;
             }
-            drop(lists);
-            let (holds, _former) = self.mutex.core().withdraw(entry);
-            self.end();
-            let _passed_on = Finally::new(|| {
-                if cause == Cause::NotifiedAlone {
-                    self.condition.notify_one();
-                }
+            this.has_timed_out = !this.take_off(&mut lists);
+            (*entry.as_ptr()).cause = match this.has_timed_out {
+                true => Cause::TimedOut,
+                false => Cause::NotifiedWithAll,
+            };
+            this.mutex.core().admit(entry)
+        };
+        drop(lists);
+        admitted.carry_out();
+    }
+
+    pub(super) fn timeout_result(&self) -> WaitTimeoutResult {
+        WaitTimeoutResult(self.has_timed_out)
+    }
+
+    /// Gives up while it waits at the condition or for the mutex. A notification that was for it
+    /// alone is passed on; a mutex that it was handed is too.
+    fn cancel(&mut self) {
+        let entry = self.take.entry();
+        self.condition.wait_point().waits_no_more();
+        let mut lists = self.condition.wait_point().lock();
+        // SAFETY: the lock is held; the entry's cause determines its list.
+        let (cause, _former) = unsafe {
+            let cause = (*entry.as_ptr()).cause;
+            let former = (cause == Cause::None).then(|| {
+                self.take_off(&mut lists);
+                (*Entry::link(entry)).wait.wake_handle_mut().take()
             });
-            if holds {
-                // The value was not touched again.
-                self.mutex.core().unlock(false);
-            }
+            (cause, former)
+        };
+        drop(lists);
+        if cause == Cause::None {
+            return self.take.end();
         }
+        let _passed_on = Finally::new(|| {
+            if cause == Cause::NotifiedAlone {
+                self.condition.notify_one();
+            }
+        });
+        self.take.cancel();
     }
-}
 
-impl<'a, T> WaitOp<'_, 'a, T> {
     /// Polls until it holds the mutex again, or its branch has failed.
-    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
-        match std::mem::replace(&mut self.phase, Phase::Over) {
-            Phase::New(guard) if current::branch_failed() => {
+    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
+        let has_failed = current::branch_failed();
+        if let Some(guard) = self.guard.take() {
+            if has_failed {
                 guard.unlock();
+                self.take.end();
                 current::stay_in_branch();
-                Poll::Ready(Err(LockError::Poisoned))
+                return Poll::Ready(Err(AcquireError));
             }
-            Phase::New(guard) => {
-                self.begin(guard, cx);
-                self.condition.shared().wait_point.waits();
-                Poll::Pending
-            }
-            Phase::Listed => {
-                self.phase = Phase::Listed;
-                if current::branch_failed() && !self.has_locked() {
-                    self.cancel();
-                    current::stay_in_branch();
-                    return Poll::Ready(Err(LockError::Poisoned));
-                }
-                self.poll_listed(cx).map(Ok)
-            }
-            Phase::Keeps => {
-                self.phase = Phase::Keeps;
-                Poll::Ready(Ok(()))
-            }
-            Phase::Unlocked | Phase::Over => panic!("a wait was polled after it was over"),
+            self.begin(guard, cx);
+            self.condition.wait_point().waits();
+            return Poll::Pending;
         }
-    }
-
-    /// What the holder gets.
-    fn locked(&mut self) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
-        self.end();
-        // SAFETY: it was taken, or handed to the entry.
-        unsafe { self.mutex.held() }.map_err(LockError::OwnerDied)
+        match self.take.phase {
+            Phase::Listed if self.take.has_succeeded() => Poll::Ready(Ok(())),
+            Phase::Listed if has_failed => {
+                self.cancel();
+                current::stay_in_branch();
+                Poll::Ready(Err(AcquireError))
+            }
+            Phase::Listed => self.poll_listed(cx).map(Ok),
+            Phase::Keeps => Poll::Ready(Ok(())),
+            Phase::New | Phase::GaveWay | Phase::Over => {
+                panic!("a wait was polled after it was over")
+            }
+        }
     }
 }
 
@@ -264,31 +208,29 @@ impl<'a, T> Future for WaitOp<'_, 'a, T> {
             true => replay::poll(this, cx),
             false => this.poll_without_log(cx),
         };
-        polled.map(|polled| polled.and_then(|()| this.locked()))
+        polled.map(|taken| {
+            this.take.end();
+            // SAFETY: what succeeded holds the mutex, and gives it to the caller.
+            unsafe { this.mutex.taken(taken) }
+        })
     }
 }
 
 impl<T> Drop for WaitOp<'_, '_, T> {
     fn drop(&mut self) {
-        match self.phase {
-            Phase::New(_) | Phase::Over => return,
-            Phase::Listed => self.cancel(),
-            Phase::Keeps => self.mutex.core().unlock(false),
-            Phase::Unlocked => {}
+        if self.guard.is_some() {
+            // Dropping the guard is all.
+            self.take.end();
+        } else if self.take.phase == Phase::Listed {
+            self.cancel();
+            replay::abandon(false);
         }
-        replay::abandon(false);
     }
 }
 
 impl<T> fmt::Debug for WaitOp<'_, '_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self.phase {
-            Phase::New(_) => "WaitOp(New)",
-            Phase::Listed => "WaitOp(Listed)",
-            Phase::Unlocked => "WaitOp(Unlocked)",
-            Phase::Keeps => "WaitOp(Keeps)",
-            Phase::Over => "WaitOp(Over)",
-        })
+        f.debug_tuple("WaitOp").field(&self.take).finish()
     }
 }
 
@@ -297,9 +239,6 @@ impl<T> fmt::Debug for WaitOp<'_, '_, T> {
 pub struct WaitTimeoutResult(bool);
 
 impl WaitTimeoutResult {
-    pub(super) const NOTIFIED: WaitTimeoutResult = WaitTimeoutResult(false);
-    const TIMED_OUT: WaitTimeoutResult = WaitTimeoutResult(true);
-
     /// Whether the time ran out before it was notified.
     pub fn timed_out(self) -> bool {
         self.0
@@ -312,8 +251,7 @@ impl WaitTimeoutResult {
 pub struct WaitTimeout<'c, 'a, T> {
     wait: WaitOp<'c, 'a, T>,
     sleep: Sleep,
-    /// What it was at the deadline, if that has come.
-    result: Option<WaitTimeoutResult>,
+    is_late: bool,
 }
 
 impl<'c, 'a, T> WaitTimeout<'c, 'a, T> {
@@ -321,7 +259,7 @@ impl<'c, 'a, T> WaitTimeout<'c, 'a, T> {
         WaitTimeout {
             wait: condition.wait(guard),
             sleep: Sleep::until(deadline),
-            result: None,
+            is_late: false,
         }
     }
 }
@@ -331,46 +269,46 @@ impl<'a, T> Future for WaitTimeout<'_, 'a, T> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
-        let (mut wait, sleep, result) = unsafe {
+        let (mut wait, sleep, is_late) = unsafe {
             let this = self.get_unchecked_mut();
             (
                 Pin::new_unchecked(&mut this.wait),
                 Pin::new_unchecked(&mut this.sleep),
-                &mut this.result,
+                &mut this.is_late,
             )
         };
         let mut polled = wait.as_mut().poll(cx);
-        let may_be_late = polled.is_pending() && result.is_none() && !replay::is_replayed();
+        let may_be_late = polled.is_pending() && !*is_late && !replay::is_replayed();
         if may_be_late && events::beside(|| sleep.poll(cx)).is_ready() {
-            *result = Some(wait.as_mut().time_out());
+            *is_late = true;
+            wait.as_mut().time_out();
             // It holds the mutex already if that was free.
             polled = wait.as_mut().poll(cx);
         }
-        polled.map(|locked| Ok((locked?, WaitTimeoutResult(wait.has_timed_out))))
+        polled.map(|locked| Ok((locked?, wait.timeout_result())))
     }
 }
 
 /// A recorded wait has a stamp of its locking again; a replayed one locks when that comes, and its
 /// former notifier need not notify again.
-impl<'a, T> Logged for WaitOp<'_, 'a, T> {
-    type Output = Result<(), LockError<'a, T>>;
+impl<T> Logged for WaitOp<'_, '_, T> {
+    type Output = Result<(), AcquireError>;
 
     const KEEPS: bool = true;
 
     fn stage(&self) -> Stage {
-        match self.phase {
-            Phase::New(_) | Phase::Unlocked => Stage::New,
-            Phase::Listed => Stage::Waits,
-            Phase::Keeps => Stage::GaveWay,
-            Phase::Over => Stage::Over,
+        match self.take.phase {
+            // It has not come back from unlocking.
+            Phase::GaveWay => Stage::New,
+            _ => self.take.stage(),
         }
     }
 
     fn approach(&mut self) {
-        if let Phase::New(_) = self.phase
-            && replay::is_replayed()
-            && let Phase::New(guard) = std::mem::replace(&mut self.phase, Phase::Unlocked)
+        if replay::is_replayed()
+            && let Some(guard) = self.guard.take()
         {
+            self.take.phase = Phase::GaveWay;
             guard.unlock();
         }
     }
@@ -381,11 +319,12 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
             // It did not lock again.
             Turn::Look => Poll::Pending,
             Turn::Given(event) => {
-                if self.mutex.core().take(inheritor(self.of_thread)).is_err() {
+                let inheritor = take::caller(self.take.of_thread);
+                if self.mutex.core().take(1, inheritor).is_err() {
                     return replay::differs("another process holds the mutex");
                 }
                 self.has_timed_out = event.number == 1;
-                self.phase = Phase::Keeps;
+                self.take.phase = Phase::Keeps;
                 Poll::Ready(())
             }
         }
@@ -400,17 +339,15 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
         Event::new(What::Chosen, u64::from(self.has_timed_out), stamp)
     }
 
-    fn keep(&mut self, _: <Self as Logged>::Output) {
-        self.end();
-        self.phase = Phase::Keeps;
+    fn keep(&mut self, output: <Self as Logged>::Output) {
+        self.take.keep(output);
     }
 
-    fn fail(&mut self, _: u64) -> Poll<<Self as Logged>::Output> {
-        self.end();
-        Poll::Ready(Err(LockError::Poisoned))
+    fn fail(&mut self, number: u64) -> Poll<<Self as Logged>::Output> {
+        self.take.fail(number)
     }
 
     fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
-        output.as_ref().err().map(|_| replay::ended(true))
+        Take::failure(output)
     }
 }

@@ -176,8 +176,11 @@ impl Executor {
                     drop(task.body.replace(nothing));
                 }
             });
-            task.process.end_turn();
-            current::end_turns();
+            // SAFETY: this is the thread of the model's executor. The poll is over.
+            unsafe {
+                task.process.end_turn();
+                current::end_turns();
+            }
         }
     }
 }

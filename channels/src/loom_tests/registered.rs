@@ -2,7 +2,7 @@
 //! goes is not missed and not lost.
 
 use super::{Drops, check, check_within, poll, recv_id};
-use crate::{Alternative, Buffer, RecvError, buffered, channel};
+use crate::{Alternative, Buffer, RecvError, buffered, channel, pri_alt};
 use loom::future::block_on;
 use loom::thread;
 
@@ -24,6 +24,48 @@ fn a_sender_comes_as_it_starts_to_wait() {
         assert!(sent);
         drop(inputs);
         assert_eq!(drops.count(), 1);
+    });
+}
+
+/// It starts to wait under its own lock, in the middle of the other's decision.
+#[test]
+fn an_alternative_of_sends_meets_it_by_its_first_guard() {
+    check(|| {
+        let (sender, receiver) = channel();
+        let receivers = [receiver];
+        let thread = thread::spawn(move || {
+            block_on(async {
+                pri_alt! {
+                    sent = sender.send(1) => assert!(sent.is_ok()),
+                    _ = sender.send(2) => panic!("the first guard was ready"),
+                }
+            });
+            sender
+        });
+        let mut inputs = Alternative::prioritized(&receivers);
+        assert_eq!(block_on(inputs.recv()), (0, Ok(1)));
+        thread.join().unwrap();
+    });
+}
+
+#[test]
+fn an_alternative_of_sends_on_two_channels_meets_it_by_its_first_guard() {
+    check_within(2, || {
+        let (first, at_first) = channel();
+        let (second, at_second) = channel();
+        let receivers = [at_first, at_second];
+        let thread = thread::spawn(move || {
+            block_on(async {
+                pri_alt! {
+                    sent = first.send(1) => assert!(sent.is_ok()),
+                    _ = second.send(2) => panic!("the first guard was ready"),
+                }
+            });
+            (first, second)
+        });
+        let mut inputs = Alternative::prioritized(&receivers);
+        assert_eq!(block_on(inputs.recv()), (0, Ok(1)));
+        thread.join().unwrap();
     });
 }
 

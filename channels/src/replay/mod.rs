@@ -215,7 +215,7 @@ pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O
 }
 
 /// Polls an operation that gives up when `stop` has ended.
-#[inline]
+#[inline(always)]
 pub(crate) fn poll_until<O: GiveUp, S: Future<Output = ()>>(
     mut operation: Pin<&mut O>,
     stop: Pin<&mut S>,
@@ -224,6 +224,16 @@ pub(crate) fn poll_until<O: GiveUp, S: Future<Output = ()>>(
     if let Poll::Ready(output) = operation.as_mut().poll(cx) {
         return Poll::Ready(O::in_time(output));
     }
+    poll_stop(operation, stop, cx)
+}
+
+/// As [`poll_until`], of an operation that is pending.
+#[inline(never)]
+fn poll_stop<O: GiveUp, S: Future<Output = ()>>(
+    operation: Pin<&mut O>,
+    stop: Pin<&mut S>,
+    cx: &mut Context<'_>,
+) -> Poll<O::Outcome> {
     // One that has communicated, or failed, lets others run, and is over then, whatever the time
     // is.
     if operation.lets_others_run() {

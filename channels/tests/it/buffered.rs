@@ -241,7 +241,8 @@ fn debug_output_names_what_it_is_and_needs_nothing_of_the_value() {
     let (sender, receiver) = channel::<Opaque>();
     assert!(format!("{sender:?} {receiver:?}").starts_with("Sender { channel: 0x"));
     assert!(
-        format!("{:?} {:?}", sender.send(Opaque), receiver.recv()).contains("RecvOp { phase: New")
+        format!("{:?} {:?}", sender.send(Opaque), receiver.recv())
+            .contains("Operation { direction: \"receive\", phase: New")
     );
     assert!(format!("{:?}", sender.try_send(Opaque).unwrap_err()).contains("no receiver waits"));
 }

@@ -5,7 +5,8 @@
 
 use futures_lite::future::poll_once;
 use luna_channels::{
-    Alternative, Barrier, Buffer, LocalBarrier, LocalSync, RecvError, buffered, channel,
+    Alternative, Barrier, Buffer, CallError, LocalBarrier, LocalSync, RecvError, Server, buffered,
+    call_channel, channel,
 };
 use luna_executors::block_on;
 use std::cell::RefCell;
@@ -317,4 +318,44 @@ fn a_panic_in_the_barriers_wake_keeps_no_member_of_the_group() {
         assert!(poll(&mut next, Waker::noop()).is_pending());
     })
     .unwrap();
+}
+
+thread_local! {
+    /// The accept that a waker is to drop.
+    static ACCEPT: RefCell<Option<Pin<Box<dyn Future<Output = ()>>>>> = const { RefCell::new(None) };
+}
+
+/// When woken, drops the accept.
+struct DropsAccept;
+impl Wake for DropsAccept {
+    fn wake(self: Arc<Self>) {
+        drop(ACCEPT.take());
+    }
+}
+
+#[test]
+fn an_accept_that_is_dropped_while_its_channel_is_poisoned_gives_no_call_back() {
+    let (client, server) = call_channel::<u32, ()>();
+    let server: &'static Server<u32, ()> = Box::leak(Box::new(server));
+    // The first call is accepted: its client is held, and the accept is not polled again.
+    let mut accept: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async {
+        drop(server.accept().await);
+    });
+    assert!(poll(&mut accept, Waker::noop()).is_pending());
+    let mut accepted = Box::pin(client.call(1));
+    assert!(poll(&mut accepted, Waker::noop()).is_pending());
+    ACCEPT.set(Some(accept));
+    // The second call waits. Its waker is called in the middle of the poisoning.
+    let mut waits = Box::pin(client.call(2));
+    assert!(poll(&mut waits, &Waker::from(Arc::new(DropsAccept))).is_pending());
+    server.poison();
+    assert!(ACCEPT.take().is_none(), "the waker was called");
+    assert_eq!(
+        poll(&mut accepted, Waker::noop()),
+        Poll::Ready(Err(CallError::Interrupted))
+    );
+    assert_eq!(
+        poll(&mut waits, Waker::noop()),
+        Poll::Ready(Err(CallError::Poisoned(2)))
+    );
 }

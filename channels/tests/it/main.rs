@@ -15,6 +15,7 @@ mod call;
 mod cancel;
 mod close;
 mod combinators;
+mod compile_errors;
 mod condition;
 mod elders_crossbeam;
 mod elders_go;

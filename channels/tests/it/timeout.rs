@@ -271,17 +271,55 @@ fn a_timed_operation_that_is_dropped_takes_its_offer_and_its_deadline_with_it() 
 }
 
 #[test]
-#[should_panic(expected = "a LUNA timer was awaited on a thread that runs no LUNA process")]
+#[should_panic(
+    expected = "with a timeout or a deadline was awaited on a thread that runs no LUNA process"
+)]
 fn a_receive_that_must_wait_outside_of_luna_says_so() {
     let (_sender, receiver) = channel::<u8>();
     let _ = futures_lite::future::block_on(receiver.recv_timeout(HOUR));
 }
 
 #[test]
-#[should_panic(expected = "a LUNA timer was awaited on a thread that runs no LUNA process")]
+#[should_panic(
+    expected = "with a timeout or a deadline was awaited on a thread that runs no LUNA process"
+)]
 fn a_send_that_must_wait_outside_of_luna_says_so() {
     let (sender, _receiver) = channel::<u8>();
     let _ = futures_lite::future::block_on(sender.send_timeout(1, HOUR));
+}
+
+/// What a panic says of a delay that is awaited under tokio.
+fn refused_under_tokio(delay: impl Future<Output = ()>) -> String {
+    let tokio = tokio::runtime::Builder::new_current_thread()
+        .build()
+        .unwrap();
+    let awaited = std::panic::AssertUnwindSafe(|| tokio.block_on(delay));
+    let payload = std::panic::catch_unwind(awaited).unwrap_err();
+    payload.downcast_ref::<String>().unwrap().clone()
+}
+
+#[test]
+fn a_delay_outside_of_luna_says_which_it_is_and_where_it_was_made() {
+    let (after, after_made) = (luna_channels::after(HOUR), line!());
+    let (at, at_made) = (luna_channels::at(Instant::now() + HOUR), line!());
+    let (guard, guard_made) = (luna_channels::after(HOUR), line!());
+    let (_sender, receiver) = channel::<u8>();
+    let alternative = async {
+        luna_channels::alt! {
+            _ = receiver.recv() => {}
+            _ = guard => {}
+        }
+    };
+    let cases = [
+        (refused_under_tokio(after), after_made),
+        (refused_under_tokio(at), at_made),
+        (refused_under_tokio(alternative), guard_made),
+    ];
+    for (message, line) in cases {
+        let place = format!("`luna::after` or `luna::at`, made at {}:{line}:", file!());
+        assert!(message.contains(&place), "{message}");
+        assert!(message.contains("awaited on a thread that runs no LUNA process: await it inside"));
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use luna_platform::lock::PiLock;
 #[cfg(not(loom))]
 use std::cell::OnceCell;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 /// The highest priority of the real-time policies.
 const HIGHEST: u8 = 99;
@@ -35,6 +35,8 @@ static FIRST_REFUSED: AtomicU32 = AtomicU32::new(0);
 pub(super) struct ExecutorThread {
     boosts: PiLock<Boosts>,
     now: AtomicU8,
+    /// The system has refused the last change of the thread's priority.
+    is_behind: AtomicBool,
     /// The thread's own real-time priority when it was last read.
     own_rank: AtomicU8,
     /// A plain thread: the program may change its policy at any time, so it is read again before
@@ -105,6 +107,7 @@ impl ExecutorThread {
                 left: false,
             }),
             now: AtomicU8::new(0),
+            is_behind: AtomicBool::new(false),
         });
         // A thread's first lock asks the system for the thread id: do it here, off the real-time
         // path.
@@ -125,6 +128,15 @@ impl ExecutorThread {
         let mut boosts = self.boosts.lock();
         change(&mut boosts);
         self.apply(&mut boosts);
+    }
+
+    /// Tries again what the system has refused: see
+    /// [`Inheritor::catch_up`](super::Inheritor::catch_up).
+    #[inline]
+    pub(super) fn catch_up(&self) {
+        if self.is_behind.load(Ordering::Relaxed) {
+            self.change(|_| {});
+        }
     }
 
     /// Accesses the state under the executor's lock.
@@ -162,7 +174,8 @@ impl ExecutorThread {
     pub(super) fn leave(&self) {
         let mut boosts = self.boosts.lock();
         if boosts.applied != 0 {
-            path::expected(Call::Boost, || boost::restore(&boosts.own));
+            // A refusal leaves it boosted: it ends, or is the program's own again.
+            let _ = path::expected(Call::Boost, || boost::restore(&boosts.own));
             boosts.applied = 0;
         }
         boosts.left = true;
@@ -171,6 +184,7 @@ impl ExecutorThread {
     fn apply(&self, boosts: &mut Boosts) {
         let mut highest = boosts.highest();
         self.now.store(highest, Ordering::Relaxed);
+        self.is_behind.store(false, Ordering::Relaxed);
         if highest == boosts.applied || boosts.left {
             return;
         }
@@ -184,11 +198,12 @@ impl ExecutorThread {
                 return;
             }
         }
-        if highest == 0 {
-            path::expected(Call::Boost, || boost::restore(&boosts.own));
-        } else if let Err(refusal) =
-            path::expected(Call::Boost, || boost::boost(&boosts.own, highest))
-        {
+        let set = || match highest {
+            0 => boost::restore(&boosts.own),
+            _ => boost::boost(&boosts.own, highest),
+        };
+        if let Err(refusal) = path::expected(Call::Boost, set) {
+            self.is_behind.store(true, Ordering::Relaxed);
             if REFUSED.fetch_add(1, Ordering::Relaxed) == 0 {
                 FIRST_REFUSED.store(
                     u32::from(highest) | refusal.unsigned_abs() << 8,
@@ -203,15 +218,15 @@ impl ExecutorThread {
 
 #[cfg(not(loom))]
 thread_local! {
-    static PLAIN: OnceCell<Plain> = const { OnceCell::new() };
+    static PLAIN: OnceCell<PlainThread> = const { OnceCell::new() };
 }
 
 /// A plain thread, until it ends.
 #[cfg(not(loom))]
-struct Plain(Arc<ExecutorThread>);
+struct PlainThread(Arc<ExecutorThread>);
 
 #[cfg(not(loom))]
-impl Drop for Plain {
+impl Drop for PlainThread {
     fn drop(&mut self) {
         self.0.leave();
     }
@@ -224,7 +239,7 @@ pub(super) fn plain() -> Option<Arc<ExecutorThread>> {
     PLAIN
         .try_with(|plain| {
             plain
-                .get_or_init(|| Plain(ExecutorThread::of_calling(true)))
+                .get_or_init(|| PlainThread(ExecutorThread::of_calling(true)))
                 .0
                 .clone()
         })

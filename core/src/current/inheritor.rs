@@ -173,6 +173,16 @@ impl Inheritor {
         was_boosted
     }
 
+    /// Sets the thread's priority once more if the system has refused the last change. Linux does
+    /// (EBUSY) as long as a thread of a deadline policy waits for a lock that the thread holds. To
+    /// be called without a lock. One load if nothing was refused.
+    #[inline]
+    pub fn catch_up(&self) {
+        if let Some(thread) = self.thread() {
+            thread.catch_up();
+        }
+    }
+
     #[inline]
     fn boost_for(&self, priority: Priority, lowered: u8) -> Boost {
         let thread = executor_thread::boost_from(priority.thread);

@@ -36,10 +36,12 @@ pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use process::{
     Activity, AfterTurn, ExecutorId, LEVELS, Methods, Priority, Process, ProcessId, QueueEnd, User,
+    fail_current,
 };
 pub use ready::{
-    OPERATIONS_PER_POLL, count_operation, give_way, gives_way, is_outranked, next_ready,
-    pretend_ready_levels, put_back, ready_again, ready_levels, spend_operation, yield_turn,
+    OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready_levels, put_back,
+    ready_again, ready_levels, spend_operation, yield_after_operation, yield_if_outranked,
+    yield_turn,
 };
 pub use renewal::Renewal;
 pub use replay::{
@@ -47,7 +49,7 @@ pub use replay::{
 };
 pub use turn::{
     PlainTurn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
-    this_process, unrecorded_turn, user, with_process,
+    this_process, user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 
@@ -66,6 +68,7 @@ use std::marker::PhantomData;
 #[cfg(not(loom))]
 use std::mem::ManuallyDrop;
 use std::ptr::NonNull;
+use std::sync::Arc as StdArc;
 use std::task::Waker;
 
 /// The state of a thread that runs processes.
@@ -109,7 +112,7 @@ model_local! {
         }
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
-    static EXECUTOR_THREAD: RefCell<Option<std::sync::Arc<ExecutorThread>>> = const { RefCell::new(None) };
+    static EXECUTOR_THREAD: RefCell<Option<StdArc<ExecutorThread>>> = const { RefCell::new(None) };
     /// References to the thread's `ExecutorThread`, kept from processes that have ended.
     static SPARE_EXECUTOR_THREADS: ArcCache<ExecutorThread> = const { ArcCache::new() };
     /// References to the thread's timers, kept from sleeps that have ended, as long as the thread
@@ -268,7 +271,7 @@ pub(crate) fn executor_number() -> u64 {
 }
 
 /// The state of the thread of `executor_id`, if it is this thread.
-fn executor_thread_of(executor_id: ExecutorId) -> Option<std::sync::Arc<ExecutorThread>> {
+fn executor_thread_of(executor_id: ExecutorId) -> Option<StdArc<ExecutorThread>> {
     if self::executor_id() != Some(executor_id) {
         return None;
     }
@@ -280,14 +283,14 @@ fn executor_thread_of(executor_id: ExecutorId) -> Option<std::sync::Arc<Executor
 }
 
 /// Returns a reference of [`executor_thread_of`] to the cache.
-fn recycle_executor_thread(thread: std::sync::Arc<ExecutorThread>) {
+fn recycle_executor_thread(thread: StdArc<ExecutorThread>) {
     // A thread that is ending has no cache any more.
     let _ = SPARE_EXECUTOR_THREADS.try_with(move |spare| spare.give_back(thread));
 }
 
 /// The calling thread, with its own boosts: as an executor's, or as a plain one. None while it
 /// ends, and in a model.
-fn this_thread() -> Option<std::sync::Arc<ExecutorThread>> {
+fn this_thread() -> Option<StdArc<ExecutorThread>> {
     #[cfg(not(loom))]
     return EXECUTOR_THREAD
         .try_with(|slot| slot.borrow().clone())

@@ -116,7 +116,7 @@ fn ready_again_attentively(cx: &Context<'_>, place: QueueEnd) {
 /// readied at its own level alone (a combinator polls it with wakers of its own): the process would
 /// run again before them.
 #[inline]
-pub fn give_way(cx: &Context<'_>) -> bool {
+pub fn yield_if_outranked(cx: &Context<'_>) -> bool {
     is_outranked() && {
         // A waker readies the process at its own level alone.
         let has_level = lowered() == 0
@@ -145,8 +145,8 @@ pub fn count_operation() -> bool {
     spend_operation() || is_replayed()
 }
 
-/// As [`count_operation`], but always `false` in a replayed process: for callers that then have to
-/// ask whether the process may go on.
+/// As [`count_operation`], but also `false` in a replayed process that has used up its operations:
+/// for callers that then ask whether the process may go on.
 #[inline]
 pub fn spend_operation() -> bool {
     THREAD.with(|thread| {
@@ -168,7 +168,7 @@ pub fn spend_operation() -> bool {
 /// `process` is the current one of this thread, and an executor's:
 /// [`plain_turn`](super::plain_turn) has returned it in this turn.
 #[inline(always)]
-pub unsafe fn gives_way(process: &Process) -> bool {
+pub unsafe fn yield_after_operation(process: &Process) -> bool {
     let thread = local();
     let left = thread.operations_left.get();
     let place = if thread.queue.has_above(process.level()) {

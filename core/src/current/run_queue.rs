@@ -39,9 +39,9 @@ impl Link {
 ///
 /// The slot is empty only if no process is ready. Its process comes before all others: at its level
 /// as the first, and none is queued at a higher one. A queued link has its level. Each level is a
-/// circle of live links that are in no other queue: `tails` has the last one of it, whose `next` is
-/// the first. The level's bit in `bits` says whether there is one; while there is none, its tail is
-/// not read.
+/// circle of live links that are in no other queue. `tails` has the last link of each circle; its
+/// `next` is the first. The level's bit in `bits` says whether there is one; while there is none,
+/// the tail is not read.
 ///
 /// The most used fields come first.
 #[derive(Debug)]
@@ -64,11 +64,11 @@ impl RunQueue {
     /// The levels with a ready process, one bit each.
     #[inline(always)]
     pub(super) fn bits(&self) -> u32 {
-        // SAFETY: by the invariant the process in the slot is live.
-        let slot = self
-            .slot
-            .get()
-            .map_or(0, |next| 1 << unsafe { next.as_ref() }.level.get());
+        let slot = match self.slot.get() {
+            // SAFETY: by the invariant the process in the slot is live.
+            Some(next) => 1 << unsafe { next.as_ref() }.level.get(),
+            None => 0,
+        };
         self.bits.get() | slot
     }
 
@@ -432,7 +432,7 @@ mod tests {
         for _ in 0..200_000 {
             let index = next(links.len());
             let place = lists.iter().position(|list| list.contains(&index));
-            match (next(4), place) {
+            match (next(5), place) {
                 // SAFETY: the links outlive the queue; one is pushed while it is not queued, and
                 // taken out while it is.
                 (0 | 1, None) => unsafe {
@@ -451,6 +451,17 @@ mod tests {
                     lists[level].retain(|&other| other != index);
                 }
                 (1, Some(_)) => {}
+                // A process yields: it comes behind its equals, and the first of all is taken.
+                (2, None) => {
+                    let level = next(5);
+                    lists[level].push(index);
+                    let expected = lists.iter_mut().rev().find(|list| !list.is_empty());
+                    let expected = expected.map(|list| list.remove(0));
+                    // SAFETY: as above.
+                    let taken =
+                        unsafe { queue.exchange(level as u8, NonNull::from(&links[index])) };
+                    assert_eq!(taken, expected.map(|first| NonNull::from(&links[first])));
+                }
                 _ => {
                     let expected = lists.iter_mut().rev().find(|list| !list.is_empty());
                     let expected = expected.map(|list| list.remove(0));

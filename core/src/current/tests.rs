@@ -224,16 +224,16 @@ fn a_process_within_a_branch_is_whole() {
 fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
     within(5, |cx| {
         pretend(1 << 4);
-        assert!(!give_way(cx), "not outranked");
+        assert!(!yield_if_outranked(cx), "not outranked");
         with_branch_below(false, 2, 0, || {
-            assert!(give_way(cx));
-            assert!(!give_way(&Context::from_waker(Waker::noop())));
+            assert!(yield_if_outranked(cx));
+            assert!(!yield_if_outranked(&Context::from_waker(Waker::noop())));
         });
         assert_eq!(ready_levels(), 1 << 4 | 1 << 3);
         assert_eq!(readied(), 3);
         pretend(1 << 6);
         // At the process' own level a waker readies it behind what is more urgent, too.
-        assert!(give_way(&Context::from_waker(Waker::noop())));
+        assert!(yield_if_outranked(&Context::from_waker(Waker::noop())));
         assert_eq!(ready_levels(), 1 << 6, "such a waker queues nobody here");
         pretend(0);
     });

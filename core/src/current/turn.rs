@@ -23,7 +23,8 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
     impl Drop for Restore<'_> {
         #[inline]
         fn drop(&mut self) {
-            self.running.end_turn();
+            // SAFETY: `with_process` requires that this is the executor's thread.
+            unsafe { self.running.end_turn() };
             THREAD.with(|thread| thread.set_turn(self.process, self.branch));
         }
     }
@@ -64,21 +65,26 @@ pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
 
 /// Ends a row of turns: from here on no process is the current one. Returns the id of the process
 /// that was polled last. To be called before an executor does anything else than polling.
+///
+/// # Safety
+///
+/// No process is being polled on this thread: a [`PlainTurn`] relies on the current process.
 #[inline]
-pub fn end_turns() -> Option<ProcessId> {
-    THREAD.with(|thread| {
-        thread.plain.set(std::ptr::null());
-        // SAFETY: `give_turn` requires that the process lives until it is taken here.
-        thread
-            .process
-            .take()
-            .map(|process| unsafe { process.as_ref() }.id())
-    })
+pub unsafe fn end_turns() -> Option<ProcessId> {
+    let thread = local();
+    thread.plain.set(std::ptr::null());
+    let last = thread.process.take()?;
+    // SAFETY: `give_turn` requires that the process lives until it is taken here.
+    Some(unsafe { last.as_ref() }.id())
 }
 
 /// Runs `f` as if there were no current process: for work in the middle of a turn that is not part
 /// of it. If `f` panics, the turn goes on all the same.
-pub fn outside<R>(f: impl FnOnce() -> R) -> R {
+///
+/// # Safety
+///
+/// `f` uses no [`PlainTurn`] from before: there is no current process meanwhile.
+pub unsafe fn outside<R>(f: impl FnOnce() -> R) -> R {
     struct Restore(Option<NonNull<Process>>, Branch);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -106,14 +112,20 @@ pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
         let process = process?;
         // SAFETY: the caller promises that the turn was given by `give_turn`, which requires that
         // the process lives until it is taken here.
-        unsafe { process.as_ref() }.end_turn();
+        unsafe { process.as_ref().end_turn() };
         Some(process)
     })
 }
 
-/// A [plain turn](plain_turn) of the current process: the state of its thread. Code that is not
-/// generic takes it from its caller, which is: a library's access to a thread-local counts as a
-/// call for the compiler, which then saves registers.
+/// A [plain turn](plain_turn) of the current process: the state of its thread.
+///
+/// Generic code gets it, in the user's crate, and passes it on to code that is not generic. There
+/// the compiler takes an access to a thread-local for a call, and saves registers for it.
+///
+/// # Invariants
+///
+/// The current process stays the same as long as this is used: it borrows the waker of a poll, and
+/// what removes the current process during a poll is unsafe ([`end_turns`], [`outside`]).
 #[derive(Clone, Copy)]
 pub struct PlainTurn<'a>(&'a Thread);
 
@@ -128,9 +140,9 @@ impl<'a> PlainTurn<'a> {
     /// The current process.
     #[inline(always)]
     pub fn process(self) -> &'a Process {
-        // SAFETY: in a plain turn there is a current process, and it is being polled, so it is live
-        // now. The waker that the context borrowed was the process' own: the process lives as long
-        // as that borrow, since the waker lies in it.
+        // SAFETY: by the invariant there is a current process. The waker that the context borrowed
+        // was the process' own: the process lives as long as that borrow, since the waker lies in
+        // it.
         unsafe { self.0.process.get().unwrap_unchecked().as_ref() }
     }
 
@@ -141,7 +153,7 @@ impl<'a> PlainTurn<'a> {
     }
 
     /// Counts an operation that was done without waiting; `false`: the process is to
-    /// [give way](super::gives_way), and nothing was counted.
+    /// [give way](super::yield_after_operation), and nothing was counted.
     #[inline(always)]
     pub fn goes_on(self) -> bool {
         let left = self.0.operations_left.get();
@@ -176,12 +188,6 @@ impl fmt::Debug for PlainTurn<'_> {
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     PlainTurn::of(cx).map(PlainTurn::process)
-}
-
-/// As [`plain_turn`].
-#[inline(always)]
-pub fn unrecorded_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
-    plain_turn(cx)
 }
 
 /// The current process, for callers that know that there is one.

@@ -23,8 +23,8 @@
 //! There is one exception: the closure of a `send_with` runs under the locks of the channel, and of
 //! the other channels if alternatives meet. The value must exist when the choice is made, and by
 //! then the partner has committed. Without the lock, a partner that times out or is dropped
-//! meanwhile would have to wait for the closure: an operation would wait for another thread to
-//! leave an intermediate state (invariant 1 of the protocol). If the closure ran before the commit,
+//! meanwhile would have to wait for the closure: no operation waits for another thread to leave
+//! an intermediate state. If the closure ran before the commit,
 //! it would make a value for a choice that may not be made. A panic in the closure is caught at
 //! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
@@ -238,10 +238,14 @@ impl WakeHandle {
         matches!(wake_handle, Some(WakeHandle(Inner::Process(_))))
     }
 
-    /// Takes out a handle that was made [in a plain turn](Self::of_plain_turn); `None` for any
-    /// other handle, which stays. One word is moved.
+    /// Takes out a handle that wakes a process without a waker; `None` for any other handle, which
+    /// stays. One word is moved.
+    ///
+    /// # Safety
+    ///
+    /// If it wakes a process, it was made [in a plain turn](Self::of_plain_turn) of this thread.
     #[inline(always)]
-    pub fn take_plain(from: &mut Option<WakeHandle>) -> Option<PlainPendingWake> {
+    pub unsafe fn take_plain(from: &mut Option<WakeHandle>) -> Option<PlainPendingWake> {
         let Some(WakeHandle(Inner::Process(reference))) = from else {
             return None;
         };
@@ -352,12 +356,12 @@ impl PlainPendingWake {
     ///
     /// As for [`wake`](Self::wake).
     #[inline(always)]
-    pub unsafe fn wake_alone(self, turn: PlainTurn<'_>) -> Result<(), Self> {
+    pub unsafe fn wake_if_none_ready(self, turn: PlainTurn<'_>) -> Result<(), Self> {
         let process = self.0.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's. A process that waits is kept by its executor until it was popped.
         unsafe {
-            if !process.ready_alone(turn) {
+            if !process.ready_if_none_ready(turn) {
                 return Err(self);
             }
         }

@@ -23,6 +23,7 @@ use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
 use std::mem::MaybeUninit;
+use std::panic::Location;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -376,10 +377,37 @@ impl Sleep {
     }
 }
 
+/// Panics: `what` was awaited where there are no timers. `made_at` is the line that made it, if that
+/// is known.
+#[cold]
+#[inline(never)]
+pub fn no_timers(what: &str, made_at: Option<&Location<'_>>) -> ! {
+    let line = made_at.map_or_else(String::new, |line| format!(", made at {line},"));
+    panic!(
+        "{what}{line} was awaited on a thread that runs no LUNA process: await it inside \
+         luna::run, a process of a System, or use your runtime's timers"
+    );
+}
+
 impl Future for Sleep {
     type Output = ();
 
-    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        self.poll_or(cx, || {
+            no_timers("an operation with a timeout or a deadline", None)
+        })
+    }
+}
+
+impl Sleep {
+    /// Polls it. Where this thread has no timers, `refuse` panics in the words of the operation that
+    /// this sleep is a part of: see [`no_timers`].
+    #[inline]
+    pub fn poll_or(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        refuse: impl FnOnce() -> Arc<TimerQueue>,
+    ) -> Poll<()> {
         let mut _former = None;
         if self.armed {
             match self.as_mut().poll_armed(cx) {
@@ -403,10 +431,7 @@ impl Future for Sleep {
             return Poll::Ready(());
         }
         if this.queue.as_ref().is_none_or(TimerQueue::is_left_here) {
-            this.queue = Some(current::timers().expect(
-                "a LUNA timer was awaited on a thread that runs no LUNA process: await it inside luna::run, a process of a \
-                 System, or use your runtime's timers",
-            ));
+            this.queue = Some(current::timers().unwrap_or_else(refuse));
         }
         if let Some(queue) = &this.queue {
             let wake_handle = WakeHandle::of(cx);

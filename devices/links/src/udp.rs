@@ -46,7 +46,8 @@ pub struct UdpPort {
 }
 
 /// Opens the UDP port `local`; port 0 selects a free one. With a `peer` it sends to that address
-/// and receives only from there; without, it receives from all, and cannot send.
+/// and receives only from there; without, it receives from all, and cannot send: the first packet
+/// of a writer is then the loss of the device.
 ///
 /// The device's name is `udp:` with the given local address and the peer's: two of port 0 without a
 /// peer are busy.

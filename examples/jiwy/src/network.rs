@@ -56,7 +56,9 @@ use crate::parts::pid::Gains;
 use crate::parts::sanity::{Interventions, Sanity};
 use crate::parts::set_point::SetPoint;
 use crate::parts::tracking::Tracking;
-use crate::processes::control::{Controller, ScaleOutput, Track, calibrate, lead, pass_on};
+use crate::processes::control::{
+    Controller, ScaleOutput, Track, TunableGains, calibrate, lead, pass_on,
+};
 use crate::processes::operator::Joystick;
 use crate::processes::readers::{read_joystick, read_position, scale_joystick, scale_position};
 use crate::processes::safety::{keep_safe, watch_encoder, watch_motion};
@@ -66,6 +68,7 @@ use crate::{AXES, Axis};
 use luna::Executor;
 use luna::prelude::*;
 use luna::process::IntoProcess;
+use luna::system::ProcessBuilder;
 use luna_plants::{Decoder, MotorParameters};
 use luna_safety_blocks::{EndStop, Limit, RateLimit};
 use std::sync::{Arc, OnceLock};
@@ -170,10 +173,15 @@ pub fn build(
     } = settings;
     let control = &executors.control;
     let (fault, faults) = luna::channel();
+    let fault = fault.named("faults");
     let build_axis = |index: usize, registers: Registers| {
         let (stick, joystick) = luna::buffered(Buffer::overwrite_oldest(1));
         let (stop, stopped) = luna::buffered(Buffer::overwrite_oldest(1));
         let (tick, ticks) = luna::channel();
+        let name = |what: &str| format!("{} {what}", AXES[index].name);
+        let stick = stick.named(&name("joystick"));
+        let stop = stop.named(&name("stop"));
+        let tick = tick.named(&name("tick"));
         let model = AxisModel {
             executor: control,
             axis: &AXES[index],
@@ -238,13 +246,13 @@ impl AxisModel<'_> {
         let Registers { count, pwm, enable } = registers;
 
         // The readers.
-        let (read_position_now, position_ticks) = luna::channel();
-        let (read_joystick_now, joystick_ticks) = luna::channel();
-        let (to_scale, counts) = luna::channel();
-        let (to_joystick_scaling, deflections) = luna::channel();
-        let (to_calibration, positions) = luna::channel();
-        let (to_encoder_watch, watched_positions) = luna::channel();
-        let (target, targets) = luna::channel();
+        let (read_position_now, position_ticks) = self.channel("position tick");
+        let (read_joystick_now, joystick_ticks) = self.channel("joystick tick");
+        let (to_scale, counts) = self.channel("count read");
+        let (to_joystick_scaling, deflections) = self.channel("deflection");
+        let (to_calibration, positions) = self.channel("position");
+        let (to_encoder_watch, watched_positions) = self.channel("watched position");
+        let (target, targets) = self.channel("target");
         let decoder = Decoder::new(axis.plant.gear_ratio, axis.count_at_zero);
         self.add(
             "timer in",
@@ -268,11 +276,11 @@ impl AxisModel<'_> {
         )?;
 
         // The control.
-        let (demand, demands) = luna::channel();
-        let (led, followed) = luna::channel();
-        let (error, errors) = luna::channel();
-        let (voltage, voltages) = luna::channel();
-        let (duty, duties) = luna::channel();
+        let (demand, demands) = self.channel("demand");
+        let (led, followed) = self.channel("led demand");
+        let (error, errors) = self.channel("error");
+        let (voltage, voltages) = self.channel("voltage");
+        let (duty, duties) = self.channel("duty");
         let gains = Gains::place(&axis.plant, axis.tuning, self.period.as_secs_f64());
         let calibration = match self.start {
             Start::Calibrate => Calibration::new(2.0 * axis.plant.end_stop),
@@ -293,18 +301,17 @@ impl AxisModel<'_> {
             "set-point",
             lead(SetPoint::new(axis.max_speed), demands, led),
         )?;
-        self.add(
-            "controller",
-            Controller {
-                axis: axis.name,
-                gains,
-                tunable: None,
-                supply: axis.plant.supply,
-                demands: followed,
-                errors: error,
-                voltages: voltage,
-            },
-        )?;
+        let controller = self.process("controller");
+        let tunable = TunableGains::declare(&controller, axis.name, gains)?;
+        let body = Controller {
+            gains,
+            tunable,
+            supply: axis.plant.supply,
+            demands: followed,
+            errors: error,
+            voltages: voltage,
+        };
+        controller.spawn(body.run())?;
         self.add(
             "tracking",
             Track {
@@ -327,12 +334,12 @@ impl AxisModel<'_> {
         )?;
 
         // The safety layer.
-        let (out, received) = luna::channel();
-        let (to_limit, commands) = luna::channel();
-        let (limited, to_slew) = luna::channel();
-        let (slewed, to_guard) = luna::channel();
-        let (guarded, to_gate) = luna::channel();
-        let (seen, applied) = luna::channel();
+        let (out, received) = self.channel("command");
+        let (to_limit, commands) = self.channel("received");
+        let (limited, to_slew) = self.channel("limited");
+        let (slewed, to_guard) = self.channel("slewed");
+        let (guarded, to_gate) = self.channel("guarded");
+        let (seen, applied) = self.channel("applied");
         self.add("command out", pass_on(duties, out))?;
         self.add("command in", pass_on(received, to_limit))?;
         self.add(
@@ -369,7 +376,7 @@ impl AxisModel<'_> {
                 left: |findings| &findings.guard,
             },
         )?;
-        let (drive, drives) = luna::channel();
+        let (drive, drives) = self.channel("drive");
         self.add("gate", gate(to_gate, stopped, seen, drive))?;
         self.add(
             "encoder watch",
@@ -386,19 +393,32 @@ impl AxisModel<'_> {
         )?;
 
         // The writers.
-        let (enable_out, enables) = luna::channel();
-        let (pwm_out, pwms) = luna::channel();
+        let (enable_out, enables) = self.channel("enable out");
+        let (pwm_out, pwms) = self.channel("pwm out");
         self.add("motor out", write_motor(drives, enable_out, pwm_out))?;
         self.add("enable out", write_register(false, enables, enable))?;
         self.add("pwm out", write_register(0.0, pwms, pwm))?;
         Ok(findings)
     }
 
+    /// A channel of this axis, with a name for the scope and for reports.
+    fn channel<T: Send>(&self, name: &str) -> (Sender<T>, Receiver<T>) {
+        let (sender, receiver) = luna::channel();
+        (
+            sender.named(&format!("{} {name}", self.axis.name)),
+            receiver,
+        )
+    }
+
     fn add<M>(&self, part: &str, process: impl IntoProcess<M>) -> luna::Result<()> {
-        self.executor
-            .process(&format!("{} {part}", self.axis.name))
-            .priority(level::AXES[self.index])
-            .spawn(process)?;
+        self.process(part).spawn(process)?;
         Ok(())
+    }
+
+    fn process(&self, part: &str) -> ProcessBuilder {
+        let name = format!("{} {part}", self.axis.name);
+        self.executor
+            .process(name)
+            .priority(level::AXES[self.index])
     }
 }

@@ -10,12 +10,18 @@ use std::ptr::NonNull;
 pub trait ExitValue: Send + 'static {
     /// Whether there is nothing to be kept. Called on the real-time path.
     fn is_nothing(&self) -> bool;
+
+    /// What a process ends with that has [failed](luna_core::current::fail_current), whatever its
+    /// body returned. Called on the real-time path, in the turn in which it failed.
+    fn failed() -> Self;
 }
 
 impl ExitValue for () {
     fn is_nothing(&self) -> bool {
         true
     }
+
+    fn failed() {}
 }
 
 /// An exit value, wherever it lies.
@@ -49,25 +55,6 @@ impl ErasedExitValue {
         Self { place, methods }
     }
 
-    /// In a box.
-    pub(crate) fn boxed<O: ExitValue>(room: Box<MaybeUninit<O>>, value: O) -> Self {
-        let place = NonNull::from(Box::leak(Box::write(room, value))).cast();
-        let methods = const {
-            &ExitValueMethods {
-                type_id: TypeId::of::<O>,
-                // SAFETY: the contract of both: they lie in a box, which is given back.
-                take: |place, to| unsafe {
-                    to.cast::<O>()
-                        .write(*Box::from_raw(place.cast::<O>().as_ptr()));
-                },
-                // SAFETY: as above.
-                discard: |place| drop(unsafe { Box::from_raw(place.cast::<O>().as_ptr()) }),
-            }
-        };
-        // SAFETY: they were just put there, and may be sent.
-        unsafe { Self::new(place, methods) }
-    }
-
     /// Whether they are of this type.
     pub(crate) fn are<O: ExitValue>(&self) -> bool {
         (self.methods.type_id)() == TypeId::of::<O>()
@@ -99,33 +86,5 @@ impl Drop for ErasedExitValue {
 impl fmt::Debug for ErasedExitValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("ErasedExitValue")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::sync::Arc;
-
-    struct Word(#[expect(dead_code, reason = "it is counted")] Arc<()>);
-
-    impl ExitValue for Word {
-        fn is_nothing(&self) -> bool {
-            false
-        }
-    }
-
-    #[test]
-    fn a_value_is_taken_as_its_type_or_dropped_once() {
-        let token = Arc::new(());
-        let boxed = || ErasedExitValue::boxed(Box::new_uninit(), Word(token.clone()));
-        let value = boxed().take::<()>().expect_err("they are of another type");
-        assert_eq!(Arc::strong_count(&token), 2);
-        let word = value.take::<Word>().expect("they are of this one");
-        assert_eq!(Arc::strong_count(&token), 2);
-        drop(word);
-        assert_eq!(Arc::strong_count(&token), 1);
-        drop(boxed());
-        assert_eq!(Arc::strong_count(&token), 1);
     }
 }

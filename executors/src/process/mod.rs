@@ -8,7 +8,7 @@ mod poll_monitor;
 mod record;
 mod registry;
 
-pub(crate) use body::{Body, End, Recorded};
+pub(crate) use body::{Abandoned, Body, End, poll_attentively};
 pub use exit_value::ExitValue;
 pub(crate) use exit_value::{ErasedExitValue, ExitValueMethods};
 pub use join::Join;
@@ -166,7 +166,8 @@ pub enum ProcessState {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Exit {
-    /// Its body returned.
+    /// Its body returned. In a system of luna-rt that may have been an error, which is part of what
+    /// its `run` returns.
     Completed,
     /// It was cancelled: its body was dropped where it waited.
     Cancelled,

@@ -124,8 +124,8 @@ impl Member {
         let lived = catch_unwind(AssertUnwindSafe(|| {
             turns(|| {
                 loop {
-                    // No process is the current one while anything else is done.
-                    task::end_turns();
+                    // SAFETY: this is between two polls.
+                    unsafe { task::end_turns() };
                     self.look_outside();
                     if !runs {
                         break;
@@ -155,7 +155,8 @@ impl Member {
                 }
             });
         }));
-        task::end_turns();
+        // SAFETY: this is after the last poll.
+        unsafe { task::end_turns() };
         current::set_on_path(false);
         // A turn that ended in a panic counts too.
         self.left = self.left.saturating_sub(taken);

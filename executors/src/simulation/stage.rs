@@ -214,7 +214,7 @@ impl fmt::Debug for Stage {
 /// The life of the thread.
 pub(super) fn run(stage: &Arc<Stage>) {
     let _clock = stage.clock().enter();
-    let _files = watch::enter(stage.parker.bell());
+    let _files = watch::enter(stage.parker.bell(), None);
     let _calls = calls::enter_simulated(stage.clone());
     HERE.set(Arc::as_ptr(stage));
     prepare_thread();

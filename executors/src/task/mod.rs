@@ -2,11 +2,11 @@
 //! needed to build, wake, queue, poll and free it.
 //!
 //! ```text
-//!               waker or handle, from elsewhere        +--> slot and signal (inbound), then as below
-//!             /                                       |
-//!   waiting -<----------------------------------------+
-//!             \                                       |
-//!               waker or handle, on this thread       +--> run queue --> run --> Body::poll
+//!              waker or handle, from elsewhere      +--> slot and signal (inbound), then as below
+//!             /                                     |
+//!   waiting -<--------------------------------------+
+//!             \                                     |
+//!              waker or handle, on this thread      +--> run queue --> run --> Body::poll
 //! ```
 //!
 //! On the executor's own thread a wake is a flag and a push, without atomics. From another thread
@@ -22,35 +22,34 @@
 //! that of the list of processes that have ended. Memory that becomes free on the real-time path is
 //! freed off it (deferred free).
 
+mod body;
+mod end;
 mod memory;
 mod unbuilt;
 mod waker;
 
+pub(crate) use end::{end_all, interrupted};
 pub(crate) use unbuilt::{Arrivals, Unbuilt};
 
-use crate::executor::{self, Shared};
+use self::body::BodyMethods;
+use self::end::{end, retire};
+use crate::executor::Shared;
 use crate::interference;
-use crate::process::{
-    Body, End, ErasedExitValue, ExitValue, ExitValueMethods, Notice, Record, RecordRef,
-};
+use crate::process::{Abandoned, Notice, Record, RecordRef, poll_attentively};
 use crate::remote_wakes::{RemoteWakes, WakeSlot};
 use luna_core::current::{self, AfterTurn, Methods, Process, QueueEnd};
-use luna_core::deferred_free::Retired;
 use luna_core::events;
-use std::any::{Any, TypeId};
-use std::cell::{Cell, RefCell, UnsafeCell};
-use std::future::Future;
-use std::mem::{self, ManuallyDrop, offset_of};
-use std::ops::{Deref, Range};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::pin::Pin;
+use std::cell::{Cell, RefCell};
+use std::mem::ManuallyDrop;
+use std::ops::Deref;
 use std::ptr::NonNull;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
 thread_local! {
     /// The tasks of this thread's executor that are not retired.
-    static REMOTE_WAKES: RefCell<RemoteWakes<NonNull<Task>>> = const { RefCell::new(RemoteWakes::new()) };
+    static REMOTE_WAKES: RefCell<RemoteWakes<NonNull<Task>>> =
+        const { RefCell::new(RemoteWakes::new()) };
     static TASKS: Cell<usize> = const { Cell::new(0) };
 }
 
@@ -119,15 +118,6 @@ impl Deref for Head {
     }
 }
 
-/// Rare operations on a body: found through its process' methods.
-struct BodyMethods {
-    /// Polls it, if it was not cancelled, with all optional work around a poll, and marks the
-    /// process if it has ended.
-    poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>),
-    /// Ends a body that has panicked.
-    end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
-}
-
 impl Task {
     /// Its record, built or not.
     ///
@@ -149,12 +139,6 @@ impl Task {
         let methods = seldom.and_then(|methods| methods.downcast_ref());
         methods.expect("`start` has said them")
     }
-}
-
-#[repr(C)]
-struct Whole<F: Future, B> {
-    task: Task,
-    body: UnsafeCell<Body<F, B>>,
 }
 
 /// Makes the process of a task that has a body, and queues it.
@@ -242,129 +226,6 @@ unsafe fn another_reference(task: NonNull<Task>) -> RecordRef {
     }
 }
 
-/// The body behind a task.
-///
-/// # Safety
-///
-/// `task` is the head of a live `Whole<F, B>`, this is the thread of its executor, and nothing else
-/// accesses its body while the borrow lasts.
-#[inline(always)]
-unsafe fn body<'a, F: Future, B>(task: NonNull<Task>) -> Pin<&'a mut Body<F, B>> {
-    // SAFETY: the contract; the body stays where it is until it is dropped.
-    unsafe { Pin::new_unchecked(&mut *(*task.cast::<Whole<F, B>>().as_ptr()).body.get()) }
-}
-
-/// # Safety
-///
-/// `owner` is the head of a live `Whole<F, B>`.
-unsafe fn body_range<F: Future, B>(owner: NonNull<()>) -> Range<usize> {
-    let start = owner.addr().get() + offset_of!(Whole<F, B>, body);
-    start..start + size_of::<Body<F, B>>()
-}
-
-/// # Safety
-///
-/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body has not ended.
-unsafe fn poll<F, B>(owner: NonNull<()>, cx: &mut Context<'_>)
-where
-    F: Future<Output: ExitValue>,
-{
-    let task = owner.cast::<Task>();
-    // SAFETY: the contract.
-    unsafe {
-        if let Poll::Ready(value) = body::<F, B>(task).poll_unended(cx) {
-            end_body::<F, B>(task, End::Completed(value));
-        }
-    }
-}
-
-/// # Safety
-///
-/// As for [`poll`], but the body may have ended.
-unsafe fn poll_attentively<F, B>(owner: NonNull<()>, cx: &mut Context<'_>)
-where
-    F: Future<Output: ExitValue>,
-{
-    let task = owner.cast::<Task>();
-    // SAFETY: the caller's contract. `run_attentively` does not poll a body that has ended, so this
-    // body has not ended and has no exit value yet.
-    unsafe {
-        if let Some(end) = body::<F, B>(task).poll_attentively(&task.as_ref().record, cx) {
-            end_body::<F, B>(task, end);
-        }
-    }
-}
-
-/// # Safety
-///
-/// As for [`body`].
-unsafe fn end_panicked<F, B>(task: NonNull<Task>, payload: Box<dyn Any + Send>)
-where
-    F: Future<Output: ExitValue>,
-{
-    // SAFETY: the contract.
-    unsafe { end_body::<F, B>(task, End::Panicked(payload)) };
-}
-
-/// Drops the body and publishes how it ended. The exit value takes the body's place until it is
-/// taken, or the task is freed.
-///
-/// # Safety
-///
-/// As for [`body`]; and it has not ended before.
-#[cold]
-unsafe fn end_body<F, B>(task: NonNull<Task>, end: End<F::Output>)
-where
-    F: Future<Output: ExitValue>,
-{
-    // SAFETY: the caller's contract. No borrow of the body is left when the exit value is
-    // published, and from then on it belongs to the threads that take it.
-    unsafe {
-        let this = task.as_ref();
-        let end = body::<F, B>(task).end(&this.record, end);
-        let exit = end.into_raw(|value| {
-            body::<F, B>(task).keep(value);
-            let methods = const {
-                &ExitValueMethods {
-                    type_id: TypeId::of::<F::Output>,
-                    take: take_exit_value::<F, B>,
-                    discard: discard_exit_value::<F, B>,
-                }
-            };
-            ErasedExitValue::new(task.cast(), methods)
-        });
-        this.process.set_ended();
-        this.record.finish(exit);
-    }
-}
-
-/// # Safety
-///
-/// `owner` is the head of a live `Whole<F, B>`. Its body has ended. The caller owns its exit
-/// value; `to` is room for it.
-unsafe fn take_exit_value<F: Future, B>(owner: NonNull<()>, to: *mut ()) {
-    // SAFETY: the caller's contract; the exit value belongs to this call, so nothing else accesses
-    // the body.
-    unsafe {
-        let task = owner.cast::<Task>();
-        let value = body::<F, B>(task).take_exit_value();
-        // By the contract there is an exit value.
-        to.cast::<F::Output>().write(value.unwrap_unchecked());
-    }
-}
-
-/// # Safety
-///
-/// As for [`take_exit_value`].
-unsafe fn discard_exit_value<F: Future, B>(owner: NonNull<()>) {
-    // SAFETY: the contract.
-    unsafe {
-        let task = owner.cast::<Task>();
-        let value = body::<F, B>(task).take_exit_value();
-        drop(value);
-    }
-}
-
 /// As [`Methods::ready_elsewhere`] requires.
 ///
 /// # Safety
@@ -414,7 +275,7 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
     }
 }
 
-/// Ends a turn in which the process has ended.
+/// Ends a turn in which the process has ended or failed.
 ///
 /// # Safety
 ///
@@ -424,6 +285,7 @@ unsafe fn finish_turn(task: NonNull<Task>) {
     // SAFETY: the contract: a task is retired only here or in a turn of its own, so this one is
     // live.
     unsafe {
+        end_failed(task);
         let process = &task.as_ref().process;
         process.end_turn();
         if process.has_ended() {
@@ -432,11 +294,31 @@ unsafe fn finish_turn(task: NonNull<Task>) {
     }
 }
 
+/// Ends the body of a process that has failed in this turn, if it has not ended by itself.
+///
+/// # Safety
+///
+/// As for [`finish_turn`]; the turn is not over.
+unsafe fn end_failed(task: NonNull<Task>) {
+    // SAFETY: the contract: its poll is over, so nothing else accesses the body.
+    unsafe {
+        let this = task.as_ref();
+        if this.process.has_failed() && !this.process.has_ended() {
+            (this.methods().abandon)(task, Abandoned::Failed);
+        }
+    }
+}
+
 /// No process is the current one from here on, until the next turn: to be called before an executor
 /// does anything else than polling.
+///
+/// # Safety
+///
+/// No process is being polled on this thread.
 #[inline]
-pub(crate) fn end_turns() {
-    if let Some(last) = current::end_turns() {
+pub(crate) unsafe fn end_turns() {
+    // SAFETY: the contract is the same.
+    if let Some(last) = unsafe { current::end_turns() } {
         interference::polled(last);
     }
 }
@@ -460,195 +342,32 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
         let id = this.process.id();
         events::begin_turn(id.get());
         let is_plain = events::is_on() && this.process.notices() == Notice::RECORDED;
-        let poll = match is_plain {
-            true => this.process.methods().poll,
-            false => this.methods().poll_attentively,
-        };
+        let poll = this.process.methods().poll;
         current::give_turn(&this.process, || {
             if this.process.notices() & Notice::RECORDED != 0 {
                 this.process.keep_recorded();
             }
-            poll(task.cast(), cx);
+            if is_plain {
+                return poll(task.cast(), cx);
+            }
+            let abandoned = poll_attentively(&this.record, cx, |cx| {
+                poll(task.cast(), cx);
+                match this.process.has_ended() {
+                    true => Poll::Ready(()),
+                    false => Poll::Pending,
+                }
+            });
+            if let Some(abandoned) = abandoned {
+                (this.methods().abandon)(task, abandoned);
+            }
         });
+        end_failed(task);
         this.process.end_turn();
         if this.process.has_ended() {
             end(task);
         } else {
             events::end_turn(id.get(), this.process.is_queued());
         }
-    }
-}
-
-/// Ends the process in the turn of which the panic occurred. If there is none, returns the payload:
-/// the panic is the thread's own.
-pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn Any + Send>> {
-    // SAFETY: on this thread only tasks have turns, which have owners.
-    let owner = current::process(|process| Some(unsafe { process?.owner() }));
-    let Some(owner) = owner else {
-        return Err(payload);
-    };
-    let task = owner.cast::<Task>();
-    // SAFETY: it is the current process. Its poll has unwound, so nothing accesses its body. Its
-    // methods are those of a task: on this thread only tasks have turns.
-    unsafe {
-        (task.as_ref().methods().end_panicked)(task, payload);
-        if current::take_interrupted().is_some() {
-            interference::polled(task.as_ref().process.id());
-            end(task);
-        }
-    }
-    Ok(())
-}
-
-/// Ends all tasks of this thread's executor as panicked, after a panic outside of any process has
-/// ended the thread's work. The channel ends in their bodies poison their channels. A body that
-/// panics when it is dropped does not stop the drop of the others. The executor builds no process
-/// meanwhile. O(tasks), and what the drops take. Allocates.
-pub(crate) fn end_all(why: &str) {
-    let mut number = 0;
-    loop {
-        // First the queued tasks: a turn belongs to a task that is not queued. A drop may queue
-        // others. SAFETY: each dequeued task is given a turn below, before anything else is done,
-        // or retired.
-        let queued = unsafe { current::next_ready() }.map(NonNull::cast::<Task>);
-        let next = queued
-            .or_else(|| REMOTE_WAKES.with_borrow(|remote_wakes| remote_wakes.next(&mut number)));
-        let Some(task) = next else {
-            return;
-        };
-        // SAFETY: a task is retired only when it is not queued, and then has no wake slot, so this
-        // one is live. It is not queued now, this is its executor's thread, and no process has a
-        // turn.
-        unsafe {
-            match (task.as_ref().record.has_ended(), queued) {
-                (false, _) => end_left(task, why),
-                (true, Some(_)) => retire(task),
-                (true, None) => {}
-            }
-        }
-    }
-}
-
-/// Ends a task in a turn in which it is not polled.
-///
-/// # Safety
-///
-/// `task` is live, not queued, and has not ended. This is its executor's thread, where no process
-/// has a turn.
-unsafe fn end_left(task: NonNull<Task>, why: &str) {
-    // SAFETY: the caller's contract: nothing else accesses the body, and the task lives until it is
-    // retired, at the end.
-    unsafe {
-        let this = task.as_ref();
-        let ended = catch_unwind(AssertUnwindSafe(|| {
-            current::give_turn(&this.process, || {
-                current::poison_dropped_ends(|| {
-                    (this.methods().end_panicked)(task, Box::new(why.to_owned()));
-                });
-            });
-            this.process.end_turn();
-        }));
-        if let Err(payload) = ended {
-            // Dropping it could panic in turn.
-            std::mem::forget(payload);
-            current::take_interrupted();
-        }
-        end(task);
-    }
-}
-
-/// Reports the end of a process, and retires its task.
-///
-/// # Safety
-///
-/// The body of the task has ended in a turn just now. This is its executor's thread.
-#[cold]
-unsafe fn end(task: NonNull<Task>) {
-    // It may be freed here.
-    end_turns();
-    // SAFETY: the contract. This thread has a reference to the executor's part that others see, so
-    // the registry outlives the task.
-    unsafe {
-        let this = task.as_ref();
-        let registry = (*Arc::as_ptr(&this.shared)).registry();
-        if this.process.is_queued() {
-            // It retires when its turn comes.
-            this.process.notify(Notice::ENDED);
-            another_reference(task).report(registry);
-        } else if this.process.is_unreferenced() {
-            leave(task);
-            // The waker's reference is passed on.
-            mem::forget(this.process.take_waker());
-            RecordRef::from_raw(Task::record(task)).report(registry);
-        } else {
-            another_reference(task).report(registry);
-            retire(task);
-        }
-    }
-}
-
-/// Gives the wake slot of a task back.
-///
-/// # Safety
-///
-/// As for [`retire`].
-unsafe fn leave(task: NonNull<Task>) {
-    TASKS.set(TASKS.get() - 1);
-    // SAFETY: the contract: the task is live.
-    let number = unsafe { task.as_ref() }.slot.number();
-    REMOTE_WAKES.with_borrow_mut(|remote_wakes| remote_wakes.leave(number));
-}
-
-/// # Safety
-///
-/// The body of the task has ended, the task is not queued, and it was not retired before. This is
-/// its executor's thread.
-#[cold]
-unsafe fn retire(task: NonNull<Task>) {
-    // SAFETY: the process is not polled again, and this is its executor's thread. Pending wakes and
-    // wakers keep the task alive themselves.
-    unsafe {
-        leave(task);
-        Process::end(task.cast());
-    }
-}
-
-/// Drops the waker that a task has of itself: its process has ended, and no pending wake refers to
-/// it any more.
-///
-/// # Safety
-///
-/// As [`Methods::free`] requires; `owner` is the task.
-unsafe fn free(owner: NonNull<()>) {
-    // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the
-    // last that is done here.
-    unsafe {
-        drop(owner.cast::<Task>().as_ref().process.take_waker());
-    }
-}
-
-/// # Safety
-///
-/// `head` begins the record of a `Whole<F, B>` to which no reference remains. Its body has ended,
-/// or was never built.
-unsafe fn free_retired<F: Future, B>(head: NonNull<Retired>) {
-    // SAFETY: the contract; `Unbuilt::new` allocated it. What is left of the body is its exit
-    // value, which can go on any thread, and belongs to the record until that is dropped.
-    unsafe {
-        let whole = head
-            .byte_sub(offset_of!(Task, record))
-            .cast::<Whole<F, B>>();
-        let task = &raw mut (*whole.as_ptr()).task;
-        let skipped = (*task).skipped;
-        let shared = ManuallyDrop::take(&mut (*task).shared);
-        if (*task).slot.is_taken() {
-            ManuallyDrop::drop(&mut (*task).process.process);
-        }
-        (&raw mut (*task).slot).drop_in_place();
-        (&raw mut (*task).record).drop_in_place();
-        (&raw mut (*whole.as_ptr()).body).drop_in_place();
-        executor::give_back(shared);
-        memory::free(whole, skipped);
     }
 }
 

@@ -1,9 +1,8 @@
 //! A task that is not built yet: its executor's thread makes the body of what lies in its place.
 
-use super::{
-    BodyMethods, Head, Task, Whole, body, body_range, end_panicked, free, free_retired, memory,
-    poll, poll_attentively, ready_elsewhere, start,
-};
+use super::body::{BodyMethods, Whole, abandon, body, body_range, poll};
+use super::end::{free, free_retired};
+use super::{Head, Task, memory, ready_elsewhere, start};
 use crate::executor::Shared;
 use crate::process::{Body, ExitValue, ProcessSpec, RawExit, Record, RecordRef};
 use crate::remote_wakes::WakeSlot;
@@ -48,7 +47,7 @@ impl Unbuilt {
     {
         let is_on_executor = current::executor_id() == Some(shared.executor_id());
         let free = free_retired::<F, B>;
-        let mut record = Record::within(spec, shared.registry(), is_on_executor, 2, free);
+        let mut record = Record::new(spec, shared.registry(), is_on_executor, 2, free);
         if size_of::<Whole<F, B>>() > LARGE {
             record.set_large();
         }
@@ -144,8 +143,7 @@ where
             poll: poll::<F, B>,
             body: body_range::<F, B>,
             seldom: Some(&BodyMethods {
-                poll_attentively: poll_attentively::<F, B>,
-                end_panicked: end_panicked::<F, B>,
+                abandon: abandon::<F, B>,
             }),
         }
     };

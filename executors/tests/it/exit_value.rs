@@ -1,7 +1,8 @@
 //! The exit value of a body: kept until it is taken, from any thread that it ran on.
 
 use luna_executors::{
-    Executor, Exit, ExitValue, OsThread, ProcessHandle, ProcessRegistry, ProcessSpec,
+    Executor, ExecutorHandle, Exit, ExitValue, OsThread, ProcessHandle, ProcessRegistry,
+    ProcessSpec,
 };
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
@@ -13,6 +14,10 @@ struct Word(
 );
 
 impl ExitValue for Word {
+    fn failed() -> Self {
+        unreachable!("no process fails here")
+    }
+
     fn is_nothing(&self) -> bool {
         self.0.is_none()
     }
@@ -127,7 +132,8 @@ fn the_exit_value_of_a_thread_process_is_taken_or_dropped_with_its_record() {
         let spec = ProcessSpec::new("alone");
         let registry = Arc::new(ProcessRegistry::new());
         let build = move || async { word };
-        OsThread::start_counted(Attributes::new("alone"), spec, build, registry).unwrap()
+        let announce = |executor: &ExecutorHandle| executor.announce(spec, build);
+        OsThread::start_counted(Attributes::new("alone"), registry, announce).unwrap()
     };
     let heard = start();
     let unheard = start();

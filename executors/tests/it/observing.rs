@@ -94,12 +94,9 @@ fn the_living_are_counted_over_executors_and_threads() {
     let long = executor.spawn(ProcessSpec::new("long"), || async { pending().await });
     let own = gate.clone();
     let body = move || async move { own.pass().await };
-    let thread = OsThread::start_counted(
-        Attributes::new("two"),
-        ProcessSpec::new("thread"),
-        body,
-        registry.clone(),
-    )
+    let thread = OsThread::start_counted(Attributes::new("two"), registry.clone(), |executor| {
+        executor.announce(ProcessSpec::new("thread"), body)
+    })
     .unwrap();
     assert_eq!(registry.count(), 3);
     executor.release();

@@ -28,7 +28,7 @@ fn held_until_released() {
     assert_eq!(log.take(), ["built"], "built when `start` returns");
     assert_eq!(
         (thread.process().polls(), thread.process().state()),
-        (0, ProcessState::Created)
+        (0, ProcessState::Ready)
     );
     thread.release();
     assert_eq!(thread.process().wait(), Exit::Completed);

@@ -58,15 +58,12 @@ fn a_wake_ends_the_quiescence_and_another_follows() {
     });
     let (second, own) = (Gate::default(), gate.clone());
     let of_thread = second.clone();
-    let thread = OsThread::start_counted(
-        Attributes::new("alone"),
-        ProcessSpec::new("alone"),
-        move || async move {
+    let thread = OsThread::start_counted(Attributes::new("alone"), registry.clone(), |executor| {
+        executor.announce(ProcessSpec::new("alone"), move || async move {
             own.pass().await;
             of_thread.pass().await;
-        },
-        registry.clone(),
-    )
+        })
+    })
     .unwrap();
     executor.release();
     thread.release();

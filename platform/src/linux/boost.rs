@@ -91,20 +91,21 @@ pub fn boost(of: &Scheduling, priority: u8) -> Result<(), i32> {
     set(of.thread, libc::SCHED_FIFO, i32::from(priority))
 }
 
-/// Restores the thread's own scheduling. One system call. Lowering a priority needs no privilege,
-/// so it is not refused.
-pub fn restore(of: &Scheduling) {
-    if of.has_rank() {
-        let outcome = set(
-            of.thread,
-            of.policy & !libc::SCHED_RESET_ON_FORK,
-            of.priority,
-        );
-        debug_assert!(
-            outcome.is_ok(),
-            "a thread was refused its own priority: {outcome:?}"
-        );
+/// Restores the thread's own scheduling. One system call. Lowering a priority needs no privilege.
+///
+/// # Errors
+///
+/// The system's error number: EBUSY while a thread of a deadline policy waits for a lock that this
+/// one holds.
+pub fn restore(of: &Scheduling) -> Result<(), i32> {
+    if !of.has_rank() {
+        return Ok(());
     }
+    set(
+        of.thread,
+        of.policy & !libc::SCHED_RESET_ON_FORK,
+        of.priority,
+    )
 }
 
 /// Threads that it starts meanwhile must not inherit the priority; and clearing the flag would need

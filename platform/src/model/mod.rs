@@ -35,7 +35,9 @@ pub mod boost {
     }
 
     /// Lets the thread run under what was its own.
-    pub fn restore(_: &Scheduling) {}
+    pub fn restore(_: &Scheduling) -> Result<(), i32> {
+        Ok(())
+    }
 }
 
 pub(crate) mod clock {

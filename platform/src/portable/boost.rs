@@ -33,7 +33,13 @@ pub fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
 }
 
 /// Restores the thread's own scheduling.
-pub fn restore(_: &Scheduling) {}
+///
+/// # Errors
+///
+/// None.
+pub fn restore(_: &Scheduling) -> Result<(), i32> {
+    Ok(())
+}
 
 /// Why a boost was refused with this error number.
 pub fn why_refused(_: u8, _: i32) -> PolicyRefusal {

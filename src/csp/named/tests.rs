@@ -1,5 +1,4 @@
 use super::*;
-use crate::csp::tree::SubProcess;
 use luna_core::current::ExecutorId;
 use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,7 +19,7 @@ fn poll<F: Future>(future: Pin<&mut F>) -> Poll<F::Output> {
 
 fn names(tree: &Tree) -> Vec<String> {
     let all = tree.read();
-    all.iter().map(|one| one.name().to_owned()).collect()
+    all.iter().map(|one| one.name.to_string()).collect()
 }
 
 #[test]
@@ -206,7 +205,7 @@ fn readers_and_futures_that_come_and_go_do_not_disturb_each_other() {
                     assert!(all.is_sorted_by_key(|one| one.id));
                     // Each name is whole, and is there once.
                     let names: std::collections::HashSet<_> =
-                        all.iter().map(SubProcess::name).collect();
+                        all.iter().map(|one| one.name.as_str()).collect();
                     assert_eq!(names.len(), all.len());
                     assert!(names.iter().all(|name| name.split(' ').count() == 2));
                 }

@@ -3,7 +3,6 @@
 use super::join::Slot;
 use crate::error::{Failures, Result};
 use luna_core::current::{self, Branches, OPERATIONS_PER_POLL};
-use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -82,15 +81,12 @@ pub struct ParAll<F, T> {
 // The branches are pinned in their own allocation, and values are not pinned at all.
 impl<F, T> Unpin for ParAll<F, T> {}
 
-impl<F, T> fmt::Debug for ParAll<F, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ParAll")
-            .field("branches", &self.slots.len())
-            .field("running", &self.running)
-            .field("failed", &self.failed)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(
+    ParAll<F, T> as all:
+        branches = all.slots.len(),
+        running = all.running,
+        failed = all.failed
+);
 
 impl<F: Future<Output = Result<T>>, T> ParAll<F, T> {
     fn poll_branch(&mut self, branch: usize) {
@@ -154,7 +150,7 @@ impl<F: Future<Output = Result<T>>, T> Future for ParAll<F, T> {
                 this.branches.wait(cx);
                 return Poll::Pending;
             }
-            if polls > 0 && current::give_way(cx) {
+            if polls > 0 && current::yield_if_outranked(cx) {
                 return Poll::Pending;
             }
             let Some(branch) = this.branches.next() else {

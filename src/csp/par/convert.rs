@@ -3,7 +3,6 @@
 
 use crate::error::{Error, Result};
 use std::cell::Cell;
-use std::fmt;
 use std::future::{Future, Pending};
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -11,11 +10,7 @@ use std::task::{Context, Poll};
 /// A branch on its way through autoref specialization: it never outlives the macro's expression.
 pub struct Branch<F>(Cell<Option<F>>);
 
-impl<F> fmt::Debug for Branch<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Branch")
-    }
-}
+debug_parts!(Branch<F>);
 
 /// What a branch gives: a `Result`, with an error that turns into [`Error`].
 #[diagnostic::on_unimplemented(
@@ -95,11 +90,7 @@ impl<F> Refused for &Branch<F> {
 /// Turns a branch's error into [`Error`].
 pub struct Converting<F>(F);
 
-impl<F> fmt::Debug for Converting<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Converting")
-    }
-}
+debug_parts!(Converting<F>);
 
 impl<F, T, E> Future for Converting<F>
 where

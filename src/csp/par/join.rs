@@ -59,15 +59,7 @@ impl<F, T> Slot<F, T> {
     }
 }
 
-impl<F, T> fmt::Debug for Slot<F, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self.0 {
-            State::Running(_) => "Running",
-            State::Done(_) => "Done",
-            State::Taken => "Taken",
-        })
-    }
-}
+debug_parts!(Slot<F, T>);
 
 impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
     /// Polls the branch once if it runs, the one of this number, `below` levels lower than its
@@ -168,7 +160,7 @@ impl<'a, const BY_PRIORITY: bool> Turn<'a, BY_PRIORITY> {
             // The process may have been given its turn for a more urgent branch. Whether this one
             // has anything to do is not known, so the process comes again at this one's level.
             self.gave_way = current::with_branch_below(false, self.below, self.number, || {
-                current::give_way(cx)
+                current::yield_if_outranked(cx)
             });
         }
         self.running |= if self.gave_way {
@@ -216,7 +208,7 @@ macro_rules! joins {
                 Poll::Ready(match ($($slot.take(),)+) {
                     ($(Ok($slot),)+) => Ok(($($slot,)+)),
                     ($($slot,)+) => {
-                        let mut failures = Failures::new();
+                        let mut failures = Failures::default();
                         $(failures.add($slot.err());)+
                         Err(failures.take_error().expect("not all branches have ended well"))
                     }

@@ -68,6 +68,7 @@ pub use join::{Branches, Join, Slot, join};
 /// })?;
 /// # Ok::<(), luna::Error>(())
 /// ```
+#[doc(alias = "join")]
 #[macro_export]
 macro_rules! par {
     ($($branch:expr),+ $(,)?) => {

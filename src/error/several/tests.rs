@@ -1,7 +1,7 @@
 use super::*;
 
 fn error_of(outcomes: impl IntoIterator<Item = Option<Error>>) -> Option<Error> {
-    let mut failures = Failures::new();
+    let mut failures = Failures::default();
     outcomes
         .into_iter()
         .for_each(|outcome| failures.add(outcome));

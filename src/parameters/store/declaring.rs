@@ -1,64 +1,26 @@
-//! What processes declare in their `pre_run`, and which process reads it.
+//! What is declared for processes that are to be spawned, and which process reads it.
 
-use super::{Declared, Entry, Group, State, Store, note_outside};
+use super::{Declared, Entry, Group, State, Store, note_outside, slot_number};
 use crate::parameters::cells::{Cells, Reader};
 use crate::parameters::error::DeclareError;
 use luna_core::current::ProcessId;
 use luna_core::latest_slots::LatestSlots;
-use std::cell::RefCell;
-use std::sync::{Arc, OnceLock};
+use luna_platform::lock::PiLock;
+use std::sync::Arc;
 
 /// The most bytes of a name, a unit and a description, as of a signal.
 const MAX_NAME: usize = 255;
 const MAX_UNIT: usize = 63;
 const MAX_DESCRIPTION: usize = 1023;
 
-/// The process that runs its `pre_run`.
-struct Declaring {
-    store: Arc<Store>,
-    process: u32,
-    name: Arc<str>,
-}
-
-thread_local! {
-    static DECLARING: RefCell<Option<Declaring>> = const { RefCell::new(None) };
-}
-
 impl Store {
-    /// Calls `pre_run` of a process, which may declare parameters.
-    pub(crate) fn declaring<R>(
-        self: &Arc<Self>,
+    /// Declares a parameter of a process that does not run yet.
+    pub(in crate::parameters) fn declare(
+        &self,
+        declared: Declared,
         process: ProcessId,
-        name: &str,
-        pre_run: impl FnOnce() -> R,
-    ) -> R {
-        /// Puts back the process that was declaring before: a `pre_run` may spawn.
-        struct Restored(Option<Declaring>);
-        impl Drop for Restored {
-            fn drop(&mut self) {
-                let ended = DECLARING.replace(self.0.take());
-                if let Some(ended) = ended {
-                    ended.store.seal(ended.process);
-                }
-            }
-        }
-        let declaring = Declaring {
-            store: self.clone(),
-            process: process.get(),
-            name: Arc::from(name),
-        };
-        let _restored = Restored(DECLARING.replace(Some(declaring)));
-        pre_run()
-    }
-
-    /// Whether a `pre_run` runs on this thread.
-    #[cfg(not(feature = "logger"))]
-    pub(in crate::parameters) fn is_declaring() -> bool {
-        DECLARING.with_borrow(Option::is_some)
-    }
-
-    /// Declares a parameter of the process that runs its `pre_run` on this thread.
-    pub(in crate::parameters) fn declare(declared: Declared) -> Result<Arc<Cells>, DeclareError> {
+        process_name: &str,
+    ) -> Result<Arc<Cells>, DeclareError> {
         let parameter = || declared.name.to_string();
         let texts = [
             ("name", declared.name.len(), MAX_NAME),
@@ -79,23 +41,14 @@ impl Store {
                 parameter: parameter(),
             });
         }
-        let whose = DECLARING.with_borrow(|whose| {
-            let whose = whose.as_ref()?;
-            Some((whose.store.clone(), whose.process, whose.name.clone()))
-        });
-        let Some((store, process, name)) = whose else {
-            return Err(DeclareError::NotInPreRun {
-                parameter: parameter(),
-            });
-        };
-        store.enter(declared, process, name)
+        self.enter(declared, process.get(), process_name)
     }
 
     fn enter(
         &self,
         declared: Declared,
         process: u32,
-        process_name: Arc<str>,
+        process_name: &str,
     ) -> Result<Arc<Cells>, DeclareError> {
         let mut state = self.state();
         self.sweep(&mut state);
@@ -116,9 +69,9 @@ impl Store {
             None => {
                 let reader = Arc::new(Reader {
                     process,
-                    name: process_name,
+                    name: process_name.into(),
                     slots: LatestSlots::new(),
-                    cells: OnceLock::new(),
+                    cells: PiLock::new(Vec::new()),
                 });
                 let taken = state.sets;
                 state.groups.push(Group {
@@ -134,25 +87,14 @@ impl Store {
             groups, entries, ..
         } = &mut *state;
         let Group { reader, cells, .. } = &mut groups[group];
-        // All that this process has declared is of one set. It does not run yet, and setters wait
-        // for the lock.
+        // All that this process has declared is of one set. Its owner does not run yet, and setters
+        // wait for the lock.
         reader.slots.latch();
         let words = &entries[number].words;
         let new = Arc::new(Cells::new(reader.clone(), name, number, words));
         cells.push(new.clone());
+        reader.cells.lock().push(Arc::downgrade(&new));
         Ok(new)
-    }
-
-    /// The process' `pre_run` is over.
-    fn seal(&self, process: u32) {
-        let state = self.state();
-        let group = state
-            .groups
-            .iter()
-            .find(|group| group.reader.process == process);
-        if let Some(Group { reader, cells, .. }) = group {
-            let _ = reader.cells.set(cells.iter().map(Arc::downgrade).collect());
-        }
     }
 
     /// Lists the readers of these groups for loops that begin. The list is made and the former one
@@ -194,24 +136,46 @@ impl Store {
 
 impl State {
     fn declare_first(&mut self, declared: Declared) -> usize {
-        let mut words = declared.default.clone();
-        let mut source = None;
-        if let Some(given) = self.wishes.remove(&*declared.name) {
-            match declared.form.pack(&given.value) {
-                Ok(wished) => (words, source) = (wished, Some(given.source)),
-                // All refusals are reported together.
-                Err(reason) => self.refused.push(given.refused(&declared.unit, reason)),
-            }
-        }
         let number = self.entries.len();
         self.numbers.insert(declared.name.clone(), number);
         self.entries.push(Entry {
+            words: declared.default.clone(),
             declared,
-            words,
             set: 0,
-            source,
+            source: None,
         });
+        self.give_wish(number);
         number
+    }
+
+    /// Gives a parameter the value that the start found for it, if there is one.
+    fn give_wish(&mut self, number: usize) {
+        let entry = &mut self.entries[number];
+        let Some(given) = self.wishes.remove(&*entry.declared.name) else {
+            return;
+        };
+        match entry.declared.form.pack(&given.value) {
+            Ok(words) => (entry.words, entry.source) = (words, Some(given.source)),
+            // All refusals are reported together.
+            Err(reason) => {
+                let unit = &entry.declared.unit;
+                self.refused.push(given.refused(unit, reason));
+            }
+        }
+    }
+
+    /// Gives all parameters that are declared already what the start found for them.
+    pub(super) fn give_wishes(&mut self) {
+        (0..self.entries.len()).for_each(|number| self.give_wish(number));
+        for Group { reader, cells, .. } in &self.groups {
+            reader.slots.publish(slot_number(0), |slot| {
+                for cells in cells {
+                    cells.fill(slot, &self.entries[cells.entry].words);
+                }
+            });
+            // No process runs yet, so this thread is the owner.
+            reader.slots.latch();
+        }
     }
 
     fn declare_again(&mut self, number: usize, declared: &Declared) -> Result<(), DeclareError> {

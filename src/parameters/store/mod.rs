@@ -2,7 +2,6 @@
 //! Its lock is for the set-up and for setters, never for the real-time path.
 
 mod declaring;
-mod notify;
 mod setting;
 
 use super::cells::{Cells, Reader};
@@ -12,7 +11,9 @@ use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
 use super::watch::{self, Stamp};
-use crate::log::Log;
+use crate::log::{Level, Log, message};
+use crate::parameters::handle::Info;
+use crate::system::Phase;
 use luna_core::current;
 use luna_platform::clock::Clock;
 use luna_platform::lock::PiLock;
@@ -47,14 +48,6 @@ struct State {
     is_replay: bool,
     log: Option<Log>,
     clock: Option<Clock>,
-}
-
-#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    #[default]
-    Described,
-    Running,
-    Ended,
 }
 
 /// What a parameter is declared as.
@@ -171,13 +164,14 @@ impl Store {
         state.stamp = stamp;
         state.wishes = wishes;
         state.refused = refused;
+        state.give_wishes();
         state.is_replay = recorded.is_some();
         state.log = Some(log.clone());
         state.clock = Some(clock.clone());
         Ok(kept)
     }
 
-    /// All `pre_run` are over: every value must belong to a declared parameter, and be one that it
+    /// All processes of the start are spawned: every value must belong to a declared parameter, and be one that it
     /// can have.
     pub(crate) fn all_declared(&self) -> Result<(), SetError> {
         let mut state = self.state();
@@ -218,7 +212,100 @@ impl Store {
     }
 }
 
+/// By which number the slots of a process know a set: from 2 on.
+fn slot_number(set: u64) -> u64 {
+    set + 2
+}
+
 /// What a process that is recorded does here cannot be replayed.
 fn note_outside(construct: &'static str) {
     current::replay_log(|log| log.outside(construct));
+}
+
+impl Store {
+    pub(in crate::parameters) fn infos(&self) -> Vec<Info> {
+        note_outside("Parameters::list");
+        let state = self.state();
+        let mut infos: Vec<Info> = state
+            .entries
+            .iter()
+            .enumerate()
+            .map(|(number, entry)| {
+                let groups = || {
+                    let has = move |group: &&Group| {
+                        group
+                            .cells
+                            .iter()
+                            .any(|cells| cells.entry == number && Arc::strong_count(cells) > 1)
+                    };
+                    state.groups.iter().filter(has)
+                };
+                let Entry {
+                    declared,
+                    words,
+                    set,
+                    ..
+                } = entry;
+                let (least, most) = declared.form.range.clone().unzip();
+                Info {
+                    name: declared.name.to_string(),
+                    unit: declared.unit.clone(),
+                    description: declared.description.clone(),
+                    type_name: declared.form.type_name(),
+                    choices: declared.form.choices(),
+                    least,
+                    most,
+                    default: declared.form.unpack(&declared.default),
+                    value: declared.form.unpack(words),
+                    set: *set,
+                    processes: groups()
+                        .map(|group| group.reader.name.to_string())
+                        .collect(),
+                    taken: groups().all(|group| group.has_taken(*set)),
+                }
+            })
+            .collect();
+        infos.sort_by(|one, other| one.name.cmp(&other.name));
+        infos
+    }
+}
+
+impl State {
+    /// Writes a message for each parameter that `changed` gives the former words of.
+    pub(super) fn notify(&self, mut changed: impl FnMut(&Entry) -> Option<Box<[u64]>>) {
+        let (Some(log), Some(clock)) = (&self.log, &self.clock) else {
+            return;
+        };
+        if !log.is_recording() {
+            return;
+        }
+        let (_log, _clock) = (log.enter(), clock.enter());
+        for entry in &self.entries {
+            if let Some(former) = changed(entry) {
+                let Declared {
+                    name, unit, form, ..
+                } = &entry.declared;
+                let space = if unit.is_empty() { "" } else { " " };
+                let (before, after) = (form.unpack(&former), form.unpack(&entry.words));
+                let from = entry
+                    .source
+                    .as_ref()
+                    .map_or_else(String::new, Source::to_string);
+                let from = from.trim_end_matches([':', ' ']);
+                let (open, close) = if from.is_empty() {
+                    ("", "")
+                } else {
+                    (" (", ")")
+                };
+                message(
+                    Level::Info,
+                    "parameters",
+                    format_args!(
+                        "set {}: {name} {before} -> {after}{space}{unit}{open}{from}{close}",
+                        self.sets
+                    ),
+                );
+            }
+        }
+    }
 }

@@ -13,7 +13,7 @@ pub(crate) use track::Track;
 
 use super::error::RecordError;
 use super::event::{Event as Noted, Kind};
-use super::recorder::RecordReport;
+use super::recorder::{RecordReport, lock};
 use super::recording::Recording;
 use branch_log::BranchLog;
 use luna_core::timer_queue::Sleep;
@@ -21,7 +21,7 @@ use stamps::{END, at};
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 type Queues = BTreeMap<u32, VecDeque<Noted>>;
 /// A process: its parent's number or 0, its name, and which it is of these.
@@ -146,14 +146,8 @@ impl Replayer {
             }),
             _ => Ok(RecordReport {
                 events: self.replayed.load(Ordering::Relaxed),
-                lost: 0,
-                outside: 0,
-                bytes: 0,
+                ..RecordReport::default()
             }),
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,7 +1,8 @@
 //! A process' budgets while it runs: measured on its thread, read by the thread that runs the
 //! system.
 
-use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, Offence, OnOverrun};
+use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, OnOverrun};
+use crate::error::Error;
 use crate::safety::{Cause, Emergency};
 use crate::time::{Accounting, LoopName, UsageSince};
 use luna_executors::{PollMonitor, ProcessRegistry, Verdict};
@@ -15,11 +16,7 @@ use std::time::Duration;
 /// The budgets of one process, and how it keeps them. All memory is reserved before the start.
 /// Overruns are written under a priority-inheriting lock, which the reader holds for a copy only.
 pub(crate) struct Ledger {
-    poll: Option<Duration>,
-    cycle: Option<Duration>,
-    on_overrun: OnOverrun,
-    /// Whether each poll is accounted for, and not the overruns alone.
-    accounted: bool,
+    budgets: Budgets,
     /// A first reading was made. Written by the process' thread alone.
     has_begun: AtomicBool,
     /// The process is to be ended.
@@ -35,7 +32,7 @@ struct Books {
     poll: Overruns,
     cycle: Overruns,
     /// The decision, if the process or the system is to end.
-    offence: Option<Offence>,
+    offence: Option<Error>,
     /// The last overruns are not reported yet.
     is_unsaid: bool,
 }
@@ -55,17 +52,18 @@ struct Worst {
 }
 
 impl Ledger {
-    pub(super) fn new(budgets: &Budgets) -> Self {
+    pub(super) fn new(budgets: Budgets) -> Self {
         Self {
-            poll: budgets.poll,
-            cycle: budgets.cycle,
-            on_overrun: budgets.on_overrun.unwrap_or_default(),
-            accounted: budgets.accounted,
+            budgets,
             has_begun: AtomicBool::new(false),
             ended_for_overrun: AtomicBool::new(false),
             books: PiLock::new(Books::default()),
             system: OnceLock::new(),
         }
+    }
+
+    fn on_overrun(&self) -> OnOverrun {
+        self.budgets.on_overrun.unwrap_or_default()
     }
 
     /// Sets the system that the process is part of, before it runs.
@@ -84,7 +82,7 @@ impl Ledger {
     /// [`overrun`](Self::overrun).
     #[inline]
     pub(crate) fn cycle_ends(&self, of: LoopName, began: Instant, now: Instant) -> bool {
-        if let Some(budget) = self.cycle
+        if let Some(budget) = self.budgets.cycle
             && now.nanos_since(began) > nanos(budget)
         {
             self.overrun(BudgetKind::Cycle, budget, Some(of), began, now);
@@ -119,19 +117,19 @@ impl Ledger {
                 usage,
             });
         }
-        let ends = matches!(self.on_overrun, OnOverrun::Poison | OnOverrun::Emergency);
+        let ends = matches!(self.on_overrun(), OnOverrun::Poison | OnOverrun::Emergency);
         let is_first = ends && books.offence.is_none();
         if is_first {
-            books.offence = Some(Offence {
+            books.offence = Some(Error::BudgetOverrun {
                 kind,
                 budget,
                 taken,
             });
         }
         let is_news =
-            self.on_overrun == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
+            self.on_overrun() == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
         drop(books);
-        match (self.on_overrun, self.system.get()) {
+        match (self.on_overrun(), self.system.get()) {
             (OnOverrun::Poison, _) => self.ended_for_overrun.store(true, Ordering::Relaxed),
             (OnOverrun::Warn, Some((_, registry))) if is_news => registry.announce(),
             (OnOverrun::Emergency, Some((emergency, _))) if is_first => {
@@ -142,14 +140,14 @@ impl Ledger {
     }
 
     /// The overrun for which the process or the system is being ended, once it is.
-    pub(crate) fn offence(&self) -> Option<Offence> {
-        self.books.lock().offence
+    pub(crate) fn offence(&self) -> Option<Error> {
+        self.books.lock().offence.clone()
     }
 
     /// The overrun for which the system is being ended, if it is.
-    pub(crate) fn emergency(&self) -> Option<Offence> {
+    pub(crate) fn emergency(&self) -> Option<Error> {
         self.offence()
-            .filter(|_| self.on_overrun == OnOverrun::Emergency)
+            .filter(|_| self.on_overrun() == OnOverrun::Emergency)
     }
 
     /// Whether the process was ended for an overrun; the channel ends that it leaves then poison
@@ -175,8 +173,8 @@ impl Ledger {
             (books.poll, books.cycle)
         };
         let kinds = [
-            (BudgetKind::Poll, self.poll, poll),
-            (BudgetKind::Cycle, self.cycle, cycle),
+            (BudgetKind::Poll, self.budgets.poll, poll),
+            (BudgetKind::Cycle, self.budgets.cycle, cycle),
         ];
         kinds
             .into_iter()
@@ -184,7 +182,7 @@ impl Ledger {
                 Some(BudgetReport {
                     kind,
                     budget: budget?,
-                    on_overrun: self.on_overrun,
+                    on_overrun: self.on_overrun(),
                     overruns: overruns.count,
                     worst: overruns.worst.map(|worst| BudgetOverrun {
                         at: worst.at,
@@ -201,14 +199,14 @@ impl Ledger {
 impl PollMonitor for Ledger {
     fn poll_begins(&self, now: Instant) {
         // The first reading is what the first overrun is counted from.
-        if self.accounted || !self.has_begun.load(Ordering::Relaxed) {
+        if self.budgets.accounted || !self.has_begun.load(Ordering::Relaxed) {
             self.has_begun.store(true, Ordering::Relaxed);
             self.books.lock().accounting.begin(now);
         }
     }
 
     fn poll_ends(&self, began: Instant, now: Instant) -> Verdict {
-        if let Some(budget) = self.poll
+        if let Some(budget) = self.budgets.poll
             && now.nanos_since(began) > nanos(budget)
         {
             self.overrun(BudgetKind::Poll, budget, None, began, now);

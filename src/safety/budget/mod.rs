@@ -5,7 +5,7 @@ mod ledger;
 
 pub(crate) use ledger::Ledger;
 
-use crate::error::{Error, Result, SetupError};
+use crate::error::SetupError;
 use crate::time::{UsageSince, short};
 use luna_platform::clock::Instant;
 use std::fmt;
@@ -47,7 +47,8 @@ pub enum OnOverrun {
     /// process.
     Warn,
     /// The process is ended where it waits next, all its channel ends poison their channels, and
-    /// its error is [`Error::BudgetOverrun`]. A process that ends by itself in that poll has ended.
+    /// its error is [`Error::BudgetOverrun`](crate::Error::BudgetOverrun). A process that ends by
+    /// itself in that poll has ended.
     Poison,
     /// The emergency functions run, then the system ends: [`End::Overrun`](crate::End::Overrun).
     Emergency,
@@ -139,7 +140,7 @@ pub(crate) struct Budgets {
 
 impl Budgets {
     /// The ledger that keeps them, if there are any.
-    pub(crate) fn ledger(self, process: &str) -> Result<Option<Arc<Ledger>>> {
+    pub(crate) fn ledger(self, process: &str) -> Result<Option<Arc<Ledger>>, SetupError> {
         let kinds = [
             (BudgetKind::Poll, self.poll),
             (BudgetKind::Cycle, self.cycle),
@@ -149,42 +150,17 @@ impl Budgets {
                 return Err(SetupError::ZeroBudget {
                     process: process.to_owned(),
                     kind,
-                }
-                .into());
+                });
             }
         }
         if self.poll.is_some() || self.cycle.is_some() {
-            return Ok(Some(Arc::new(Ledger::new(&self))));
+            return Ok(Some(Arc::new(Ledger::new(self))));
         }
         if self.on_overrun.is_some() || self.accounted {
             return Err(SetupError::NoBudget {
                 process: process.to_owned(),
-            }
-            .into());
+            });
         }
         Ok(None)
-    }
-}
-
-/// Why a process was ended, or the system.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Offence {
-    pub(crate) kind: BudgetKind,
-    pub(crate) budget: Duration,
-    pub(crate) taken: Duration,
-}
-
-impl From<Offence> for Error {
-    fn from(offence: Offence) -> Error {
-        let Offence {
-            kind,
-            budget,
-            taken,
-        } = offence;
-        Error::BudgetOverrun {
-            kind,
-            budget,
-            taken,
-        }
     }
 }

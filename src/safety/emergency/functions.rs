@@ -1,15 +1,13 @@
 //! The functions that bring the machine to safety. The failover sequence decides which worker runs
 //! which function; this module holds the functions and their outcomes.
 
-mod runner;
-mod watcher;
-
 use crate::error::{Result, SetupError};
-use luna_core::failover::{FailoverSequence, Leg};
+use luna_core::failover::{FailoverSequence, Leg, Turn};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::signals;
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -19,6 +17,10 @@ pub(crate) const LIMIT: Duration = Duration::from_millis(500);
 /// The most functions of a kind. Their room is reserved beforehand, so that a late registration
 /// finds it.
 const MAX: usize = 256;
+
+/// How often, at most, a watching worker checks whether a function with a shorter limit has begun
+/// meanwhile.
+const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 
 /// The outcome of one function: in
 /// [`SafetyReport::functions`](crate::report::SafetyReport::functions).
@@ -75,14 +77,10 @@ pub(crate) type Run = Box<dyn FnMut() + Send>;
 
 struct Slot {
     id: u64,
-    name: String,
-    limit: Duration,
+    report: FunctionReport,
     /// None while it runs, and once it was withdrawn, has hung, or will not run again.
     run: Option<Run>,
     is_withdrawn: bool,
-    outcome: FunctionOutcome,
-    began: Option<Instant>,
-    took: Option<Duration>,
     /// When it began, while it runs.
     running: Option<Instant>,
 }
@@ -140,13 +138,15 @@ impl Functions {
         };
         let mut slot = Slot {
             id: 0,
-            name: name.to_owned(),
-            limit,
+            report: FunctionReport {
+                name: name.to_owned(),
+                limit,
+                outcome: FunctionOutcome::NotRun,
+                began_after: None,
+                took: None,
+            },
             run: Some(run),
             is_withdrawn: false,
-            outcome: FunctionOutcome::NotRun,
-            began: None,
-            took: None,
             running: None,
         };
         let mut slots = self.slots.lock();
@@ -182,7 +182,7 @@ impl Functions {
             };
             let slot = &mut slots[number];
             let taken = slot.run.take();
-            let is_withdrawn = taken.is_some() && slot.began.is_none();
+            let is_withdrawn = taken.is_some() && slot.report.began_after.is_none();
             slot.is_withdrawn |= is_withdrawn;
             // Under the lock, so that a worker that gets a number finds the right function.
             let is_free = is_withdrawn && self.failover.remove();
@@ -211,10 +211,10 @@ impl Functions {
             return false;
         }
         for slot in self.slots.lock().iter_mut() {
-            (slot.began, slot.took) = (None, None);
+            (slot.report.began_after, slot.report.took) = (None, None);
             // A function that hangs is not run again.
-            if slot.outcome != FunctionOutcome::LeftBehind {
-                slot.outcome = FunctionOutcome::NotRun;
+            if slot.report.outcome != FunctionOutcome::LeftBehind {
+                slot.report.outcome = FunctionOutcome::NotRun;
             }
         }
         self.failover.again();
@@ -233,7 +233,7 @@ impl Functions {
     pub(super) fn report_limits(&self, report: impl FnOnce(Duration)) {
         let slots = self.slots.lock();
         let there = slots.iter().filter(|slot| !slot.is_withdrawn);
-        let limits = there.map(|slot| slot.limit);
+        let limits = there.map(|slot| slot.report.limit);
         report(limits.fold(Duration::ZERO, Duration::saturating_add));
     }
 
@@ -252,20 +252,81 @@ impl Functions {
         }
     }
 
+    /// Runs the next function.
+    fn run(&self, turn: Turn, around: impl Fn(Moment)) -> bool {
+        let began = Instant::now_real();
+        let (run, shortest) = {
+            let mut slots = self.slots.lock();
+            let shortest = shortest(&slots[turn.job()..]);
+            let slot = &mut slots[turn.job()];
+            if slot.run.is_some() {
+                slot.running = Some(began);
+                slot.report.began_after =
+                    Some(began - Instant::from_nanos(self.triggered.load(Ordering::Relaxed)));
+            }
+            (slot.run.take(), shortest)
+        };
+        let Some(mut run) = run else {
+            // Withdrawn, or it has hung in an earlier round.
+            return self.failover.finish(turn);
+        };
+        let is_first = !self.has_called.load(Ordering::Relaxed);
+        around(Moment::Begins(is_first.then(|| began + shortest)));
+        // After the clock is read: a worker that sees this flag reads the clock later.
+        self.has_called.store(true, Ordering::Release);
+        // The others must run whatever this one does.
+        let outcome = match catch_unwind(AssertUnwindSafe(&mut run)) {
+            Ok(()) => FunctionOutcome::Ran,
+            Err(payload) => {
+                // Its drop is user code too.
+                std::mem::forget(payload);
+                FunctionOutcome::Panicked
+            }
+        };
+        around(Moment::Ended);
+        let mut slots = self.slots.lock();
+        if slots[turn.job()].report.outcome == FunctionOutcome::LeftBehind {
+            // Nothing else refers to the function now. Its drop is user code and runs at low
+            // priority.
+            drop(slots);
+            drop(run);
+            return false;
+        }
+        let slot = &mut slots[turn.job()];
+        slot.report.outcome = outcome;
+        slot.report.took = slot.running.take().map(|began| Instant::now_real() - began);
+        slot.run = Some(run);
+        // Under the lock, as the watching worker's decision is: one of the two comes first.
+        self.failover.finish(turn)
+    }
+
+    /// Leaves the worker that runs a function behind if the function takes too long.
+    fn watch(&self, turn: Turn, has_crashed: bool) -> Task {
+        let now = Instant::now_real();
+        let mut slots = self.slots.lock();
+        let shortest = shortest(&slots[turn.job()..]);
+        let slot = &mut slots[turn.job()];
+        // Also if the worker is between its turn and the function's begin.
+        let until = slot.running.unwrap_or(now) + slot.report.limit;
+        if now < until && !has_crashed {
+            return Task::Until(until.min(now + shortest));
+        }
+        if !self.failover.leave_behind(turn) {
+            // It has just ended.
+            return Task::Until(now);
+        }
+        slot.report.outcome = FunctionOutcome::LeftBehind;
+        slot.report.took = slot.running.take().map(|began| now - began);
+        Task::LeftBehind(turn.member())
+    }
+
     /// Returns the outcomes, and the functions, which the caller drops.
     pub(super) fn conclude(&self) -> (Vec<FunctionReport>, Vec<Run>) {
-        let triggered = Instant::from_nanos(self.triggered.load(Ordering::Relaxed));
         let mut slots = self.slots.lock();
         let reports = slots
             .iter()
             .filter(|slot| !slot.is_withdrawn)
-            .map(|slot| FunctionReport {
-                name: slot.name.clone(),
-                limit: slot.limit,
-                outcome: slot.outcome,
-                began_after: slot.began.map(|began| began - triggered),
-                took: slot.took,
-            })
+            .map(|slot| slot.report.clone())
             .collect();
         let runs = slots
             .iter_mut()
@@ -273,6 +334,12 @@ impl Functions {
             .collect();
         (reports, runs)
     }
+}
+
+/// The latest instant at which a worker is to check whether one of these takes too long.
+fn shortest(slots: &[Slot]) -> Duration {
+    let shortest = slots.iter().map(|slot| slot.report.limit).min();
+    shortest.unwrap_or(LIMIT).max(SHORTEST_LOOK)
 }
 
 impl fmt::Debug for Functions {

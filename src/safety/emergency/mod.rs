@@ -3,12 +3,10 @@
 
 mod functions;
 mod panics;
-mod trigger;
 mod workers;
 
 pub(crate) use functions::LIMIT;
 pub use functions::{FunctionOutcome, FunctionReport};
-pub use trigger::EmergencyTrigger;
 pub(crate) use workers::EmergencyThread;
 
 use super::entered::Waiting;
@@ -73,10 +71,11 @@ thread_local! {
 ///
 /// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there
 /// is no emergency to raise, and this only returns the cause: a driver's thread has an
-/// [`EmergencyTrigger`]. Real-time path: yes; O(1), at most four system calls, and a clone of the
-/// cause. On a real-time thread with a core of its own the functions preempt that core. On the
-/// machine's clock this call waits until the first function begins, at most for a millisecond, so
-/// that no other process of its thread, and none of lower priority on its core, runs before.
+/// [`EmergencyTrigger`](super::EmergencyTrigger). Real-time path: yes; O(1), at most four
+/// system calls, and a clone of the cause. On a real-time thread with a core of its own the
+/// functions preempt that core. On the machine's clock this call waits until the first function
+/// begins, at most for a millisecond, so that no other process of its thread, and none of lower
+/// priority on its core, runs before.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -94,7 +93,7 @@ thread_local! {
 #[must_use = "the process is to end with it: return it as its error"]
 pub fn emergency(cause: Error) -> Error {
     if luna_core::current::process(|process| process.is_some())
-        && let Some(emergency) = OF_THREAD.with(|of_thread| of_thread.borrow().clone())
+        && let Some(emergency) = OF_THREAD.with_borrow(Clone::clone)
     {
         emergency.trigger(Cause::Raised(cause.clone()));
     }
@@ -150,15 +149,7 @@ impl Emergency {
 
     /// Makes this the emergency that processes of the calling thread raise.
     pub(crate) fn enter_thread(self: &Arc<Self>) {
-        OF_THREAD.with(|of_thread| {
-            let mut of_thread = of_thread.borrow_mut();
-            if !of_thread
-                .as_ref()
-                .is_some_and(|there| Arc::ptr_eq(there, self))
-            {
-                *of_thread = Some(self.clone());
-            }
-        });
+        OF_THREAD.set(Some(self.clone()));
     }
 
     /// Wakes the workers; the first trigger counts. From any thread, on the real-time path too:
@@ -205,8 +196,7 @@ impl Emergency {
         self.stop_time();
         // A trigger after the end has no effect.
         let begins = || self.at_emergency.begin(Instant::now_real()) || self.has_begun();
-        self.journal
-            .note(Degree::Emergency, cause, Instant::now(), begins);
+        self.journal.note(Degree::Emergency, cause, begins);
     }
 
     /// Begins for a crash. Without any lock, since the thread that has crashed may hold it; what
@@ -220,12 +210,8 @@ impl Emergency {
 
     /// To be called when a crash waits for nothing any more.
     fn note_crash(&self, signal: i32) {
-        self.journal.note(
-            Degree::Emergency,
-            Cause::Signal(signal),
-            Instant::now(),
-            || true,
-        );
+        self.journal
+            .note(Degree::Emergency, Cause::Signal(signal), || true);
     }
 
     fn stop_time(&self) {
@@ -252,13 +238,12 @@ impl Emergency {
     /// See [`Safety::enter_safe_state`](crate::safety::Safety::enter_safe_state).
     pub(crate) fn enter_safe_state(&self, cause: Cause) {
         let (mut is_entered, mut has_functions) = (false, false);
-        self.journal
-            .note(Degree::SafeState, cause, Instant::now(), || {
-                is_entered = true;
-                has_functions = self.at_safe_state.begin(Instant::now_real())
-                    && !self.at_safe_state.failover().is_done();
-                true
-            });
+        self.journal.note(Degree::SafeState, cause, || {
+            is_entered = true;
+            has_functions = self.at_safe_state.begin(Instant::now_real())
+                && !self.at_safe_state.failover().is_done();
+            true
+        });
         if has_functions {
             signals::announce_event();
         }

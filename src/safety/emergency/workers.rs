@@ -2,11 +2,11 @@
 //!
 //! | role | thread | file |
 //! | --- | --- | --- |
-//! | runs the next function | any worker | [`functions/runner`](super::functions) |
-//! | leaves behind a worker that hangs | any other on duty | [`functions/watcher`](super::functions) |
+//! | runs the next function | any worker | [`functions`](super::functions) |
+//! | leaves behind a worker that hangs | any other on duty | [`functions`](super::functions) |
 //! | on duty: sleeps until there is an event, such as a signal | two, then more | [`member`] |
 //! | in reserve: takes over a core, or the place of one that hangs | the rest | [`reserve`] |
-//! | wakes the watcher when a function may have taken too long | none: the kernel | [`watch_alarm`] |
+//! | wakes the watcher when a function may have taken too long | none: the kernel | here |
 //! | start and end | the one in `System::run` | [`threads`] |
 //!
 //! Two are on duty from the start: one runs a function, and the other one checks that it does not
@@ -20,11 +20,13 @@
 mod member;
 mod reserve;
 mod threads;
-mod watch_alarm;
 
 use super::Emergency;
 use luna_platform::alarm::EventAlarm;
+use luna_platform::clock::Instant;
 use luna_platform::crash::{CrashSlot, MAX_MEMBERS};
+use luna_platform::facts::{PreemptionModel, Source};
+use luna_platform::signals;
 use luna_platform::thread::{self, ThreadNumber};
 use reserve::Reserve;
 use std::sync::OnceLock;
@@ -48,10 +50,11 @@ const CRASH_MARGIN: Duration = Duration::from_millis(200);
 pub(super) const LOOKS_EVERY: Duration = Duration::from_micros(200);
 
 /// What the workers know of each other.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct EmergencyWorkers {
-    /// Members with a lower number are on duty.
-    on_duty: AtomicU32,
+    /// How many members were brought on duty, in the order of their numbers, beside those that are
+    /// [on duty](ON_DUTY) from the start.
+    brought: AtomicU32,
     /// A third was brought on duty for the functions of the safe state.
     has_third: AtomicBool,
     reserve: Reserve,
@@ -74,26 +77,6 @@ pub(super) struct EmergencyWorkers {
     /// Those of the members that are on duty from the start; none where the watcher is better woken
     /// before the first function.
     watch_alarms: [OnceLock<EventAlarm>; ON_DUTY],
-}
-
-impl Default for EmergencyWorkers {
-    fn default() -> Self {
-        Self {
-            on_duty: AtomicU32::new(ON_DUTY as u32),
-            has_third: AtomicBool::new(false),
-            reserve: Reserve::default(),
-            numbers: [const { OnceLock::new() }; MAX],
-            left_behind: AtomicU16::new(0),
-            members: AtomicU32::new(0),
-            hears_signals: AtomicBool::new(false),
-            heard: AtomicU32::new(0),
-            heard_crash: AtomicI32::new(0),
-            has_noted: AtomicBool::new(false),
-            has_announced: AtomicBool::new(false),
-            crash: OnceLock::new(),
-            watch_alarms: [const { OnceLock::new() }; ON_DUTY],
-        }
-    }
 }
 
 impl EmergencyWorkers {
@@ -129,12 +112,12 @@ impl EmergencyWorkers {
     }
 
     fn is_on_duty(&self, member: u8) -> bool {
-        u32::from(member) < self.on_duty.load(Ordering::Acquire)
+        u32::from(member) < ON_DUTY as u32 + self.brought.load(Ordering::Acquire)
     }
 
     /// The next of the reserve comes on duty, if there is one.
     fn bring_on_duty(&self) {
-        let next = self.on_duty.fetch_add(1, Ordering::AcqRel);
+        let next = ON_DUTY as u32 + self.brought.fetch_add(1, Ordering::AcqRel);
         let number = self.numbers.get(next as usize).and_then(OnceLock::get);
         // One that took over its core, and was left behind there, was none of those on duty.
         if let Some(number) = number.filter(|_| !self.is_left_behind(next as u8)) {
@@ -147,5 +130,74 @@ impl EmergencyWorkers {
         if !self.has_third.swap(true, Ordering::AcqRel) {
             self.bring_on_duty();
         }
+    }
+}
+
+/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a kernel
+/// thread of priority 1 handles it, which waits for the function. If the model is not known, it is
+/// taken for PREEMPT_RT.
+fn wakes_beside_a_function(source: &Source) -> bool {
+    PreemptionModel::read(source).is_ok_and(|model| model != PreemptionModel::RealTime)
+}
+
+impl EmergencyWorkers {
+    /// Makes the alarm of `member`, the calling thread, which is on duty from the start.
+    fn make_watch_alarm(&self, member: u8) {
+        if let Some(alarm) = EventAlarm::here() {
+            // Each member is made once.
+            let _ = self.watch_alarms[usize::from(member)].set(alarm);
+        }
+    }
+}
+
+impl Emergency {
+    /// `member` is about to call the first function since the trigger; the others may not know of
+    /// it. Those on duty are woken at `at`, when one is to check it, or now if they cannot be woken
+    /// then.
+    ///
+    /// Waking a thread on another core costs its waker about 20 µs on a virtual machine, and woken
+    /// threads contend for the same locks. So only one worker is woken, by a signal that is handled
+    /// on its thread or by a call on its core, and it runs the first function at once. A watcher
+    /// has nothing to do before the shortest limit has passed. By then the first worker may compute
+    /// for ever, or be stuck in the kernel. So the kernel's timer interrupts a watcher. Where the
+    /// timer needs a kernel thread of lower priority than the function, the watchers are woken
+    /// before the function begins.
+    fn wake_watchers(&self, member: u8, at: Instant) {
+        let workers = &self.workers;
+        // One that runs a function of the safe state may hang, and one that was left behind may
+        // never run again.
+        let all_wait = !self.at_safe_state.failover().is_under_way()
+            && workers.left_behind.load(Ordering::Acquire) == 0;
+        // The alarm of a thread that is stuck in the kernel does not ring.
+        let other = &workers.watch_alarms[usize::from(member == 0)];
+        if !(all_wait && other.get().is_some_and(|alarm| alarm.arm(at))) {
+            signals::announce_event();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn the_alarm_is_left_to_kernels_whose_timers_need_no_thread() {
+        let folder = std::env::temp_dir().join(format!("luna-watch-alarm-{}", std::process::id()));
+        let source = Source::folder(&folder);
+        assert!(!wakes_beside_a_function(&source), "nothing is known");
+        for part in ["proc/sys/kernel", "sys/kernel"] {
+            fs::create_dir_all(folder.join(part)).unwrap();
+        }
+        let version = folder.join("proc/sys/kernel/version");
+        fs::write(&version, "#1 SMP PREEMPT_DYNAMIC Debian\n").unwrap();
+        assert!(wakes_beside_a_function(&source));
+        // Either file is enough.
+        fs::write(folder.join("sys/kernel/realtime"), "1\n").unwrap();
+        assert!(!wakes_beside_a_function(&source));
+        fs::write(folder.join("sys/kernel/realtime"), "0\n").unwrap();
+        fs::write(&version, "#1 SMP PREEMPT_RT Debian\n").unwrap();
+        assert!(!wakes_beside_a_function(&source));
+        fs::remove_dir_all(folder).unwrap();
     }
 }

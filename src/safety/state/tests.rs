@@ -17,7 +17,7 @@ fn what_is_latched_is_known_when_no_more_events_are_kept() {
     let journal = Journal::new();
     let note = |degree, text: &str| {
         let cause = Cause::Raised(Error::Panicked(text.to_owned()));
-        journal.note(degree, cause, Instant::now(), || true);
+        journal.note(degree, cause, || true);
     };
     for number in 0..KEPT + 3 {
         note(Degree::Warning, &number.to_string());
@@ -48,12 +48,7 @@ fn what_is_latched_is_known_when_no_more_events_are_kept() {
 fn one_signal_is_noted_once_whichever_hears_of_it() {
     let journal = Journal::new();
     for number in [15, 15, 2] {
-        journal.note(
-            Degree::Emergency,
-            Cause::Signal(number),
-            Instant::now(),
-            || true,
-        );
+        journal.note(Degree::Emergency, Cause::Signal(number), || true);
     }
     assert_eq!(journal.state().events.len(), 2);
     assert_eq!(journal.state().to_string(), "emergency: SIGTERM");
@@ -67,7 +62,7 @@ fn reported(journal: &Journal) -> Vec<Degree> {
 fn a_crash_is_told_when_it_is_noted_and_what_changes_nothing_is_not() {
     let emergency = Emergency::new(Weak::new());
     let journal = &emergency.journal;
-    let note = |degree, cause| journal.note(degree, cause, Instant::now(), || true);
+    let note = |degree, cause| journal.note(degree, cause, || true);
     note(Degree::SafeState, Cause::Panic);
     note(Degree::Warning, Cause::Panic);
     note(Degree::SafeState, Cause::Panic);
@@ -85,7 +80,7 @@ fn what_is_told_last_is_what_it_is() {
         for _ in 0..3 {
             scope.spawn(|| {
                 for _ in 0..1000 {
-                    journal.note(Degree::SafeState, Cause::Panic, Instant::now(), || true);
+                    journal.note(Degree::SafeState, Cause::Panic, || true);
                     journal.reset(Error::Timeout, || true).unwrap();
                 }
             });

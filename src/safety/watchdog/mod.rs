@@ -8,7 +8,6 @@ use heartbeat::Heartbeat;
 use luna_channels::{Due, Stamp, When};
 use luna_core::deferred_free::Shared;
 use luna_platform::clock::Instant;
-use std::fmt;
 use std::time::Duration;
 
 /// How often, at most, a process checks whether its expired watchdog was reset.
@@ -127,6 +126,7 @@ impl Watchdog {
     /// })?;
     /// # Ok::<(), luna::Error>(())
     /// ```
+    #[track_caller]
     pub fn expired(&self) -> When<WatchdogExpiry<'_>> {
         When::new(WatchdogExpiry(self))
     }
@@ -217,10 +217,4 @@ impl<F: FnMut() + Send> Process for WatchdogProcess<F> {
     }
 }
 
-impl<F> fmt::Debug for WatchdogProcess<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("WatchdogProcess")
-            .field("watchdog", &self.watchdog)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(WatchdogProcess<F> as process: watchdog = process.watchdog);

@@ -1,6 +1,5 @@
 use super::*;
-use crate::csp::network::Waiting;
-use luna_channels::inspect::WaitPointKind;
+use luna_channels::inspect::{WaitPointKind, Waiting, wait_points};
 use std::panic::Location;
 
 fn ids<const N: usize>() -> [ProcessId; N] {
@@ -21,28 +20,27 @@ fn processes(ids: &[ProcessId]) -> Vec<Sleeping> {
 
 /// A channel with ends that were last used by these.
 #[track_caller]
-fn channel(name: &str, sender: Option<User>, receiver: Option<User>) -> Meeting {
-    Meeting {
-        kind: WaitPointKind::Rendezvous,
-        address: 0,
-        name: Some(name.to_owned()),
-        made_at: Location::caller(),
-        buffered: 0,
-        external: false,
-        strangers: false,
-        ended: false,
-        sender,
-        receiver,
-        waiting: Vec::new(),
-    }
+fn channel(name: &str, sender: Option<User>, receiver: Option<User>) -> WaitPointView {
+    let _ends = luna_channels::channel::<u8>();
+    let mut view = wait_points().pop().expect("there is at least this channel");
+    view.kind = WaitPointKind::Rendezvous;
+    view.address = 0;
+    view.name = Some(name.to_owned());
+    view.made_at = Location::caller();
+    (view.buffered, view.external, view.strangers, view.ended) = (0, false, false, false);
+    (view.sender, view.receiver) = (sender, receiver);
+    view.waiting = Vec::new();
+    view
 }
 
-impl Meeting {
+trait Waits {
+    fn waits(self, id: ProcessId, sends: bool) -> Self;
+}
+
+impl Waits for WaitPointView {
     fn waits(mut self, id: ProcessId, sends: bool) -> Self {
-        self.waiting.push(Waiting {
-            user: User::Process(id),
-            role: if sends { Role::Sender } else { Role::Receiver },
-        });
+        let role = if sends { Role::Sender } else { Role::Receiver };
+        self.waiting.push(Waiting::new(User::Process(id), role));
         self
     }
 }
@@ -54,11 +52,11 @@ fn used_by(id: ProcessId) -> Option<User> {
 #[test]
 fn two_that_receive_from_each_other_first() {
     let [a, b] = ids();
-    let meetings = [
+    let points = [
         channel("to a", used_by(b), used_by(a)).waits(a, false),
         channel("to b", used_by(a), used_by(b)).waits(b, false),
     ];
-    let found = find("s", &processes(&[a, b]), &meetings, |_| false, |_, _| false).unwrap();
+    let found = find("s", &processes(&[a, b]), &points, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a", "b"]);
     assert_eq!(
         found.to_string(),
@@ -73,11 +71,11 @@ fn two_that_receive_from_each_other_first() {
 #[test]
 fn a_sender_waits_for_the_one_that_received_last() {
     let [a, b] = ids();
-    let meetings = [
+    let points = [
         channel("x", used_by(a), used_by(b)).waits(a, true),
         channel("y", used_by(b), used_by(a)).waits(b, true),
     ];
-    let found = find("s", &processes(&[a, b]), &meetings, |_| false, |_, _| false).unwrap();
+    let found = find("s", &processes(&[a, b]), &points, |_| false, |_, _| false).unwrap();
     assert_eq!(found.waits[0].operation, Operation::Send);
     assert_eq!(found.waits[0].partner, Partner::Process("b".to_owned()));
     assert_eq!(found.cycle, ["a", "b"]);
@@ -87,14 +85,17 @@ fn a_sender_waits_for_the_one_that_received_last() {
 #[test]
 fn two_that_send_to_each_other_first() {
     let [a, b] = ids();
-    let at = |address, meeting: Meeting| Meeting { address, ..meeting };
-    let meetings = [
+    let at = |address, mut wait_point: WaitPointView| {
+        wait_point.address = address;
+        wait_point
+    };
+    let points = [
         at(1, channel("to b", used_by(a), None).waits(a, true)),
         at(2, channel("to a", used_by(b), None).waits(b, true)),
     ];
     // Both have both channels: one to send, and the other to receive.
     let find = |refers: fn(ProcessId, usize) -> bool| {
-        find("s", &processes(&[a, b]), &meetings, |_| false, refers).unwrap()
+        find("s", &processes(&[a, b]), &points, |_| false, refers).unwrap()
     };
     let found = find(|_, address| address == 1 || address == 2);
     assert_eq!(
@@ -123,12 +124,12 @@ fn several_may_hold_an_end_but_not_that_has_ended() {
     let [a, b, c, d] = ids();
     let mut all = processes(&[a, b, c, d]);
     all[3].has_ended = true;
-    let meetings = [
+    let points = [
         channel("x", used_by(a), None).waits(a, true),
         channel("y", used_by(a), None).waits(b, false),
         channel("z", used_by(a), None).waits(c, false),
     ];
-    let found = find("s", &all, &meetings, |_| false, |_, _| true).unwrap();
+    let found = find("s", &all, &points, |_| false, |_, _| true).unwrap();
     let both = vec!["b".to_owned(), "c".to_owned()];
     assert_eq!(found.waits[0].partner, Partner::Holders(both));
     let text = found.to_string();
@@ -141,7 +142,7 @@ fn several_may_hold_an_end_but_not_that_has_ended() {
 #[test]
 fn one_that_waits_beside_the_circle_is_not_in_it() {
     let [a, b, c] = ids();
-    let meetings = [
+    let points = [
         channel("1", used_by(b), None).waits(a, false),
         channel("2", used_by(c), None).waits(b, false),
         channel("3", used_by(b), None).waits(c, false),
@@ -149,7 +150,7 @@ fn one_that_waits_beside_the_circle_is_not_in_it() {
     let found = find(
         "s",
         &processes(&[a, b, c]),
-        &meetings,
+        &points,
         |_| false,
         |_, _| false,
     )
@@ -161,12 +162,12 @@ fn one_that_waits_beside_the_circle_is_not_in_it() {
 #[test]
 fn the_circle_may_go_by_any_guard_of_an_alternative() {
     let [a, b] = ids();
-    let meetings = [
+    let points = [
         channel("unused", None, None).waits(a, false),
         channel("back", used_by(b), None).waits(a, false),
         channel("forth", used_by(a), None).waits(b, false),
     ];
-    let found = find("s", &processes(&[a, b]), &meetings, |_| false, |_, _| false).unwrap();
+    let found = find("s", &processes(&[a, b]), &points, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a", "b"]);
     let text = found.to_string();
     assert!(
@@ -181,8 +182,8 @@ fn the_circle_may_go_by_any_guard_of_an_alternative() {
 #[test]
 fn one_that_waits_for_itself_is_a_circle() {
     let [a] = ids();
-    let meetings = [channel("own", used_by(a), None).waits(a, false)];
-    let found = find("s", &processes(&[a]), &meetings, |_| false, |_, _| false).unwrap();
+    let points = [channel("own", used_by(a), None).waits(a, false)];
+    let found = find("s", &processes(&[a]), &points, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a"]);
     assert!(
         found
@@ -197,8 +198,8 @@ fn without_a_known_partner_there_is_no_circle() {
     let [a, b] = ids();
     let mut all = processes(&[a, b]);
     all[1].has_ended = true;
-    let meetings = [channel("x", used_by(b), None).waits(a, false)];
-    let found = find("s", &all, &meetings, |_| false, |_, _| false).unwrap();
+    let points = [channel("x", used_by(b), None).waits(a, false)];
+    let found = find("s", &all, &points, |_| false, |_, _| false).unwrap();
     assert_eq!(found.waits[0].partner, Partner::Ended("b".to_owned()));
     assert_eq!(found.cycle, [""; 0]);
     assert_eq!(found.waits.len(), 1, "the ended one waits for nothing");
@@ -218,8 +219,8 @@ fn joining_is_waiting() {
     let [a, b] = ids();
     let mut all = processes(&[a, b]);
     all[1].joiners = vec![a];
-    let meetings = [channel("x", used_by(a), None).waits(b, false)];
-    let found = find("s", &all, &meetings, |_| false, |_, _| false).unwrap();
+    let points = [channel("x", used_by(a), None).waits(b, false)];
+    let found = find("s", &all, &points, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a", "b"]);
     assert!(
         found.to_string().contains("`a` waits for the end of `b`"),
@@ -259,11 +260,11 @@ fn whatever_may_be_woken_from_outside_is_no_deadlock() {
     let [a, b, stranger] = ids();
     let all = processes(&[a, b]);
     let other = channel("x", used_by(a), None).waits(b, false);
-    let is_deadlock = |meeting: Meeting| {
+    let is_deadlock = |wait_point: WaitPointView| {
         find(
             "s",
             &all,
-            &[meeting, other.clone()],
+            &[wait_point, other.clone()],
             |_| false,
             |_, _| false,
         )
@@ -292,8 +293,8 @@ fn whatever_may_be_woken_from_outside_is_no_deadlock() {
 #[test]
 fn an_outside_user_of_its_own_end_does_not_help() {
     let [a] = ids();
-    let meetings = [channel("x", used_by(a), Some(User::Outside)).waits(a, false)];
-    assert!(find("s", &processes(&[a]), &meetings, |_| false, |_, _| false).is_some());
+    let points = [channel("x", used_by(a), Some(User::Outside)).waits(a, false)];
+    assert!(find("s", &processes(&[a]), &points, |_| false, |_, _| false).is_some());
 }
 
 #[test]

@@ -1,9 +1,20 @@
 //! The text of a deadlock.
 
 use super::{Deadlock, Operation, Partner, Wait};
+use crate::csp::composition::kind_name;
+use luna_channels::inspect::WaitPointView;
 use std::fmt;
 
 /// "`a`", or "one of `a`, `b`".
+/// A wait point, as an operation of a report names it.
+pub(super) fn place(wait_point: &WaitPointView) -> String {
+    let kind = kind_name(wait_point.kind);
+    match &wait_point.name {
+        Some(name) => format!("{kind} `{name}`"),
+        None => format!("the {kind} made at {}", wait_point.made_at),
+    }
+}
+
 fn one_of(names: &[String]) -> String {
     let quoted: Vec<_> = names.iter().map(|name| format!("`{name}`")).collect();
     match quoted.len() {

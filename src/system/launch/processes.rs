@@ -24,7 +24,7 @@ pub(super) fn start_processes(
     let executors = executors;
     let started = loop {
         // Without the plan's lock: what runs here is the user's, and may spawn.
-        if let Err(error) = pre_run_all(plan, running, &mut waiting)
+        if let Err(error) = pre_run_all(running, &mut waiting)
             .and_then(|()| held.start_all(running, places, waiting))
         {
             break Err(error);
@@ -37,7 +37,7 @@ pub(super) fn start_processes(
         waiting = std::mem::take(&mut members.waiting);
         if waiting.is_empty() {
             break plan
-                .parameters()
+                .parameters
                 .all_declared()
                 .map(|()| members)
                 .map_err(Error::from);
@@ -64,7 +64,7 @@ pub(super) fn start_processes(
 }
 
 /// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
-fn pre_run_all(plan: &Plan, running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
+fn pre_run_all(running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
     // Loops that are made there are the system's.
     let _scope = running.common.scope.clone().enter_to_prepare();
     for index in 0..processes.len() {
@@ -72,12 +72,9 @@ fn pre_run_all(plan: &Plan, running: &Running, processes: &mut [ProcessPlan]) ->
         let Some(resident) = &mut process.prepared.resident else {
             continue;
         };
-        let (id, name) = (process.spec.id(), process.spec.name());
-        let (parameters, log) = (plan.parameters(), &running.common.log);
-        let prepared = parameters.declaring(id, name, || {
-            let _log = log.enter();
-            prepare(&mut **resident)
-        });
+        let log = running.common.log.enter();
+        let prepared = prepare(&mut **resident);
+        drop(log);
         if let Err(error) = prepared {
             let error = error.in_process(process.name());
             for earlier in processes[..index].iter_mut().rev() {

@@ -3,11 +3,11 @@
 use super::described::{Placement, ProcessPlan};
 use super::running::{Running, Started};
 use super::{Members, Phase, Plan, duplicate};
-use crate::csp::process::{Build, Common, Prepared, announce, clean_up, prepare};
+use crate::csp::process::{Build, Room, announce, clean_up, prepare};
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
 use luna_core::current::ProcessId;
-use luna_executors::{Name, ProcessHandle};
+use luna_executors::{Announced, Name, ProcessHandle};
 use std::sync::MutexGuard;
 
 /// The name of a process that is about to be added. Dropping it gives the name back.
@@ -41,8 +41,8 @@ impl Plan {
         })
     }
 
-    /// As [`add_reserved`](Self::add_reserved), for a process of unknown type.
-    pub(crate) fn add_reserved_boxed(&self, plan: ProcessPlan) -> Result<ProcessId> {
+    /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
+    pub(crate) fn add_reserved(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
         let mut members = self.members();
         if members.phase == Phase::Ended {
@@ -85,18 +85,6 @@ impl Plan {
         }
     }
 
-    /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
-    pub(crate) fn add_reserved<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
-        let id = plan.id();
-        let members = self.members();
-        if members.phase == Phase::Ended {
-            drop(members);
-            return Err(self.ended(plan.name()));
-        }
-        self.add_admitted(members, plan, false)?;
-        Ok(id)
-    }
-
     /// Gives the handle of a process that starts at once, if it is `wanted`.
     fn add_admitted<B: Build>(
         &self,
@@ -114,40 +102,22 @@ impl Plan {
             members.waiting.push(plan.boxed());
             return Ok(None);
         };
-        let Placement::Executor(number) = plan.place else {
-            return self.start_prepared(members, plan.boxed()).map(Some);
+        let number = match plan.place {
+            Placement::Executor(number) if plan.prepared.resident.is_none() => number,
+            _ => return self.start_prepared(members, plan.boxed()).map(Some),
         };
-        let Prepared { resident, build } = plan.prepared;
-        if resident.is_some() {
-            return self
-                .start_prepared(
-                    members,
-                    ProcessPlan {
-                        prepared: Prepared { resident, build },
-                        ..plan
-                    }
-                    .boxed(),
-                )
-                .map(Some);
-        }
+        let build = plan.prepared.build;
         // The lock is kept from the look at the phase until it is entered: the end cannot come in
         // between.
-        let announce = |executor: &_, spec, frame| announce(build, executor, spec, frame);
-        let (mut member, mut announced) =
+        let announce =
+            |executor: &_, spec, frame| announce(Room::Plain(build), executor, spec, frame);
+        let (mut member, announced) =
             running.announce(number, plan.spec, plan.ledger, None, announce);
         let handle = wanted.then(|| member.handle.clone());
         member.is_late = true;
         member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
-        if announced.is_built_here() {
-            // The executor is in a process' turn, so it does not end meanwhile.
-            drop(members);
-            drop(announced.start());
-        } else {
-            let refused = announced.start();
-            drop(members);
-            drop(refused);
-        }
+        start_announced(members, announced);
         Ok(handle)
     }
 
@@ -161,12 +131,7 @@ impl Plan {
             return Err(self.ended(name));
         }
         if let Some(running) = &members.running {
-            let Common {
-                registry,
-                emergency,
-                ..
-            } = &*running.common;
-            members.started.note_ends(registry, emergency);
+            members.started.note_ends(&running.common);
         }
         if let Ok(name) = name
             && !members.started.take_name(name)
@@ -206,13 +171,8 @@ impl Plan {
 
     /// Forgets a process that has ended before it was entered: its end is reported before that.
     fn never_entered(&self, running: &Running, id: ProcessId) {
-        let Common {
-            registry,
-            emergency,
-            ..
-        } = &*running.common;
         let mut members = self.members();
-        members.started.note_ends(registry, emergency);
+        members.started.note_ends(&running.common);
         members.started.never_entered(id);
     }
 
@@ -230,13 +190,9 @@ impl Plan {
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
             let _scope = running.common.scope.clone().enter_to_prepare();
-            let declared = plan.spec.name();
-            self.parameters
-                .declaring(id, declared, || {
-                    let _log = running.common.log.enter();
-                    prepare(&mut **resident)
-                })
-                .map_err(|error| error.in_process(name))?;
+            let log = running.common.log.enter();
+            prepare(&mut **resident).map_err(|error| error.in_process(name))?;
+            drop(log);
             members = self.members();
         }
         let on_thread = matches!(plan.place, Placement::Thread { .. });
@@ -255,18 +211,10 @@ impl Plan {
         } else {
             // No user code runs there.
             return match running.start(plan) {
-                Ok((member, Started::OnExecutor(mut announced))) => {
+                Ok((member, Started::OnExecutor(announced))) => {
                     let handle = member.handle.clone();
                     members.enter_late(id, member, running);
-                    if announced.is_built_here() {
-                        // The executor is in a process' turn, so it does not end meanwhile.
-                        drop(members);
-                        drop(announced.start());
-                    } else {
-                        let refused = announced.start();
-                        drop(members);
-                        drop(refused);
-                    }
+                    start_announced(members, announced);
                     Ok(handle)
                 }
                 Ok((_, Started::OnThread(_))) => unreachable!("its place is an executor"),
@@ -299,5 +247,18 @@ impl Plan {
         thread.1.release();
         members.threads.push(thread);
         Ok(handle)
+    }
+}
+
+/// Starts a process that was entered under the lock of `members`, which the end needs.
+fn start_announced(members: MutexGuard<'_, Members>, mut announced: Announced) {
+    if announced.is_built_here() {
+        // The executor is in a process' turn, so it does not end meanwhile.
+        drop(members);
+        drop(announced.start());
+    } else {
+        let refused = announced.start();
+        drop(members);
+        drop(refused);
     }
 }

@@ -2,12 +2,10 @@
 
 mod admission;
 mod described;
-mod member;
 mod running;
 
 pub(crate) use described::{ExecutorPlan, Placement, ProcessPlan};
-pub(crate) use member::{Member, On};
-pub(crate) use running::{NamedThread, NotStarted, Running, Started};
+pub(crate) use running::{Member, NamedThread, NotStarted, On, Running, Started};
 
 use super::clock::ClockPlan;
 use super::register::Register;
@@ -39,10 +37,10 @@ pub(crate) struct Plan {
     /// No process can be replaced any more.
     stand_ins_closed: AtomicBool,
     #[cfg(unix)]
-    devices: Arc<crate::devices::Devices>,
-    tree: Arc<Tree>,
-    emergency: Arc<Emergency>,
-    parameters: Arc<Store>,
+    pub(crate) devices: Arc<crate::devices::Devices>,
+    pub(crate) tree: Arc<Tree>,
+    pub(crate) emergency: Arc<Emergency>,
+    pub(crate) parameters: Arc<Store>,
     /// A call of the set-up, or of `run`, has returned an error.
     was_refused: AtomicBool,
 }
@@ -148,19 +146,6 @@ impl Plan {
         &self.name
     }
 
-    /// The named sub-processes.
-    pub(crate) fn tree(&self) -> &Arc<Tree> {
-        &self.tree
-    }
-
-    pub(crate) fn emergency(&self) -> &Arc<Emergency> {
-        &self.emergency
-    }
-
-    pub(crate) fn parameters(&self) -> &Arc<Store> {
-        &self.parameters
-    }
-
     pub(crate) fn settings(&self) -> MutexGuard<'_, Settings> {
         self.settings.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -184,12 +169,7 @@ impl Plan {
         if self.stand_ins_closed.load(Ordering::Acquire) {
             return Ok(());
         }
-        self.stand_ins().check_plain(process)
-    }
-
-    #[cfg(unix)]
-    pub(crate) fn devices(&self) -> &Arc<crate::devices::Devices> {
-        &self.devices
+        Ok(self.stand_ins().check_plain(process)?)
     }
 
     pub(crate) fn members(&self) -> MutexGuard<'_, Members> {

@@ -5,10 +5,8 @@
 //! looked at. A hash table of processes would spread them over all of its memory, and leave a part
 //! of it empty.
 
-use super::Spread;
 use luna_core::current::ProcessId;
-use std::collections::HashMap;
-use std::hash::BuildHasherDefault;
+use rustc_hash::FxHashMap;
 
 /// How many neighbours lie side by side.
 const PAGE: usize = 32;
@@ -29,7 +27,7 @@ impl<T> Page<T> {
 
 /// At most one `T` for each process.
 pub(super) struct ById<T> {
-    pages: HashMap<u32, Box<Page<T>>, BuildHasherDefault<Spread>>,
+    pages: FxHashMap<u32, Box<Page<T>>>,
     /// The page that was emptied last, for the next that is needed.
     spare: Option<Box<Page<T>>>,
     len: usize,
@@ -41,15 +39,17 @@ fn place(id: ProcessId) -> (u32, usize) {
     (number / PAGE as u32, number as usize % PAGE)
 }
 
-impl<T> ById<T> {
-    pub(super) fn new() -> Self {
+impl<T> Default for ById<T> {
+    fn default() -> Self {
         Self {
-            pages: HashMap::default(),
+            pages: FxHashMap::default(),
             spare: None,
             len: 0,
         }
     }
+}
 
+impl<T> ById<T> {
     /// How many there are.
     pub(super) fn len(&self) -> usize {
         self.len
@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn it_keeps_what_a_map_keeps() {
         let mut map = BTreeMap::new();
-        let mut by_id = ById::new();
+        let mut by_id = ById::default();
         let mut state = 1_u64;
         for step in 0..20_000 {
             state = state

@@ -44,7 +44,7 @@ fn the_end_of_a_system_looks_at_each_process_a_few_times() {
     let mut system = System::new("many");
     let main = system.executor("main").build().unwrap();
     for number in 0..PROCESSES {
-        let process = main.process(&number.to_string());
+        let process = main.process(number.to_string());
         match number % 3 {
             0 => process.spawn(Phased),
             1 => process.spawn(async { Ok(()) }),

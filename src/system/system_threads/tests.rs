@@ -46,7 +46,7 @@ fn a_panic_after_the_end_drops_nothing_of_the_one_that_was_left_behind_in_it() {
     });
     let (id, owner) = (handle.id(), Box::new(Owner(is_gone)));
     let member = Member::new(handle, On::Executor(0), None, Some(owner));
-    plan.members().started.enter(id, member, plan.emergency());
+    plan.members().started.enter(id, member, &plan.emergency);
     executor.release();
     is_running.recv().unwrap();
     let mut system_threads = SystemThreads {

@@ -21,9 +21,9 @@ impl Alarm {
         match TimerFd::new() {
             Ok(timer) => Ok(Alarm::File(timer)),
             Err(TimerError::Unsupported) => Ok(Self::without_file()),
-            Err(error) => Err(SetupError::System {
-                message: format!("the timer manager has no timer: {error}"),
-            }),
+            Err(error) => Err(SetupError::system(format!(
+                "the timer manager has no timer: {error}"
+            ))),
         }
     }
 

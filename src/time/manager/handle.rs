@@ -2,9 +2,9 @@
 
 use super::callbacks::Wish;
 use super::{Firing, Manager};
-use crate::error::{Result, SetupError};
-use luna_platform::clock::{Instant, nanos};
-use std::fmt;
+use crate::error::Result;
+use crate::time::period::{period_nanos, phase_nanos};
+use luna_platform::clock::Instant;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -29,8 +29,9 @@ impl TimerManager {
     /// [`SetupError::CallbackOnVirtualClock`](crate::error::SetupError::CallbackOnVirtualClock) in
     /// a system that runs on a virtual clock; one that has a callback before does not start there.
     ///
-    /// [`SetupError::TooManyTimers`]: the system runs, and the room that was set aside before the
-    /// start is taken ([`System::max_timers`](crate::System::max_timers)).
+    /// [`SetupError::TooManyTimers`](crate::error::SetupError::TooManyTimers): the system runs, and
+    /// the room that was set aside before the start is taken
+    /// ([`System::max_timers`](crate::System::max_timers)).
     pub fn callback(
         &self,
         name: &str,
@@ -100,29 +101,18 @@ impl TimerCallback {
     ///
     /// # Errors
     ///
-    /// [`SetupError::ZeroPeriod`], [`SetupError::PeriodTooLong`] (of more than 292 years) and
-    /// [`SetupError::PhaseTooLong`] (of a period or more).
+    /// [`SetupError::ZeroPeriod`](crate::error::SetupError::ZeroPeriod),
+    /// [`SetupError::PeriodTooLong`](crate::error::SetupError::PeriodTooLong) (of more than 292
+    /// years) and [`SetupError::PhaseTooLong`](crate::error::SetupError::PhaseTooLong) (of a period
+    /// or more).
     pub fn every(&self, period: Duration, phase: Duration) -> Result<()> {
-        let name = || "timer callback".to_owned();
-        let (length, behind) = (nanos(period), nanos(phase));
-        if length == 0 {
-            return Err(SetupError::ZeroPeriod { name: name() }.into());
-        }
-        if length > i64::MAX as u64 {
-            let name = name();
-            return Err(SetupError::PeriodTooLong { name, period }.into());
-        }
-        if behind >= length {
-            let name = name();
-            return Err(SetupError::PhaseTooLong {
-                name,
-                phase,
-                period,
-            }
-            .into());
-        }
+        let name = "timer callback";
+        let (nanos, behind) = (
+            period_nanos(name, period)?,
+            phase_nanos(name, phase, period)?,
+        );
         self.set(Wish::Every {
-            period: length,
+            period: nanos,
             phase: behind,
         });
         Ok(())
@@ -178,16 +168,6 @@ impl Drop for TimerCallback {
     }
 }
 
-impl fmt::Debug for TimerManager {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("TimerManager").finish_non_exhaustive()
-    }
-}
+debug_parts!(TimerManager);
 
-impl fmt::Debug for TimerCallback {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("TimerCallback")
-            .field("number", &self.number)
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(TimerCallback as callback: number = callback.number);

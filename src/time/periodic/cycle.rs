@@ -1,13 +1,13 @@
 //! A cycle's end and begin, and the wait between them.
 
-use super::{Cycle, Overrun, Periodic};
-use crate::csp::process::{Failure, fail_current};
+use super::{Cycle, Overrun, Periodic, Prepared};
+use crate::csp::supervised::{Failure, fail_current};
 use crate::replay;
 use crate::safety::Ledger;
-use crate::time::grid::Trim;
+use crate::time::grid::{Grid, Trim};
 use crate::time::spin;
 use luna_core::current;
-use luna_core::events;
+use luna_core::events::{self, Kind};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::{Clock, Instant, nanos};
 use std::time::Duration;
@@ -44,6 +44,7 @@ impl Periodic {
     /// })?;
     /// # Ok::<(), luna::Error>(())
     /// ```
+    #[doc(alias = "tick")]
     pub async fn next(&mut self) -> Cycle {
         if current::has_replay_log() && replay::enters_cycle().await {
             return self.replayed().await;
@@ -86,7 +87,7 @@ impl Periodic {
             return (None, Then::GoOn);
         };
         let run = asked.nanos_since(began);
-        self.statistics().run_time.record(run);
+        self.statistics().report.run_time.record(run);
         // The ledger of the process that runs this cycle: a loop may be handed on.
         if let Some(ledger) = Ledger::current()
             && ledger.cycle_ends(self.name(), began, asked)
@@ -97,10 +98,10 @@ impl Periodic {
             self.consecutive = 0;
             return (Some(run), Then::GoOn);
         }
-        self.statistics().overruns += 1;
+        self.statistics().report.overruns += 1;
         self.consecutive = self.consecutive.saturating_add(1);
         if self.limit.is_some_and(|limit| self.consecutive >= limit) {
-            let failure = Failure::Overrun {
+            let failure = Failure {
                 name: self.name(),
                 consecutive: self.consecutive,
             };
@@ -187,7 +188,7 @@ impl Periodic {
         self.in_cycle = true;
         let number = self.number;
         let statistics = self.statistics();
-        statistics.kept += 1;
+        statistics.report.cycles += 1;
         events::report(events::code::SLOT, statistics.number, || {
             [number, now.nanos_since(deadline)]
         });
@@ -195,10 +196,16 @@ impl Periodic {
         if is_late && events::is_on() {
             statistics.late.report(statistics.number, target, now);
         }
-        statistics.missed += skipped;
-        statistics.wake_latency.record(now.nanos_since(target));
+        statistics.report.missed += skipped;
+        statistics
+            .report
+            .wake_latency
+            .record(now.nanos_since(target));
         if let Some(previous) = previous {
-            statistics.cycle_time.record(now.nanos_since(previous));
+            statistics
+                .report
+                .cycle_time
+                .record(now.nanos_since(previous));
         }
         Cycle {
             number,
@@ -206,5 +213,65 @@ impl Periodic {
             lateness: now - deadline,
             missed: std::mem::take(&mut self.carried) + skipped,
         }
+    }
+}
+
+impl Periodic {
+    /// Begins a loop that was made before its process was here. O(processes with parameters).
+    #[cold]
+    pub(super) fn begin_prepared(&mut self, now: Instant) {
+        let begins = match self.prepared.take() {
+            Some(Prepared::AtStart) => self.scope.start(),
+            _ => now,
+        };
+        let origin = match self.scope.manager() {
+            Some(manager) => manager.slot_before(begins, self.period),
+            None => begins,
+        };
+        self.grid = Grid::new(origin, self.period);
+        self.grid.shift_behind(self.number, self.trim.nanos());
+        self.parameters = self.scope.parameters();
+        let name = self.name();
+        let statistics = self.statistics();
+        events::name_in_ring(Kind::Loop, statistics.number, name.as_str());
+        statistics.late.begin_here(now);
+    }
+
+    /// Closes the present grid, and joins the one that the loops of its period have in common.
+    pub(super) fn join_common_grid(&mut self, phase: u64, now: Instant) {
+        self.close_grid(self.come);
+        self.begin_grid(Grid::joined_at(
+            self.scope.start().plus_nanos(phase),
+            self.period,
+            now,
+        ));
+        self.grid.shift_behind(self.number, self.trim.nanos());
+    }
+
+    /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots
+    /// were missed on the old one. The slot that lasts at `now` is not among them: it is served
+    /// late, as the first of the new grid.
+    pub(super) fn leave_grid(&mut self, now: Instant) -> u64 {
+        let first = now - self.period();
+        let missed = self.close_grid(self.grid.last_at(first));
+        self.begin_grid(Grid::new(first, self.period));
+        missed
+    }
+
+    fn begin_grid(&mut self, grid: Grid) {
+        self.grid = grid;
+        self.number = grid.joined();
+        self.come = self.number;
+    }
+
+    /// Accounts for all slots of the present grid up to `last`: those that were not served are
+    /// missed. Gives their number.
+    pub(super) fn close_grid(&mut self, last: u64) -> u64 {
+        let elapsed = self.grid.elapsed(last);
+        let unserved = last.saturating_sub(self.number);
+        let statistics = self.statistics();
+        statistics.report.slots_elapsed += elapsed;
+        statistics.report.missed += unserved;
+        unserved
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Overrun, Periodic};
 use crate::error::{Result, SetupError};
+use crate::time::period::phase_nanos;
 use crate::time::spin;
 use luna_platform::clock::nanos;
 use std::time::Duration;
@@ -81,16 +82,7 @@ impl Periodic {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn phase(mut self, phase: Duration) -> Result<Self> {
-        let nanos = nanos(phase);
-        if nanos >= self.period {
-            return Err(SetupError::PhaseTooLong {
-                name: self.name().as_str().to_owned(),
-                phase,
-                period: self.period(),
-            }
-            .into());
-        }
-        self.phase = Some(nanos);
+        self.phase = Some(phase_nanos(self.name().as_str(), phase, self.period())?);
         Ok(self)
     }
 

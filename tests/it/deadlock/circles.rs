@@ -175,10 +175,10 @@ fn philosophers_on_one_executor_on_two_and_on_threads() {
     for executors in [1, 2] {
         let mut system = strict("dinner");
         let places: Vec<_> = (0..executors)
-            .map(|n| system.executor(&format!("e{n}")).build().unwrap())
+            .map(|n| system.executor(format!("e{n}")).build().unwrap())
             .collect();
         philosophers(&mut system, |_, seat| {
-            places[seat % executors].process(&format!("philosopher {seat}"))
+            places[seat % executors].process(format!("philosopher {seat}"))
         });
         is_the_dinner(&deadlock_of(&system));
     }

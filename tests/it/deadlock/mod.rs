@@ -52,6 +52,22 @@ fn spawn_two_that_receive_first(left: ProcessBuilder, right: ProcessBuilder) {
 /// Long enough for many looks.
 const LONG: Duration = Duration::from_millis(300);
 
+#[test]
+fn on_a_virtual_clock_it_ends_a_system_that_is_not_strict() {
+    let _watch = watchdog();
+    let mut system = System::new("virtual");
+    system.virtual_clock();
+    let main = system.executor("main").build().unwrap();
+    let names = ["left", "right"].map(String::from);
+    spawn_two_that_receive_first(
+        main.process(&names[0]),
+        main.process(format!("{}!", names[1])),
+    );
+    let deadlock = deadlock_of(&system);
+    assert_eq!(deadlock.waits[1].process, "right!");
+    assert_eq!(system.report().unwrap().end, End::Deadlock);
+}
+
 /// Played by children of these tests.
 #[test]
 fn part() {

@@ -238,7 +238,7 @@ fn what_those_hold_that_are_not_reaped_yet_is_no_deadlock() {
                 _next: next,
             };
             executors[number % 2]
-                .process(&format!("link {number}"))
+                .process(format!("link {number}"))
                 .spawn_ok(link);
         }
         executors[0].process("first").spawn_ok(async move {

@@ -110,7 +110,7 @@ fn a_loops_name_too_long() {
             );
             assert_eq!(error, SetupError::NameTooLong { name, most: 63 });
         }
-        luna::periodic(&"x".repeat(63), period).unwrap();
+        luna::periodic("x".repeat(63), period).unwrap();
         luna::periodic("", period).unwrap();
     });
 }
@@ -144,12 +144,12 @@ fn room_for_loops_is_one_reserve_of_the_system() {
         let executor = system.executor("main").build().unwrap();
         for number in 1..processes {
             executor
-                .process(&number.to_string())
+                .process(number.to_string())
                 .spawn_ok(async { Ok(()) });
         }
         executor.process("loops").spawn_ok(async {
             let make =
-                |number: usize| luna::periodic(&format!("loop {number}"), Duration::from_millis(1));
+                |number: usize| luna::periodic(format!("loop {number}"), Duration::from_millis(1));
             let mut first = make(0)?;
             let _others: Vec<_> = (1..10).map(|number| make(number).unwrap()).collect();
             // Those that have ended count.

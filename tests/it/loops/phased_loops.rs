@@ -110,7 +110,7 @@ fn phases_and_guards_that_do_not_fit_are_refused() {
         let mut number = 0;
         let mut make = |period| {
             number += 1;
-            luna::periodic(&format!("loop {number}"), period)
+            luna::periodic(format!("loop {number}"), period)
         };
         for phase in [PERIOD, PERIOD * 2, Duration::MAX] {
             let error = setup_error(

@@ -188,7 +188,7 @@ fn names_and_room_are_those_of_the_system() {
 
 /// A process that takes a parameter at each of its cycles.
 struct Tuned {
-    gain: Option<Parameter<u32>>,
+    gain: Parameter<u32>,
     tick: Option<Periodic>,
     last: u32,
 }
@@ -196,7 +196,6 @@ struct Tuned {
 impl Process for Tuned {
     fn pre_run(&mut self) -> luna::Result<()> {
         self.tick = Some(luna::periodic("tuned", PERIOD)?);
-        self.gain = Some(Parameter::with_default("gain", 1).register()?);
         // What runs meanwhile on this thread by itself is no process of the system.
         luna::run(async {
             let mut tick = luna::periodic("tuned", Duration::from_millis(1))?;
@@ -206,10 +205,10 @@ impl Process for Tuned {
     }
 
     async fn run(&mut self) -> luna::Result<()> {
-        let (Some(gain), Some(tick)) = (&self.gain, &mut self.tick) else {
+        let Some(tick) = &mut self.tick else {
             return Err(luna::Error::other("it was not prepared"));
         };
-        while gain.get() != self.last {
+        while self.gain.get() != self.last {
             tick.next().await;
         }
         Ok(())
@@ -222,8 +221,10 @@ fn a_loop_made_in_pre_run_takes_the_parameters_of_its_process() {
     let mut system = super::system("tuned");
     let main = system.executor("main").build().unwrap();
     let parameters = system.parameters();
-    main.process("tuned").spawn_ok(Tuned {
-        gain: None,
+    let tuned = main.process("tuned");
+    let gain = tuned.parameter("gain", 1).register().unwrap();
+    tuned.spawn_ok(Tuned {
+        gain,
         tick: None,
         last: 7,
     });

@@ -164,59 +164,51 @@ fn a_file_that_is_none_fails_the_start() {
 #[test]
 fn what_cannot_be_declared_says_why() {
     let _watch = watchdog();
-    let outside = Parameter::with_default("a", 1.0).register();
-    assert!(matches!(outside, Err(DeclareError::NotInPreRun { .. })));
-    let reported = Arc::new(Mutex::new(Vec::new()));
-    let reports = reported.clone();
-    let declare = move || {
-        let a = Parameter::with_default("a", 1.0).unit("m").register()?;
-        let shared = Parameter::with_default("s", 1).shared();
-        let s = shared.clone().register()?;
-        *reports.lock().unwrap() = vec![
-            Parameter::with_default("a", 1.0)
-                .unit("m")
-                .register()
-                .unwrap_err(),
-            Parameter::with_default("a", 1.0).register().unwrap_err(),
-            Parameter::with_default("a", 1.0_f32)
-                .unit("m")
-                .register()
-                .unwrap_err(),
-            Parameter::with_default("s", 1).register().unwrap_err(),
-            Parameter::with_default("", 1.0).register().unwrap_err(),
-            Parameter::with_default("x=1", 1.0).register().unwrap_err(),
-            Parameter::with_default("a//b", 1.0).register().unwrap_err(),
-            Parameter::with_default("r", 1.0)
-                .range(2.0..=1.0)
-                .register()
-                .unwrap_err(),
-            Parameter::with_default("r", 1.0)
-                .range(0.0..=f64::NAN)
-                .register()
-                .unwrap_err(),
-            Parameter::with_default("d", 3.0)
-                .range(0.0..=2.0)
-                .register()
-                .unwrap_err(),
-            Parameter::with_default("d", [0.0, f64::INFINITY])
-                .register()
-                .unwrap_err(),
-            Parameter::with_default("d", 1.0)
-                .unit(&"m".repeat(64))
-                .register()
-                .unwrap_err(),
-        ];
-        // A second handle of a shared one.
-        Ok((a, s, shared.register()?))
-    };
     let mut system = System::new("bad");
     let main = system.executor("main").build().unwrap();
-    main.process("bad")
-        .spawn_ok(made(declare, async |_: &_| Ok(())));
+    let bad = main.process("bad");
+    let a = bad.parameter("a", 1.0).unit("m").register().unwrap();
+    let shared = bad.parameter("s", 1).shared();
+    let s = shared.clone().register().unwrap();
+    let reported = [
+        bad.parameter("a", 1.0).unit("m").register().unwrap_err(),
+        bad.parameter("a", 1.0).register().unwrap_err(),
+        bad.parameter("a", 1.0_f32)
+            .unit("m")
+            .register()
+            .unwrap_err(),
+        bad.parameter("s", 1).register().unwrap_err(),
+        bad.parameter("", 1.0).register().unwrap_err(),
+        bad.parameter("x=1", 1.0).register().unwrap_err(),
+        bad.parameter("a//b", 1.0).register().unwrap_err(),
+        bad.parameter("r", 1.0)
+            .range(2.0..=1.0)
+            .register()
+            .unwrap_err(),
+        bad.parameter("r", 1.0)
+            .range(0.0..=f64::NAN)
+            .register()
+            .unwrap_err(),
+        bad.parameter("d", 3.0)
+            .range(0.0..=2.0)
+            .register()
+            .unwrap_err(),
+        bad.parameter("d", [0.0, f64::INFINITY])
+            .register()
+            .unwrap_err(),
+        bad.parameter("d", 1.0)
+            .unit(&"m".repeat(64))
+            .register()
+            .unwrap_err(),
+    ];
+    // A second handle of a shared one.
+    let again = shared.register().unwrap();
+    bad.spawn_ok(async move {
+        assert_eq!((a.get(), s.get(), again.get()), (1.0, 1, 1));
+        Ok(())
+    });
     system.run().unwrap();
     let reported: Vec<&str> = reported
-        .lock()
-        .unwrap()
         .iter()
         .map(|error| match error {
             DeclareError::Duplicate { process, .. } => {
@@ -271,27 +263,23 @@ fn a_process_that_comes_again_goes_on_with_its_parameters_and_one_that_is_gone_l
     let spawner = main.clone();
     main.process("spawner").spawn_ok(async move {
         for round in 0..20 {
-            let declare = || Ok(Parameter::with_default("again/x", 0).range(0..=100).register()?);
-            let body = async move |x: &Parameter<i32>| {
+            let again = spawner.process("again").one_of_many();
+            let x = again.parameter("again/x", 0).range(0..=100).register()?;
+            let handle = again.start(async move {
                 assert_eq!(x.get(), round);
                 Ok(())
-            };
-            let handle = spawner.process("again").one_of_many().start(made(declare, body))?;
+            })?;
             handle.join().await;
-            // The name is free when its `post_run` is over and it was dropped, on another thread.
+            // The name is free when its body has been dropped.
             while parameters.list()[0].processes == ["again"] {
                 luna::after(MS).await;
             }
             assert_eq!(parameters.list().len(), 1);
             parameters.set([("again/x", round + 1)])?;
         }
-        let differs = || Ok(Parameter::with_default("again/x", 0).range(0..=101).register()?);
-        let outcome = spawner.process("again").one_of_many().start(made(differs, async |_: &_| Ok(())));
-        assert!(matches!(
-            outcome.unwrap_err(),
-            Error::Process { source, .. }
-                if matches!(&*source, Error::Setup(SetupError::Parameter(DeclareError::Differs { .. })))
-        ));
+        let again = spawner.process("again").one_of_many();
+        let differs = again.parameter("again/x", 0).range(0..=101).register();
+        assert!(matches!(differs, Err(DeclareError::Differs { .. })));
         Ok(())
     });
     drop(main);
@@ -312,20 +300,17 @@ fn a_name_that_is_free_again_is_shared_if_the_next_say_so() {
         for (round, is_shared) in [false, true, false].into_iter().enumerate() {
             let description = format!("of round {round}");
             let start = |name: &str| {
-                let description = description.clone();
-                let declare = move || {
-                    let x = Parameter::with_default("x", 0).description(&description);
-                    let x = if is_shared { x.shared() } else { x };
-                    Ok(x.register()?)
-                };
+                let process = spawner.process(name).one_of_many();
+                let x = process.parameter("x", 0).description(&description);
+                let x = if is_shared { x.shared() } else { x };
+                let x = x.register()?;
                 // It stays until its sender is gone.
                 let (stay, stays) = luna::channel::<()>();
-                let body = async move |_: &Parameter<i32>| {
+                let handle = process.start(async move {
                     let _ = stays.recv().await;
+                    drop(x);
                     Ok(())
-                };
-                let process = spawner.process(name).one_of_many();
-                let handle = process.start(made(declare, body))?;
+                })?;
                 Ok((handle, stay))
             };
             let (first, stay) = start("first")?;
@@ -340,13 +325,17 @@ fn a_name_that_is_free_again_is_shared_if_the_next_say_so() {
                     drop(stay);
                     second.join().await;
                 }
-                Err(Error::Process { source, .. }) if !is_shared => assert!(
-                    matches!(
-                        &*source,
-                        Error::Setup(SetupError::Parameter(DeclareError::Duplicate { process, .. })) if process == "first"
-                    ),
-                    "{source}"
-                ),
+                Err(error) if !is_shared => {
+                    assert!(
+                        matches!(
+                            &error,
+                            Error::Setup(SetupError::Parameter(
+                                DeclareError::Duplicate { process, .. }
+                            )) if process == "first"
+                        ),
+                        "{error}"
+                    );
+                }
                 other => panic!("round {round}: {other:?}"),
             }
             // They are dropped on another thread.

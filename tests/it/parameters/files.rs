@@ -37,7 +37,7 @@ fn the_file_again_makes_what_a_start_would() {
         assert_eq!(all.get(), (kp, limit, 5, offset + 12, is_on, mode, gains));
         Ok(())
     };
-    main.process("all").spawn_ok(made(All::declare, body));
+    spawn_with(main.process("all"), All::declare, body).unwrap();
     system.run().unwrap();
     assert!(matches!(
         system.parameters().reload(),
@@ -69,7 +69,7 @@ fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
         assert_eq!(all.count.get(), 77);
         Ok(())
     };
-    main.process("all").spawn_ok(made(All::declare, body));
+    spawn_with(main.process("all"), All::declare, body).unwrap();
     system.run().unwrap();
 }
 
@@ -83,20 +83,25 @@ fn a_file_that_changes_during_the_start_is_read_again() {
         .parameters_from(&file.0)
         .reload_parameters_on_change();
     let main = system.executor("main").build().unwrap();
-    let declare = move || {
-        let all = All::declare()?;
-        assert_eq!(all.count.get(), 4);
-        file.replace("count = 77 \n\n");
-        Ok(all)
-    };
-    let body = async |all: &All| {
-        let mut tick = luna::periodic("loop", MS)?;
-        while all.count.get() == 4 {
-            tick.next().await;
+    struct Replaces(All, TempFile);
+    impl Process for Replaces {
+        fn pre_run(&mut self) -> luna::Result<()> {
+            assert_eq!(self.0.count.get(), 4);
+            self.1.replace("count = 77 \n\n");
+            Ok(())
         }
-        assert_eq!(all.count.get(), 77);
-        Ok(())
-    };
-    main.process("all").spawn_ok(made(declare, body));
+
+        async fn run(&mut self) -> luna::Result<()> {
+            let mut tick = luna::periodic("loop", MS)?;
+            while self.0.count.get() == 4 {
+                tick.next().await;
+            }
+            assert_eq!(self.0.count.get(), 77);
+            Ok(())
+        }
+    }
+    let process = main.process("all");
+    let all = All::declare(&process).unwrap();
+    process.spawn_ok(Replaces(all, file));
     system.run().unwrap();
 }

@@ -4,6 +4,7 @@
 use crate::common;
 mod declared;
 mod files;
+mod moved;
 mod sets;
 
 use common::{setup_error, watchdog};
@@ -12,6 +13,7 @@ use luna::error::SetupError;
 use luna::parameters::Parameters;
 use luna::parameters::{DeclareError, Reason, SetError, Source, Value};
 use luna::prelude::*;
+use luna::system::ProcessBuilder;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -75,23 +77,24 @@ struct All {
 type Values = (f64, f32, u8, i64, bool, Mode, [f64; 3]);
 
 impl All {
-    fn declare() -> luna::Result<Self> {
+    fn declare(process: &ProcessBuilder) -> luna::Result<Self> {
         Ok(Self {
-            kp: Parameter::with_default("pan/kp", 2.0)
+            kp: process
+                .parameter("pan/kp", 2.0)
                 .unit("1/rad")
                 .range(0.0..=50.0)
                 .description("of the controller")
                 .register()?,
-            limit: Parameter::with_default("pan/limit", 0.5)
+            limit: process
+                .parameter("pan/limit", 0.5)
                 .range(0.1..=0.9)
                 .register()?,
-            count: Parameter::with_default("count", 3).register()?,
-            offset: Parameter::with_default("offset", -7)
-                .range(-10..=10)
-                .register()?,
-            is_on: Parameter::with_default("is on", false).register()?,
-            mode: Parameter::with_default("mode", Mode::Position).register()?,
-            gains: Parameter::with_default("gains", [1.0, 2.0, 3.0])
+            count: process.parameter("count", 3).register()?,
+            offset: process.parameter("offset", -7).range(-10..=10).register()?,
+            is_on: process.parameter("is on", false).register()?,
+            mode: process.parameter("mode", Mode::Position).register()?,
+            gains: process
+                .parameter("gains", [1.0, 2.0, 3.0])
                 .range(0.0..=9.0)
                 .register()?,
         })
@@ -112,41 +115,15 @@ impl All {
 
 const DEFAULTS: Values = (2.0, 0.5, 3, -7, false, Mode::Position, [1.0, 2.0, 3.0]);
 
-/// A process made of a given `pre_run` and body.
-struct Made<D, P, B> {
-    pre_run: P,
-    declared: Option<D>,
-    body: Option<B>,
-}
-
-impl<D, P, B> Process for Made<D, P, B>
-where
-    P: FnMut() -> luna::Result<D>,
-    B: AsyncFnOnce(&D) -> luna::Result<()>,
-{
-    fn pre_run(&mut self) -> luna::Result<()> {
-        self.declared = Some((self.pre_run)()?);
-        Ok(())
-    }
-
-    async fn run(&mut self) -> luna::Result<()> {
-        match (&self.declared, self.body.take()) {
-            (Some(declared), Some(body)) => body(declared).await,
-            _ => Err(Error::other("it has no body")),
-        }
-    }
-}
-
-fn made<D, P, B>(pre_run: P, body: B) -> Made<D, P, B>
-where
-    P: FnMut() -> luna::Result<D>,
-    B: AsyncFnOnce(&D) -> luna::Result<()>,
-{
-    Made {
-        pre_run,
-        declared: None,
-        body: Some(body),
-    }
+/// Spawns a process that has what `declare` declares for it.
+fn spawn_with<D: Send + 'static>(
+    process: ProcessBuilder,
+    declare: impl FnOnce(&ProcessBuilder) -> luna::Result<D>,
+    body: impl AsyncFnOnce(&D) -> luna::Result<()> + Send + 'static,
+) -> luna::Result<()> {
+    let declared = declare(&process)?;
+    process.spawn(move || async move { body(&declared).await })?;
+    Ok(())
 }
 
 /// A system with one process that has all kinds, which `body` looks at; on a virtual clock.
@@ -158,6 +135,6 @@ fn run_with_all(
     system.virtual_clock();
     describe(&mut system);
     let main = system.executor("main").build()?;
-    main.process("all").spawn(made(All::declare, body))?;
+    spawn_with(main.process("all"), All::declare, body)?;
     system.run()
 }

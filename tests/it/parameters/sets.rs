@@ -16,9 +16,9 @@ fn each_process_takes_a_set_at_its_own_boundary() {
         let seen = Arc::new(Mutex::new(String::new()));
         for (executor, name, period) in [(&left, "fast", 1), (&right, "slow", 10)] {
             let seen = seen.clone();
-            let declare = move || {
-                let own = Parameter::with_default(&format!("{name}/own"), 0).register()?;
-                let common = Parameter::with_default("common", 0).shared().register()?;
+            let declare = |process: &ProcessBuilder| {
+                let own = process.parameter(&format!("{name}/own"), 0).register()?;
+                let common = process.parameter("common", 0).shared().register()?;
                 Ok((own, common))
             };
             let body = async move |(own, common): &(Parameter<i32>, Parameter<i32>)| {
@@ -39,7 +39,7 @@ fn each_process_takes_a_set_at_its_own_boundary() {
                 }
                 Ok(())
             };
-            executor.process(name).spawn_ok(made(declare, body));
+            spawn_with(executor.process(name), declare, body).unwrap();
         }
         let parameters = system.parameters();
         left.process("operator").spawn_ok(async move {
@@ -80,13 +80,15 @@ fn a_storm_of_sets_is_never_seen_by_halves() {
     let last = Arc::new(Mutex::new(Vec::new()));
     for name in ["one", "two"] {
         let executor = system.executor(name).build().unwrap();
-        let declare = move || {
+        let declare = |process: &ProcessBuilder| {
             let number = |part: &str| {
-                Parameter::<u64>::with_default(&format!("{name}/{part}"), 0).register()
+                process
+                    .parameter(&format!("{name}/{part}"), 0_u64)
+                    .register()
             };
-            let list =
-                Parameter::with_default(&format!("{name}/list"), [0_u64, 1, 2, 3, 4, 5, 6, 7])
-                    .register()?;
+            let list = process
+                .parameter(&format!("{name}/list"), [0_u64, 1, 2, 3, 4, 5, 6, 7])
+                .register()?;
             Ok((number("a")?, number("b")?, list))
         };
         let (over, last) = (over.clone(), last.clone());
@@ -129,7 +131,7 @@ fn a_storm_of_sets_is_never_seen_by_halves() {
                 last.lock().unwrap().push(before);
                 Ok(())
             };
-        executor.process(name).spawn_ok(made(declare, body));
+        spawn_with(executor.process(name), declare, body).unwrap();
     }
     let setters: Vec<_> = (0..2)
         .map(|who| {
@@ -183,14 +185,14 @@ fn a_set_that_is_taken_stays_so_and_nobody_waits_for_the_one_that_has_ended() {
     for name in ["a", "b"] {
         let (turn, turned) = luna::channel::<bool>();
         turns.push(turn);
-        let declare = move || Ok(Parameter::with_default(name, 0).register()?);
+        let declare = |process: &ProcessBuilder| Ok(process.parameter(name, 0).register()?);
         let body = async move |own: &Parameter<i32>| {
             while turned.recv().await? {
                 own.latch();
             }
             Ok(())
         };
-        main.process(name).spawn_ok(made(declare, body));
+        spawn_with(main.process(name), declare, body).unwrap();
     }
     main.process("operator").spawn_ok(async move {
         // Which have taken the sets 1, 2, ..., so far.
@@ -283,18 +285,18 @@ fn only_its_own_process_takes_a_set() {
     let main = system.executor("main").build().unwrap();
     let (handle, handles) = luna::channel::<(Parameter<f64>, luna::Periodic)>();
     let parameters = system.parameters();
-    let declare = || Ok(Parameter::with_default("x", 0.0).register()?);
-    main.process("owner")
-        .spawn_ok(made(declare, async move |x: &Parameter<f64>| {
-            let tick = luna::periodic("handed on", MS)?;
-            parameters.set([("x", 1.0)])?;
-            handle.send((x.clone(), tick)).await?;
-            luna::after(MS * 20).await;
-            assert_eq!(x.get(), 0.0);
-            x.latch();
-            assert_eq!(x.get(), 1.0);
-            Ok(())
-        }));
+    let owner = main.process("owner");
+    let x = owner.parameter("x", 0.0).register().unwrap();
+    owner.spawn_ok(async move {
+        let tick = luna::periodic("handed on", MS)?;
+        parameters.set([("x", 1.0)])?;
+        handle.send((x.clone(), tick)).await?;
+        luna::after(MS * 20).await;
+        assert_eq!(x.get(), 0.0);
+        x.latch();
+        assert_eq!(x.get(), 1.0);
+        Ok(())
+    });
     main.process("other").spawn_ok(async move {
         let (x, mut tick) = handles.recv().await?;
         for _ in 0..3 {

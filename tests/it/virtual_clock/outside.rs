@@ -37,7 +37,7 @@ fn results_of_blocking_calls_come_in_the_order_of_the_calls_and_time_waits() {
             notes.note(format!("call {number}"));
             Ok(())
         };
-        main.process(&format!("caller {number}")).spawn_ok(body);
+        main.process(format!("caller {number}")).spawn_ok(body);
     }
     let own = notes.clone();
     let waits = async move {

@@ -116,7 +116,7 @@ fn any_number_of_periods_is_served() {
     for number in 0..LOOPS {
         let everybody = everybody.clone();
         let name = format!("{number}");
-        main.process(&name.clone()).spawn_ok(async move {
+        main.process(name.clone()).spawn_ok(async move {
             // None is a multiple of another.
             let period = Duration::from_nanos(2_000_003 + number);
             let mut tick = luna::periodic(&name, period)?;

@@ -13,7 +13,7 @@ use std::task::{Context, Poll};
 impl<T> Alternative<'_, T> {
     /// Polls in the plain turn of `process`. `None`: take the slow path.
     #[inline]
-    pub(super) fn poll_fast<const RECORDED: bool>(
+    pub(super) fn poll_fast(
         &mut self,
         process: &Process,
         cx: &Context<'_>,
@@ -65,8 +65,11 @@ impl<T> Alternative<'_, T> {
         // SAFETY: the sender was listed by the executor to which the lock is biased: this thread.
         unsafe { ready.wake() };
         // SAFETY: `process` is in its plain turn, as above.
-        let gives_way = unsafe { current::gives_way(process) };
-        Some(self.hand_on(index, Ok(value), gives_way))
+        if unsafe { current::yield_after_operation(process) } {
+            self.keep_value(index, value);
+            return Some(Poll::Pending);
+        }
+        Some(Poll::Ready((index, Ok(value))))
     }
 
     /// Starts to wait, if nothing has become ready meanwhile.

@@ -1,7 +1,7 @@
 //! A receive from one of the channels of an alternative that stays registered.
 
 use super::{Alternative, Entry, State};
-use crate::core::{Channel, Ending, Received, Taken};
+use crate::core::{Attempted, Channel};
 use crate::error::RecvError;
 use crate::replay::{self, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
@@ -48,40 +48,29 @@ impl<T> fmt::Debug for AlternativeRecv<'_, '_, T> {
 impl<T> Alternative<'_, T> {
     #[inline]
     fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
-        if let Some(process) = current::unrecorded_turn(cx)
-            && let Some(polled) = self.poll_fast::<false>(process, cx)
+        // A process whose communication is recorded has no plain turn.
+        if let Some(process) = current::plain_turn(cx)
+            && let Some(polled) = self.poll_fast(process, cx)
         {
             return polled;
         }
-        match events::is_on() {
-            true => self.poll_recorded(cx),
-            false => self.poll_slow_path(cx),
-        }
-    }
-
-    /// Polls, and records the result.
-    #[cold]
-    #[inline(never)]
-    fn poll_recorded(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
-        let fast_path = match current::plain_turn(cx) {
-            Some(process) => self.poll_fast::<true>(process, cx),
-            None => None,
-        };
-        let polled = fast_path.unwrap_or_else(|| self.poll_slow_path(cx));
-        match &polled {
-            Poll::Ready((index, _)) => self.report(*index),
-            Poll::Pending => events::waits_for_several(),
-        }
-        polled
+        self.poll_slow_path(cx)
     }
 
     /// Polls wherever the process is, and whatever is asked of the channels.
     #[inline(never)]
     fn poll_slow_path(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
-        match replay::is_on() {
+        let polled = match replay::is_on() {
             true => replay::poll(self, cx),
             false => self.poll_without_log(cx),
+        };
+        if events::is_on() {
+            match &polled {
+                Poll::Ready((index, _)) => self.report(*index),
+                Poll::Pending => events::waits_for_several(),
+            }
         }
+        polled
     }
 
     fn poll_without_log(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
@@ -138,13 +127,19 @@ impl<T> Alternative<'_, T> {
         loop {
             self.drain();
             while let Some(index) = self.ready.first() {
-                if let Some(received) = self.try_recv(index) {
-                    self.note_choice(index);
-                    if let Err(error) = received {
+                match self.try_recv(index) {
+                    None => {}
+                    Some(Ok(())) if crate::yield_after_operation(cx) => return Poll::Pending,
+                    Some(Ok(())) => {
+                        if let Some(received) = self.take_held(index) {
+                            return Poll::Ready((index, received));
+                        }
+                    }
+                    Some(Err(error)) => {
+                        self.note_choice(index);
                         self.leave_out(index, error);
                         return self.fails(index, error, cx);
                     }
-                    return self.hand_on_in_turn(index, received, cx);
                 }
             }
             self.polled_by = (cx.waker().data(), cx.waker().vtable());
@@ -167,9 +162,9 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Receives from a channel that has reported that it is ready; nothing if others have emptied
-    /// it, or a better one turns up.
-    fn try_recv(&mut self, index: usize) -> Option<Result<T, RecvError>> {
+    /// Receives into the entry of a channel that has reported that it is ready; nothing if others
+    /// have emptied it, or a better one turns up. The select state is closed.
+    fn try_recv(&mut self, index: usize) -> Option<Result<(), RecvError>> {
         let entry = self.entries[index]?;
         // SAFETY: the entry is this alternative's.
         if let Some(error) = unsafe { (*entry.as_ptr()).ended } {
@@ -182,7 +177,8 @@ impl<T> Alternative<'_, T> {
         if self.drain() && self.ready.first() != Some(index) {
             return None;
         }
-        let received = locked.recv_now(false);
+        // SAFETY: the select state is closed, so the entry's value is the owner's. There is none.
+        let attempted = unsafe { locked.recv_now(entry.cast(), false) };
         let is_ready = locked.is_ready();
         if !is_ready {
             // SAFETY: the lock that guards it is held.
@@ -190,64 +186,43 @@ impl<T> Alternative<'_, T> {
             self.ready.clear(index);
         }
         drop(locked);
-        match received {
-            Received::Done(value, ready, _) => {
-                let taken = Taken::new(channel, value, 0);
-                ready.wake();
-                Some(Ok(taken.keep()))
-            }
-            Received::Empty => None,
-            Received::Ended(Ending::Poisoned) => Some(Err(RecvError::Poisoned)),
-            Received::Ended(_) => Some(Err(RecvError::Closed)),
-            Received::Broken(ready) => {
+        match attempted {
+            Attempted::NotNow => None,
+            Attempted::Ended(ending) => Some(Err(RecvError::of(ending))),
+            Attempted::Broken(ready) => {
                 channel.poison();
                 ready.wake();
                 Some(Err(RecvError::Poisoned))
             }
-        }
-    }
-
-    /// Returns the received value, after others have run if it is their turn.
-    fn hand_on_in_turn(
-        &mut self,
-        index: usize,
-        received: Result<T, RecvError>,
-        cx: &Context<'_>,
-    ) -> Poll<(usize, Result<T, RecvError>)> {
-        let (Ok(value), Some(entry)) = (received, self.entries[index]) else {
-            unreachable!("what is handed on was received")
-        };
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
-        // alternative lives.
-        let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-        let taken = Taken::new(channel, value, 0);
-        let gives_way = crate::gives_way(cx);
-        self.hand_on(index, Ok(taken.keep()), gives_way)
-    }
-
-    /// Returns the received value, or keeps it for the next poll while others run.
-    pub(super) fn hand_on(
-        &mut self,
-        index: usize,
-        received: Result<T, RecvError>,
-        gives_way: bool,
-    ) -> Poll<(usize, Result<T, RecvError>)> {
-        if !gives_way {
-            return Poll::Ready((index, received));
-        }
-        if let (Ok(value), Some(entry)) = (received, self.entries[index]) {
-            // SAFETY: the select state is closed, so the entry's value is the owner's, and there is
-            // none.
-            unsafe {
-                let node = entry.cast::<Waiter<T>>();
-                Waiter::put_value_of(node, value);
-                (*Waiter::link(node))
-                    .outcome
-                    .store(Outcome::Done as u8, Ordering::Relaxed);
+            Attempted::Done(ready) => {
+                // Before the sender's waker can panic: the value is that of the next call then.
+                self.hold(index, entry);
+                ready.wake();
+                Some(Ok(()))
             }
-            self.state = State::Holds(index);
+            other => unreachable!("a receive that holds no sender came to {other:?}"),
         }
-        Poll::Pending
+    }
+
+    /// The entry has received a value, which is yet to be handed on.
+    fn hold(&mut self, index: usize, entry: NonNull<Entry<T>>) {
+        // SAFETY: the select state is closed, so the entry's outcome is the owner's.
+        unsafe {
+            (*Waiter::link(entry.cast::<Waiter<T>>()))
+                .outcome
+                .store(Outcome::Done as u8, Ordering::Relaxed);
+        }
+        self.state = State::Holds(index);
+    }
+
+    /// Keeps a received value for the next poll. The select state is closed.
+    pub(super) fn keep_value(&mut self, index: usize, value: T) {
+        if let Some(entry) = self.entries[index] {
+            // SAFETY: the select state is closed, so the entry's value is the owner's. There is
+            // none.
+            unsafe { Waiter::put_value_of(entry.cast(), value) };
+            self.hold(index, entry);
+        }
     }
 
     /// Records that the current process has received from this channel.
@@ -333,15 +308,12 @@ impl<T> Logged for Alternative<'_, T> {
             replay::failure::NOTHING => {
                 // SAFETY: the entry is this alternative's, and its channel is borrowed for longer
                 // than this alternative lives.
-                let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-                channel.note_alternative();
-                let Received::Done(value, ready, _) = channel.lock().recv_now(false) else {
-                    return replay::differs("an `Alternative` finds nothing");
+                unsafe { &*(*entry.as_ptr()).channel.as_ptr() }.note_alternative();
+                self.ready.set(index);
+                return match self.try_recv(index) {
+                    Some(Ok(())) => Poll::Ready(()),
+                    _ => replay::differs("an `Alternative` finds nothing"),
                 };
-                let taken = Taken::new(channel, value, 0);
-                ready.wake();
-                let _ = self.hand_on(index, Ok(taken.keep()), true);
-                return Poll::Ready(());
             }
             replay::failure::POISONED => RecvError::Poisoned,
             _ => RecvError::Closed,
@@ -377,9 +349,7 @@ impl<T> Logged for Alternative<'_, T> {
     fn keep(&mut self, (index, received): Self::Output) {
         match received {
             Err(error) => self.state = State::Fails(index, error),
-            received => {
-                let _ = self.hand_on(index, received, true);
-            }
+            Ok(value) => self.keep_value(index, value),
         }
     }
 }

@@ -46,7 +46,7 @@ pub fn lock_step(system: &mut System) -> ([Registers; 2], Simulator) {
     system.on_emergency("motors off", move || pulled.store(false, Ordering::Relaxed));
     let axis = |index: usize| {
         let axis = &AXES[index];
-        let (registers, bench) = registers();
+        let (registers, bench) = registers(axis.name);
         let encoder = Encoder::new(axis.plant.gear_ratio, axis.count_at_zero);
         let simulated = Axis {
             motor: Motor::new(axis.plant),

@@ -49,13 +49,14 @@ pub fn mesa(
     link.watchdog(period * WATCHDOG).tolerance(TOLERANCE);
     let mut build_axis = |index: usize| {
         let axis = &AXES[index];
-        let (registers, Bench { count, pwm, enable }) = registers();
+        let (registers, Bench { count, pwm, enable }) = registers(axis.name);
         let (reading, readings) = luna::buffered(Buffer::overwrite_oldest(1));
         let number = index as u8;
+        let reading = reading.named(&format!("{} count reading", axis.name));
         link.encoder(number, fastest(index), reading)
             .pwm_with_enable(number, pwm, enable);
         executor
-            .process(&format!("{} counts", axis.name))
+            .process(format!("{} counts", axis.name))
             .spawn(report_counts(axis.count_at_zero, period, readings, count))?;
         Ok::<_, Error>(registers)
     };

@@ -40,11 +40,15 @@ pub struct Bench {
     pub enable: Receiver<bool>,
 }
 
-/// Both sides of one axis' registers.
-pub fn registers() -> (Registers, Bench) {
+/// Both sides of one axis' registers. Its name is part of the names of their channels.
+pub fn registers(axis: &str) -> (Registers, Bench) {
     let (count, counts) = luna::buffered(Buffer::overwrite_oldest(1));
     let (pwm, duties) = luna::buffered(Buffer::overwrite_oldest(1));
     let (enable, enables) = luna::buffered(Buffer::overwrite_oldest(1));
+    let name = |register: &str| format!("{axis} {register} register");
+    let count = count.named(&name("count"));
+    let pwm = pwm.named(&name("pwm"));
+    let enable = enable.named(&name("enable"));
     (
         Registers {
             count: counts,

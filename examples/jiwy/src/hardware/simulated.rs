@@ -61,10 +61,12 @@ pub fn simulated(
     let build_axis = |index: usize| {
         let axis = &AXES[index];
         let name = |part: &str| format!("{} {part}", axis.name);
-        let (registers, Bench { count, pwm, enable }) = registers();
+        let (registers, Bench { count, pwm, enable }) = registers(axis.name);
         let (apply, applied) = luna::channel();
         let (angle, angles) = luna::channel();
-        executor.process(&name(BRIDGE)).spawn(Bridge {
+        let apply = apply.named(&name("bridge voltage"));
+        let angle = angle.named(&name("joint angle"));
+        executor.process(name(BRIDGE)).spawn(Bridge {
             name: name(BRIDGE),
             period,
             line: Arc::clone(&line),
@@ -72,7 +74,7 @@ pub fn simulated(
             enable,
             apply,
         })?;
-        executor.process(&name(JOINT)).spawn(Joint {
+        executor.process(name(JOINT)).spawn(Joint {
             plant: Motor::new(axis.plant),
             applied,
             angle,
@@ -80,7 +82,7 @@ pub fn simulated(
         })?;
         let encoder = Encoder::new(axis.plant.gear_ratio, axis.count_at_zero);
         executor
-            .process(&name(COUNTER))
+            .process(name(COUNTER))
             .spawn(count_edges(encoder, angles, count))?;
         Ok::<_, luna::Error>(registers)
     };

@@ -8,6 +8,7 @@ use crate::parts::pid::{Gains, Pid};
 use crate::parts::set_point::SetPoint;
 use crate::parts::tracking::Tracking;
 use luna::prelude::*;
+use luna::system::ProcessBuilder;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -95,10 +96,8 @@ pub(crate) async fn lead(
 
 /// The controller of an axis, with gains that are parameters of the system.
 pub(crate) struct Controller {
-    /// The axis' name.
-    pub(crate) axis: &'static str,
     pub(crate) gains: Gains,
-    pub(crate) tunable: Option<TunableGains>,
+    pub(crate) tunable: TunableGains,
     pub(crate) supply: f64,
     pub(crate) demands: Receiver<Demand>,
     pub(crate) errors: Sender<f64>,
@@ -114,9 +113,13 @@ pub(crate) struct TunableGains {
 }
 
 impl TunableGains {
-    fn declare(axis: &str, gains: Gains) -> luna::Result<Self> {
-        let gain =
-            |part: &str, default| Parameter::with_default(&format!("{axis}/{part}"), default);
+    /// Declares them for the process that is to be the controller.
+    pub(crate) fn declare(
+        controller: &ProcessBuilder,
+        axis: &str,
+        gains: Gains,
+    ) -> luna::Result<Self> {
+        let gain = |part: &str, default| controller.parameter(&format!("{axis}/{part}"), default);
         Ok(Self {
             proportional: gain("kp", gains.proportional)
                 .unit("1/rad")
@@ -154,13 +157,8 @@ impl TunableGains {
     }
 }
 
-impl Process for Controller {
-    fn pre_run(&mut self) -> luna::Result<()> {
-        self.tunable = Some(TunableGains::declare(self.axis, self.gains)?);
-        Ok(())
-    }
-
-    async fn run(&mut self) -> luna::Result<()> {
+impl Controller {
+    pub(crate) async fn run(self) -> luna::Result<()> {
         let mut pid = Pid::new(self.gains);
         while let Ok(demand) = self.demands.recv().await {
             let Demand {
@@ -168,9 +166,7 @@ impl Process for Controller {
                 angle,
                 elapsed,
             } = demand;
-            if let Some(tunable) = &self.tunable {
-                pid.set_gains(tunable.take(self.gains.limit));
-            }
+            pid.set_gains(self.tunable.take(self.gains.limit));
             let (duty, angle, raw) = match goal {
                 Goal::Drive(duty) => (duty, None, angle),
                 Goal::Be(target) => {

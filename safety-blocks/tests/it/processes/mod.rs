@@ -31,7 +31,7 @@ fn system() -> (System, luna::Executor) {
 fn note<T: Send + 'static>(main: &luna::Executor, values: Receiver<T>) -> Seen<T> {
     let seen = Seen::default();
     let notes = seen.clone();
-    main.process(&format!("notes of {}", std::any::type_name::<T>()))
+    main.process(format!("notes of {}", std::any::type_name::<T>()))
         .priority(31)
         .spawn_ok(async move {
             let start = luna::now();

@@ -5,8 +5,8 @@
 //! worker, which preempts the core and runs the functions.
 
 use super::{EmergencyWorkers, MAX, ON_DUTY};
-use luna_core::parker::Parker;
 use luna_core::path::{self, Call};
+use luna_core::standby::Standby;
 use luna_platform::thread::{self, EMERGENCY_PRIORITY, Obtained, Policy, ThreadNumber};
 use std::sync::OnceLock;
 
@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 #[derive(Debug)]
 pub(super) struct Reserve {
     /// Of those that are on duty from the start nothing is used.
-    parkers: [Parker; MAX],
+    standbys: [Standby; MAX],
     /// The core on which each worker waits. None for a worker that would not preempt a core.
     cores: [OnceLock<usize>; MAX],
     /// The policy of the workers on duty.
@@ -24,7 +24,7 @@ pub(super) struct Reserve {
 impl Default for Reserve {
     fn default() -> Self {
         Self {
-            parkers: [const { Parker::new() }; MAX],
+            standbys: [const { Standby::new() }; MAX],
             cores: [const { OnceLock::new() }; MAX],
             policy: OnceLock::new(),
         }
@@ -48,7 +48,7 @@ impl Reserve {
 
     /// Sleeps until the worker is called, or `is_wanted` without a call.
     pub(super) fn sleep(&self, member: u8, is_wanted: impl FnOnce() -> bool) {
-        self.parkers[usize::from(member)].sleep(is_wanted);
+        self.standbys[usize::from(member)].sleep(is_wanted);
     }
 
     /// `member`, the thread with this number, is on duty, and gets the priority for it. Two system
@@ -59,12 +59,12 @@ impl Reserve {
             thread::promote(number, *policy);
         }
         // A busy worker checks before it sleeps.
-        self.parkers[member].call();
+        self.standbys[member].call();
     }
 
     /// All are to end.
     pub(super) fn call_all(&self) {
-        for parker in &self.parkers[ON_DUTY..] {
+        for parker in &self.standbys[ON_DUTY..] {
             parker.call();
         }
     }
@@ -82,7 +82,7 @@ impl EmergencyWorkers {
             // One of the same priority, such as a function of another system, does not give way,
             // nor does a thread with a deadline.
             path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
-                && reserve.parkers[member].call()
+                && reserve.standbys[member].call()
         })
     }
 }

@@ -1,8 +1,7 @@
 //! The workers' threads: their start and end.
 
 use super::super::panics;
-use super::watch_alarm::wakes_beside_a_function;
-use super::{Emergency, LOOKS_EVERY, MAX, ON_DUTY, member};
+use super::{Emergency, LOOKS_EVERY, MAX, ON_DUTY, member, wakes_beside_a_function};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_executors::ProcessRegistry;

@@ -107,7 +107,7 @@ pub(crate) fn ring(steps: u64) -> luna::Result<()> {
         for number in 1..RING {
             let (output, next) = luna::channel();
             executor
-                .process(&format!("node {number}"))
+                .process(format!("node {number}"))
                 .spawn(async move {
                     while let Ok(hops) = pipe.recv().await {
                         if output.send(hops + 1).await.is_err() {

@@ -68,7 +68,7 @@ pub(crate) fn spawn_and_join(steps: u64) -> luna::Result<()> {
         executor.process("parent").spawn(move || async move {
             laps(steps, async |number| {
                 let child = place
-                    .process(&format!("child {number}"))
+                    .process(format!("child {number}"))
                     .spawn(async { Ok(()) })
                     .expect("the name is free");
                 let child = place.process_handle(child).expect("it was spawned");

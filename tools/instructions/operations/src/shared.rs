@@ -18,7 +18,7 @@ pub(crate) fn barrier(steps: u64) -> luna::Result<()> {
             let barrier = barrier.clone();
             let is_over = is_over.clone();
             executor
-                .process(&format!("party {number}"))
+                .process(format!("party {number}"))
                 .spawn(async move {
                     while !is_over.load(Ordering::Relaxed) {
                         barrier.sync().await;

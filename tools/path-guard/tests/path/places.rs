@@ -83,7 +83,7 @@ impl Places {
             .and_then(|at| self.executors.get(at));
         match executor {
             Some(executor) => executor.process(name),
-            None => self.system.thread(&format!("own {number}")).process(name),
+            None => self.system.thread(format!("own {number}")).process(name),
         }
     }
 

@@ -164,7 +164,7 @@ fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
     for places in [[0, 0, 0], [0, 1, 2], [0, 0, 1], [1, 0, 1]] {
         let mut system = System::new("lock-step");
         let executors: Vec<_> = (0..3)
-            .map(|n| system.executor(&format!("executor {n}")).build().unwrap())
+            .map(|n| system.executor(format!("executor {n}")).build().unwrap())
             .collect();
         let mut link = PlantLink::new("camera", PanTilt::jiwy([0, 0]));
         let seen: [Arc<Mutex<Vec<i32>>>; 2] = Default::default();

@@ -46,7 +46,7 @@ pub(crate) fn barriers_of_two_levels(places: &mut Places) {
     for member in 0..3 {
         let group = group.clone();
         executor
-            .process(&format!("member {member}"))
+            .process(format!("member {member}"))
             .spawn(move || async move {
                 for _ in 0..ROUNDS {
                     group.sync().await;

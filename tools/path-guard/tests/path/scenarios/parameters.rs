@@ -11,22 +11,13 @@ const SETS: u64 = 20;
 struct Reads {
     name: &'static str,
     by_loop: bool,
-    number: Option<Parameter<u64>>,
-    list: Option<Parameter<[u64; 4]>>,
+    number: Parameter<u64>,
+    list: Parameter<[u64; 4]>,
 }
 
 impl Process for Reads {
-    fn pre_run(&mut self) -> luna::Result<()> {
-        let name = |part: &str| format!("{}/{part}", self.name);
-        self.number = Some(Parameter::with_default(&name("number"), 0).register()?);
-        self.list = Some(Parameter::with_default(&name("list"), [0; 4]).register()?);
-        Ok(())
-    }
-
     async fn run(&mut self) -> luna::Result<()> {
-        let (Some(number), Some(list)) = (&self.number, &self.list) else {
-            return Ok(());
-        };
+        let Self { number, list, .. } = self;
         let mut tick = luna::periodic(self.name, Duration::from_micros(500))?;
         while number.get() < SETS {
             match self.by_loop {
@@ -44,13 +35,18 @@ impl Process for Reads {
 
 pub(crate) fn parameters_that_are_replaced(places: &mut Places) {
     for (name, by_loop) in [("loop", true), ("by hand", false)] {
-        let process = Reads {
-            name,
-            by_loop,
-            number: None,
-            list: None,
-        };
-        places.next(name).spawn(process).unwrap();
+        let process = places.next(name);
+        let named = |part: &str| format!("{name}/{part}");
+        let number = process.parameter(&named("number"), 0).register().unwrap();
+        let list = process.parameter(&named("list"), [0; 4]).register().unwrap();
+        process
+            .spawn(Reads {
+                name,
+                by_loop,
+                number,
+                list,
+            })
+            .unwrap();
     }
     let parameters = places.system.parameters();
     let set = move |value: u64| {

@@ -126,7 +126,7 @@ pub(crate) fn processes_spawned_while_running(places: &mut Places) {
                 let output = output.clone();
                 let late = async move { Ok(output.send(child).await?) };
                 executor
-                    .process(&format!("child {child}"))
+                    .process(format!("child {child}"))
                     .spawn(late)
                     .unwrap();
             });

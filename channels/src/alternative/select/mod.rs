@@ -1,0 +1,353 @@
+//! The future of an alternative.
+
+mod slow_path;
+
+use crate::alternative::fast_path::{Listing, Looks, Withdrawing};
+use crate::alternative::list::{Collected, Guards, MAX_GUARDS, Seeds};
+use crate::alternative::stop::Stop;
+use crate::core::{FastPath, part_from};
+use crate::finally::Finally;
+use crate::replay;
+use crate::select_state::SelectState;
+use luna_core::current::{self, PlainTurn};
+use luna_core::events;
+use slow_path::Polled;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::mem::{ManuallyDrop, MaybeUninit};
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll, RawWakerVTable};
+
+/// Which waker polled: two of the same identity wake the same.
+type Identity = (*const (), *const RawWakerVTable);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// Not polled yet.
+    Seeds,
+    /// The guards are there, and nothing has happened.
+    New,
+    /// The guards are listed, and the select state was opened.
+    Listed,
+    /// The guards are withdrawn, and the branch is about to be dropped.
+    Failed,
+    /// This guard was chosen; the others are withdrawn.
+    Chosen(u32),
+    /// Like `Chosen`, and the process lets others run before it continues.
+    GaveWay(u32),
+    Over,
+}
+
+/// An alternative under way: what `alt!` and `pri_alt!` await.
+///
+/// # Invariants
+///
+/// `seeds` is there in `Seeds`, and `guards` from then on; then it is pinned. In `Listed`, and
+/// until their drop afterwards, guards may be listed and lead to `select_state`, which is there if
+/// `has_selection`. Unless it is open, it has nothing to be dropped but its locks. In `Over`,
+/// `stop` is not listed.
+#[must_use = "an alternative does nothing unless awaited"]
+pub struct Select<const FAIR: bool, S: Seeds> {
+    seeds: MaybeUninit<S>,
+    guards: MaybeUninit<S::Guards>,
+    select_state: MaybeUninit<SelectState>,
+    has_selection: bool,
+    state: State,
+    polled_by: Identity,
+    stop: ManuallyDrop<Stop>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: the guards may be sent, the select state is shared by atomics and locks, and the identity
+// is only compared.
+unsafe impl<const FAIR: bool, S: Seeds<Guards: Send> + Send> Send for Select<FAIR, S> {}
+// SAFETY: `&Select` gives access to nothing.
+unsafe impl<const FAIR: bool, S: Seeds<Guards: Sync> + Sync> Sync for Select<FAIR, S> {}
+
+/// An alternative among the guards of `seeds`: fair, or in the order written.
+#[inline(always)]
+pub fn select<const FAIR: bool, S: Seeds>(seeds: S) -> Select<FAIR, S> {
+    const {
+        assert!(
+            S::Guards::LEN <= MAX_GUARDS,
+            "an alternative has at most 32 guards: use `Alternative` for more channels"
+        )
+    };
+    Select {
+        seeds: MaybeUninit::new(seeds),
+        guards: MaybeUninit::uninit(),
+        select_state: MaybeUninit::uninit(),
+        has_selection: false,
+        state: State::Seeds,
+        polled_by: (std::ptr::null(), std::ptr::null()),
+        stop: ManuallyDrop::new(Stop::new()),
+        _pinned: PhantomPinned,
+    }
+}
+
+fn identity(cx: &Context<'_>) -> Identity {
+    (cx.waker().data(), cx.waker().vtable())
+}
+
+impl<const FAIR: bool, S: Seeds> Future for Select<FAIR, S> {
+    type Output = Outputs<S>;
+
+    #[inline]
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
+        if self.state == State::Seeds {
+            // SAFETY: in `Seeds` they are there, and not pinned; the guards are not there yet.
+            unsafe {
+                let this = self.as_mut().get_unchecked_mut();
+                this.state = State::New;
+                this.seeds.assume_init_read().grow(this.guards.as_mut_ptr());
+            }
+        }
+        if S::Guards::PLAIN
+            && let State::New | State::Listed = self.state
+            && let Some(turn) = PlainTurn::of(cx)
+        {
+            // SAFETY: the guards are plain; their state is looked at here.
+            let polled = unsafe {
+                match self.state {
+                    State::Listed => self.as_mut().finish_fast(turn),
+                    _ => self.as_mut().begin_fast(turn, cx),
+                }
+            };
+            if let Some(polled) = polled {
+                return polled;
+            }
+        }
+        self.poll_slow_path(cx)
+    }
+}
+
+type Outputs<S> = <<S as Seeds>::Guards as Guards>::Output;
+
+impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
+    /// Chooses a ready guard, or lists all, on the [fast path](super::fast_path). `None`: take the
+    /// slow path; nothing has happened.
+    ///
+    /// # Safety
+    ///
+    /// The guards are plain, and nothing has happened.
+    #[inline(always)]
+    unsafe fn begin_fast(
+        self: Pin<&mut Self>,
+        turn: PlainTurn<'_>,
+        cx: &Context<'_>,
+    ) -> Option<Poll<Outputs<S>>> {
+        // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: as above; they are there since the poll began.
+        let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
+        let mut looks = Looks::new(turn, FAIR);
+        guards.each(0, &mut looks);
+        if looks.ready.is_none() && !looks.is_refused && !S::Guards::SKIP {
+            // Before another thread can find a node that leads to it.
+            // SAFETY: by the contract, and a wait point is locked by its bias.
+            let select_state = this
+                .select_state
+                .write(unsafe { SelectState::opened_fast(turn.process()) });
+            let select_state = NonNull::from(select_state);
+            this.has_selection = true;
+            // SAFETY: none is ready; the guards are pinned, and go before the select state.
+            guards.each(0, &mut unsafe { Listing::of(turn.process(), select_state) });
+            guards.note_listed();
+            this.state = State::Listed;
+            this.polled_by = identity(cx);
+            return Some(Poll::Pending);
+        }
+        guards.each(0, &mut looks.leaving());
+        if looks.is_refused {
+            return None;
+        }
+        // SAFETY: a chosen guard's look has kept its lock, and found this partner; a channel and
+        // its ends outlive its guards. The process is in its plain turn.
+        let (number, gives_way) = unsafe {
+            looks.stamp();
+            match looks.ready {
+                Some(ready) => {
+                    guards.as_mut().meet(ready.number, ready.partner);
+                    let parted = part_from(
+                        ready.wait_point.as_ref(),
+                        ready.partner,
+                        ready.of_sender,
+                        turn,
+                    );
+                    (ready.number, parted == FastPath::GaveWay)
+                }
+                None => (
+                    S::Guards::LEN as u32,
+                    current::yield_after_operation(turn.process()),
+                ),
+            }
+        };
+        if gives_way {
+            this.state = State::GaveWay(number);
+            return Some(Poll::Pending);
+        }
+        this.state = State::Over;
+        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
+        Some(Poll::Ready(unsafe { guards.output(number) }))
+    }
+
+    /// Takes the result of a partner's commit, and withdraws the other guards. `None`: take the
+    /// slow path.
+    ///
+    /// # Safety
+    ///
+    /// The guards are plain and listed.
+    #[inline(always)]
+    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
+        // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: as above; both are there since the guards were listed.
+        let (guards, select_state) = unsafe {
+            (
+                Pin::new_unchecked(this.guards.assume_init_mut()),
+                this.select_state.assume_init_ref(),
+            )
+        };
+        let chosen = select_state.chosen()?;
+        let mut others = Withdrawing::but(chosen, turn, FAIR);
+        guards.each(0, &mut others);
+        // SAFETY: the guards are there.
+        unsafe { others.stamp() };
+        this.state = State::Chosen(chosen);
+        if !others.is_over {
+            return None;
+        }
+        this.state = State::Over;
+        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
+        Some(Poll::Ready(unsafe { guards.output(chosen) }))
+    }
+
+    /// Polls wherever the process is, and whatever is offered.
+    #[inline(never)]
+    fn poll_slow_path(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
+        // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: as above; they are there since the poll began.
+        let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
+        let polled = {
+            let mut collected = Collected::default();
+            guards.as_mut().collect(0, &mut collected);
+            let Collected(open) = collected;
+            if open.is_empty() && !S::Guards::SKIP && this.state != State::Over {
+                // SAFETY: the alternative is pinned.
+                unsafe { this.stop.list() };
+            }
+            let mut alternative = Polled {
+                open,
+                select_state: NonNull::from(&mut this.select_state).cast(),
+                has_selection: &mut this.has_selection,
+                fair: FAIR,
+                state: &mut this.state,
+                polled_by: &mut this.polled_by,
+                skip: S::Guards::SKIP.then_some(S::Guards::LEN as u32),
+            };
+            match replay::is_on() {
+                true => replay::poll(&mut alternative, cx),
+                false => alternative.poll(cx),
+            }
+        };
+        if polled.is_pending() {
+            events::waits_for_several();
+        }
+        polled.map(|number| {
+            this.state = State::Over;
+            report_choice(guards.as_mut(), number);
+            // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
+            unsafe { guards.output(number) }
+        })
+    }
+}
+
+/// Records that the current process goes on with guard `number`.
+#[inline(always)]
+fn report_choice<G: Guards>(guards: Pin<&mut G>, number: u32) {
+    if events::is_on() {
+        report_choice_event(guards, number);
+    }
+}
+
+#[cold]
+fn report_choice_event<G: Guards>(guards: Pin<&mut G>, number: u32) {
+    let mut collected = Collected::default();
+    guards.collect(0, &mut collected);
+    let chosen = collected.0.iter().find(|(other, _)| *other == number);
+    let wait_point = chosen.and_then(|(_, guard)| guard.terms().wait_point);
+    let wait_point = wait_point.map_or(0, |wait_point| {
+        // SAFETY: a wait point outlives its guards.
+        unsafe { wait_point.as_ref() }.identity.number()
+    });
+    let process = events::current_process() as u32;
+    events::report(events::code::ALTERNATIVE, process, || {
+        [number.into(), wait_point.into()]
+    });
+}
+
+impl<const FAIR: bool, S: Seeds> Drop for Select<FAIR, S> {
+    #[inline(always)]
+    fn drop(&mut self) {
+        if self.state != State::Over {
+            self.drop_unfinished();
+            return;
+        }
+        // SAFETY: they are there after the first poll. No node leads to the selection any more.
+        unsafe {
+            if S::Guards::DROPS {
+                self.guards.assume_init_drop();
+            }
+            if SelectState::HAS_DROP && self.has_selection {
+                self.select_state.assume_init_drop();
+            }
+        }
+    }
+}
+
+impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
+    #[cold]
+    fn drop_unfinished(&mut self) {
+        // Dropped when no node leads here any more.
+        let _former;
+        match self.state {
+            State::Seeds => {
+                replay::abandon(true);
+                // SAFETY: in this state they are there.
+                return unsafe { self.seeds.assume_init_drop() };
+            }
+            State::New => replay::abandon(true),
+            State::Listed => {
+                replay::abandon(false);
+                // From here on no thread can commit it; the guards then take themselves off their
+                // lists. A guard that was chosen already keeps its result, and handles it as any
+                // operation that is dropped. SAFETY: in this state it is there.
+                _former = unsafe { self.select_state.assume_init_ref() }.close();
+            }
+            _ => {}
+        }
+        // SAFETY: each is dropped once, and the guards are there after the first poll. Their
+        // select state outlives them.
+        unsafe {
+            let _stop = Finally::new(|| ManuallyDrop::drop(&mut self.stop));
+            let _select_state = Finally::new(|| {
+                if self.has_selection {
+                    self.select_state.assume_init_drop();
+                }
+            });
+            self.guards.assume_init_drop();
+        }
+    }
+}
+
+impl<const FAIR: bool, S: Seeds> fmt::Debug for Select<FAIR, S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Select")
+            .field("fair", &FAIR)
+            .field("state", &self.state)
+            .finish_non_exhaustive()
+    }
+}

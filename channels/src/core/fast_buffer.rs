@@ -1,0 +1,148 @@
+//! Fast path of a buffer that lets its senders wait.
+//!
+//! The usual ways, a value stored and a value taken, are functions that call nothing but their
+//! last step, so that they save no registers. Everything else has functions of its own.
+
+use super::fast_path::leave_done;
+use super::{Channel, FastPath};
+use crate::wait_point::LastUser;
+use crate::waiter::Waiter;
+use luna_core::current::PlainTurn;
+use std::hint::assert_unchecked;
+use std::ptr::NonNull;
+
+impl<T> Channel<T> {
+    /// Stores the value of a sender, or lists the sender.
+    ///
+    /// # Safety
+    ///
+    /// As for [`meet_found`](Self::meet_found), of a send that has found `Store`.
+    #[inline(never)]
+    pub(super) unsafe fn store_fast(
+        &self,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: the contract: the executor has kept the lock, which guards the store too, and the
+        // node holds a value. The store of such a buffer was made with room for all that the buffer
+        // holds, and one that is not full has room for one more.
+        unsafe {
+            let mut lists = self.wait_point.kept(turn.executor_number());
+            let is_stored = self.store.with_mut(|store| {
+                let store = &mut *store;
+                if store.len() >= self.capacity() {
+                    return false;
+                }
+                assert_unchecked(store.len() < store.capacity());
+                store.push_back(Waiter::take_value_of(node));
+                true
+            });
+            if !is_stored {
+                lists.keep();
+                return self.wait_for_room(node, turn);
+            }
+            lists.note_user(true, LastUser::process(turn.process().id()));
+            lists.is_storing = true;
+            leave_done(&self.wait_point, lists, turn)
+        }
+    }
+
+    /// Lists a sender that has found the buffer full.
+    ///
+    /// # Safety
+    ///
+    /// As for [`store_fast`](Self::store_fast).
+    #[inline(never)]
+    unsafe fn wait_for_room(&self, node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) -> FastPath {
+        // SAFETY: the contract: the executor has kept the lock.
+        unsafe {
+            let mut lists = self.wait_point.kept(turn.executor_number());
+            if !lists.senders.is_empty() {
+                return FastPath::No;
+            }
+            lists.note_user(true, LastUser::process(turn.process().id()));
+            lists.list_lone();
+            Waiter::begin_plain(node, turn.process());
+            lists.senders.insert_into_empty(node.cast());
+            FastPath::Waits
+        }
+    }
+
+    /// Receives a stored value, and a waiting sender moves up; or lets the receiver wait.
+    ///
+    /// # Safety
+    ///
+    /// As for [`meet_found`](Self::meet_found), of a receive that has found `Store`.
+    #[inline(never)]
+    pub(super) unsafe fn take_stored_fast(
+        &self,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: the contract: the executor has kept the lock, which guards the store too.
+        unsafe {
+            let mut lists = self.wait_point.kept(turn.executor_number());
+            let stored = self.store.with(|store| (*store).len());
+            // Values given back by dropped futures may exceed the capacity.
+            if stored == 0 || stored > self.capacity() || !lists.senders.is_empty() {
+                lists.keep();
+                return self.take_stored_otherwise(node, turn);
+            }
+            let value = self.store.with_mut(|store| (*store).pop_front());
+            Waiter::put_value_of(node, value.unwrap_unchecked());
+            lists.note_user(false, LastUser::process(turn.process().id()));
+            lists.is_storing = stored > 1;
+            leave_done(&self.wait_point, lists, turn)
+        }
+    }
+
+    /// As [`take_stored_fast`](Self::take_stored_fast), where nothing is stored or a sender waits.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(never)]
+    unsafe fn take_stored_otherwise(
+        &self,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: the contract: the executor has kept the lock, which guards the store too. A
+        // listed sender's node holds its value.
+        unsafe {
+            let process = turn.process();
+            let mut lists = self.wait_point.kept(turn.executor_number());
+            let stored = self.store.with(|store| (*store).len());
+            let Some(first) = lists.senders.first() else {
+                if stored != 0 || !lists.waiting.is_store() {
+                    return FastPath::No;
+                }
+                lists.note_user(false, LastUser::process(process.id()));
+                Waiter::begin_alone(node, process);
+                lists.set_alone(node.cast(), false);
+                return FastPath::Waits;
+            };
+            // A sender whose closure panicked may have left room behind it.
+            if stored == 0 || stored > self.capacity() {
+                return FastPath::No;
+            }
+            let sender = first.cast::<Waiter<T>>();
+            let Some(ready) = Waiter::take_plain_wake_handle(sender) else {
+                return FastPath::No;
+            };
+            lists.note_user(false, LastUser::process(process.id()));
+            lists.senders.remove_first(first);
+            let next = Waiter::take_value_of(sender);
+            let value = self.store.with_mut(|store| {
+                let value = (*store).pop_front();
+                (*store).push_back(next);
+                value
+            });
+            Waiter::put_value_of(node, value.unwrap_unchecked());
+            Waiter::settle_plain(sender);
+            drop(lists);
+            ready.wake();
+            FastPath::done(process)
+        }
+    }
+}

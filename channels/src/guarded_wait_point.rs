@@ -1,0 +1,83 @@
+//! Wait points other than channels: those of barriers and locks.
+
+use crate::inspect::{Identity, WaitPointKind, register, unregister};
+use crate::wait_point::{WaitPoint, WaitQueues};
+use luna_core::deferred_free::Shared;
+use luna_platform::sync::UnsafeCell;
+use std::ops::Deref;
+use std::ptr::NonNull;
+
+/// A wait point with cache lines of its own, and with a state that its lock guards.
+///
+/// # Invariants
+///
+/// `state` is accessed under the lock of `wait_point` alone. It is in the register of all wait
+/// points before it is used, and until it is dropped.
+#[repr(C, align(64))]
+pub(crate) struct GuardedWaitPoint<S> {
+    wait_point: WaitPoint,
+    state: UnsafeCell<S>,
+}
+
+// SAFETY: the state is guarded by the wait point's lock.
+unsafe impl<S: Send> Sync for GuardedWaitPoint<S> {}
+
+impl<S> GuardedWaitPoint<S> {
+    /// # Safety
+    ///
+    /// It is [registered](Self::register) next.
+    #[track_caller]
+    pub(crate) unsafe fn new(kind: WaitPointKind, state: S) -> Self {
+        Self {
+            wait_point: WaitPoint::new(Identity::new(kind)),
+            state: UnsafeCell::new(state),
+        }
+    }
+
+    /// # Safety
+    ///
+    /// It is called once, and this stays where it is until it is dropped.
+    pub(crate) unsafe fn register(&self) {
+        // SAFETY: the contract; it leaves the register as it is dropped.
+        unsafe { register(NonNull::from(&self.wait_point)) };
+    }
+
+    /// Access to the state.
+    ///
+    /// # Safety
+    ///
+    /// `lists` are those of this wait point.
+    #[inline(always)]
+    pub(crate) unsafe fn state<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut S) -> R) -> R {
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
+        // gets no lists.
+        self.state.with_mut(|state| f(unsafe { &mut *state }))
+    }
+}
+
+impl<S: Send + 'static> GuardedWaitPoint<S> {
+    /// One that several handles share.
+    #[track_caller]
+    pub(crate) fn share(kind: WaitPointKind, state: S) -> Shared<Self> {
+        // SAFETY: it is registered next.
+        let shared = Shared::new(unsafe { Self::new(kind, state) });
+        // SAFETY: it is new, and stays in its allocation.
+        unsafe { shared.register() };
+        shared
+    }
+}
+
+impl<S> Deref for GuardedWaitPoint<S> {
+    type Target = WaitPoint;
+    #[inline(always)]
+    fn deref(&self) -> &WaitPoint {
+        &self.wait_point
+    }
+}
+
+impl<S> Drop for GuardedWaitPoint<S> {
+    fn drop(&mut self) {
+        // SAFETY: it was registered.
+        unsafe { unregister(&self.wait_point) };
+    }
+}

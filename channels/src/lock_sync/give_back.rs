@@ -1,0 +1,162 @@
+//! Giving permits back: the waiters get them, by priority.
+
+use super::chain::{self, Changed};
+use super::core::Core;
+use super::entry::Entry;
+use crate::finally::Finally;
+use crate::wait_point::{LastUser, WaitQueues};
+use crate::waiter::{Outcome, Waiter};
+use luna_core::biased_lock::BiasedGuard;
+use luna_core::current::{self, PendingWake, Process};
+use std::ptr::NonNull;
+
+/// Work that is due after an entry became the holder, or waits to.
+#[must_use = "the process stays asleep, and the chain as it was"]
+pub(super) struct Admitted {
+    ready: PendingWake,
+    changed: Option<Changed>,
+}
+
+impl Admitted {
+    /// Wakes the new holder and follows the chain. Called without any lock.
+    pub(super) fn carry_out(self) {
+        let mut changed = self.changed;
+        let _chain = Finally::new(|| chain::follow(changed.take()));
+        self.ready.wake();
+    }
+}
+
+impl Core {
+    /// Unlocks a mutex: the first waiter holds it from now on. `died`: the holder left it in the
+    /// middle.
+    pub(super) fn unlock(&self, died: bool) {
+        if died || !self.unlock_fast() {
+            self.give_back(1, died);
+        }
+    }
+
+    /// As [`unlock`](Self::unlock), if no entry waits and the wait point's lock is biased to this
+    /// executor. `false`: it is not so, and no state has changed. O(1), without atomic
+    /// read-modify-writes.
+    fn unlock_fast(&self) -> bool {
+        let Some(executor) = current::process(|process| process.map(Process::executor_number))
+        else {
+            return false;
+        };
+        // SAFETY: the current process is polled on the thread of its executor.
+        let Some(mut lists) = (unsafe { self.wait_point.lock_if_biased(executor) }) else {
+            return false;
+        };
+        if !lists.senders.is_empty() {
+            return false;
+        }
+        let former = self.state(&lists, |state| {
+            state.permits = 1;
+            state.inheritor.take()
+        });
+        lists.receiver = LastUser::NONE;
+        drop(lists);
+        if let Some(inheritor) = former {
+            chain::end_boost(Some(inheritor));
+        }
+        true
+    }
+
+    /// Gives permits back, and serves the waiters. `died`: the holder of a mutex left it in the
+    /// middle.
+    #[inline(never)]
+    pub(super) fn give_back(&self, count: u32, died: bool) {
+        let mut lists = self.wait_point.lock();
+        if died {
+            self.set_died(true);
+        }
+        if self.has_owner {
+            lists.receiver = LastUser::NONE;
+        }
+        let mut former = self.state(&lists, |state| {
+            // From below 0, maybe, in a replay.
+            state.permits = state.permits.wrapping_add(u64::from(count));
+            state.inheritor.take()
+        });
+        // After the next holder was woken, also if its waker panics.
+        let _end_boost = Finally::new(|| chain::end_boost(former.take()));
+        if self.serve_first(lists) {
+            self.serve();
+        }
+    }
+
+    /// Serves waiters, as far as the permits go.
+    pub(super) fn serve(&self) {
+        while self.serve_first(self.wait_point.lock()) {}
+    }
+
+    /// Serves the first waiter, if there are enough permits. Returns whether that leaves some.
+    fn serve_first(&self, mut lists: BiasedGuard<'_, WaitQueues>) -> bool {
+        let Some(node) = lists.senders.first() else {
+            return false;
+        };
+        let permits = self.state(&lists, |state| state.permits);
+        // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
+        let next = unsafe {
+            let entry = Entry::of(node);
+            if u64::from(Entry::count(entry)) > permits {
+                return false;
+            }
+            lists.senders.remove(node);
+            self.hand_over(&mut lists, entry)
+        };
+        let are_some_left = self.state(&lists, |state| state.permits > 0);
+        drop(lists);
+        // A wake may panic: the remaining wakes must still be done.
+        let rest = Finally::new(|| self.serve());
+        next.carry_out();
+        rest.cancel();
+        are_some_left
+    }
+
+    /// Gives `entry`, which was just taken off its list, its permits. It is not to be touched after
+    /// this.
+    ///
+    /// # Safety
+    ///
+    /// `lists` are those of this core, which has so many permits; `entry` is in none.
+    unsafe fn hand_over(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) -> Admitted {
+        // SAFETY: the contract: the node is live until it is settled.
+        unsafe {
+            let inheritor = (*entry.as_ptr()).inheritor.take();
+            let count = u64::from(Entry::count(entry));
+            lists.receiver = LastUser::of(Entry::node(entry).as_ref().user());
+            self.state(lists, |state| {
+                state.permits -= count;
+                state.inheritor = inheritor;
+            });
+            Admitted {
+                changed: self.relend(lists),
+                ready: Waiter::settle(Entry::waiter(entry), Outcome::Done),
+            }
+        }
+    }
+
+    /// Takes in an entry that waited at a condition: it holds the mutex, or waits for it.
+    ///
+    /// # Safety
+    ///
+    /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's
+    /// lock.
+    pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
+        let mut lists = self.wait_point.lock();
+        // SAFETY: the contract.
+        unsafe {
+            if self.state(&lists, |state| state.permits > 0) {
+                return self.hand_over(&mut lists, entry);
+            }
+            lists
+                .senders
+                .insert_again_at(Entry::node(entry), Entry::priority(entry));
+            Admitted {
+                ready: PendingWake::NONE,
+                changed: self.relend(&lists),
+            }
+        }
+    }
+}

@@ -1,0 +1,373 @@
+//! Taking permits, as a future: the one operation behind locking, acquiring, and locking again
+//! after a wait at a condition.
+
+use super::core::Core;
+use super::entry::Entry;
+use super::error::{AcquireError, AcquireTimeoutError};
+use super::handle::Handle;
+use crate::replay::{self, GiveUp, Logged, Stage};
+use crate::waiter::Outcome;
+use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal};
+use luna_core::replay_log::{Event, Turn};
+use luna_core::timer_queue::Sleep;
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::{PhantomData, PhantomPinned};
+use std::mem::ManuallyDrop;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Phase {
+    New,
+    /// It has let others run, and takes the permits next.
+    GaveWay,
+    /// The entry is in a list, or was settled.
+    Listed,
+    /// It has its permits, and no entry.
+    Keeps,
+    /// Its permits, if it had any, belong to the caller.
+    Over,
+}
+
+/// Taking permits of a mutex or a semaphore. Its output says that the caller has them now.
+///
+/// # Invariants
+///
+/// In `Listed` it is pinned, and the entry was begun. `core` lives for `'a`.
+pub(super) struct Take<'a> {
+    core: NonNull<Core>,
+    /// Nothing of it is left to drop once it was ended, or if it was not begun.
+    entry: UnsafeCell<ManuallyDrop<Entry>>,
+    pub(super) phase: Phase,
+    /// The thread itself takes them, so it may inherit, and waits at its priority.
+    pub(super) of_thread: bool,
+    pub(super) count: u32,
+    _core: PhantomData<&'a Core>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: a listed entry is guarded by its wait point's lock wherever the future is.
+unsafe impl Send for Take<'_> {}
+// SAFETY: `&Take` gives access to nothing.
+unsafe impl Sync for Take<'_> {}
+
+impl<'a> Take<'a> {
+    #[inline]
+    pub(super) fn new<T>(handle: &'a Handle<T>, count: u32, of_thread: bool) -> Self {
+        Take {
+            core: handle.core_pointer(),
+            entry: UnsafeCell::new(ManuallyDrop::new(Entry::new())),
+            phase: Phase::New,
+            of_thread,
+            count,
+            _core: PhantomData,
+            _pinned: PhantomPinned,
+        }
+    }
+
+    #[inline]
+    pub(super) fn core(&self) -> &'a Core {
+        // SAFETY: the type's invariant.
+        unsafe { self.core.as_ref() }
+    }
+
+    pub(super) fn entry(&self) -> NonNull<Entry> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.entry.get()) }.cast()
+    }
+
+    /// Begins the entry, for the caller to list it.
+    ///
+    /// # Safety
+    ///
+    /// It is pinned and new.
+    pub(super) unsafe fn begin(&mut self, inheritor: Option<Inheritor>) {
+        self.phase = Phase::Listed;
+        // SAFETY: by the contract the entry is this future's alone; it is ended with the future.
+        unsafe { Entry::begin(self.entry(), self.core, self.count, inheritor) };
+    }
+
+    /// Whether a listed entry was given its permits.
+    pub(super) fn has_succeeded(&self) -> bool {
+        debug_assert_eq!(self.phase, Phase::Listed);
+        // SAFETY: it was begun, and lies in this future.
+        unsafe { Entry::outcome(self.entry()) == Outcome::Done }
+    }
+
+    /// Polls until it has its permits, or its branch has failed.
+    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
+        if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
+            if self.phase == Phase::New && crate::fails_later(cx) {
+                self.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
+            self.end();
+            current::stay_in_branch();
+            return Poll::Ready(Err(AcquireError));
+        }
+        let polled = match self.phase {
+            // Lets others run before it holds what they could wait for.
+            Phase::New if crate::yield_after_operation(cx) => {
+                self.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
+            Phase::New | Phase::GaveWay => self.poll_new(cx),
+            Phase::Listed => self.poll_listed(cx),
+            Phase::Keeps => Poll::Ready(()),
+            Phase::Over => panic!("a lock or acquire was polled after it was over"),
+        };
+        polled.map(Ok)
+    }
+
+    fn poll_new(&mut self, cx: &Context<'_>) -> Poll<()> {
+        self.core().note_user();
+        // At first as if uncontended: there is no process to wake then, and a thread need not ask
+        // the system for its priority.
+        let inheritor = self.core().inheritor(self.of_thread);
+        match self.core().take(self.count, inheritor) {
+            Ok(()) => {
+                self.phase = Phase::Keeps;
+                Poll::Ready(())
+            }
+            Err(inheritor) => self.poll_contended(inheritor, cx),
+        }
+    }
+
+    #[cold]
+    fn poll_contended(&mut self, inheritor: Option<Inheritor>, cx: &Context<'_>) -> Poll<()> {
+        let mut renewal = Renewal::of(cx);
+        let waits_as = (priority(self.of_thread), inheritor);
+        // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and
+        // ended when it goes.
+        let polled = unsafe {
+            Core::take_or_list(self.core, self.entry(), self.count, waits_as, &mut renewal)
+        };
+        // Before what is left of the renewal is dropped.
+        self.phase = match polled {
+            Poll::Ready(()) => Phase::Keeps,
+            Poll::Pending => Phase::Listed,
+        };
+        polled
+    }
+
+    /// Polls an entry that is in the list of the core, or was settled.
+    pub(super) fn poll_listed(&mut self, cx: &Context<'_>) -> Poll<()> {
+        debug_assert_eq!(self.phase, Phase::Listed);
+        // SAFETY: the entry is this future's, and was listed there.
+        unsafe { self.core().poll_listed(self.entry(), cx) }
+    }
+
+    /// Ends the entry, which is settled or in no list.
+    pub(super) fn end(&mut self) {
+        if self.phase == Phase::Listed {
+            // SAFETY: it is this future's, was begun, and is in no list.
+            unsafe { Entry::end(self.entry()) };
+        }
+        self.phase = Phase::Over;
+    }
+
+    /// Takes it back, if it waits; `true` if it has its permits.
+    fn withdraw(&mut self) -> bool {
+        if self.phase != Phase::Listed {
+            return self.phase == Phase::Keeps;
+        }
+        // SAFETY: in `Listed` it is this future's, and was listed there.
+        let (has_them, _former) = unsafe { self.core().withdraw(self.entry()) };
+        if !has_them {
+            self.end();
+        }
+        has_them
+    }
+
+    /// Gives up in any state; gives back what it was given.
+    #[cold]
+    pub(super) fn cancel(&mut self) {
+        let has_them = self.withdraw();
+        self.end();
+        if has_them {
+            // The value was not touched.
+            self.core().give_back(self.count, false);
+        }
+    }
+
+    /// Blocks this thread for at most `timeout`.
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub(super) fn block_for(self, timeout: std::time::Duration) -> Result<(), AcquireTimeoutError> {
+        let deadline = luna_platform::clock::Instant::now() + timeout;
+        let mut take = std::pin::pin!(self);
+        match luna_core::park::block_on_until(take.as_mut(), deadline) {
+            Some(taken) => taken.map_err(AcquireTimeoutError::from),
+            None => take.give_up(),
+        }
+    }
+
+    /// Locks a mutex on the fast path, if it can: the caller holds it then.
+    #[inline(always)]
+    pub(super) fn lock_fast(&mut self, cx: &Context<'_>) -> bool {
+        if self.phase == Phase::New
+            && let Some(turn) = PlainTurn::of(cx)
+            && self.core().lock_fast(turn)
+        {
+            self.phase = Phase::Over;
+            return true;
+        }
+        false
+    }
+}
+
+/// The process that takes permits; or the thread, if it runs no process and the thread itself takes
+/// them.
+pub(super) fn caller(of_thread: bool) -> Option<Inheritor> {
+    match of_thread {
+        true => Inheritor::current_or_thread(),
+        false => Inheritor::current(),
+    }
+}
+
+/// The priority at which the caller waits. That of a plain thread is read from the system.
+pub(super) fn priority(of_thread: bool) -> Priority {
+    caller(of_thread).map_or_else(current::priority, |caller| {
+        caller.priority_before_blocking()
+    })
+}
+
+impl Future for Take<'_> {
+    type Output = Result<(), AcquireError>;
+
+    /// Polls wherever the process is, and whatever it waits with.
+    #[inline(never)]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed entry stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        let polled = match replay::is_on() {
+            true => replay::poll(this, cx),
+            false => this.poll_without_log(cx),
+        };
+        if polled.is_ready() {
+            this.end();
+        }
+        polled
+    }
+}
+
+impl Drop for Take<'_> {
+    #[inline(always)]
+    fn drop(&mut self) {
+        if self.phase != Phase::Over {
+            replay::abandon(self.phase == Phase::New);
+            self.cancel();
+        }
+    }
+}
+
+impl fmt::Debug for Take<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.phase.fmt(f)
+    }
+}
+
+impl Logged for Take<'_> {
+    type Output = Result<(), AcquireError>;
+
+    const KEEPS: bool = true;
+
+    fn stage(&self) -> Stage {
+        match self.phase {
+            Phase::New => Stage::New,
+            // One that lets others run does so before it takes permits.
+            Phase::GaveWay | Phase::Listed => Stage::Waits,
+            Phase::Keeps => Stage::GaveWay,
+            Phase::Over => Stage::Over,
+        }
+    }
+
+    fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
+        if !self.core().has_owner && matches!(turn, Turn::Given(event) if event.stamp != 0) {
+            self.core().take_given(self.count);
+            self.phase = Phase::Keeps;
+        }
+        Poll::Ready(())
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
+        self.poll_without_log(cx)
+    }
+
+    /// The stamp is taken now, when the process has the permits: stamps of holders are in the order
+    /// of their holding a mutex, and one of a semaphore comes after what made room.
+    unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
+        Event::done(match self.core().has_owner {
+            true => replay::meeting(&mut self.core().wait_point.lock()),
+            false => replay::own_stamp(),
+        })
+    }
+
+    fn keep(&mut self, _: <Self as Logged>::Output) {
+        self.end();
+        self.phase = Phase::Keeps;
+    }
+
+    fn fail(&mut self, _: u64) -> Poll<<Self as Logged>::Output> {
+        self.end();
+        Poll::Ready(Err(AcquireError))
+    }
+
+    fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
+        output.as_ref().err().map(|_| replay::ended(true))
+    }
+}
+
+impl GiveUp for Take<'_> {
+    type Outcome = Result<(), AcquireTimeoutError>;
+
+    /// It has not tried yet.
+    fn lets_others_run(&self) -> bool {
+        self.phase == Phase::GaveWay
+    }
+
+    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let has_them = this.withdraw();
+        this.end();
+        match has_them {
+            true => Ok(()),
+            false => Err(AcquireTimeoutError::Timeout),
+        }
+    }
+
+    fn in_time(output: <Self as Future>::Output) -> Self::Outcome {
+        output.map_err(AcquireTimeoutError::from)
+    }
+
+    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
+        matches!(outcome, Err(AcquireTimeoutError::Timeout)).then(replay::gave_up)
+    }
+}
+
+/// Taking permits until a deadline.
+#[derive(Debug)]
+pub(super) struct TakeUntil<'a> {
+    pub(super) take: Take<'a>,
+    pub(super) sleep: Sleep,
+}
+
+impl Future for TakeUntil<'_> {
+    type Output = Result<(), AcquireTimeoutError>;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: both fields are pinned with the whole, and never moved.
+        let (take, sleep) = unsafe {
+            let this = self.get_unchecked_mut();
+            (
+                Pin::new_unchecked(&mut this.take),
+                Pin::new_unchecked(&mut this.sleep),
+            )
+        };
+        replay::poll_until(take, sleep, cx)
+    }
+}

@@ -1,0 +1,95 @@
+//! In what a send and a receive differ.
+
+use super::{Node, Operation};
+use crate::core::{Attempted, ChannelGuard};
+use crate::error::Ended;
+use crate::select_state::SelectState;
+use crate::wait_point::WaitQueues;
+use crate::waiter::Outcome;
+use std::ops::DerefMut;
+use std::ptr::NonNull;
+use std::task::Context;
+
+/// The direction of an [`Operation`]: [`Sending`](super::Sending) a value of some source, or
+/// [`Receiving`](super::Receiving) one in some mode. Sealed: its module is private.
+pub trait Direction<T>: Sized {
+    /// What a successful operation returns.
+    type Success<'a>
+    where
+        T: 'a;
+    /// Why the channel let it fail.
+    type Failure: Ended;
+    /// As `Failure`, of one that may give up.
+    type TimeoutFailure: Ended + From<Self::Failure>;
+    /// What a new operation is made of: as small as can be, since it is moved until an alternative
+    /// is polled.
+    type Seed<'a>
+    where
+        T: 'a;
+
+    /// The operation's name in messages.
+    const NAME: &'static str;
+    /// Whether it sends: all that the channel needs of a direction.
+    const SEND: bool;
+    /// Whether the fast path and hand-off slots can be used: the value moves from node to node, and
+    /// no more is to be done.
+    const PLAIN: bool;
+    /// Whether an operation that has waited, and is done, has its result at once.
+    const PLAIN_WHEN_MET: bool = Self::PLAIN;
+    /// Whether an operation that is over has anything to drop.
+    const DROPS: bool = true;
+
+    /// Whether it can ever happen. Asked while it is new.
+    #[inline(always)]
+    fn is_open(&self) -> bool {
+        true
+    }
+
+    /// Makes it happen at once, if possible. O(1).
+    ///
+    /// # Safety
+    ///
+    /// `node` is a new operation's, of the locked channel. With `cx`, it stays where it is until it
+    /// is settled or withdrawn.
+    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
+        node: NonNull<Node<T, Self>>,
+        locked: &mut ChannelGuard<'_, T, L>,
+        cx: Option<&Context<'_>>,
+    ) -> Attempted;
+
+    /// Prepares the node for being listed.
+    ///
+    /// # Safety
+    ///
+    /// It is a new operation's.
+    unsafe fn begin(
+        node: NonNull<Node<T, Self>>,
+        select_state: Option<(NonNull<SelectState>, u32)>,
+    );
+
+    /// Takes the result of an operation that is done.
+    fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
+
+    /// Takes the failure of an operation that has failed.
+    fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;
+
+    /// Takes the failure of an operation that gives up.
+    fn timed_out(operation: &mut Operation<'_, T, Self>) -> Self::TimeoutFailure;
+
+    /// What an operation returns in a replay that has met no partner before its channel closed,
+    /// although the recorded one had. `None`: it fails.
+    fn closed_later<'a>() -> Option<Self::Success<'a>>
+    where
+        T: 'a;
+
+    /// Drops what an operation with this outcome has left.
+    fn dropped(operation: &mut Operation<'_, T, Self>, outcome: Outcome);
+
+    /// Takes a new operation for its seed.
+    fn into_seed<'a>(operation: Operation<'a, T, Self>) -> Self::Seed<'a>;
+
+    /// Makes the operation that the seed was.
+    fn from_seed<'a>(seed: Self::Seed<'a>) -> Operation<'a, T, Self>
+    where
+        T: 'a;
+}

@@ -1,0 +1,185 @@
+//! An operation as a guard of an alternative.
+
+use super::{Direction, Operation, Phase};
+use crate::alternative::{Attempt, Guard, PlainGuard, RawGuard, Terms};
+use crate::core::Attempted;
+use crate::select_state::SelectState;
+use crate::wait_point::WaitQueues;
+use crate::waiter::{Outcome, Waiter};
+use luna_core::wait_list::WaitNode;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+// SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
+unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
+    #[inline]
+    fn terms(&self) -> Terms<'_> {
+        Terms {
+            can_fail: true,
+            ..Terms::at(self.channel().wait_point(), &self.end.chosen)
+        }
+    }
+
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        lists: Option<&mut WaitQueues>,
+        cx: &mut Context<'_>,
+    ) -> Attempt {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let Some(lists) = lists else {
+            return Attempt::NotReady;
+        };
+        // SAFETY: the contract: the lists are this channel's, and the operation is new.
+        unsafe {
+            let mut locked = this.channel().guard_of(lists);
+            match D::attempt(this.node_pointer(), &mut locked, Some(cx)) {
+                Attempted::NotNow => {
+                    // A registered alternative starts to wait under its own lock. From here on it
+                    // looks at this channel first, for which it needs the lock that is held: so no
+                    // later guard meets one that an earlier guard has missed.
+                    if D::SEND {
+                        locked.announce();
+                    }
+                    Attempt::NotReady
+                }
+                met => Attempt::Ready(this.met(met)),
+            }
+        }
+    }
+
+    unsafe fn list(
+        self: Pin<&mut Self>,
+        lists: &mut WaitQueues,
+        select_state: NonNull<SelectState>,
+        guard: u32,
+    ) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: the contract: the lists are this channel's; the operation is new, and is
+        // withdrawn before it goes.
+        unsafe {
+            D::begin(this.node_pointer(), Some((select_state, guard)));
+            let mut locked = this.channel().guard_of(lists);
+            locked.list(D::SEND, this.waiter(), None);
+        }
+        this.phase = Phase::Listed;
+    }
+
+    unsafe fn withdraw(self: Pin<&mut Self>) {
+        if self.phase == Phase::Listed && self.outcome() == Outcome::Waiting {
+            drop(self.unlist());
+        }
+    }
+
+    unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        this.drop_overwritten();
+        let mut outcome = this.outcome();
+        if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+            // The committing thread holds the lock until it is settled. SAFETY: the node was
+            // listed.
+            outcome = unsafe { this.channel().update_wake_handle(this.waiter(), cx) };
+        }
+        match outcome {
+            // One that is held waits again when its receive is dropped.
+            Outcome::Held | Outcome::Waiting => return Poll::Pending,
+            Outcome::Broken => this.broken(),
+            _ => {}
+        }
+        Poll::Ready(())
+    }
+
+    fn released(&self) {
+        if D::SEND {
+            self.channel().ring();
+        }
+    }
+
+    fn note_logged(&self) {
+        self.channel().note_logged(D::SEND);
+    }
+
+    fn order(&self) -> u64 {
+        match self.phase {
+            // SAFETY: an operation with a replay log is listed on the slow path alone; it is
+            // settled, since its alternative has chosen it.
+            Phase::Listed if self.outcome() != Outcome::Waiting => unsafe {
+                Waiter::order(self.waiter())
+            },
+            _ => 0,
+        }
+    }
+
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        this.phase = Phase::Settled(Outcome::Poisoned);
+        true
+    }
+}
+
+impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
+    type Output = Result<D::Success<'a>, D::Failure>;
+    type Seed = D::Seed<'a>;
+    const PLAIN: bool = D::PLAIN;
+    const DROPS: bool = D::DROPS;
+
+    #[inline(always)]
+    fn into_seed(self) -> Self::Seed {
+        D::into_seed(self)
+    }
+
+    #[inline(always)]
+    fn from_seed(seed: Self::Seed) -> Self {
+        D::from_seed(seed)
+    }
+
+    #[inline(always)]
+    fn is_open(&self) -> bool {
+        // SAFETY: called for a new operation; only its future knows its node.
+        unsafe { &*self.node.get() }.direction.is_open()
+    }
+
+    #[inline(always)]
+    fn plain(&self) -> PlainGuard<'_> {
+        PlainGuard {
+            wait_point: self.channel().wait_point(),
+            node: self.waiter().cast(),
+            of_sender: D::SEND,
+            stamp: &self.end.chosen,
+        }
+    }
+
+    #[inline(always)]
+    fn note_listed(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        unsafe { self.get_unchecked_mut() }.phase = Phase::Listed;
+    }
+
+    #[inline(always)]
+    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
+        // SAFETY: nothing is moved. By the contract the partner is a plain operation of this
+        // channel in the other direction, and this is new. So the send's node holds its value, and
+        // the receive's holds none.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            let (from, to) = match D::SEND {
+                true => (this.waiter(), partner.cast()),
+                false => (partner.cast(), this.waiter()),
+            };
+            Waiter::put_value_of(to, Waiter::take_value_of(from));
+            this.phase = Phase::Settled(Outcome::Done);
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let outcome = this.outcome();
+        this.settled(outcome)
+    }
+}

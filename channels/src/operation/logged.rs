@@ -1,0 +1,90 @@
+//! How a replay log drives an operation.
+
+use super::{Direction, Operation, Phase};
+use crate::error::Ended;
+use crate::replay::{self, GiveUp, Logged, Stage};
+use crate::waiter::{Outcome, Waiter};
+use luna_core::replay_log::{Event, Turn};
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+/// The event of a failure.
+fn failed(failure: &impl Ended) -> Event {
+    failure
+        .poisoned()
+        .map_or_else(replay::gave_up, replay::ended)
+}
+
+impl<'a, T, D: Direction<T>> Logged for Operation<'a, T, D> {
+    type Output = <Self as Future>::Output;
+
+    fn stage(&self) -> Stage {
+        match self.phase {
+            Phase::New => Stage::New,
+            Phase::Listed => Stage::Elsewhere,
+            Phase::Logged if self.outcome() == Outcome::Done => Stage::Met,
+            Phase::Logged => Stage::Waits,
+            Phase::GaveWay => Stage::GaveWay,
+            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
+                Stage::Failed(replay::ended(outcome == Outcome::Poisoned))
+            }
+            Phase::Settled(_) | Phase::Overwrote | Phase::Over => Stage::Over,
+        }
+    }
+
+    fn come(&mut self, _: Turn, _: &mut Context<'_>) -> Poll<()> {
+        self.channel().note_logged(D::SEND);
+        // SAFETY: a new operation's node is known to its future alone.
+        unsafe { Waiter::clear_order(self.waiter()) };
+        Poll::Ready(())
+    }
+
+    fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
+        self.poll_under_lock(cx)
+    }
+
+    fn wait_logged(&mut self) {
+        self.phase = Phase::Logged;
+    }
+
+    unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, own: u64) -> Event {
+        // SAFETY: the contract.
+        let of_partner = unsafe { Waiter::order(self.waiter()) };
+        Event::done(replay::stamp(of_partner, own))
+    }
+
+    fn fail(&mut self, number: u64) -> Poll<<Self as Logged>::Output> {
+        self.phase = Phase::Over;
+        let poisoned = number == replay::failure::POISONED;
+        Poll::Ready(Err(D::failed(self, poisoned)))
+    }
+
+    fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
+        output.as_ref().err().map(failed)
+    }
+
+    fn closed_later(&self) -> Option<<Self as Logged>::Output> {
+        D::closed_later().map(Ok)
+    }
+}
+
+impl<'a, T, D: Direction<T>> GiveUp for Operation<'a, T, D> {
+    type Outcome = Result<D::Success<'a>, D::TimeoutFailure>;
+
+    fn lets_others_run(&self) -> bool {
+        self.lets_others_run()
+    }
+
+    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+        self.give_up()
+    }
+
+    fn in_time(output: <Self as Logged>::Output) -> Self::Outcome {
+        output.map_err(D::TimeoutFailure::from)
+    }
+
+    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
+        outcome.as_ref().err().map(failed)
+    }
+}

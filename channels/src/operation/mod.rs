@@ -1,0 +1,317 @@
+//! A send or a receive under way: one operation over a [direction](Direction).
+//!
+//! ```text
+//!   New --at once--------------------------------------------------> Over
+//!    |---> GaveWay (done, and others run first) ----------------------^
+//!    |---> Settled, Overwrote (under the lock, before its result) ----^
+//!    '---> Listed, Logged (the node waits, or its partner settled it) ^
+//! ```
+
+mod direction;
+mod guard;
+mod logged;
+mod receiving;
+mod sending;
+mod slow_path;
+mod timed;
+
+pub use direction::Direction;
+pub use receiving::{Receiving, RecvOp};
+pub use sending::{SendOp, Sending};
+pub use timed::{RecvTimeout, SendTimeout, Timed};
+
+use crate::core::{Channel, FastPath};
+use crate::end::End;
+use crate::replay;
+use crate::waiter::{Outcome, Waiter};
+use luna_core::current::{PlainTurn, WakeHandle};
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::hint::cold_path;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// What an operation's future knows of it. Its partners know the [outcome](Outcome).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// Not polled yet.
+    New,
+    /// The node is in the list, or has been settled.
+    Listed,
+    /// As `Listed`, and the next poll takes the slow path: a [replay log](crate::replay) is to see
+    /// the outcome.
+    Logged,
+    /// Settled without having been listed.
+    Settled(Outcome),
+    /// The send is done. Its node holds the value that a full buffer dropped for it.
+    Overwrote,
+    /// Done; the process lets others run before it continues.
+    GaveWay,
+    /// The outcome was returned.
+    Over,
+}
+
+/// An operation's node, and what its direction keeps beside it.
+#[repr(C)]
+pub struct Node<T, D> {
+    /// First, so that the waiter leads to the rest.
+    pub(crate) waiter: Waiter<T>,
+    pub(crate) direction: D,
+}
+
+impl<T, D> fmt::Debug for Node<T, D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Node")
+    }
+}
+
+/// An operation under way: [`SendOp`] or [`RecvOp`].
+///
+/// # Invariants
+///
+/// A send's node holds the value, or can make it, in `New`, and in `Listed` and `Settled` unless
+/// the outcome is `Done`, `Held` or `Broken`; the answer if it is `Answered`; and another value in
+/// `Overwrote`. A receive's node holds a value in `GaveWay`, and in `Listed` and `Settled` if the
+/// outcome is `Done`. In `Listed` the node was begun, and is pinned.
+///
+/// What a plain operation touches lies together at its begin: the node ends with what is seldom
+/// used.
+#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+#[repr(C)]
+pub struct Operation<'a, T, D: Direction<T>> {
+    phase: Phase,
+    end: &'a End<T>,
+    node: UnsafeCell<Node<T, D>>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value, and
+// what makes it, pass between threads anyway.
+unsafe impl<'a, T: Send, D: Direction<T> + Send> Send for Operation<'a, T, D> {}
+// SAFETY: `&Operation` gives access to nothing.
+unsafe impl<'a, T: Send, D: Direction<T> + Send> Sync for Operation<'a, T, D> {}
+
+impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
+    #[inline]
+    fn of(end: &'a End<T>, waiter: Waiter<T>, direction: D) -> Self {
+        Operation {
+            end,
+            node: UnsafeCell::new(Node { waiter, direction }),
+            phase: Phase::New,
+            _pinned: PhantomPinned,
+        }
+    }
+
+    #[inline]
+    fn channel(&self) -> &'a Channel<T> {
+        self.end.channel()
+    }
+
+    #[inline]
+    fn node_pointer(&self) -> NonNull<Node<T, D>> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.node.get()) }
+    }
+
+    #[inline]
+    fn waiter(&self) -> NonNull<Waiter<T>> {
+        // The waiter is the first field.
+        self.node_pointer().cast()
+    }
+
+    /// Not to be called while the node is listed: others change it then.
+    #[inline]
+    fn node(&mut self) -> &mut Node<T, D> {
+        // A node that is not listed, or was settled, is known to its future alone.
+        self.node.get_mut()
+    }
+
+    /// Moves the value out of the node.
+    ///
+    /// # Safety
+    ///
+    /// By the type's invariants there is one. The node is not listed, and this is called once.
+    #[inline(always)]
+    unsafe fn take_value(&mut self) -> T {
+        // SAFETY: the contract.
+        unsafe { self.node().waiter.take_value() }
+    }
+
+    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`].
+    #[must_use = "the handle's drop is user code, and the caller's last step"]
+    fn unlist(&self) -> (Outcome, Option<WakeHandle>) {
+        debug_assert!(self.is_listed());
+        // SAFETY: the node was listed on this side: no other is waited with.
+        unsafe { self.channel().withdraw(self.waiter(), D::SEND) }
+    }
+
+    /// The outcome of an operation that was listed or settled.
+    #[inline]
+    fn outcome(&self) -> Outcome {
+        match self.phase {
+            Phase::Settled(outcome) => outcome,
+            // SAFETY: the node lies in this future, and was begun before it was listed.
+            _ => unsafe { Waiter::outcome(self.waiter()) },
+        }
+    }
+
+    /// Whether it is over but for letting others run.
+    pub(crate) fn lets_others_run(&self) -> bool {
+        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
+    }
+
+    /// Whether it waits for a partner, or has met a later one.
+    fn is_listed(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Logged)
+    }
+
+    /// What an operation returns that is done or failed so.
+    #[inline]
+    fn settled(&mut self, outcome: Outcome) -> Result<D::Success<'a>, D::Failure> {
+        match outcome {
+            Outcome::Done | Outcome::Held => Ok(self.done()),
+            Outcome::Answered => {
+                let done = self.done();
+                // The answer is yet to be taken.
+                self.phase = Phase::Settled(outcome);
+                Ok(done)
+            }
+            Outcome::Broken => {
+                self.broken();
+                self.settled(Outcome::Poisoned)
+            }
+            ending => {
+                self.phase = Phase::Over;
+                Err(D::failed(self, ending == Outcome::Poisoned))
+            }
+        }
+    }
+
+    /// What an operation returns that is done.
+    #[inline(always)]
+    fn done(&mut self) -> D::Success<'a> {
+        self.phase = Phase::Over;
+        D::succeeded(self)
+    }
+
+    /// The closure that was to make the value has panicked, here or on the other side: the channel
+    /// is poisoned. A send panics too, since it has nothing to give back.
+    #[cold]
+    fn broken(&mut self) {
+        self.phase = match D::SEND {
+            true => Phase::Over,
+            false => Phase::Settled(Outcome::Poisoned),
+        };
+        self.end.poison();
+        if D::SEND {
+            panic!("the closure of a `send_with` panicked: its channel is poisoned");
+        }
+    }
+
+    /// It waits at its channel.
+    #[inline(always)]
+    fn waits<R>(&self) -> Poll<R> {
+        self.channel().wait_point().waits();
+        Poll::Pending
+    }
+
+    /// It is done, maybe in the turn in which it was to wait.
+    #[inline(always)]
+    fn waits_no_more(&self) {
+        self.channel().wait_point().waits_no_more();
+    }
+}
+
+impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
+    type Output = Result<D::Success<'a>, D::Failure>;
+
+    #[inline(always)]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed node stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.phase == Phase::New
+            && D::PLAIN
+            && this.node().direction.is_open()
+            && let Some(turn) = PlainTurn::of(cx)
+        {
+            let channel = this.channel();
+            // SAFETY: a new send's node holds its value, a new receive's none, and no other thread
+            // knows it. The future is pinned, and its drop withdraws it.
+            let mut fast_path = unsafe { channel.meet_fast(D::SEND, this.waiter(), turn) };
+            // The two usual ways first: with more the compiler jumps by a table, which a processor
+            // that has done something else meanwhile cannot foresee.
+            if !matches!(fast_path, FastPath::Done | FastPath::Waits) {
+                cold_path();
+                // SAFETY: the fast path has just returned this for this node, which is as new.
+                fast_path = unsafe { channel.meet_found(D::SEND, fast_path, this.waiter(), turn) };
+            }
+            match fast_path {
+                FastPath::Done => return Poll::Ready(Ok(this.done())),
+                FastPath::Waits => this.phase = Phase::Listed,
+                FastPath::GaveWay => this.phase = Phase::GaveWay,
+                _ => return this.poll_slow_path(cx),
+            }
+            return Poll::Pending;
+        }
+        if this.phase == Phase::Listed && D::PLAIN_WHEN_MET && this.outcome() == Outcome::Done {
+            this.waits_no_more();
+            return Poll::Ready(Ok(this.done()));
+        }
+        cold_path();
+        this.poll_slow_path(cx)
+    }
+}
+
+impl<'a, T, D: Direction<T>> Drop for Operation<'a, T, D> {
+    #[inline(always)]
+    fn drop(&mut self) {
+        if self.phase != Phase::Over {
+            cold_path();
+            self.drop_unfinished();
+        }
+    }
+}
+
+impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
+    #[inline(never)]
+    fn drop_unfinished(&mut self) {
+        // Dropped after the value.
+        let _former;
+        let outcome = match self.phase {
+            Phase::Over => return,
+            Phase::New => {
+                replay::abandon(true);
+                Outcome::Stale
+            }
+            Phase::GaveWay => Outcome::Done,
+            // SAFETY: in this phase the node holds a value.
+            Phase::Overwrote => return drop(unsafe { self.take_value() }),
+            Phase::Listed | Phase::Logged | Phase::Settled(_) => {
+                if self.phase == Phase::Logged {
+                    replay::abandon(false);
+                }
+                let mut outcome = self.outcome();
+                if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                    (outcome, _former) = self.unlist();
+                }
+                outcome
+            }
+        };
+        match outcome {
+            Outcome::Broken => self.end.poison(),
+            outcome => D::dropped(self, outcome),
+        }
+    }
+}
+
+impl<'a, T, D: Direction<T>> fmt::Debug for Operation<'a, T, D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Operation")
+            .field("direction", &D::NAME)
+            .field("phase", &self.phase)
+            .finish_non_exhaustive()
+    }
+}

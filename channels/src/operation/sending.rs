@@ -1,0 +1,164 @@
+//! A send under way.
+
+use super::{Direction, Node, Operation, Phase};
+use crate::core::{Attempted, ChannelGuard};
+use crate::end::End;
+use crate::error::{SendError, SendTimeoutError};
+use crate::select_state::SelectState;
+use crate::source::{InNode, Source};
+use crate::wait_point::WaitQueues;
+use crate::waiter::{Outcome, Waiter};
+use std::cell::UnsafeCell;
+use std::mem::MaybeUninit;
+use std::ops::DerefMut;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::Context;
+
+/// A send under way: see [`Sender::send`](crate::Sender::send). `S` is the source of its value.
+pub type SendOp<'a, T, S = InNode> = Operation<'a, T, Sending<S>>;
+
+/// The direction of a send, with the source of its value.
+#[derive(Debug)]
+pub struct Sending<S> {
+    pub(crate) source: S,
+}
+
+impl<T, S: Source<T>> Direction<T> for Sending<S> {
+    type Success<'a>
+        = ()
+    where
+        T: 'a;
+    type Failure = SendError<S::Unsent>;
+    type TimeoutFailure = SendTimeoutError<S::Unsent>;
+    type Seed<'a>
+        = SendOp<'a, T, S>
+    where
+        T: 'a;
+
+    const NAME: &'static str = "send";
+    const SEND: bool = true;
+    const PLAIN: bool = S::MAKE.is_none();
+    const PLAIN_WHEN_MET: bool = true;
+
+    #[inline(always)]
+    fn is_open(&self) -> bool {
+        self.source.is_open()
+    }
+
+    #[inline]
+    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
+        node: NonNull<Node<T, Self>>,
+        locked: &mut ChannelGuard<'_, T, L>,
+        cx: Option<&Context<'_>>,
+    ) -> Attempted {
+        // SAFETY: the contract; by the operation's invariants a new send's node holds its value, or
+        // can make it.
+        unsafe { locked.send_now(node, cx) }
+    }
+
+    #[inline]
+    unsafe fn begin(
+        node: NonNull<Node<T, Self>>,
+        select_state: Option<(NonNull<SelectState>, u32)>,
+    ) {
+        // SAFETY: the contract: a new send's node is known to its future alone.
+        unsafe { Waiter::begin(node.cast(), false, select_state, S::MAKE) };
+    }
+
+    #[inline(always)]
+    fn succeeded<'a>(_: &mut SendOp<'a, T, S>) {}
+
+    fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
+        SendError {
+            // SAFETY: the send failed, so the value is still here, and no other thread knows the
+            // node any more.
+            value: unsafe { S::unsent(send.node()) },
+            poisoned,
+        }
+    }
+
+    fn timed_out(send: &mut SendOp<'_, T, S>) -> Self::TimeoutFailure {
+        SendTimeoutError::Timeout(Self::failed(send, false).value)
+    }
+
+    /// It was sent before the receivers went, but never received.
+    fn closed_later<'a>() -> Option<()>
+    where
+        T: 'a,
+    {
+        Some(())
+    }
+
+    fn dropped(send: &mut SendOp<'_, T, S>, outcome: Outcome) {
+        if !matches!(outcome, Outcome::Done | Outcome::Held) {
+            // SAFETY: the value is still here, or the answer is, and no other thread knows the node
+            // any more.
+            drop(unsafe { S::unsent(send.node()) });
+        }
+    }
+
+    #[inline]
+    fn into_seed<'a>(send: SendOp<'a, T, S>) -> SendOp<'a, T, S> {
+        send
+    }
+
+    #[inline]
+    fn from_seed<'a>(seed: SendOp<'a, T, S>) -> SendOp<'a, T, S>
+    where
+        T: 'a,
+    {
+        seed
+    }
+}
+
+impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
+    #[inline]
+    pub(crate) fn sending(end: &'a End<T>, waiter: Waiter<T>, source: S) -> Self {
+        Operation::of(end, waiter, Sending { source })
+    }
+}
+
+impl<'a, T> SendOp<'a, T> {
+    /// A send of `value`, which is written where it is to lie: to make the node first and move it
+    /// would be to copy also what is not written before it is listed.
+    #[inline(always)]
+    pub(crate) fn of_value(end: &'a End<T>, value: T) -> Self {
+        let mut send = MaybeUninit::<Self>::uninit();
+        let place = send.as_mut_ptr();
+        // SAFETY: the memory is this function's. Fields left unwritten may stay so: the node of a
+        // send that is not listed.
+        unsafe {
+            (&raw mut (*place).end).write(end);
+            let node = UnsafeCell::raw_get(&raw const (*place).node);
+            Waiter::write_value(&raw mut (*node).waiter, value);
+            (&raw mut (*place).phase).write(Phase::New);
+            send.assume_init()
+        }
+    }
+
+    /// The value given back to a successful send, if any.
+    pub(crate) fn take_answer(self: Pin<&mut Self>) -> Option<T> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let is_answered = this.phase == Phase::Settled(Outcome::Answered);
+        is_answered.then(|| {
+            this.phase = Phase::Over;
+            // SAFETY: an answered node holds a value, and no other thread knows it.
+            unsafe { this.take_value() }
+        })
+    }
+
+    /// Waits no longer: it fails as poisoned if its value was not taken, and is done if it was. The
+    /// [output](crate::Guard::output) says which.
+    pub(crate) fn abandon(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.is_listed() {
+            let (outcome, _former) = this.unlist();
+            if outcome == Outcome::Waiting {
+                this.phase = Phase::Settled(Outcome::Poisoned);
+            }
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! An operation under the lock of its channel: wherever the process is, and whatever is asked of
+//! the channel.
+
+use super::{Direction, Operation, Phase};
+use crate::core::{Attempted, Ending, HandOff, Locked};
+use crate::replay;
+use crate::waiter::Outcome;
+use luna_core::current::{self, WakeHandle};
+use luna_core::spin;
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+/// The result of polling an operation.
+type Polled<O> = Poll<<O as Future>::Output>;
+
+impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
+    #[inline(never)]
+    pub(super) fn poll_slow_path(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
+        if replay::is_on() {
+            return replay::poll(self, cx);
+        }
+        self.poll_under_lock(cx)
+    }
+
+    pub(super) fn poll_under_lock(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
+        match self.phase {
+            Phase::New => self.poll_new(cx),
+            Phase::Listed | Phase::Logged => self.poll_listed(cx),
+            Phase::GaveWay => Poll::Ready(Ok(self.done())),
+            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
+                if current::branch_failed() {
+                    current::stay_in_branch();
+                }
+                Poll::Ready(self.settled(outcome))
+            }
+            Phase::Overwrote | Phase::Settled(_) | Phase::Over => {
+                panic!("a {} was polled after it was over", D::NAME)
+            }
+        }
+    }
+
+    fn poll_new(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
+        if current::branch_failed() {
+            current::stay_in_branch();
+            return self.fails(Outcome::Poisoned, cx);
+        }
+        if !self.node().direction.is_open() {
+            return Poll::Pending;
+        }
+        let channel = self.channel();
+        let mut locked = if D::PLAIN {
+            // SAFETY: by the invariants a new send's node holds its value, a new receive's none,
+            // and no other thread knows it. The future is pinned, and it looks until the hand-off
+            // slot is left.
+            match unsafe { channel.meet_by_slot(D::SEND, self.waiter()) } {
+                HandOff::No(locked) => locked,
+                HandOff::Done => {
+                    self.phase = Phase::Settled(Outcome::Done);
+                    return self.done_in_turn(cx);
+                }
+                HandOff::Waits => {
+                    self.phase = Phase::Listed;
+                    // SAFETY: the node waits on the hand-off slot.
+                    let outcome = unsafe { channel.look_from_slot(self.waiter(), D::SEND, cx) };
+                    return self.looked(outcome, cx);
+                }
+            }
+        } else {
+            channel.lock()
+        };
+        // SAFETY: it is new; the future is pinned, and its drop withdraws it.
+        match unsafe { D::attempt(self.node_pointer(), &mut locked, Some(cx)) } {
+            Attempted::NotNow => {
+                let looks = spin::may_look();
+                // A waker is not cloned under the lock, but brought when it is released.
+                let wake_handle = match looks {
+                    true => None,
+                    false => WakeHandle::without_waker(cx),
+                };
+                let has_wake_handle = wake_handle.is_some();
+                // SAFETY: as above.
+                unsafe {
+                    D::begin(self.node_pointer(), None);
+                    locked.list(D::SEND, self.waiter(), wake_handle);
+                }
+                self.phase = Phase::Listed;
+                Self::release(locked);
+                if has_wake_handle {
+                    return self.waits();
+                }
+                // SAFETY: the node was listed.
+                let outcome = unsafe { channel.look_for_partner(self.waiter(), looks, cx) };
+                self.looked(outcome, cx)
+            }
+            Attempted::Held(ready) => {
+                self.phase = Phase::Listed;
+                Self::release(locked);
+                ready.wake();
+                self.poll_listed(cx)
+            }
+            Attempted::Ended(ending) => {
+                Self::release(locked);
+                self.fails(Outcome::of(ending), cx)
+            }
+            met => {
+                let ready = self.met(met);
+                Self::release(locked);
+                ready.wake();
+                self.done_in_turn(cx)
+            }
+        }
+    }
+
+    /// Releases the lock. Only a send can have something to report to registered alternatives.
+    #[inline(always)]
+    fn release(locked: Locked<'_, T>) {
+        match D::SEND {
+            true => locked.release(),
+            false => drop(locked),
+        }
+    }
+
+    /// Notes what came of an attempt, and returns the process to wake without the lock.
+    ///
+    /// To be called under the lock: after it the user's code (a waker, a drop) may panic, and the
+    /// operation's drop takes over.
+    pub(super) fn met(&mut self, attempted: Attempted) -> current::PendingWake {
+        self.note(&attempted);
+        attempted.into_wake()
+    }
+
+    fn note(&mut self, attempted: &Attempted) {
+        self.phase = match attempted {
+            Attempted::Done(_) => Phase::Settled(Outcome::Done),
+            Attempted::Overwrote(_) => Phase::Overwrote,
+            Attempted::Held(_) => Phase::Listed,
+            Attempted::Broken(_) => Phase::Settled(Outcome::Broken),
+            Attempted::Ended(ending) => Phase::Settled(Outcome::of(*ending)),
+            Attempted::NotNow | Attempted::Holds(_) => self.phase,
+        };
+    }
+
+    /// Drops what a full buffer has dropped for a send. The user's code: no lock is held.
+    pub(super) fn drop_overwritten(&mut self) {
+        if self.phase == Phase::Overwrote {
+            self.phase = Phase::Settled(Outcome::Done);
+            // SAFETY: in this phase the node holds it.
+            drop(unsafe { self.take_value() });
+        }
+    }
+
+    /// It is done without having waited, after others if it is their turn.
+    fn done_in_turn(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
+        self.drop_overwritten();
+        if self.phase == Phase::Settled(Outcome::Done) && crate::completes_later(cx) {
+            self.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
+        let outcome = self.outcome();
+        Poll::Ready(self.settled(outcome))
+    }
+
+    /// It fails without having waited, after others if it is their turn.
+    #[cold]
+    fn fails(&mut self, outcome: Outcome, cx: &mut Context<'_>) -> Polled<Self> {
+        if crate::fails_later(cx) {
+            self.phase = Phase::Settled(outcome);
+            return Poll::Pending;
+        }
+        Poll::Ready(self.settled(outcome))
+    }
+
+    /// What was seen by looking for the partner.
+    #[inline]
+    fn looked(&mut self, outcome: Outcome, cx: &Context<'_>) -> Polled<Self> {
+        match outcome {
+            Outcome::Waiting => self.waits(),
+            // Its receiver has the value, and is not done with it: that may take long.
+            Outcome::Held => self.poll_listed(cx),
+            outcome => Poll::Ready(self.settled(outcome)),
+        }
+    }
+
+    fn poll_listed(&mut self, cx: &Context<'_>) -> Polled<Self> {
+        let mut outcome = self.outcome();
+        let _former;
+        if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+            // A held sender has communicated: no failure takes that back.
+            if outcome == Outcome::Waiting && current::branch_failed() {
+                (outcome, _former) = self.unlist();
+                if outcome == Outcome::Waiting {
+                    current::stay_in_branch();
+                    outcome = Outcome::Poisoned;
+                }
+            } else {
+                // SAFETY: the node was listed.
+                outcome = unsafe { self.channel().update_wake_handle(self.waiter(), cx) };
+                if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                    return self.waits();
+                }
+            }
+        }
+        self.waits_no_more();
+        Poll::Ready(self.settled(outcome))
+    }
+
+    /// Withdraws: exact, since the outcome is looked at first.
+    pub(crate) fn give_up(self: Pin<&mut Self>) -> Result<D::Success<'a>, D::TimeoutFailure> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let (outcome, _former) = match this.phase {
+            Phase::New => (Outcome::Waiting, None),
+            Phase::GaveWay => (Outcome::Done, None),
+            Phase::Settled(outcome) => (outcome, None),
+            Phase::Listed | Phase::Logged => this.unlist(),
+            Phase::Overwrote | Phase::Over => {
+                panic!("a {} was given up after it was over", D::NAME)
+            }
+        };
+        match outcome {
+            Outcome::Waiting => {
+                this.phase = Phase::Over;
+                Err(D::timed_out(this))
+            }
+            outcome => this.settled(outcome).map_err(D::TimeoutFailure::from),
+        }
+    }
+
+    /// Attempts it once, and gives up if that does not succeed. O(1).
+    pub(crate) fn at_once(&mut self) -> Result<D::Success<'a>, D::TimeoutFailure> {
+        debug_assert!(self.phase == Phase::New);
+        if current::has_replay_log() {
+            return self.at_once_with_log();
+        }
+        let attempted = self.attempt();
+        self.came_at_once(attempted)
+    }
+
+    /// Attempts it without a context. The result is noted.
+    #[inline(always)]
+    fn attempt(&mut self) -> Attempted {
+        let mut locked = self.channel().lock();
+        // SAFETY: it is new, and without a context it is not listed.
+        let attempted = unsafe { D::attempt(self.node_pointer(), &mut locked, None) };
+        self.note(&attempted);
+        Self::release(locked);
+        attempted
+    }
+
+    #[inline(always)]
+    fn came_at_once(&mut self, attempted: Attempted) -> Result<D::Success<'a>, D::TimeoutFailure> {
+        match attempted {
+            Attempted::Done(ready) => {
+                ready.wake();
+                Ok(self.done())
+            }
+            Attempted::NotNow => {
+                self.phase = Phase::Over;
+                Err(D::timed_out(self))
+            }
+            other => {
+                // A replayed failure was not attempted.
+                self.met(other).wake();
+                self.drop_overwritten();
+                let outcome = self.outcome();
+                self.settled(outcome).map_err(D::TimeoutFailure::from)
+            }
+        }
+    }
+
+    /// As the process' replay log says.
+    #[cold]
+    #[inline(never)]
+    fn at_once_with_log(&mut self) -> Result<D::Success<'a>, D::TimeoutFailure> {
+        let failure = |attempted: &Attempted| match attempted {
+            Attempted::NotNow => Some(replay::failure::NOTHING),
+            Attempted::Ended(Ending::Poisoned) => Some(replay::failure::POISONED),
+            Attempted::Ended(_) => Some(replay::failure::CLOSED),
+            _ => None,
+        };
+        let look = || {
+            self.channel().note_logged(D::SEND);
+            self.attempt()
+        };
+        let attempted = replay::call(true, look, failure).unwrap_or_else(|failure| match failure {
+            replay::failure::NOTHING => Attempted::NotNow,
+            replay::failure::POISONED => Attempted::Ended(Ending::Poisoned),
+            _ => Attempted::Ended(Ending::Closed),
+        });
+        self.came_at_once(attempted)
+    }
+}

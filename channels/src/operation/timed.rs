@@ -1,0 +1,45 @@
+//! An operation that gives up: at a deadline, or when something else happens.
+
+use super::{Direction, Operation, Receiving, Sending};
+use crate::extended::Releasing;
+use crate::replay;
+use crate::source::InNode;
+use luna_core::timer_queue::Sleep;
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+/// A send under way that gives up when `S` has ended, which is a deadline or anything else: see
+/// [`Sender::send_timeout`](crate::Sender::send_timeout) and
+/// [`Sender::send_unless`](crate::Sender::send_unless).
+pub type SendTimeout<'a, T, S = Sleep> = Timed<'a, T, Sending<InNode>, S>;
+
+/// A receive under way that gives up when `S` has ended, which is a deadline or anything else: see
+/// [`Receiver::recv_timeout`](crate::Receiver::recv_timeout) and
+/// [`Receiver::recv_unless`](crate::Receiver::recv_unless).
+pub type RecvTimeout<'a, T, S = Sleep> = Timed<'a, T, Receiving<Releasing>, S>;
+
+/// An operation until `S` has ended: a [`SendTimeout`] or a [`RecvTimeout`].
+#[derive(Debug)]
+#[must_use = "an operation does nothing unless awaited"]
+pub struct Timed<'a, T, D: Direction<T>, S> {
+    pub(crate) operation: Operation<'a, T, D>,
+    pub(crate) stop: S,
+}
+
+impl<'a, T, D: Direction<T>, S: Future<Output = ()>> Future for Timed<'a, T, D, S> {
+    type Output = Result<D::Success<'a>, D::TimeoutFailure>;
+
+    #[inline(always)]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: both fields are pinned with the whole, and never moved.
+        let (operation, stop) = unsafe {
+            let this = self.get_unchecked_mut();
+            (
+                Pin::new_unchecked(&mut this.operation),
+                Pin::new_unchecked(&mut this.stop),
+            )
+        };
+        replay::poll_until(operation, stop, cx)
+    }
+}

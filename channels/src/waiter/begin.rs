@@ -1,0 +1,125 @@
+//! How a node is prepared for being listed.
+
+use super::{Begun, Link, Make, Outcome, Seldom, Waiter};
+use crate::select_state::SelectState;
+use luna_core::current::{self, Priority, Process, User, WakeHandle};
+use luna_core::wait_list::WaitNode;
+use luna_platform::sync::atomic::AtomicU8;
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
+
+impl<T> Waiter<T> {
+    /// Prepares a node for being listed.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, no other thread accesses it, and if this is not the first call, it is listed
+    /// nowhere.
+    #[inline]
+    pub(crate) unsafe fn begin(
+        node: NonNull<Waiter<T>>,
+        extended: bool,
+        select_state: Option<(NonNull<SelectState>, u32)>,
+        make: Option<Make<T>>,
+    ) {
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                extended,
+                ..Link::in_full(WaitNode::new(), select_state)
+            });
+            (*node.as_ptr()).seldom = Seldom {
+                order: MaybeUninit::new(0),
+                make: MaybeUninit::new(make),
+            };
+        }
+    }
+
+    /// Prepares a plain operation's node for being listed where no other node is, for the process
+    /// in its plain turn.
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin`](Self::begin); and `process` was given by [`current::plain_turn`] in this
+    /// turn.
+    #[inline(always)]
+    pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, process: &Process) {
+        let user = User::Process(process.id());
+        // SAFETY: by the contract it is the current process, in a plain turn.
+        let wake_handle = unsafe { WakeHandle::of_plain_turn(process) };
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                wait: WaitNode::waiting(user, process.priority(), wake_handle),
+                outcome: AtomicU8::new(Outcome::Waiting as u8),
+                begun: Begun::Plainly,
+                extended: false,
+                inherits: false,
+                ticket: 0,
+                select_state: MaybeUninit::uninit(),
+            });
+        }
+    }
+
+    /// Prepares a plain operation's node for waiting alone, for the process in its plain turn: see
+    /// [`Waiting`](crate::wait_point::Waiting).
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin_plain`](Self::begin_plain).
+    #[inline(always)]
+    pub(crate) unsafe fn begin_alone(node: NonNull<Waiter<T>>, process: &Process) {
+        // SAFETY: the contract.
+        unsafe {
+            let link = Self::link(node);
+            WaitNode::wait_alone(&raw mut (*link).wait, process);
+            (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
+            (&raw mut (*link).begun).write(Begun::Plainly);
+            (&raw mut (*link).extended).write(false);
+            (&raw mut (*link).inherits).write(false);
+            (&raw mut (*link).ticket).write(0);
+        }
+    }
+
+    /// Prepares a plain operation's node of the current process for waiting on a hand-off slot,
+    /// from where any thread may list it where no other node is.
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin`](Self::begin).
+    #[inline]
+    pub(crate) unsafe fn begin_in_slot(node: NonNull<Waiter<T>>) {
+        let wait = WaitNode::without_wake_handle(current::user(), current::priority());
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link::in_full(wait, None));
+            (*node.as_ptr()).seldom = Seldom {
+                order: MaybeUninit::new(0),
+                make: MaybeUninit::new(None),
+            };
+        }
+    }
+
+    /// Prepares the node of a plain operation that is guard `number` of an alternative of `user`
+    /// for being listed. The type of the value does not matter.
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin`](Self::begin).
+    #[inline(always)]
+    pub(crate) unsafe fn begin_guard(
+        node: NonNull<Waiter<T>>,
+        (user, priority): (User, Priority),
+        select_state: NonNull<SelectState>,
+        number: u32,
+    ) {
+        let wait = WaitNode::without_wake_handle(user, priority);
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                begun: Begun::AsGuard,
+                ..Link::in_full(wait, Some((select_state, number)))
+            });
+        }
+    }
+}

@@ -1,0 +1,417 @@
+//! The node of a waiting operation, and its outcome.
+
+mod begin;
+mod settle;
+
+use crate::select_state::SelectState;
+use crate::wait_point::{Ending, Mover};
+use luna_core::wait_list::WaitNode;
+use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicU8, Ordering};
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
+
+/// Outcome of a waiting operation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Outcome {
+    Waiting,
+    Done,
+    Closed,
+    Poisoned,
+    /// An alternative's, which has chosen another guard; or withdrawn.
+    Stale,
+    /// A send that is held after its value was received, until the receiver is done with it. It is
+    /// in the list `held`.
+    Held,
+    /// A send that was held, and was given a value back.
+    Answered,
+    /// A send without a value, since its closure panicked.
+    Broken,
+}
+
+impl Outcome {
+    /// Of an operation that the end of its channel lets fail.
+    pub(crate) fn of(ending: Ending) -> Self {
+        match ending {
+            Ending::Poisoned => Outcome::Poisoned,
+            _ => Outcome::Closed,
+        }
+    }
+}
+
+/// Makes the value of a waiting send, when it is taken. `None`: its closure has panicked.
+pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
+
+/// How a node was begun.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Begun {
+    /// In full: all fields are written.
+    InFull,
+    /// As a plain operation's that was listed by the executor that owns the bias of the lock, with
+    /// a wake handle that wakes its process without a waker. While the bias stays, its partners
+    /// need not look any further. It has no alternative, and holds its value: its other fields were
+    /// not written.
+    Plainly,
+    /// As `Plainly`, but its wake handle may have been replaced since.
+    PlainlyAndChanged,
+    /// As a plain operation's that is a guard of an alternative: without a wake handle, but with a
+    /// select state.
+    AsGuard,
+}
+
+/// The part of a node by which others find it. The fields that all of them touch come first.
+#[repr(C)]
+pub(crate) struct Link {
+    /// First, so that the list's node leads back to this.
+    pub(crate) wait: WaitNode,
+    pub(crate) outcome: AtomicU8,
+    begun: Begun,
+    /// A receiver's: its sender is to be held.
+    pub(crate) extended: bool,
+    /// An extended receiver's: the [note](crate::extended::Noted::Note) is an inheritor.
+    pub(crate) inherits: bool,
+    /// A settled extended receiver's, and a held sender's: number of the rendezvous.
+    pub(crate) ticket: u32,
+    /// An alternative's: its select state, and the number of this guard. There if it was begun in
+    /// full or as a guard. Before the value, since code that looks at it may not know the type of
+    /// the value.
+    select_state: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
+}
+
+/// Fields that few nodes use.
+#[repr(C)]
+struct Seldom<T> {
+    /// A recorded process' node: the stamp of its result. Not there in one of a plain turn, which
+    /// belongs to no recorded process.
+    order: MaybeUninit<u64>,
+    /// A sender's, if its value is not in the node. There if it was begun in full.
+    make: MaybeUninit<Option<Make<T>>>,
+}
+
+impl Link {
+    /// Of an operation that waits, begun in full.
+    #[inline(always)]
+    fn in_full(wait: WaitNode, select_state: Option<(NonNull<SelectState>, u32)>) -> Self {
+        Self {
+            wait,
+            outcome: AtomicU8::new(Outcome::Waiting as u8),
+            begun: Begun::InFull,
+            extended: false,
+            inherits: false,
+            ticket: 0,
+            select_state: MaybeUninit::new(select_state),
+        }
+    }
+}
+
+/// The node of a waiting operation, inside its future.
+///
+/// Most operations never wait, so the link is written only when one begins to
+/// ([`begin`](Waiter::begin)): a new node costs no more to write than its value.
+///
+/// # Invariants
+///
+/// The link is there once the node was begun, and its fields describe the node. While `outcome` is
+/// `Waiting` or `Held` and the node is listed, the channel's lock guards all of it. A settled node
+/// belongs to its future, and holds no wake handle, so that nothing of the link is to be dropped.
+/// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a
+/// sender's without `make` that is neither done nor held. A listed sender's `make`, if it has one,
+/// can be called once, under the lock.
+#[repr(C)]
+pub struct Waiter<T> {
+    /// First, so that the list's node leads back to this.
+    link: MaybeUninit<Link>,
+    value: UnsafeCell<MaybeUninit<T>>,
+    /// Last, so that the value of a plain operation lies beside its link.
+    seldom: Seldom<T>,
+}
+
+impl<T> Seldom<T> {
+    const NOTHING: Self = Self {
+        order: MaybeUninit::uninit(),
+        make: MaybeUninit::uninit(),
+    };
+}
+
+impl<T> std::fmt::Debug for Waiter<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Waiter")
+    }
+}
+
+impl<T> Waiter<T> {
+    /// A node that holds a value.
+    #[inline]
+    pub(crate) fn with_value(value: T) -> Self {
+        Self {
+            link: MaybeUninit::uninit(),
+            value: UnsafeCell::new(MaybeUninit::new(value)),
+            seldom: Seldom::NOTHING,
+        }
+    }
+
+    /// Makes the waiter at `place` one with a value. Only the value is written.
+    ///
+    /// # Safety
+    ///
+    /// It is room for a value, and no other thread accesses it.
+    #[inline(always)]
+    pub(crate) unsafe fn write_value(place: *mut Self, value: T) {
+        // SAFETY: the contract.
+        unsafe {
+            // A pointer right before the value: without it the compiler takes the two for one piece
+            // of memory, and copies unwritten fields with the written ones.
+            (*Self::link(NonNull::new_unchecked(place)))
+                .select_state
+                .write(None);
+            (&raw mut (*place).value).write(UnsafeCell::new(MaybeUninit::new(value)));
+        }
+    }
+
+    /// A node that holds no value.
+    #[inline]
+    pub(crate) fn empty() -> Self {
+        Self {
+            link: MaybeUninit::uninit(),
+            value: UnsafeCell::new(MaybeUninit::uninit()),
+            seldom: Seldom::NOTHING,
+        }
+    }
+
+    /// How the fast path moves values of this type from node to node. `None`: as one word, which
+    /// lies behind the link. A model watches values, so they have their own way there.
+    pub(crate) const MOVER: Option<Mover> = match size_of::<T>() {
+        1..=8 if align_of::<T>() <= align_of::<Link>() && cfg!(not(loom)) => None,
+        _ => Some(Self::move_value),
+    };
+
+    /// # Safety
+    ///
+    /// As for [`Mover`]: `from` is the node of a sender with a value of this type, and `to` that of
+    /// a receiver without. No other thread accesses either value.
+    unsafe fn move_value(from: NonNull<Waiter<()>>, to: NonNull<Waiter<()>>) {
+        // SAFETY: the contract.
+        unsafe { Self::put_value_of(to.cast(), Self::take_value_of(from.cast())) };
+    }
+
+    /// The link of a node. Not to be made a reference to as a whole: its parts have different
+    /// owners.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and was begun before its link is accessed.
+    #[inline(always)]
+    pub(crate) unsafe fn link(node: NonNull<Waiter<T>>) -> *mut Link {
+        node.as_ptr().cast()
+    }
+
+    /// The select state of the node's alternative and the number of this guard, if it has one. The
+    /// value is not accessed, so its type does not matter.
+    ///
+    /// # Safety
+    ///
+    /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its
+    /// future.
+    #[inline(always)]
+    pub(crate) unsafe fn select_state(
+        node: NonNull<Waiter<T>>,
+    ) -> Option<(NonNull<SelectState>, u32)> {
+        // SAFETY: by the contract; the select state is there if the node was begun in full.
+        unsafe {
+            let link = Self::link(node);
+            match (*link).begun {
+                Begun::InFull | Begun::AsGuard => (*link).select_state.assume_init(),
+                Begun::Plainly | Begun::PlainlyAndChanged => None,
+            }
+        }
+    }
+
+    /// Detaches the node from its alternative, which has chosen it.
+    ///
+    /// # Safety
+    ///
+    /// As for [`select_state`](Self::select_state).
+    pub(crate) unsafe fn leave_select_state(node: NonNull<Waiter<T>>) {
+        // SAFETY: the contract.
+        unsafe { (*Self::link(node)).select_state.write(None) };
+    }
+
+    /// The operation's outcome. Acquire: a thread that sees an outcome sees the value that came
+    /// with it.
+    ///
+    /// Takes a pointer, since without the lock there must be no reference to the parts of a listed
+    /// node that others change.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and was begun.
+    #[inline]
+    pub(crate) unsafe fn outcome(node: NonNull<Waiter<T>>) -> Outcome {
+        // SAFETY: the contract; this borrows the one field, which is atomic.
+        match unsafe { (*Self::link(node)).outcome.load(Ordering::Acquire) } {
+            0 => Outcome::Waiting,
+            1 => Outcome::Done,
+            2 => Outcome::Closed,
+            3 => Outcome::Poisoned,
+            4 => Outcome::Stale,
+            5 => Outcome::Held,
+            6 => Outcome::Answered,
+            _ => Outcome::Broken,
+        }
+    }
+
+    /// Whether its [outcome](Self::outcome) is `Waiting`: one compare.
+    ///
+    /// # Safety
+    ///
+    /// As for `outcome`.
+    #[inline]
+    pub(crate) unsafe fn is_waiting(node: NonNull<Waiter<T>>) -> bool {
+        // SAFETY: as there.
+        unsafe { (*Self::link(node)).outcome.load(Ordering::Acquire) == Outcome::Waiting as u8 }
+    }
+
+    /// Moves the value out.
+    ///
+    /// # Safety
+    ///
+    /// There is one, and no other thread accesses the node.
+    #[inline]
+    pub(crate) unsafe fn take_value(&self) -> T {
+        // SAFETY: the contract.
+        self.value
+            .with(|value| unsafe { (*value).assume_init_read() })
+    }
+
+    /// As [`take_value`](Self::take_value), of a node that others may look at.
+    ///
+    /// # Safety
+    ///
+    /// There is a value, and no other thread accesses it.
+    #[inline]
+    pub(crate) unsafe fn take_value_of(node: NonNull<Waiter<T>>) -> T {
+        // SAFETY: the contract; this borrows the one field.
+        unsafe {
+            (*node.as_ptr())
+                .value
+                .with(|value| (*value).assume_init_read())
+        }
+    }
+
+    /// As [`put_value`](Self::put_value), of a node that others may look at.
+    ///
+    /// # Safety
+    ///
+    /// There is no value, and no other thread accesses its place.
+    #[inline]
+    pub(crate) unsafe fn put_value_of(node: NonNull<Waiter<T>>, new: T) {
+        // SAFETY: the contract; this borrows the one field.
+        unsafe {
+            (*node.as_ptr()).value.with_mut(|value| {
+                (*value).write(new);
+            });
+        }
+    }
+
+    /// Puts a value in.
+    ///
+    /// # Safety
+    ///
+    /// There is none, and no other thread accesses the node.
+    #[inline]
+    pub(crate) unsafe fn put_value(&self, new: T) {
+        // SAFETY: the contract.
+        self.value.with_mut(|value| unsafe { (*value).write(new) });
+    }
+
+    /// Takes or makes a listed sender's value. `None` if making it panicked.
+    ///
+    /// # Safety
+    ///
+    /// `node` is a sender's that was begun, holds its value or can make it, and no other thread
+    /// accesses it.
+    #[inline]
+    pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
+        // SAFETY: the contract, and the type's invariant for `make`.
+        unsafe {
+            let make = match (*Self::link(node)).begun {
+                Begun::InFull => (*node.as_ptr()).seldom.make.assume_init(),
+                _ => None,
+            };
+            match make {
+                None => Some(node.as_ref().take_value()),
+                Some(make) => make(node),
+            }
+        }
+    }
+
+    /// Notes the stamp of the operation's coming result.
+    ///
+    /// # Safety
+    ///
+    /// `node` is listed, or was just taken off, and the lock is held that guards it.
+    #[inline]
+    pub(crate) unsafe fn put_order(node: NonNull<Waiter<T>>, stamp: u64) {
+        // SAFETY: the contract.
+        unsafe {
+            if stamp != 0 {
+                (*node.as_ptr()).seldom.order.write(stamp);
+            }
+        }
+    }
+
+    /// Notes that the operation's result has no stamp yet.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and no other thread accesses it.
+    pub(crate) unsafe fn clear_order(node: NonNull<Waiter<T>>) {
+        // SAFETY: the contract.
+        unsafe { (*node.as_ptr()).seldom.order.write(0) };
+    }
+
+    /// The stamp of the operation's result; 0 if it has none.
+    ///
+    /// # Safety
+    ///
+    /// `node` was begun, in no plain turn, or [cleared](Self::clear_order). No other thread
+    /// accesses it any more.
+    pub(crate) unsafe fn order(node: NonNull<Waiter<T>>) -> u64 {
+        // SAFETY: the contract.
+        unsafe { (*node.as_ptr()).seldom.order.assume_init() }
+    }
+}
+
+impl Waiter<()> {
+    /// Moves a value of a type without a [mover](Self::MOVER).
+    ///
+    /// # Safety
+    ///
+    /// As for [`Mover`], of nodes of such a type.
+    #[inline(always)]
+    pub(crate) unsafe fn move_word(from: NonNull<Self>, to: NonNull<Self>) {
+        // SAFETY: by the contract the value lies right behind the link, and more fields behind it,
+        // so that a word can be accessed there. Bytes beyond the value have no meaning.
+        unsafe {
+            let word =
+                |node: NonNull<Self>| node.byte_add(size_of::<Link>()).cast::<MaybeUninit<u64>>();
+            word(to).write(word(from).read());
+        }
+    }
+}
+
+#[cfg(all(test, not(loom), target_pointer_width = "64"))]
+mod tests {
+    use super::*;
+    use std::mem::offset_of;
+
+    /// Bounds the size of a node: a ring of many processes is bound by memory accesses, and each
+    /// hop would fetch what is added before the value.
+    #[test]
+    fn what_a_plain_operation_touches_lies_together() {
+        assert_eq!(offset_of!(Waiter<u64>, value), size_of::<Link>());
+        assert!(size_of::<Link>() <= 72, "{}", size_of::<Link>());
+        assert!(size_of::<Waiter<u64>>() <= 96);
+    }
+}

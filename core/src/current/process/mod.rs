@@ -1,0 +1,423 @@
+//! The process control block.
+
+mod identity;
+mod turn;
+
+pub use identity::{ExecutorId, Priority, ProcessId, QueueEnd, User};
+pub(super) use turn::state;
+pub use turn::{AfterTurn, fail_current};
+
+use crate::current::inheritance::{Inheritance, LevelNow};
+use crate::current::inheritor::Boost;
+use crate::current::lone;
+use crate::current::references::References;
+use crate::current::run_queue::Link;
+use crate::events;
+use std::any::Any;
+use std::cell::{Cell, UnsafeCell};
+use std::fmt;
+use std::ops::Range;
+use std::ptr::{self, NonNull};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::task::{Context, Waker};
+
+/// The number of priority levels within one executor: 0 (lowest) to 31.
+pub const LEVELS: u8 = 32;
+
+/// An executor's operations on its processes. All take the owner that the process was made with.
+#[derive(Debug)]
+pub struct Methods {
+    /// Readies the process without its waker, at this level, on a thread other than its executor's.
+    /// It must not rely on another wake to go on.
+    pub ready_elsewhere: unsafe fn(NonNull<()>, u8),
+    /// Frees the owner, on any thread: the process has ended, and there is no reference to it any
+    /// more.
+    pub free: unsafe fn(NonNull<()>),
+    /// Polls the body of a process that was taken from the run queue, in its turn, and marks the
+    /// process if its body has ended ([`Process::set_ended`]). It is here and not in each process
+    /// because all processes of a kind share it: a turn then reads one cache line less.
+    pub poll: unsafe fn(NonNull<()>, &mut Context<'_>),
+    /// The addresses of the body and its captures. The owner is live; its body may have ended.
+    pub body: unsafe fn(NonNull<()>) -> Range<usize>,
+    /// Rare operations of an executor on processes of this kind; the executor knows the type.
+    pub seldom: Option<&'static (dyn Any + Send + Sync)>,
+}
+
+/// The state of a process, seen from any thread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activity {
+    /// It was never readied.
+    New,
+    /// It waits for its turn.
+    Ready,
+    /// It is being polled.
+    Running,
+    /// It waits for something else.
+    Waiting,
+}
+
+/// How a process is woken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// By its waker alone; there are no references to it.
+    Bare,
+    /// By its waker alone.
+    Lone,
+    /// It shares its thread with others, and is queued in the run queue there.
+    Owned,
+    /// As `Owned`, and its [events](crate::events) are recorded. It uses separate functions, so
+    /// that the common ones need no test.
+    Recorded,
+}
+
+/// The control block of a process. It stays at one address for the process' whole life.
+///
+/// # Invariants
+///
+/// `waker` is written before the first poll and when the process is freed; in between it is only
+/// read. `methods` and `kind` are set for processes of executors and for those that are alone.
+/// Their owner lies where the process lies, at a multiple of [`ALIGN`](Process::ALIGN); its address
+/// is exposed, and it stays valid until `free` was called. `link` and `state` are written by the
+/// executor's thread alone. The link is in its run queue exactly while the state says so.
+///
+/// The fields of each turn and each wake come first: 96 bytes at most, which lie on two cache lines
+/// wherever [`ALIGN`](Process::ALIGN) puts them.
+#[repr(C)]
+pub struct Process {
+    /// First, so that a pointer to it is one to the process.
+    link: Link,
+    state: AtomicU8,
+    /// Bits that its executor is to look at before the next poll; their meaning is the executor's.
+    notices: AtomicU8,
+    kind: Cell<Kind>,
+    thread_priority: u8,
+    own_level: u8,
+    level: LevelNow,
+    id: ProcessId,
+    executor_id: ExecutorId,
+    pub(super) references: References,
+    waker: UnsafeCell<Option<Waker>>,
+    polls: AtomicU64,
+    methods: Cell<Option<&'static Methods>>,
+    inheritance: Inheritance,
+}
+
+#[cfg(all(not(loom), target_pointer_width = "64"))]
+const _: () = assert!(std::mem::offset_of!(Process, inheritance) <= 96);
+
+// SAFETY: by the invariant `waker` and `methods` do not change while other threads can see them;
+// `references` states its own rules for access.
+unsafe impl Sync for Process {}
+// SAFETY: as for `Sync`: all shared fields are constant or atomic, and a pointer may move to any
+// thread.
+unsafe impl Send for Process {}
+
+impl Process {
+    /// Alignment of a process that is counted by references. A reference keeps the levels of a
+    /// branch in the address bits below.
+    pub const ALIGN: usize = LEVELS as usize;
+
+    /// A process of the executor `executor_id`, the thread of which has the real-time priority
+    /// `thread_priority` (0: none), at `level`.
+    #[inline]
+    pub fn new(id: ProcessId, executor_id: ExecutorId, thread_priority: u8, level: u8) -> Self {
+        Self {
+            link: Link::new(),
+            state: AtomicU8::new(state::NEW),
+            notices: AtomicU8::new(0),
+            kind: Cell::new(Kind::Bare),
+            thread_priority,
+            own_level: level,
+            level: LevelNow::new(level),
+            id,
+            executor_id,
+            references: References::new(),
+            waker: UnsafeCell::new(None),
+            polls: AtomicU64::new(0),
+            methods: Cell::new(None),
+            inheritance: Inheritance::new(super::executor_thread_of(executor_id), level),
+        }
+    }
+
+    /// Sets the waker that readies this process from any thread.
+    ///
+    /// # Safety
+    ///
+    /// The process has not been polled yet, and no other code uses this value at the same time.
+    pub unsafe fn set_waker(&self, waker: Waker) {
+        // SAFETY: the caller promises that no other code uses this value, so this is the only
+        // access.
+        unsafe { *self.waker.get() = Some(waker) };
+    }
+
+    /// Sets the operations that ready this process without its waker and free it: for processes
+    /// that share their thread.
+    ///
+    /// # Safety
+    ///
+    /// As for [`set_waker`](Self::set_waker). `owner` lies where this value lies, as its first
+    /// part, at a multiple of [`ALIGN`](Self::ALIGN). The methods may be called with `owner` as
+    /// [`Methods`] says, until `free` was called; until then this value stays where it is.
+    /// [`end`](Self::end) is called once.
+    pub unsafe fn set_owner(&self, owner: NonNull<()>, methods: &'static Methods) {
+        let is_lone = ptr::eq(methods, &lone::METHODS);
+        self.kind
+            .set(if is_lone { Kind::Lone } else { Kind::Owned });
+        debug_assert_eq!(owner.addr().get(), ptr::from_ref(self).addr());
+        debug_assert_eq!(owner.addr().get() % Self::ALIGN, 0);
+        // Exposed: the owner is recovered from the process' own address.
+        owner.expose_provenance();
+        self.methods.set(Some(methods));
+    }
+
+    /// The operations of its executor.
+    ///
+    /// # Safety
+    ///
+    /// [`set_owner`](Self::set_owner) was called.
+    #[inline(always)]
+    pub unsafe fn methods(&self) -> &'static Methods {
+        // SAFETY: the caller promises that `set_owner` was called, which set the methods.
+        unsafe { self.methods.get().unwrap_unchecked() }
+    }
+
+    /// Records the events of this process, if those of its thread are recorded. Each turn needs
+    /// [`keep_recorded`](Self::keep_recorded) again.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread, which has an owner for it ([`set_owner`](Self::set_owner))
+    /// and has not readied it yet.
+    pub unsafe fn set_recorded(&self) {
+        debug_assert!(self.is_owned());
+        self.kind.set(Kind::Recorded);
+        // SAFETY: the caller promises that this is the executor's thread.
+        unsafe { self.keep_recorded() };
+    }
+
+    /// Marks a process as [recorded](Self::set_recorded) at the beginning of a turn: the store that
+    /// begins a turn clears the mark.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread. On another thread this could lose a concurrent change of the
+    /// state, and the process would be queued twice.
+    #[inline]
+    pub unsafe fn keep_recorded(&self) {
+        let now = self.state.load(Ordering::Relaxed);
+        self.state.store(now | state::RECORDED, Ordering::Relaxed);
+        super::THREAD.with(|thread| {
+            if thread.process.get() == Some(NonNull::from(self)) {
+                thread.plain.set(ptr::null());
+            }
+        });
+    }
+
+    /// Takes the waker out, which breaks the cycle of a process that holds a reference to itself.
+    ///
+    /// # Safety
+    ///
+    /// Called by the owner's `free`: no other code uses this value at the same time, or calls
+    /// anything of it afterwards.
+    pub unsafe fn take_waker(&self) -> Option<Waker> {
+        // SAFETY: the caller promises that no other code uses this value, so this is the only
+        // access.
+        unsafe { (*self.waker.get()).take() }
+    }
+
+    /// Marks the process as ended. Its owner is freed when there is no reference to it: here, or
+    /// when the last wake handle is dropped.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread; the process is not polled again, and this is the only call.
+    /// The value may be freed afterwards.
+    pub unsafe fn end(this: NonNull<Process>) {
+        // SAFETY: the value lives until it is freed below, if at all; the caller promises that this
+        // is the only call.
+        unsafe {
+            this.as_ref().state.store(state::ENDED, Ordering::Relaxed);
+            if this.as_ref().references.end() {
+                Self::free(this);
+            }
+        }
+    }
+
+    /// Whether there is no reference to a process that is not polled any more: then there will be
+    /// none, and its owner may be freed without [`end`](Self::end).
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread, and `end` was not called.
+    pub unsafe fn is_unreferenced(&self) -> bool {
+        self.references.are_none()
+    }
+
+    /// # Safety
+    ///
+    /// The reference count says that there is no reference to the process any more.
+    pub(super) unsafe fn free(this: NonNull<Process>) {
+        // SAFETY: there is no reference any more, so this is the only access; by the contract of
+        // `set_owner` the methods may be called until now.
+        unsafe {
+            let this = this.as_ref();
+            if let Some(methods) = this.methods.get() {
+                (methods.free)(this.owner());
+            }
+        }
+    }
+
+    /// The waker that readies this process from any thread.
+    #[inline]
+    pub fn waker(&self) -> Option<&Waker> {
+        // SAFETY: by the type's invariant it does not change between the first poll and the
+        // freeing, and it is not read before or after.
+        unsafe { (*self.waker.get()).as_ref() }
+    }
+
+    /// Where its waker lies: an executor polls it with that one.
+    #[inline(always)]
+    pub(super) fn waker_address(&self) -> *const Waker {
+        self.waker.get().cast_const().cast()
+    }
+
+    /// As [`waker_address`](Self::waker_address), if its turns are plain ones: it can be readied
+    /// without its waker, and its events are not recorded.
+    #[inline]
+    pub(super) fn waker_of_plain_turns(&self) -> Option<*const Waker> {
+        (self.kind.get() == Kind::Owned).then(|| self.waker_address())
+    }
+
+    /// The id of its executor; a value that no thread has if it has none.
+    #[inline]
+    pub fn executor_number(&self) -> u64 {
+        self.executor_id.number()
+    }
+
+    /// Whether `cx` has the process' own waker; its address is almost always the same.
+    #[inline]
+    pub(super) fn is_polled_with(&self, cx: &Context<'_>) -> bool {
+        ptr::eq(self.waker_address(), cx.waker())
+            || self
+                .waker()
+                .is_some_and(|waker| waker.will_wake(cx.waker()))
+    }
+
+    /// Whether it can be readied without its waker.
+    #[inline]
+    pub(super) fn is_owned(&self) -> bool {
+        matches!(self.kind.get(), Kind::Owned | Kind::Recorded)
+    }
+
+    /// Whether references to it are counted, and keep its memory.
+    #[inline]
+    pub(super) fn is_counted(&self) -> bool {
+        self.kind.get() != Kind::Bare
+    }
+
+    pub(super) fn inheritance(&self) -> &Inheritance {
+        &self.inheritance
+    }
+
+    /// Counts one boost `boost` more or less. `false`: the count would overflow, and nothing has
+    /// changed.
+    ///
+    /// # Safety
+    ///
+    /// The executor's lock is held.
+    pub(super) unsafe fn count_boost(&self, boost: Boost, more: bool) -> bool {
+        let before = events::is_on().then(|| self.level.get());
+        // SAFETY: the caller holds the executor's lock, which guards the counts.
+        let is_counted = unsafe {
+            self.inheritance
+                .count(&self.level, self.own_level, boost, more)
+        };
+        if let Some(before) = before
+            && self.level.get() != before
+        {
+            let levels = || [before.into(), self.level.get().into()];
+            events::report(events::code::PRIORITY, self.id.get(), levels);
+        }
+        is_counted
+    }
+
+    /// The owner that was set.
+    ///
+    /// # Safety
+    ///
+    /// [`set_owner`](Self::set_owner) was called.
+    #[inline(always)]
+    pub unsafe fn owner(&self) -> NonNull<()> {
+        NonNull::with_exposed_provenance(NonNull::from(self).addr())
+    }
+
+    /// The number of counted polls.
+    pub fn polls(&self) -> u64 {
+        self.polls.load(Ordering::Relaxed)
+    }
+
+    /// Sets bits that its executor looks at before the next poll. From any thread that holds a
+    /// reference.
+    pub fn notify(&self, bits: u8) {
+        // Release: a reader of the notice sees what was written before it.
+        self.notices.fetch_or(bits, Ordering::Release);
+    }
+
+    /// The notices. On the executor's thread.
+    #[inline]
+    pub fn notices(&self) -> u8 {
+        self.notices.load(Ordering::Acquire)
+    }
+
+    /// The id of the process.
+    pub fn id(&self) -> ProcessId {
+        self.id
+    }
+
+    /// The executor of the process.
+    #[inline]
+    pub fn executor_id(&self) -> ExecutorId {
+        self.executor_id
+    }
+
+    /// The level that the process runs at: its own, or a higher one that it
+    /// [inherits](super::Inheritor).
+    #[inline]
+    pub fn level(&self) -> u8 {
+        self.level.get()
+    }
+
+    /// The priority of the process without a boost.
+    #[inline]
+    pub(super) fn own_priority(&self) -> Priority {
+        Priority {
+            thread: self.thread_priority,
+            level: self.own_level,
+        }
+    }
+
+    /// The priority of the process. While it inherits from a thread of higher priority, it counts
+    /// as of the highest level there.
+    #[inline]
+    pub fn priority(&self) -> Priority {
+        self.lowered_priority(0)
+    }
+
+    /// The priority of a branch that runs `lowered` levels below the process.
+    #[inline]
+    pub(super) fn lowered_priority(&self, lowered: u8) -> Priority {
+        Priority {
+            thread: self.level.thread(self.thread_priority, &self.inheritance),
+            level: self.level().saturating_sub(lowered),
+        }
+    }
+}
+
+impl fmt::Debug for Process {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Process")
+            .field("id", &self.id)
+            .field("priority", &self.priority())
+            .finish_non_exhaustive()
+    }
+}

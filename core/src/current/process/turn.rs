@@ -1,0 +1,301 @@
+//! How a process becomes ready, has its turn, and yields: changes of its state by its executor.
+
+use super::{Activity, Process, QueueEnd};
+use crate::current::ready;
+use crate::current::run_queue::Link;
+use crate::current::turn::{PlainTurn, process};
+use crate::events;
+use std::hint::cold_path;
+use std::ptr::NonNull;
+use std::sync::atomic::Ordering;
+
+/// The state of a process, as bits of one byte that the executor's thread writes.
+pub(in crate::current) mod state {
+    /// It is in the run queue.
+    pub(in crate::current) const QUEUED: u8 = 1;
+    /// It is being polled.
+    pub(in crate::current) const RUNNING: u8 = 2;
+    /// It is not polled any more.
+    pub(in crate::current) const ENDED: u8 = 4;
+    /// It was never polled.
+    pub(in crate::current) const NEW: u8 = 8;
+    /// Its wakes are recorded as events.
+    pub(in crate::current) const RECORDED: u8 = 16;
+    /// It is queued when its turn is over, behind the others of its level.
+    pub(in crate::current) const YIELDED: u8 = 32;
+    /// Its executor ends it after this turn.
+    pub(in crate::current) const FAILED: u8 = 64;
+}
+
+/// What is to be done after a turn: see [`Process::after_turn`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AfterTurn {
+    /// Nothing: the process waits, or is ready again.
+    Nothing,
+    /// It has yielded to this process, which runs next.
+    Next(Option<NonNull<()>>),
+    /// It has ended or [failed](fail_current), or its events are recorded: the turn is
+    /// [to be ended](Process::end_turn).
+    More,
+}
+
+/// Marks the current process, if there is one, as failed: its executor ends it after this turn.
+/// O(1), without atomics.
+pub fn fail_current() {
+    process(|process| {
+        if let Some(process) = process {
+            let now = process.state.load(Ordering::Relaxed);
+            process.state.store(now | state::FAILED, Ordering::Relaxed);
+        }
+    });
+}
+
+impl Process {
+    /// Readies the process without its waker, `lowered` levels below its own.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread, the process is one of an executor's, and stays where it is
+    /// until it was popped.
+    #[inline]
+    pub(in crate::current) unsafe fn ready_here(&self, lowered: u8, place: QueueEnd) {
+        // SAFETY: the caller's promises are those that `ready_at` requires; the level is at most
+        // the process' own.
+        unsafe { self.ready_at(self.level().saturating_sub(lowered), place) };
+    }
+
+    /// Readies the process, which waits, if no other one is ready and the current one need not
+    /// yield to it. Counts an operation of the current one. `false`: it is not so, and no state has
+    /// changed.
+    ///
+    /// # Safety
+    ///
+    /// As for [`ready_at`](Self::ready_at).
+    #[inline(always)]
+    pub(in crate::current) unsafe fn ready_if_none_ready(&self, turn: PlainTurn<'_>) -> bool {
+        let thread = turn.thread();
+        let left = thread.operations_left.get();
+        let level = self.level();
+        if self.state.load(Ordering::Relaxed) != 0
+            || left == 0
+            || thread.queue.is_filled()
+            || level > turn.process().level()
+        {
+            return false;
+        }
+        thread.operations_left.set(left - 1);
+        self.state.store(state::QUEUED, Ordering::Relaxed);
+        // SAFETY: the caller's promises are those that `ready_at` requires. By its state the
+        // process is in no queue, and nothing is ready.
+        unsafe { thread.queue.fill(level, self.link()) };
+        true
+    }
+
+    /// Puts the process into its executor's run queue at `level`, unless it is there at that level
+    /// or a higher one, or has ended. O(1), without atomics.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread, the process is one of an executor's, and stays where it is
+    /// until it was popped. `level` is below [`LEVELS`](super::LEVELS).
+    #[inline]
+    pub unsafe fn ready_at(&self, level: u8, place: QueueEnd) {
+        let now = self.state.load(Ordering::Relaxed);
+        if now & (state::QUEUED | state::YIELDED | state::ENDED | state::RECORDED) != 0 {
+            // SAFETY: the caller's promises are those that `ready_more` requires.
+            return unsafe { self.ready_more(level, place) };
+        }
+        // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
+        unsafe { self.queue_at(now, level, place) };
+    }
+
+    /// # Safety
+    ///
+    /// As for [`ready_at`](Self::ready_at), where the state is `now`: neither queued nor ended.
+    #[inline(always)]
+    pub(in crate::current) unsafe fn queue_at(&self, now: u8, level: u8, place: QueueEnd) {
+        self.state
+            .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
+        // SAFETY: the caller promises that the process is one of an executor's.
+        let link = unsafe { self.link() };
+        // SAFETY: the caller promises that the process stays where it is until it was popped; by
+        // the invariant its link is in no queue.
+        ready::with_queue(|queue| unsafe {
+            match place {
+                QueueEnd::Front => queue.push_front(level, link),
+                QueueEnd::Back => queue.push_back(level, link),
+            }
+        });
+    }
+
+    /// # Safety
+    ///
+    /// As for [`ready_at`](Self::ready_at).
+    #[cold]
+    pub(in crate::current) unsafe fn ready_more(&self, level: u8, place: QueueEnd) {
+        let queued = self.link.level.get();
+        let now = self.state.load(Ordering::Relaxed);
+        if now & (state::QUEUED | state::YIELDED | state::ENDED) == 0 {
+            events::ready(|| self.id.get());
+            // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
+            return unsafe { self.queue_at(now, level, place) };
+        }
+        if now & state::QUEUED != 0 && queued < level {
+            // A more urgent branch of it has become ready: the process is queued at the level of
+            // the most urgent one.
+            // SAFETY: the caller promises that the process is one of an executor's.
+            let link = unsafe { self.link() };
+            // SAFETY: the caller promises that this is the executor's thread; by the invariant the
+            // link is in its queue.
+            ready::with_queue(|queue| unsafe {
+                queue.remove(link);
+                match place {
+                    QueueEnd::Front => queue.push_front(level, link),
+                    QueueEnd::Back => queue.push_back(level, link),
+                }
+            });
+        }
+    }
+
+    /// Begins its turn. On the executor's thread.
+    #[inline]
+    pub(in crate::current) fn begin_turn(&self) {
+        self.state.store(state::RUNNING, Ordering::Relaxed);
+    }
+
+    /// Counts a poll. On the executor's thread.
+    #[inline]
+    pub fn count_poll(&self) {
+        let polls = self.polls.load(Ordering::Relaxed);
+        self.polls.store(polls + 1, Ordering::Relaxed);
+    }
+
+    /// Ends its turn, and queues it if it has yielded.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded), and the process
+    /// has its turn.
+    #[inline]
+    pub unsafe fn end_turn(&self) {
+        let now = self.state.load(Ordering::Relaxed);
+        let rest = now & !(state::RUNNING | state::YIELDED);
+        self.state.store(rest, Ordering::Relaxed);
+        if now & state::YIELDED != 0 {
+            // SAFETY: it has yielded in a plain turn: it is a process of an executor, and this is
+            // the executor's thread. Its executor keeps it until it was popped.
+            unsafe { self.ready_at(self.level(), QueueEnd::Back) };
+        }
+    }
+
+    /// Ends a turn of a process of an executor. One compare if the process waits, as after nearly
+    /// all turns.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread. The process lives until it was popped. A process that is
+    /// returned is given a turn, or [put back](crate::current::put_back).
+    #[inline(always)]
+    pub unsafe fn after_turn(&self) -> AfterTurn {
+        const WAITS: u8 = state::RUNNING;
+        const YIELDS: u8 = state::RUNNING | state::YIELDED;
+        const READY: u8 = state::RUNNING | state::QUEUED;
+        let now = self.state.load(Ordering::Relaxed);
+        if now == WAITS {
+            self.state.store(0, Ordering::Relaxed);
+            return AfterTurn::Nothing;
+        }
+        cold_path();
+        match now {
+            YIELDS => {
+                self.state.store(state::QUEUED, Ordering::Relaxed);
+                // SAFETY: the caller promises that this is the executor's thread and that the
+                // process lives until it was popped; it is not queued, by its state.
+                let next = unsafe {
+                    let link = self.link();
+                    ready::with_queue(|queue| queue.exchange(self.level(), link))
+                };
+                AfterTurn::Next(next.map(NonNull::cast))
+            }
+            READY => {
+                self.state.store(state::QUEUED, Ordering::Relaxed);
+                AfterTurn::Nothing
+            }
+            _ => AfterTurn::More,
+        }
+    }
+
+    /// Makes the current process yield at the end of its turn, if it is not ready again already.
+    #[inline(always)]
+    pub(in crate::current) fn yield_at_end(&self) {
+        let now = self.state.load(Ordering::Relaxed);
+        if now & state::QUEUED == 0 {
+            self.state.store(now | state::YIELDED, Ordering::Relaxed);
+        }
+    }
+
+    /// Whether it has [failed](fail_current) in this turn. On the executor's thread.
+    #[inline]
+    pub fn has_failed(&self) -> bool {
+        self.state.load(Ordering::Relaxed) & state::FAILED != 0
+    }
+
+    /// Whether its body has ended. On the executor's thread.
+    #[inline]
+    pub fn has_ended(&self) -> bool {
+        self.state.load(Ordering::Relaxed) & state::ENDED != 0
+    }
+
+    /// Whether it is in its executor's run queue. On the executor's thread.
+    #[inline]
+    pub fn is_queued(&self) -> bool {
+        self.state.load(Ordering::Relaxed) & state::QUEUED != 0
+    }
+
+    /// The link, as a pointer with the provenance of the owner.
+    ///
+    /// # Safety
+    ///
+    /// The process is one of an executor's.
+    #[inline(always)]
+    pub(in crate::current) unsafe fn link(&self) -> NonNull<Link> {
+        // SAFETY: a process of an executor has an owner.
+        unsafe { self.owner().cast() }
+    }
+
+    /// Marks the body as ended: the process is not readied any more, and does not yield.
+    ///
+    /// # Safety
+    ///
+    /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded).
+    pub unsafe fn set_ended(&self) {
+        let now = self.state.load(Ordering::Relaxed) & !state::YIELDED;
+        self.state.store(now | state::ENDED, Ordering::Relaxed);
+    }
+
+    /// Its state, from any thread that holds a reference.
+    pub fn activity(&self) -> Activity {
+        match self.state.load(Ordering::Relaxed) {
+            now if now & state::RUNNING != 0 => Activity::Running,
+            now if now & state::QUEUED != 0 => Activity::Ready,
+            now if now & state::NEW != 0 => Activity::New,
+            _ => Activity::Waiting,
+        }
+    }
+
+    /// Readies the process without its waker, if possible, `lowered` levels below its own.
+    ///
+    /// # Safety
+    ///
+    /// The process is counted by references, and this is not its executor's thread.
+    #[inline]
+    pub(in crate::current) unsafe fn ready_elsewhere(&self, lowered: u8) {
+        // SAFETY: the caller holds a reference, so the owner was not freed; this is another thread
+        // than the executor's, as `ready_elsewhere` requires.
+        unsafe {
+            if let Some(methods) = self.methods.get() {
+                (methods.ready_elsewhere)(self.owner(), self.lowered_priority(lowered).level);
+            }
+        }
+    }
+}

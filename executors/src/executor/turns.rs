@@ -1,0 +1,205 @@
+//! The loop of an executor's thread: turns, looks outside, rest.
+
+use super::shared::SPARE_SHARED;
+use super::{Phase, Serves, Shared};
+use crate::calls;
+use crate::deadlines::Deadlines;
+use crate::inbound::Signals;
+use crate::interference;
+use crate::process::{Enrolled, prepare_thread};
+use crate::task;
+use crate::watch;
+use luna_core::current;
+use luna_core::deferred_free;
+use luna_core::events;
+use luna_core::park;
+use luna_core::spin;
+use luna_core::timer_queue::TimerQueue;
+use luna_platform::clock::Instant;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::ptr::NonNull;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// The thread of an executor.
+pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
+    let timers = Arc::new(TimerQueue::attended(shared.clone()));
+    let deadlines = Deadlines::new(shared.clone(), timers.clone());
+    let may_block = shared.serves == Serves::One;
+    let _entered = current::enter_executor(shared.executor_id, timers, may_block);
+    if may_block {
+        // A first blocking call must not allocate.
+        park::prepare();
+    }
+    let _files = watch::enter(shared.inbound.bell(), Some(shared.clone()));
+    let _calls = calls::enter(shared.quiescence.clone(), Some(shared.registry.clone()));
+    prepare_thread();
+    let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
+    let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
+    // Panics of bodies are caught where they are polled. This one comes from elsewhere: a foreign
+    // waker, say.
+    if let Err(payload) = lived {
+        current::set_on_path(false);
+        shared.give_up(payload);
+    }
+}
+
+/// From the set-up to the end of all processes.
+pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
+    loop {
+        shared.inbound.take_attention();
+        shared.take_in();
+        if shared.phase() != Phase::HELD {
+            break;
+        }
+        // A process that is woken before the start is queued; a signal that is left would keep the
+        // thread from its sleep.
+        while let Some(level) = shared.inbound.signals().highest_level() {
+            task::take_in(shared, level);
+        }
+        shared.inbound.sleep(Instant::NEVER);
+    }
+    shared.counted.count(|| {
+        let keeps = (shared.registry.keep_ends(), deferred_free::keep_own());
+        SPARE_SHARED.with(|spare| spare.keep(shared));
+        current::set_on_path(true);
+        while let Phase::RELEASED = shared.phase() {
+            turns(|| {
+                let mut next = None;
+                while round(shared, deadlines, true, &mut next) {}
+            });
+        }
+        current::set_on_path(false);
+        drop(keeps);
+    });
+    shared.close();
+    for record in task::records() {
+        record.cancel();
+    }
+    while task::count() > 0 {
+        turns(|| {
+            let mut next = None;
+            while round(shared, deadlines, false, &mut next) && task::count() > 0 {}
+            if let Some(next) = next {
+                // SAFETY: it was taken for the turn that is not given.
+                unsafe { current::put_back(next) };
+            }
+        });
+    }
+}
+
+/// Runs rounds; ends the process that panics in one. Catching it here and not around each poll
+/// saves that.
+pub(crate) fn turns(rounds: impl FnOnce()) {
+    if let Err(payload) = catch_unwind(AssertUnwindSafe(rounds))
+        && let Err(own) = task::interrupted(payload)
+    {
+        resume_unwind(own);
+    }
+}
+
+/// Polls `next`, or else the first process of the run queue, or sleeps if none is ready. `false` if
+/// the phase may be another; there is no next one then.
+#[inline(always)]
+pub(super) fn round(
+    shared: &Arc<Shared>,
+    deadlines: &Deadlines,
+    take_in: bool,
+    next: &mut Option<NonNull<()>>,
+) -> bool {
+    let signals = shared.inbound.signals();
+    if !signals.is_empty() {
+        if let Some(next) = next.take() {
+            // SAFETY: it was taken for this turn, and nothing was done with it.
+            unsafe { current::put_back(next) };
+        }
+        if !look_outside(shared, deadlines, take_in, signals) {
+            return false;
+        }
+    }
+    // SAFETY: each dequeued process is given a turn at once, or retired.
+    match next.take().or_else(|| unsafe { current::next_ready() }) {
+        // SAFETY: it was just taken from this thread's queue, where only live tasks are.
+        Some(owner) => *next = unsafe { task::run(owner) },
+        None => rest(shared, deadlines),
+    }
+    true
+}
+
+/// Takes in the requests of other threads, and looks at the deadlines and the files. `false` if
+/// that has changed the phase.
+#[cold]
+pub(super) fn look_outside(
+    shared: &Arc<Shared>,
+    deadlines: &Deadlines,
+    take_in: bool,
+    signals: Signals,
+) -> bool {
+    // SAFETY: this is between two polls.
+    unsafe { task::end_turns() };
+    watch::glance(shared.inbound.bell());
+    if signals.attention() {
+        shared.inbound.take_attention();
+        if take_in {
+            current::set_on_path(false);
+            shared.take_in();
+            current::set_on_path(true);
+            interference::rest();
+            if shared.phase() != Phase::RELEASED {
+                return false;
+            }
+        }
+    }
+    // Only what is at least as urgent as what is ready here: the rest can wait outside.
+    if let Some(level) = signals.highest_level()
+        && current::ready_levels() >> level <= 1
+    {
+        task::take_in(shared, level);
+    }
+    if signals.deadline() {
+        deadlines.look();
+    }
+    true
+}
+
+#[cold]
+#[inline(never)]
+pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
+    // SAFETY: this is between two polls.
+    unsafe { task::end_turns() };
+    if shared.serves == Serves::One && task::count() == 0 {
+        return shared.advance(Phase::STOPPING);
+    }
+    // Flush batched exits and deferred frees before sleeping.
+    shared.registry.report_kept();
+    deferred_free::hand_over();
+    sleep(shared, deadlines.rest());
+    interference::rest();
+}
+
+/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a
+/// deadline or files only other threads can end the sleep; the observer of quiescence is notified
+/// of that.
+pub(super) fn sleep(shared: &Shared, deadline: Instant) {
+    let spin = shared.spin.load(Ordering::Relaxed);
+    if spin > 0 {
+        let found = || {
+            watch::glance(shared.inbound.bell());
+            current::ready_levels() != 0
+        };
+        let time = Duration::from_nanos(spin);
+        if shared.inbound.spin(time, deadline, found) {
+            return;
+        }
+    }
+    events::report_executor(events::code::ASLEEP);
+    if deadline != Instant::NEVER || watch::is_waiting(shared.inbound.bell()) {
+        shared.inbound.sleep(deadline);
+    } else {
+        shared
+            .inbound
+            .sleep_quiescent(&shared.quiescence, || shared.registry.announce());
+    }
+    events::report_executor(events::code::AWAKE);
+}

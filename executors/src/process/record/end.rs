@@ -1,0 +1,143 @@
+//! How a process has ended, and the exit value until it is taken.
+
+use super::{Beside, Record};
+use crate::process::exit_value::{ErasedExitValue, ExitValue};
+use crate::process::join::JoinNode;
+use crate::process::{Exit, panic_message};
+use luna_core::events;
+use std::any::Any;
+use std::sync::atomic::Ordering;
+
+/// How it ended, before any query: the message of a panic is made off the real-time path.
+pub(crate) enum RawExit {
+    Completed,
+    /// Completed, with an exit value.
+    Value(ErasedExitValue),
+    Cancelled,
+    Panicked(Box<dyn Any + Send>),
+}
+
+/// How a process has ended, readable without the lock.
+pub(in crate::process) struct Outcome;
+
+impl Outcome {
+    pub(in crate::process) const NONE: u8 = 0;
+    pub(in crate::process) const COMPLETED: u8 = 1;
+    pub(in crate::process) const CANCELLED: u8 = 2;
+    /// The panic's payload is behind the lock.
+    pub(in crate::process) const PANICKED: u8 = 3;
+    /// Completed, and the exit value is behind the lock.
+    pub(in crate::process) const WITH_VALUE: u8 = 4;
+}
+
+/// Flags for what happened to a process.
+pub(in crate::process) struct Fate;
+
+impl Fate {
+    /// It was ended by its poll_monitor.
+    pub(in crate::process) const POISONED: u8 = 2;
+}
+
+impl Record {
+    /// How it ended, if it has. The message of a panic is made here.
+    #[inline]
+    pub(in crate::process) fn exit(&self) -> Option<Exit> {
+        Some(match self.outcome.load(Ordering::Acquire) {
+            Outcome::NONE => return None,
+            Outcome::COMPLETED | Outcome::WITH_VALUE => Exit::Completed,
+            Outcome::CANCELLED => Exit::Cancelled,
+            _ => self.panicked(),
+        })
+    }
+
+    #[cold]
+    #[inline(never)]
+    pub(in crate::process) fn panicked(&self) -> Exit {
+        Exit::Panicked(match &self.shown.lock().beside {
+            Beside::Panic(payload) => panic_message(&**payload),
+            _ => String::new(),
+        })
+    }
+
+    /// The exit value, if it is of this type and was not taken.
+    #[inline]
+    pub(in crate::process) fn take_exit_value<O: ExitValue>(&self) -> Option<O> {
+        if self.outcome.load(Ordering::Acquire) != Outcome::WITH_VALUE {
+            return None;
+        }
+        self.take_stored_exit_value()
+    }
+
+    #[cold]
+    pub(in crate::process) fn take_stored_exit_value<O: ExitValue>(&self) -> Option<O> {
+        let mut shown = self.shown.lock();
+        // Checked in place: if they were taken out and put back, they would be missing meanwhile.
+        let value = match &shown.beside {
+            Beside::ExitValue(value) if value.are::<O>() => {
+                std::mem::replace(&mut shown.beside, Beside::Nothing)
+            }
+            _ => return None,
+        };
+        drop(shown);
+        // Outside of the lock: it frees.
+        match value {
+            Beside::ExitValue(value) => value.take().ok(),
+            _ => None,
+        }
+    }
+
+    /// Publishes how the process has ended, once, to its waiters.
+    pub(crate) fn finish(&self, exit: RawExit) {
+        let mut shown = self.shown.lock();
+        debug_assert!(!self.has_ended());
+        events::done(
+            self.id.get(),
+            match exit {
+                RawExit::Completed | RawExit::Value(_) => events::code::ended::OK,
+                RawExit::Cancelled => events::code::ended::CANCELLED,
+                RawExit::Panicked(_) => events::code::ended::PANICKED,
+            },
+        );
+        let outcome = match exit {
+            RawExit::Completed => Outcome::COMPLETED,
+            RawExit::Value(value) => {
+                shown.beside = Beside::ExitValue(value);
+                Outcome::WITH_VALUE
+            }
+            RawExit::Cancelled => Outcome::CANCELLED,
+            RawExit::Panicked(payload) => {
+                shown.beside = Beside::Panic(payload);
+                Outcome::PANICKED
+            }
+        };
+        // No further query to the process itself can come. SAFETY: the lock is held.
+        unsafe { self.seen.forget() };
+        self.outcome.store(outcome, Ordering::Release);
+        // One by one, so that the lock is never held for more than a few steps.
+        while let Some(node) = shown.joining.pop() {
+            // No further waiter can come.
+            let is_last = shown.joining.is_empty();
+            // SAFETY: a node in the list is live and guarded by the lock that is held; its join
+            // uses it no more once it is not listed.
+            let ready = unsafe {
+                let node = node.cast::<JoinNode>().as_ptr();
+                let ready = (*node)
+                    .wait
+                    .wake_handle_mut()
+                    .take()
+                    .map(|wake_handle| wake_handle.take());
+                (*node).listed.store(false, Ordering::Release);
+                ready
+            };
+            drop(shown);
+            if let Some(ready) = ready {
+                // The other waiters are notified all the same.
+                ready.wake_contained();
+            }
+            if is_last {
+                return;
+            }
+            shown = self.shown.lock();
+        }
+    }
+}

@@ -1,0 +1,395 @@
+//! The part of a process that outlives its body: its name, its counters, and how it ended.
+
+mod end;
+mod reference;
+mod shown;
+
+pub(crate) use end::RawExit;
+pub(crate) use reference::RecordRef;
+pub(in crate::process) use shown::Shown;
+
+use crate::process::poll_monitor::{self, PollMonitor, Verdict};
+use crate::process::registry::ProcessRegistry;
+use crate::process::{Name, ProcessSpec, ProcessState};
+use end::{Fate, Outcome};
+use luna_core::biased_lock::BiasedLock;
+use luna_core::current::{Activity, LEVELS, Process, ProcessId};
+use luna_core::deferred_free::{self, Retired};
+use luna_core::replay_log::LogInstaller;
+use luna_core::wait_list::WaitList;
+use luna_core::{events, path};
+use luna_platform::clock::Instant;
+use reference::free_boxed;
+use shown::{Beside, Seen};
+use std::fmt;
+use std::ops::Range;
+use std::ptr::NonNull;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
+
+/// Flags for the end of a process, stored beside its level.
+struct How;
+
+impl How {
+    /// Its end is listed.
+    const LISTED: u8 = 1 << 5;
+    const UNHURRIED: u8 = 1 << 6;
+    /// The room of its body is large.
+    const LARGE: u8 = 1 << 7;
+}
+
+/// Causes for an executor to check a process before it polls it.
+pub(crate) struct Notice;
+
+impl Notice {
+    pub(crate) const CANCELLED: u8 = 1;
+    pub(crate) const TIMED: u8 = 2;
+    pub(crate) const ENDED: u8 = 4;
+    /// Its turns are recorded: see [`events`].
+    pub(crate) const RECORDED: u8 = 8;
+}
+
+/// The part of a process that outlives its body: the head of a task, or in a box.
+///
+/// # Invariants
+///
+/// `references` counts the [`RecordRef`]s, and what else keeps the memory that the record lies in:
+/// for a task its wakers, and one for its process. Without any, `retired` frees that memory.
+#[repr(C)]
+pub(crate) struct Record {
+    /// First, so that a pointer to it is one to the record. Its link is that of the list of what is
+    /// not built yet, and later of the list of what has ended.
+    retired: Retired,
+    pub(in crate::process) name: Name,
+    seen: Seen,
+    /// If its polls are timed, also if only the poll monitor needs that.
+    timing: Option<Box<Timing>>,
+    references: AtomicU32,
+    pub(in crate::process) id: ProcessId,
+    /// Its level, and [how](How) it ends.
+    level_and_how: u8,
+    /// One of [`Outcome`].
+    outcome: AtomicU8,
+    pub(in crate::process) cancelled: AtomicBool,
+    /// Further facts about its end: flags of [`Fate`].
+    fate: AtomicU8,
+    /// The process' own thread takes it without atomics, unless others look at the process too.
+    pub(in crate::process) shown: BiasedLock<Shown>,
+}
+
+/// The timing of a process with timed polls.
+struct Timing {
+    poll_monitor: Option<Arc<dyn PollMonitor>>,
+    log_installer: Option<Box<Arc<dyn LogInstaller>>>,
+    /// The polls are timed: this is not timed for the replay log alone.
+    is_timed: bool,
+    /// Written by the process' thread alone.
+    longest_poll: AtomicU64,
+}
+
+impl Record {
+    /// The record of a process that counts as living, with so many references, in memory that
+    /// `free` frees. `is_on_executor`: the calling thread is the executor that it is to run on.
+    #[inline]
+    pub(crate) fn new(
+        spec: ProcessSpec,
+        registry: &ProcessRegistry,
+        is_on_executor: bool,
+        references: u32,
+        free: unsafe fn(NonNull<Retired>),
+    ) -> Self {
+        registry.enter();
+        let shown = Shown {
+            joining: WaitList::new(),
+            beside: Beside::Nothing,
+        };
+        path::name_process(spec.id, &spec.name);
+        events::report(events::code::SPAWNED, spec.id.get(), || {
+            [events::current_process(), 0]
+        });
+        let flag = |is_set, bit| if is_set { bit } else { 0 };
+        let is_timed = spec.timed || spec.poll_monitor.is_some();
+        let timing = (is_timed || spec.log_installer.is_some()).then(|| {
+            Box::new(Timing {
+                poll_monitor: spec.poll_monitor,
+                log_installer: spec.log_installer,
+                is_timed,
+                longest_poll: AtomicU64::new(0),
+            })
+        });
+        Self {
+            retired: Retired::new(free),
+            references: AtomicU32::new(references),
+            name: spec.name,
+            id: spec.id,
+            level_and_how: spec.level
+                | flag(spec.listed, How::LISTED)
+                | flag(spec.unhurried, How::UNHURRIED),
+            outcome: AtomicU8::new(Outcome::NONE),
+            cancelled: AtomicBool::new(false),
+            fate: AtomicU8::new(0),
+            seen: Seen::nothing(),
+            shown: if is_on_executor {
+                BiasedLock::biased_to_this_executor(shown)
+            } else {
+                BiasedLock::new(shown)
+            },
+            timing,
+        }
+    }
+
+    /// Notes that the memory in which it lies is large.
+    pub(crate) fn set_large(&mut self) {
+        self.level_and_how |= How::LARGE;
+    }
+
+    /// What is known of a process that has ended, in memory without the room of its body; `None` if
+    /// that is not large, or there is more to know than is copied.
+    pub(in crate::process) fn without_body(&self) -> Option<Self> {
+        let outcome = match self.outcome.load(Ordering::Acquire) {
+            Outcome::COMPLETED | Outcome::WITH_VALUE => Outcome::COMPLETED,
+            Outcome::CANCELLED => Outcome::CANCELLED,
+            _ => return None,
+        };
+        if !self.is(How::LARGE) || self.timing.is_some() {
+            return None;
+        }
+        Some(Self {
+            retired: Retired::new(free_boxed),
+            name: self.name.clone(),
+            seen: Seen(AtomicPtr::new(self.seen.0.load(Ordering::Relaxed))),
+            timing: None,
+            references: AtomicU32::new(1),
+            id: self.id,
+            level_and_how: self.level_and_how & !How::LARGE,
+            outcome: AtomicU8::new(outcome),
+            cancelled: AtomicBool::new(self.is_cancelled()),
+            fate: AtomicU8::new(self.fate.load(Ordering::Relaxed)),
+            shown: BiasedLock::new(Shown {
+                joining: WaitList::new(),
+                beside: Beside::Nothing,
+            }),
+        })
+    }
+
+    /// Counts one more reference, for a caller that has one.
+    #[inline]
+    pub(crate) fn count_one_more(&self) {
+        // Relaxed: code that has a reference may pass it on, and provides the ordering that this
+        // needs itself.
+        if self.references.fetch_add(1, Ordering::Relaxed) > i32::MAX as u32 {
+            // So many were leaked: to wrap would be to free what is owned.
+            std::process::abort();
+        }
+    }
+
+    /// Counts so many references less; the last frees the memory: at once, or off the real-time
+    /// path.
+    ///
+    /// # Safety
+    ///
+    /// They were counted for the caller, which does not use the record any more. The pointer may be
+    /// used for all of the memory that the record lies in.
+    #[inline]
+    pub(crate) unsafe fn count_less(this: NonNull<Self>, count: u32) {
+        // SAFETY: the caller's contract. AcqRel, and no fence, which ThreadSanitizer does not know:
+        // the thread that frees the memory does so after all that others did with it. A thread with
+        // the only references is alone with it: looking costs less than counting.
+        unsafe {
+            let references = &this.as_ref().references;
+            if references.load(Ordering::Acquire) == count
+                || references.fetch_sub(count, Ordering::AcqRel) == count
+            {
+                deferred_free::retire(this.cast());
+            }
+        }
+    }
+
+    /// The link of the lists that the record may be in.
+    pub(crate) fn link(&self) -> &AtomicPtr<Retired> {
+        self.retired.link()
+    }
+
+    fn has_ended_in_a_hurry(&self) -> bool {
+        let outcome = self.outcome.load(Ordering::Relaxed);
+        !self.is(How::UNHURRIED) || matches!(outcome, Outcome::CANCELLED | Outcome::PANICKED)
+    }
+
+    pub(crate) fn id(&self) -> ProcessId {
+        self.id
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub(crate) fn level(&self) -> u8 {
+        self.level_and_how & (LEVELS - 1)
+    }
+
+    fn is(&self, how: u8) -> bool {
+        self.level_and_how & how != 0
+    }
+
+    #[inline]
+    pub(crate) fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Acquire)
+    }
+
+    /// What its executor is to look at before its first poll.
+    pub(crate) fn notices(&self) -> u8 {
+        let cancelled = self.is_cancelled();
+        let timed = if self.timing.is_some() {
+            Notice::TIMED
+        } else {
+            0
+        };
+        let recorded = if events::is_on() { Notice::RECORDED } else { 0 };
+        timed | recorded | if cancelled { Notice::CANCELLED } else { 0 }
+    }
+
+    /// Whether the body has ended.
+    #[inline]
+    pub(crate) fn has_ended(&self) -> bool {
+        self.outcome.load(Ordering::Acquire) != Outcome::NONE
+    }
+
+    /// Whether its polls are timed.
+    pub(in crate::process) fn is_timed(&self) -> bool {
+        self.timing.as_ref().is_some_and(|timing| timing.is_timed)
+    }
+
+    /// The longest of its polls in nanoseconds, if they are timed.
+    pub(in crate::process) fn longest_poll(&self) -> Option<u64> {
+        let timing = self.timing.as_ref().filter(|timing| timing.is_timed)?;
+        Some(timing.longest_poll.load(Ordering::Relaxed))
+    }
+
+    /// Installs its replay log around each poll.
+    pub(in crate::process) fn log_installer(&self) -> Option<&Arc<dyn LogInstaller>> {
+        self.timing.as_ref()?.log_installer.as_deref()
+    }
+
+    fn poll_monitor(&self) -> Option<&Arc<dyn PollMonitor>> {
+        self.timing.as_ref()?.poll_monitor.as_ref()
+    }
+
+    pub(crate) fn state(&self) -> ProcessState {
+        let shown = self.shown.lock();
+        if self.has_ended() {
+            return ProcessState::Ended;
+        }
+        // SAFETY: the lock is held.
+        let activity = unsafe { self.seen.process() }.map(Process::activity);
+        drop(shown);
+        match activity {
+            None | Some(Activity::New) => ProcessState::Created,
+            Some(Activity::Ready) => ProcessState::Ready,
+            Some(Activity::Running) => ProcessState::Running,
+            Some(Activity::Waiting) => ProcessState::Waiting,
+        }
+    }
+
+    /// How often it was polled.
+    pub(in crate::process) fn polls(&self) -> u64 {
+        self.seen.last_polls().unwrap_or_else(|| {
+            let _shown = self.shown.lock();
+            // SAFETY: the lock is held.
+            unsafe { self.seen.polls() }
+        })
+    }
+
+    /// Begins a timed poll; returns its start.
+    #[cold]
+    pub(in crate::process) fn begin_poll(&self) -> Instant {
+        let began = Instant::now();
+        if let Some(poll_monitor) = self.poll_monitor() {
+            // It may panic, so the poll monitor is not installed while it runs.
+            poll_monitor.poll_begins(began);
+            poll_monitor::set(Some(poll_monitor.clone()));
+        }
+        began
+    }
+
+    /// Ends a timed poll. If the poll monitor wants the process ended, it counts as cancelled from
+    /// here on.
+    #[cold]
+    pub(in crate::process) fn end_poll(&self, began: Instant) {
+        let now = Instant::now();
+        let took = now.nanos_since(began);
+        if let Some(Timing { longest_poll, .. }) = self.timing.as_deref()
+            && took > longest_poll.load(Ordering::Relaxed)
+        {
+            longest_poll.store(took, Ordering::Relaxed);
+        }
+        let Some(poll_monitor) = self.poll_monitor() else {
+            return;
+        };
+        // The record has another reference, so nothing is freed here.
+        poll_monitor::set(None);
+        if poll_monitor.poll_ends(began, now) == Verdict::Poison {
+            self.fate.fetch_or(Fate::POISONED, Ordering::Relaxed);
+            self.cancelled.store(true, Ordering::Release);
+        }
+    }
+
+    /// Whether the channel ends that go with its body are to poison their channels.
+    pub(in crate::process) fn is_poisoned(&self) -> bool {
+        self.fate.load(Ordering::Relaxed) & Fate::POISONED != 0
+    }
+
+    /// Sets the address of the process. The process, which has a waker, stays there until it has
+    /// [finished](Self::finish).
+    ///
+    /// # Safety
+    ///
+    /// `process` is the process of this record. It has a waker, and stays at its address until it
+    /// has finished.
+    pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
+        {
+            let _shown = self.shown.lock();
+            self.seen.0.store(process.as_ptr(), Ordering::Release);
+        }
+        if self.cancelled.load(Ordering::Acquire) {
+            // SAFETY: the contract.
+            unsafe { process.as_ref() }.notify(Notice::CANCELLED);
+        }
+    }
+
+    /// The addresses at which the body lies, while the process is there.
+    pub(in crate::process) fn body(&self) -> Option<Range<usize>> {
+        let _shown = self.shown.lock();
+        // SAFETY: the lock is held as long as the process is used. A process that is shown has an
+        // owner, which lives as long as it is shown.
+        unsafe {
+            let process = self.seen.process()?;
+            Some((process.methods().body)(process.owner()))
+        }
+    }
+
+    pub(crate) fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Release);
+        let waker = {
+            let _shown = self.shown.lock();
+            // SAFETY: the lock is held as long as it is used.
+            unsafe { self.seen.process() }.and_then(|process| {
+                process.notify(Notice::CANCELLED);
+                process.waker().cloned()
+            })
+        };
+        if let Some(waker) = waker {
+            waker.wake();
+        }
+    }
+}
+
+impl fmt::Debug for Record {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Process")
+            .field("name", &self.name)
+            .field("id", &self.id.get())
+            .field("level", &self.level())
+            .field("state", &self.state())
+            .finish_non_exhaustive()
+    }
+}

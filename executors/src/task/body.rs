@@ -1,0 +1,135 @@
+//! The body behind a task: how it is polled, and how it ends.
+
+use super::Task;
+use crate::process::{Abandoned, Body, End, ErasedExitValue, ExitValue, ExitValueMethods};
+use std::any::TypeId;
+use std::cell::UnsafeCell;
+use std::future::Future;
+use std::mem::offset_of;
+use std::ops::Range;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// Rare operations on a body: found through its process' methods.
+pub(super) struct BodyMethods {
+    /// Ends a body that has not completed.
+    pub(super) abandon: unsafe fn(NonNull<Task>, Abandoned),
+}
+
+#[repr(C)]
+pub(super) struct Whole<F: Future, B> {
+    pub(super) task: Task,
+    pub(super) body: UnsafeCell<Body<F, B>>,
+}
+
+/// The body behind a task.
+///
+/// # Safety
+///
+/// `task` is the head of a live `Whole<F, B>`, this is the thread of its executor, and nothing else
+/// accesses its body while the borrow lasts.
+#[inline(always)]
+pub(super) unsafe fn body<'a, F: Future, B>(task: NonNull<Task>) -> Pin<&'a mut Body<F, B>> {
+    // SAFETY: the contract; the body stays where it is until it is dropped.
+    unsafe { Pin::new_unchecked(&mut *(*task.cast::<Whole<F, B>>().as_ptr()).body.get()) }
+}
+
+/// # Safety
+///
+/// `owner` is the head of a live `Whole<F, B>`.
+pub(super) unsafe fn body_range<F: Future, B>(owner: NonNull<()>) -> Range<usize> {
+    let start = owner.addr().get() + offset_of!(Whole<F, B>, body);
+    start..start + size_of::<Body<F, B>>()
+}
+
+/// # Safety
+///
+/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body has not ended.
+pub(super) unsafe fn poll<F, B>(owner: NonNull<()>, cx: &mut Context<'_>)
+where
+    F: Future<Output: ExitValue>,
+{
+    let task = owner.cast::<Task>();
+    // SAFETY: the contract.
+    unsafe {
+        if let Poll::Ready(value) = body::<F, B>(task).poll_unended(cx) {
+            end_body::<F, B>(task, End::Completed(value));
+        }
+    }
+}
+
+/// # Safety
+///
+/// As for [`body`]; and it has not ended.
+pub(super) unsafe fn abandon<F, B>(task: NonNull<Task>, abandoned: Abandoned)
+where
+    F: Future<Output: ExitValue>,
+{
+    // SAFETY: the contract.
+    unsafe { end_body::<F, B>(task, End::Abandoned(abandoned)) };
+}
+
+/// Drops the body and publishes how it ended. The exit value takes the body's place until it is
+/// taken, or the task is freed.
+///
+/// # Safety
+///
+/// As for [`body`]; and it has not ended before.
+#[cold]
+pub(super) unsafe fn end_body<F, B>(task: NonNull<Task>, end: End<F::Output>)
+where
+    F: Future<Output: ExitValue>,
+{
+    // SAFETY: the caller's contract. No borrow of the body is left when the exit value is
+    // published, and from then on it belongs to the threads that take it.
+    unsafe {
+        let this = task.as_ref();
+        let end = match end {
+            End::Completed(_) if this.process.has_failed() => End::Completed(F::Output::failed()),
+            End::Abandoned(Abandoned::Failed) => End::Completed(F::Output::failed()),
+            end => end,
+        };
+        let end = body::<F, B>(task).end(&this.record, end);
+        let exit = end.into_raw(|value| {
+            body::<F, B>(task).keep(value);
+            let methods = const {
+                &ExitValueMethods {
+                    type_id: TypeId::of::<F::Output>,
+                    take: take_exit_value::<F, B>,
+                    discard: discard_exit_value::<F, B>,
+                }
+            };
+            ErasedExitValue::new(task.cast(), methods)
+        });
+        this.process.set_ended();
+        this.record.finish(exit);
+    }
+}
+
+/// # Safety
+///
+/// `owner` is the head of a live `Whole<F, B>`. Its body has ended. The caller owns its exit
+/// value; `to` is room for it.
+pub(super) unsafe fn take_exit_value<F: Future, B>(owner: NonNull<()>, to: *mut ()) {
+    // SAFETY: the caller's contract; the exit value belongs to this call, so nothing else accesses
+    // the body.
+    unsafe {
+        let task = owner.cast::<Task>();
+        let value = body::<F, B>(task).take_exit_value();
+        // By the contract there is an exit value.
+        to.cast::<F::Output>().write(value.unwrap_unchecked());
+    }
+}
+
+/// # Safety
+///
+/// As for [`take_exit_value`].
+pub(super) unsafe fn discard_exit_value<F: Future, B>(owner: NonNull<()>) {
+    // SAFETY: the contract.
+    unsafe {
+        let task = owner.cast::<Task>();
+        let value = body::<F, B>(task).take_exit_value();
+        drop(value);
+    }
+}

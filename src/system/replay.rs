@@ -1,0 +1,47 @@
+//! What of a system is about the recording of its run, and the run of a recording.
+
+use super::System;
+use crate::replay::{Mode, ROOM, Recording};
+use std::path::PathBuf;
+
+impl System {
+    /// Records the run's nondeterministic inputs into a file: see [`replay`](crate::replay). The
+    /// file is made when the system starts.
+    ///
+    /// Each process has room for 64 KiB of events that are yet to be written
+    /// ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
+    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): no process waits
+    /// for the file. Recorded processes take the slow path for each communication, some tens of
+    /// nanoseconds longer than the fast path of one executor. The run's error is
+    /// [`Error::Record`](crate::Error::Record) if the file cannot be written.
+    pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
+        self.record_room(path, ROOM)
+    }
+
+    /// As [`record`](Self::record), with room for `bytes` bytes of each process; at least 256.
+    pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
+        self.plan.settings().replay_logs.mode = Mode::Record(path.into(), bytes);
+        self
+    }
+
+    /// Stores a text in the recording: what the program needs to describe the same system again.
+    /// [`Recording::note`] gives it.
+    pub fn record_note(&mut self, note: impl Into<String>) -> &mut Self {
+        self.plan.settings().replay_logs.note = note.into();
+        self
+    }
+
+    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same
+    /// processes, described in the same way, do the same again, and what they give outside is
+    /// compared. The run's error is [`Error::Record`](crate::Error::Record) with the first
+    /// difference, if there is one.
+    ///
+    /// Time moves from event to event, so durations have no meaning: delays, loops and timeouts end
+    /// when they ended in the recording. What was under way when the recorded system was ended goes
+    /// on as far as it had come, and is ended then.
+    pub fn replay(&mut self, recording: &Recording) -> &mut Self {
+        self.virtual_clock();
+        self.plan.settings().replay_logs.replay(recording);
+        self
+    }
+}
