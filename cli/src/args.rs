@@ -1,6 +1,7 @@
 //! The command line.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use glob::Pattern;
 use luna::Policy;
 use std::net::SocketAddr;
 use std::ops::RangeInclusive;
@@ -16,6 +17,10 @@ const MAX_INTERVAL: u64 = 60_000_000;
 
 /// Where the scope listens: this machine alone can reach it.
 const SCOPE: &str = "127.0.0.1:8620";
+
+/// Where Foxglove looks first: this machine alone can reach it.
+#[cfg(feature = "foxglove")]
+const FOXGLOVE: &str = "127.0.0.1:8765";
 
 /// LUNA: hard real-time processes and channels. Without a command: the demo.
 #[derive(Debug, Parser)]
@@ -57,6 +62,7 @@ const MAX_OTHERS: i64 = 250;
 
 /// The options of `luna demo`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = crate::exit::OF_DEMO)]
 pub(crate) struct Demo {
     /// How long to run, in seconds
     #[arg(long, value_name = "S", default_value = "10", value_parser = seconds, allow_negative_numbers = true)]
@@ -66,19 +72,22 @@ pub(crate) struct Demo {
     pub(crate) rate: u32,
     #[command(flatten)]
     pub(crate) place: Placement,
-    /// A recording with the columns time (s), pan and tilt (-1 to 1), or an input device
-    /// (/dev/input/event0) [default: a recording within the program]
+    /// A CSV file with the columns time (s), pan and tilt (-1 to 1), or an input device
+    /// (/dev/input/event0) [default: such a file within the program]
     #[arg(long, value_name = "FILE")]
     pub(crate) joystick: Option<PathBuf>,
     /// On a virtual clock: time jumps to the next cycle when all is computed, and every run is the
     /// same
     #[arg(long = "virtual")]
     pub(crate) on_virtual_clock: bool,
-    /// Record what was not determined in the run, for --replay
-    #[arg(long, value_name = "FILE")]
+    /// Record signals, messages and events, for `luna convert` and `luna scope` (.luna)
+    #[arg(long, value_name = "FILE", conflicts_with = "replay", value_parser = recording)]
+    pub(crate) log: Option<PathBuf>,
+    /// Write a replay log (.replay): what was not determined in the run, for --replay
+    #[arg(long, value_name = "FILE", value_parser = replay_log)]
     pub(crate) record: Option<PathBuf>,
-    /// Do a recorded run again, on a virtual clock, and say whether its outputs are the same, or at
-    /// which event they differ
+    /// Do the run of a replay log again, on a virtual clock, and say whether its outputs are the
+    /// same, or at which event they differ
     #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "seconds", "rate", "joystick", "calibrated", "core", "policy", "parameters", "set"])]
     pub(crate) replay: Option<PathBuf>,
     /// A TOML file with the controllers' parameters: kp, ki, kd and filter below [pan] and [tilt]
@@ -88,6 +97,12 @@ pub(crate) struct Demo {
     /// --set
     #[arg(long, value_name = "NAME=VALUE")]
     pub(crate) set: Vec<String>,
+    /// End with exit code 5 if the control loop missed a slot
+    #[arg(long, conflicts_with = "replay")]
+    pub(crate) strict: bool,
+    /// Print the run's row of table 4 of the LUNA paper, beside the paper's of the same rate
+    #[arg(long, conflicts_with = "replay")]
+    pub(crate) table_4: bool,
     /// Do not look for the end stops first: the encoders are known to count from the middle
     #[arg(long)]
     pub(crate) calibrated: bool,
@@ -102,6 +117,11 @@ pub(crate) struct Demo {
     /// Print the scope's address with a token: with it a viewer may set the controllers' parameters
     #[arg(long, requires = "scope")]
     pub(crate) scope_token: bool,
+    /// Serve signals, messages and events while it runs, for Foxglove and Lichtblick on this
+    /// machine; ADDR is host:port
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = FOXGLOVE, conflicts_with = "replay")]
+    pub(crate) foxglove: Option<SocketAddr>,
 }
 
 impl Demo {
@@ -183,7 +203,7 @@ pub(crate) struct Doctor {
 /// The options of `luna convert`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Convert {
-    /// The recording, as `System::log_to` or LUNA_LOG has made it
+    /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it
     pub(crate) file: PathBuf,
     /// What to make of it
     #[arg(long, value_name = "FORMAT")]
@@ -195,6 +215,32 @@ pub(crate) struct Convert {
     /// cell
     #[arg(long)]
     pub(crate) hold: bool,
+    /// CSV: a row for each cycle of this loop, with the last value of each signal in the cycle; for
+    /// recordings with events
+    #[arg(long, value_name = "LOOP")]
+    pub(crate) per_cycle: Option<String>,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+}
+
+/// What of a recording is converted. Without an option of a kind, all of that kind is.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct Selection {
+    /// Only signals of these names, as pan/*,tilt/angle; none for no signals
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) signals: Vec<Pattern>,
+    /// Only events of these kinds, as late*,communication; none for no events
+    #[arg(long, value_name = "KINDS", value_delimiter = ',')]
+    pub(crate) events: Vec<Pattern>,
+    /// Only events and messages of processes of these names
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) process: Vec<Pattern>,
+    /// Only what came so many seconds after the beginning of the recording, or later
+    #[arg(long, value_name = "S", value_parser = instant)]
+    pub(crate) from: Option<Duration>,
+    /// Only what came before so many seconds after the beginning of the recording
+    #[arg(long, value_name = "S", value_parser = instant)]
+    pub(crate) until: Option<Duration>,
 }
 
 /// The options of `luna record`.
@@ -245,8 +291,8 @@ fn level(text: &str) -> Result<Messages, String> {
 /// The options of `luna scope`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Scope {
-    /// The recording, as `System::log_to` or LUNA_LOG has made it; - reads it from the standard
-    /// input
+    /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it; - reads it
+    /// from the standard input
     pub(crate) file: PathBuf,
     /// Where to listen; there is no encryption, so that what is no loopback is for a network that
     /// one trusts
@@ -314,6 +360,13 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+fn instant(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().map(Duration::try_from_secs_f64);
+    seconds
+        .and_then(Result::ok)
+        .ok_or("it must be a number of seconds, from 0 on".into())
+}
+
 fn rate(text: &str) -> Result<u32, String> {
     match text.parse::<u32>() {
         Ok(value) if RATES.contains(&value) => Ok(value),
@@ -331,6 +384,20 @@ fn interval(text: &str) -> Result<u64, String> {
         _ => Err(format!(
             "it must be a whole number of microseconds, from 1 to {MAX_INTERVAL} (a minute)"
         )),
+    }
+}
+
+fn replay_log(text: &str) -> Result<PathBuf, String> {
+    match text.ends_with(".luna") {
+        true => Err("a replay log is a .replay; --log makes a recording (.luna)".into()),
+        false => Ok(text.into()),
+    }
+}
+
+fn recording(text: &str) -> Result<PathBuf, String> {
+    match text.ends_with(".replay") {
+        true => Err("a recording is a .luna; --record makes a replay log (.replay)".into()),
+        false => Ok(text.into()),
     }
 }
 
@@ -411,10 +478,10 @@ mod tests {
 
     #[test]
     fn a_replay_says_all_that_the_recorded_run_was_told() {
-        let recorded = demo("luna demo --seconds 1 --virtual --record run.luna");
-        assert_eq!(recorded.record, Some(PathBuf::from("run.luna")));
-        let replayed = demo("luna demo --replay run.luna --json");
-        assert_eq!(replayed.replay, Some(PathBuf::from("run.luna")));
+        let recorded = demo("luna demo --seconds 1 --virtual --record run.replay");
+        assert_eq!(recorded.record, Some(PathBuf::from("run.replay")));
+        let replayed = demo("luna demo --replay run.replay --json");
+        assert_eq!(replayed.replay, Some(PathBuf::from("run.replay")));
         assert!(replayed.place.json && replayed.record.is_none());
         for other in [
             "--seconds 1",
@@ -425,9 +492,18 @@ mod tests {
             "--policy other",
             "--parameters jiwy.toml",
             "--set pan/kp=1",
+            "--strict",
+            "--table-4",
         ] {
-            let line = format!("luna demo --replay run.luna {other}");
+            let line = format!("luna demo --replay run.replay {other}");
             assert_eq!(parse(&line).expect_err(&line).exit_code(), 2, "{line}");
+        }
+        for (wrong, right) in [
+            ("--record run.luna", "--log makes"),
+            ("--log run.replay", "--record makes"),
+        ] {
+            let error = parse(&format!("luna demo {wrong}")).expect_err(wrong);
+            assert!(error.to_string().contains(right), "{error}");
         }
     }
 

@@ -42,7 +42,7 @@ pub(crate) fn others(executor: &luna::Executor, count: u32, until: &Ended) -> lu
         let until = until.clone();
         let name = format!("other {number}");
         executor
-            .process(&name.clone())
+            .process(name.clone())
             .priority((number % 31) as u8)
             .spawn(async move {
                 let mut tick = luna::periodic(&name, period(number, count))?;

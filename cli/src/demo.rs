@@ -7,7 +7,8 @@ pub(crate) mod replay;
 use crate::alloc::Counting;
 use crate::failure::Failure;
 use crate::output::{Axis, Demo, FinalState, TrackingError};
-use crate::{args, card, place, report, text};
+use crate::{args, card, exit, place, report, text};
+use luna::log::{FileSink, Logging, Sink, Tee};
 use luna::prelude::*;
 use luna_jiwy::joystick::Recording;
 use luna_jiwy::network::LOOP;
@@ -15,13 +16,14 @@ use luna_jiwy::{AXES, Executors, Findings, Settings, Start, network};
 use luna_plants::MotorState;
 use luna_scope::Scope;
 use std::io::Write;
+use std::process::ExitCode;
 
 const CONTROL: &str = "control";
 
-/// Runs the demo and prints its results. Returns whether the run was complete.
-pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
+/// Runs the demo, prints its results, and gives the exit code.
+pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCode, Failure> {
     if let Some(path) = &arguments.replay {
-        return replay::replay(path, arguments);
+        return replay::replay(path, arguments).map(exit::of_a_run);
     }
     let recording = match &arguments.joystick {
         Some(path) if !crate::joystick::is_device(path) => {
@@ -49,7 +51,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     }
     replay::record(&mut system, arguments);
     set_parameters(&mut system, arguments).map_err(Failure::Luna)?;
-    let _scope = watch(&mut system, arguments)?;
+    let watched = watch(&mut system, arguments)?;
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
     if let Some(path) = &arguments.joystick
         && crate::joystick::is_device(path)
@@ -66,11 +68,18 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     let findings = network::build(&executors, registers, settings).map_err(Failure::Luna)?;
     drop(executors);
 
-    let report = system.run().map_err(Failure::Luna)?;
+    let report = system.run();
+    if let Some(scope) = &watched.scope {
+        scope.ended(match &report {
+            Ok(report) => format!("{} after {:.1} s", report.end, report.elapsed.as_secs_f64()),
+            Err(error) => error.to_string(),
+        });
+    }
+    let mut report = report.map_err(Failure::Luna)?;
     let demo = Demo {
         measurement: report::measurement(&report, CONTROL, &[LOOP], allocator.counts()),
         table_4: table::row(&report, arguments.rate, CONTROL),
-        record: replay::recorded(arguments, report.record),
+        record: replay::recorded(arguments, report.record.as_ref()),
         axes: AXES
             .iter()
             .zip(findings.iter().zip(machine.states()))
@@ -86,23 +95,31 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
             "Jiwy, pan and tilt at {} Hz for {} s: ",
             arguments.rate, arguments.seconds
         );
+        report::clear_shortfalls(&mut report);
+        let table_4 = demo.table_4.as_ref().filter(|_| arguments.table_4);
+        let table_4 =
+            table_4.map(|row| table::text(row, arguments.on_virtual_clock, report.really_elapsed));
         let parts = [
+            report::verdict(&report, LOOP),
             head + &text::header(&demo.measurement),
             report.to_string(),
-            demo.table_4.as_ref().map_or_else(String::new, |row| {
-                table::text(row, arguments.on_virtual_clock, report.really_elapsed)
-            }),
+        ];
+        let parts = parts.into_iter().chain(table_4).chain([
             text::tracking(&demo.axes),
             text::latency(LOOP, report::latencies(&report, LOOP)),
             replay::text(demo.record.as_ref())
                 + &text::memory(&demo.measurement)
                 + &machine.card()
                 + text::ending(&demo.measurement),
-        ];
-        print_parts(&mut out, &parts)
+        ]);
+        print_parts(&mut out, parts)
     };
     printed.map_err(Failure::Output)?;
-    Ok(demo.measurement.complete)
+    let has_missed = report.loops.get(LOOP).is_some_and(|timer| timer.missed > 0);
+    Ok(match demo.measurement.complete {
+        true if arguments.strict && has_missed => ExitCode::from(exit::SLOTS_MISSED),
+        complete => exit::of_a_run(complete),
+    })
 }
 
 /// The gains, where they are to be others than those that the controllers are made with.
@@ -116,18 +133,55 @@ fn set_parameters(system: &mut System, arguments: &args::Demo) -> luna::Result<(
     Ok(())
 }
 
-/// Shows the run in the browser, on request.
-fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, Failure> {
-    let Some(address) = arguments.scope else {
-        return Ok(None);
-    };
-    let scope = crate::scope::of_demo(address, system.parameters(), arguments.scope_token)?;
-    let sink = scope
-        .sink()
-        .map_err(|error| Failure::Scope { address, error })?;
-    // Some 400 events a cycle: room for half a second in which the recorder does not get to run.
-    system.log(luna::log::Logging::to_sink(sink).room_for_events(1 << 18));
-    Ok(Some(scope))
+/// What shows a run while it lasts.
+#[derive(Default)]
+struct Watched {
+    scope: Option<Scope>,
+    #[cfg(feature = "foxglove")]
+    _foxglove: Option<luna_foxglove::Foxglove>,
+}
+
+/// Records the run to a file, and shows it in the browser and in Foxglove, on request.
+fn watch(system: &mut System, arguments: &args::Demo) -> Result<Watched, Failure> {
+    let mut watched = Watched::default();
+    // The file is the first, so that it decides what is recorded.
+    let mut sinks = None;
+    if let Some(path) = &arguments.log {
+        let file = FileSink::create(path).map_err(|error| Failure::Log {
+            path: path.clone(),
+            error: error.to_string(),
+        })?;
+        sinks = Some(and(sinks, file));
+    }
+    if let Some(address) = arguments.scope {
+        let parameters = system.parameters();
+        let scope = crate::scope::of_demo(address, parameters, arguments.scope_token)?;
+        let sink = scope.sink();
+        let sink = sink.map_err(|error| Failure::Scope { address, error })?;
+        sinks = Some(and(sinks, sink));
+        watched.scope = Some(scope);
+    }
+    #[cfg(feature = "foxglove")]
+    if let Some(address) = arguments.foxglove {
+        let foxglove = luna_foxglove::Foxglove::open(address)
+            .map_err(|error| Failure::Foxglove { address, error })?;
+        let _ = writeln!(std::io::stderr(), "foxglove: {}", foxglove.url());
+        sinks = Some(and(sinks, foxglove.sink()));
+        watched._foxglove = Some(foxglove);
+    }
+    if let Some(sinks) = sinks {
+        // Some 400 events a cycle: room for half a second in which the recorder does not get to
+        // run.
+        system.log(Logging::to_sink(sinks).room_for_events(1 << 18));
+    }
+    Ok(watched)
+}
+
+fn and(sinks: Option<Tee>, sink: impl Sink + 'static) -> Tee {
+    match sinks {
+        None => Tee::new(sink),
+        Some(sinks) => sinks.and(sink),
+    }
 }
 
 /// The control executor as asked for; the hardware below it, where the system likes; the operator
@@ -181,8 +235,11 @@ pub(crate) fn print_json(
 }
 
 /// Parts with an empty line between them.
-pub(crate) fn print_parts(out: &mut impl Write, parts: &[String]) -> std::io::Result<()> {
-    for (n, part) in parts.iter().enumerate() {
+pub(crate) fn print_parts(
+    out: &mut impl Write,
+    parts: impl IntoIterator<Item = String>,
+) -> std::io::Result<()> {
+    for (n, part) in parts.into_iter().enumerate() {
         let gap = if n == 0 { "" } else { "\n" };
         writeln!(out, "{gap}{}", part.trim_end())?;
     }

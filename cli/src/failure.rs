@@ -11,17 +11,17 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
     /// The joystick's recording cannot be used.
-    #[error("joystick recording {}: {error}", .path.display())]
+    #[error("joystick {}: {error}", .path.display())]
     Joystick {
         /// Of the recording.
         path: PathBuf,
         /// Why.
         error: joystick::Error,
     },
-    /// A recording of a run cannot be replayed.
+    /// A replay log cannot be replayed.
     #[error("--replay {}: {error}", .path.display())]
     Recording {
-        /// Of the recording.
+        /// Of the replay log.
         path: PathBuf,
         /// Why.
         error: Box<RecordError>,
@@ -83,6 +83,15 @@ pub(crate) enum Failure {
         /// Why.
         error: std::io::Error,
     },
+    /// Foxglove cannot be served.
+    #[cfg(feature = "foxglove")]
+    #[error("--foxglove {address}: {error}")]
+    Foxglove {
+        /// Where.
+        address: SocketAddr,
+        /// Why.
+        error: std::io::Error,
+    },
     /// The system could not be set up, or ended with an error.
     #[error(transparent)]
     Luna(luna::Error),
@@ -104,6 +113,8 @@ impl Failure {
             | Self::Listen { .. }
             | Self::Scope { .. }
             | Self::Core { .. } => 2,
+            #[cfg(feature = "foxglove")]
+            Self::Foxglove { .. } => 2,
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. }
                 | SetupError::Attributes(_)

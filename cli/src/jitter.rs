@@ -4,16 +4,17 @@ use crate::alloc::Counting;
 use crate::beside::{self, Ended, EndsOnDrop};
 use crate::demo::{print_json, print_parts};
 use crate::failure::Failure;
-use crate::{args, place, report, text};
+use crate::{args, exit, place, report, text};
 use luna::prelude::*;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::process::ExitCode;
 use std::time::Duration;
 
 const NAME: &str = "jitter";
 
-/// Measures and prints. Gives whether the run was complete.
-pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool, Failure> {
+/// Measures, prints, and gives the exit code.
+pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<ExitCode, Failure> {
     // Before the measurement: a path that cannot be written should not cost its time.
     let file = arguments
         .histogram
@@ -32,7 +33,7 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool
     system.lock_memory();
     // Kept, so that no process drops the last one on the real-time path.
     let _ended = spawn(&mut system, arguments).map_err(Failure::Luna)?;
-    let report = system.run().map_err(Failure::Luna)?;
+    let mut report = system.run().map_err(Failure::Luna)?;
     let measurement = report::measurement(&report, NAME, &[NAME], allocator.counts());
 
     if let Some(file) = file {
@@ -46,16 +47,17 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool
             "{} wake-ups, {} µs apart: ",
             arguments.loops, arguments.interval
         );
+        report::clear_shortfalls(&mut report);
         let parts = [
             head + &text::header(&measurement),
             report.to_string(),
             text::latency(NAME, report::latencies(&report, NAME)),
             text::memory(&measurement) + text::ending(&measurement),
         ];
-        print_parts(&mut out, &parts)
+        print_parts(&mut out, parts)
     };
     printed.map_err(Failure::Output)?;
-    Ok(measurement.complete)
+    Ok(exit::of_a_run(measurement.complete))
 }
 
 /// The measured loop, at the highest level of its executor, and what is to run beside it.

@@ -8,6 +8,7 @@ mod columns;
 mod convert;
 mod demo;
 mod doctor;
+mod exit;
 mod failure;
 mod histogram_text;
 mod jitter;
@@ -30,10 +31,9 @@ use std::process::ExitCode;
 static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::realtime::on_path);
 
 fn main() -> ExitCode {
-    let of_a_run = |complete: bool| ExitCode::from(u8::from(!complete));
     let outcome = match Arguments::parse().command() {
-        Command::Demo(arguments) => demo::run(&arguments, &ALLOCATOR).map(of_a_run),
-        Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR).map(of_a_run),
+        Command::Demo(arguments) => demo::run(&arguments, &ALLOCATOR),
+        Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),

@@ -10,6 +10,7 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Plays the recording.
 pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
@@ -17,18 +18,28 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
         path: arguments.file.clone(),
         error,
     };
-    let input: Box<dyn Read> = if arguments.file == Path::new("-") {
-        Box::new(std::io::stdin().lock())
+    let (mut file, mut input): (_, Box<dyn Read>) = if arguments.file == Path::new("-") {
+        (None, Box::new(std::io::stdin().lock()))
     } else {
         let file = File::open(&arguments.file).map_err(|error| failed(error.to_string()))?;
-        Box::new(BufReader::with_capacity(1 << 16, file))
+        // Others, as pipes, are read once.
+        let is_file = file.metadata().is_ok_and(|found| found.is_file());
+        let file = BufReader::with_capacity(1 << 16, file);
+        match is_file {
+            true => (Some(file), Box::new(std::io::empty())),
+            false => (None, Box::new(file)),
+        }
     };
     let settings = Settings::default()
         .address(arguments.listen)
         .viewers(arguments.viewers.into());
     let settings = arguments.host.iter().fold(settings, Settings::host);
     let scope = open(settings)?;
-    let played = scope.replay(input, arguments.speed);
+    let speed = arguments.speed;
+    let played = match &mut file {
+        Some(file) => scope.replay_file(file, speed),
+        None => scope.replay(&mut input, speed),
+    };
     if let Err(error @ ReplayError::Open(_)) = &played {
         return Err(failed(error.to_string()));
     }
@@ -38,7 +49,12 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     if !arguments.once {
         // Until a signal ends the program.
         loop {
-            std::thread::park();
+            let Some(file) = &mut file else {
+                std::thread::park();
+                continue;
+            };
+            // Damage was reported when it was read first.
+            let _ = scope.replay_sought(file, speed, Duration::MAX);
         }
     }
     Ok(ExitCode::from(u8::from(played.is_err())))

@@ -93,45 +93,29 @@ mod tests {
             &[("position", Mode::Position), ("speed", Mode::Speed)];
     }
 
-    #[derive(Default)]
-    struct Axis {
-        of_system: Option<OfSystem>,
-        handles: Option<Handles>,
-    }
-
-    type Handles = (
-        luna::Parameter<f64>,
-        luna::Parameter<Mode>,
-        luna::Parameter<[f64; 2]>,
-        luna::Parameter<u64>,
-        luna::Parameter<bool>,
-    );
-
-    impl Process for Axis {
-        fn pre_run(&mut self) -> luna::Result<()> {
-            use luna::Parameter;
-            self.handles = Some((
-                Parameter::with_default("kp", 2.0)
-                    .unit("1/rad")
-                    .range(0.0..=50.0)
-                    .description("of pan")
-                    .register()?,
-                Parameter::with_default("mode", Mode::Position)
-                    .description("what is controlled")
-                    .register()?,
-                Parameter::with_default("gains", [1.0, 0.5]).register()?,
-                Parameter::with_default("count", u64::MAX).register()?,
-                Parameter::with_default("is on", false).register()?,
-            ));
-            Ok(())
-        }
-
-        async fn run(&mut self) -> luna::Result<()> {
-            let (Some(of_system), Some((kp, mode, gains, count, is_on))) =
-                (&self.of_system, &self.handles)
-            else {
-                return Ok(());
-            };
+    #[test]
+    fn parameters_of_each_type_are_listed_and_set() -> luna::Result<()> {
+        let mut system = System::new("axis");
+        system.virtual_clock();
+        let of_system = OfSystem(system.parameters());
+        assert!(of_system.list().is_empty());
+        assert!(of_system.set("kp", &json!(1)).is_err());
+        let main = system.executor("main").build()?;
+        let axis = main.process("axis");
+        let kp = axis
+            .parameter("kp", 2.0)
+            .unit("1/rad")
+            .range(0.0..=50.0)
+            .description("of pan")
+            .register()?;
+        let mode = axis
+            .parameter("mode", Mode::Position)
+            .description("what is controlled")
+            .register()?;
+        let gains = axis.parameter("gains", [1.0, 0.5]).register()?;
+        let count = axis.parameter("count", u64::MAX).register()?;
+        let is_on = axis.parameter("is on", false).register()?;
+        axis.spawn(async move {
             let list = json!(of_system.list());
             assert_eq!(
                 list,
@@ -178,23 +162,9 @@ mod tests {
             assert_eq!((kp.get(), gains.get(), count.get()), (4.5, [1.0, 2.0], 7));
             assert!(mode.get() == Mode::Speed && is_on.get());
             Ok(())
-        }
-    }
-
-    #[test]
-    fn parameters_of_each_type_are_listed_and_set() {
-        let mut system = System::new("axis");
-        system.virtual_clock();
-        let of_system = OfSystem(system.parameters());
-        assert!(of_system.list().is_empty());
-        assert!(of_system.set("kp", &json!(1)).is_err());
-        let main = system.executor("main").build().unwrap();
-        let axis = Axis {
-            of_system: Some(of_system),
-            ..Axis::default()
-        };
-        main.process("axis").spawn(axis).unwrap();
+        })?;
         drop(main);
-        system.run().unwrap();
+        system.run()?;
+        Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::output::{Axis, Measurement};
 use crate::{columns, histogram_text};
-use std::fmt::{self, Write};
+use std::fmt;
 
 /// A count with its noun: `1 signal`, `2 signals`.
 #[derive(Debug)]
@@ -15,25 +15,13 @@ impl fmt::Display for Count {
     }
 }
 
-/// What was obtained, and in one line what was not.
+/// What was obtained. What was not is printed when the system starts, with what to do about it.
 pub(crate) fn header(measurement: &Measurement) -> String {
     let core = match measurement.core {
         Some(core) => format!("core {core}"),
         None => "any core".to_owned(),
     };
-    let mut text = format!("policy {} on {core}\n", measurement.policy);
-    let mut missing: Vec<&str> = measurement
-        .missing
-        .iter()
-        .map(|missing| missing.what.as_str())
-        .collect();
-    // Several threads may lack the same.
-    missing.sort_unstable();
-    missing.dedup();
-    if !missing.is_empty() {
-        let _ = writeln!(text, "best effort, without: {}", missing.join(", "));
-    }
-    text
+    format!("policy {} on {core}\n", measurement.policy)
 }
 
 /// A line for each axis, with `-` where nothing was measured.
@@ -81,17 +69,8 @@ pub(crate) fn ending(measurement: &Measurement) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::{FinalState, Missing, TrackingError};
+    use crate::output::{FinalState, TrackingError};
     use luna_jiwy::parts::sanity::Interventions;
-
-    fn missing(what: &str) -> Missing {
-        Missing {
-            who: String::new(),
-            what: what.to_owned(),
-            why: String::new(),
-            remedy: String::new(),
-        }
-    }
 
     fn measurement() -> Measurement {
         Measurement {
@@ -108,20 +87,14 @@ mod tests {
     }
 
     #[test]
-    fn header_says_what_was_obtained_and_what_is_missing() {
+    fn header_says_what_was_obtained() {
         assert_eq!(header(&measurement()), "policy fifo:80 on core 1\n");
         let poor = Measurement {
             policy: "other".to_owned(),
             core: None,
-            missing: ["policy fifo:80", "locked memory", "policy fifo:80"]
-                .map(missing)
-                .into(),
             ..measurement()
         };
-        assert_eq!(
-            header(&poor),
-            "policy other on any core\nbest effort, without: locked memory, policy fifo:80\n"
-        );
+        assert_eq!(header(&poor), "policy other on any core\n");
     }
 
     #[test]

@@ -1,11 +1,12 @@
 """Reads a Perfetto trace by the schema of the package `perfetto`, and prints what is in it. A part of the tests of `luna convert`."""
 
+import gzip
 import sys
 
 from perfetto.protos.perfetto.trace import perfetto_trace_pb2 as schema
 
 trace = schema.Trace()
-with open(sys.argv[1], "rb") as file:
+with gzip.open(sys.argv[1], "rb") as file:
     trace.ParseFromString(file.read())
 
 assert trace.packet, "there is nothing in it"
@@ -22,7 +23,11 @@ flows = {}
 start = min(packet.timestamp for packet in trace.packet if packet.HasField("track_event"))
 for packet in trace.packet:
     kind = packet.WhichOneof("data")
-    if kind == "track_descriptor":
+    if kind == "clock_snapshot":
+        clocks = {clock.clock_id: clock.timestamp for clock in packet.clock_snapshot.clocks}
+        assert packet.clock_snapshot.primary_trace_clock == schema.BUILTIN_CLOCK_MONOTONIC
+        print("wall", clocks[schema.BUILTIN_CLOCK_REALTIME] + start - clocks[schema.BUILTIN_CLOCK_MONOTONIC])
+    elif kind == "track_descriptor":
         track = packet.track_descriptor
         assert track.uuid not in tracks
         assert track.HasField("process") or track.parent_uuid in tracks

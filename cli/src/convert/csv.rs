@@ -1,12 +1,14 @@
 //! CSV, as the thesis' recorder wrote it: a column of times and one for each element of each
 //! signal.
 //!
-//! Times are seconds from the first sample or message. What was sampled at one instant stands in
-//! one row; a signal that was not leaves its column empty, or, if that is asked for, holds its last
-//! value. Messages and events go to files beside it.
+//! Times are seconds from the recording's first time. What was sampled at one instant stands in
+//! one row, or, if a row is a cycle of a loop, what was sampled from its begin to that of the next,
+//! the last value of each signal. A signal that was not sampled leaves its column empty, or holds its
+//! last value, if that is asked for. Messages and events go to files beside it.
 
 use super::events::{Names, Words};
-use super::recording::{each, time};
+use super::recording::each;
+use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
 use luna_logger::format::{Record, Value};
@@ -27,13 +29,15 @@ struct Columns {
     elements: u8,
 }
 
-pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted, Failure> {
+pub(super) fn write(
+    input: &Path,
+    output: &Path,
+    filter: &Filter,
+    hold: bool,
+) -> Result<Converted, Failure> {
     let mut signals: BTreeMap<u32, Columns> = BTreeMap::new();
-    let mut start = u64::MAX;
-    each(input, |record| {
-        if let Some(time) = time(record) {
-            start = start.min(time);
-        }
+    let start = filter.start;
+    each(input, filter, |record| {
         if let Record::Signal(info) = record {
             // A later declaration of the same is no other signal.
             signals.entry(info.number).or_insert_with(|| Columns {
@@ -56,6 +60,7 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
         at: None,
         start,
         hold,
+        per_cycle: filter.is_per_cycle(),
     };
     let failed = broken(output);
     table.head(&signals).map_err(&failed)?;
@@ -65,24 +70,28 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
     let beside_events = output.with_extension("events.csv");
     let mut events = None;
     let mut names = Names::default();
-    let mut waiting: BinaryHeap<Reverse<(u64, u64, u32, Cells)>> = BinaryHeap::new();
+    let mut waiting: BinaryHeap<Reverse<Entry>> = BinaryHeap::new();
     let mut number = 0;
-    let converted = each(input, |record| {
+    let converted = each(input, filter, |record| {
         names.take(record);
-        match record {
+        let entry = match record {
             Record::Sample {
                 signal,
                 time,
                 values,
-            } => {
-                number += 1;
-                let cells = Cells(values.iter().collect());
-                waiting.push(Reverse((*time, number, *signal, cells)));
-                if waiting.len() > WINDOW {
-                    table.take(&signals, waiting.pop()).map_err(&failed)?;
-                }
+            } => Some((*time, Some(*signal), values.iter().collect())),
+            Record::Event(event) if filter.is_cycle(record) => Some((event.time, None, Vec::new())),
+            _ => None,
+        };
+        if let Some((time, signal, values)) = entry {
+            number += 1;
+            waiting.push(Reverse((time, number, signal, Cells(values))));
+            if waiting.len() > WINDOW {
+                table.take(&signals, waiting.pop()).map_err(&failed)?;
             }
-            Record::Event(event) => {
+        }
+        match record {
+            Record::Event(event) if filter.takes(record) => {
                 let file = match &mut events {
                     Some(file) => file,
                     none => {
@@ -101,7 +110,7 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
                 writeln!(
                     file,
                     "{},{},{},{},{},{}",
-                    Seconds(event.time - start),
+                    Seconds::between(start, event.time),
                     Text(&what),
                     Text(names.thread(event.thread)),
                     Text(&subject),
@@ -132,7 +141,7 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
                 writeln!(
                     file,
                     "{},{level},{},{process},{},{}",
-                    Seconds(time - start),
+                    Seconds::between(start, *time),
                     Text(thread),
                     Text(target),
                     Text(text)
@@ -155,6 +164,10 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
     }
     Ok(converted)
 }
+
+/// A sample of a signal, or, without one, the begin of a cycle: its time, its place in the
+/// recording, and its values.
+type Entry = (u64, u64, Option<u32>, Cells);
 
 /// Values without an order: the columns before them decide.
 struct Cells(Vec<Value>);
@@ -184,6 +197,7 @@ struct Table<W> {
     at: Option<u64>,
     start: u64,
     hold: bool,
+    per_cycle: bool,
 }
 
 impl<W: Write> Table<W> {
@@ -207,20 +221,32 @@ impl<W: Write> Table<W> {
     fn take(
         &mut self,
         signals: &BTreeMap<u32, Columns>,
-        sample: Option<Reverse<(u64, u64, u32, Cells)>>,
+        entry: Option<Reverse<Entry>>,
     ) -> io::Result<()> {
-        let Some(Reverse((time, _, signal, Cells(values)))) = sample else {
+        let Some(Reverse((time, _, signal, Cells(values)))) = entry else {
+            return Ok(());
+        };
+        let Some(signal) = signal else {
+            self.end_row()?;
+            self.at = Some(time);
             return Ok(());
         };
         let Some(columns) = signals.get(&signal) else {
             return Ok(());
         };
         let cells = columns.first..columns.first + usize::from(columns.elements);
-        // A second sample of the instant has a row of its own.
-        let is_taken = !self.hold && self.row[cells.clone()].iter().any(Option::is_some);
-        if self.at != Some(time) || is_taken {
-            self.end_row()?;
-            self.at = Some(time);
+        if self.per_cycle {
+            // What was sampled before the first cycle is of none.
+            if self.at.is_none() {
+                return Ok(());
+            }
+        } else {
+            // A second sample of the instant has a row of its own.
+            let is_taken = !self.hold && self.row[cells.clone()].iter().any(Option::is_some);
+            if self.at != Some(time) || is_taken {
+                self.end_row()?;
+                self.at = Some(time);
+            }
         }
         for (cell, value) in self.row[cells].iter_mut().zip(values) {
             *cell = Some(value);
@@ -232,7 +258,7 @@ impl<W: Write> Table<W> {
         let Some(at) = self.at.take() else {
             return Ok(());
         };
-        write!(self.output, "{}", Seconds(at - self.start))?;
+        write!(self.output, "{}", Seconds::between(self.start, at))?;
         for cell in &mut self.row {
             match cell {
                 Some(value) => write!(self.output, ",{value}")?,
@@ -251,13 +277,27 @@ impl<W: Write> Table<W> {
     }
 }
 
-/// Nanoseconds as seconds, exactly.
-struct Seconds(u64);
+/// Nanoseconds as seconds, exactly. What a thread did just before the recording began has a
+/// negative time.
+struct Seconds(i64);
+
+impl Seconds {
+    fn between(start: u64, time: u64) -> Self {
+        Self(time.wrapping_sub(start).cast_signed())
+    }
+}
 
 impl std::fmt::Display for Seconds {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Seconds(nanos) = self;
-        write!(f, "{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000)
+        let sign = if *nanos < 0 { "-" } else { "" };
+        let nanos = nanos.unsigned_abs();
+        write!(
+            f,
+            "{sign}{}.{:09}",
+            nanos / 1_000_000_000,
+            nanos % 1_000_000_000
+        )
     }
 }
 

@@ -40,6 +40,15 @@ impl Names {
         }
     }
 
+    /// The number, name and parent of all that are of this kind.
+    pub(super) fn all(&self, of: Subject) -> impl Iterator<Item = (u32, &str, u32)> {
+        let all = self
+            .names
+            .iter()
+            .filter(move |((subject, _), _)| *subject == of);
+        all.map(|((_, number), (name, parent))| (*number, name.as_str(), *parent))
+    }
+
     /// Its name, or its kind and number.
     pub(super) fn of(&self, subject: Subject, number: u64) -> String {
         let kind = match subject {

@@ -2,10 +2,11 @@
 //! `Log`, events and losses as topics of their own.
 //!
 //! Messages are JSON with a schema, which all of them read. Times are those of the day where the
-//! recording has them, else those of its clock.
+//! recording has them, else those of its clock. The file is compressed by zstd.
 
 use super::events::{Names, Words};
 use super::recording::each;
+use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
 use luna_logger::format::{Event, Level, Losing, Record, SignalInfo, Type, Value, Values};
@@ -27,10 +28,10 @@ fn level_number(level: Level) -> u8 {
     }
 }
 
-pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
+pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Converted, Failure> {
     let failed = broken::<mcap::McapError>(output);
     let mut file = Mcap::new(create(output)?).map_err(&failed)?;
-    let converted = each(input, |record| file.take(record).map_err(&failed))?;
+    let converted = each(input, filter, |record| file.take(record).map_err(&failed))?;
     file.writer.finish().map_err(&failed)?;
     Ok(converted)
 }
@@ -57,9 +58,7 @@ struct Channel {
 
 impl Mcap {
     fn new(output: BufWriter<File>) -> mcap::McapResult<Self> {
-        let options = WriteOptions::new()
-            .compression(None)
-            .library(concat!("luna ", env!("CARGO_PKG_VERSION")));
+        let options = WriteOptions::new().library(concat!("luna ", env!("CARGO_PKG_VERSION")));
         Ok(Self {
             writer: options.create(output)?,
             signals: HashMap::new(),

@@ -1,7 +1,8 @@
 //! `luna convert`: a recording in formats that other programs read.
 //!
-//! `recording` reads it, `csv`, `mcap` and `perfetto` write, `events` knows what events mean. Each
-//! holds in memory what the signals are, and a bounded number of samples.
+//! `recording` reads it, `selection` leaves out what was not asked for, `csv`, `mcap` and `perfetto`
+//! write, `events` knows what events mean. Each holds in memory what the signals are, and a bounded
+//! number of samples.
 
 mod activity;
 mod csv;
@@ -11,6 +12,7 @@ mod mcap;
 mod perfetto;
 mod protobuf;
 mod recording;
+mod selection;
 
 use crate::args::{Convert, Format};
 use crate::failure::Failure;
@@ -42,12 +44,12 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
         });
     }
     // What cannot be read leaves no output.
-    recording::check(input)?;
+    let filter = selection::Filter::of(arguments)?;
     let converted = match arguments.to {
-        Format::Csv => csv::write(input, &output, arguments.hold)?,
-        Format::Perfetto => perfetto::write(input, &output)?,
+        Format::Csv => csv::write(input, &output, &filter, arguments.hold)?,
+        Format::Perfetto => perfetto::write(input, &output, &filter)?,
         #[cfg(feature = "mcap")]
-        Format::Mcap => mcap::write(input, &output)?,
+        Format::Mcap => mcap::write(input, &output, &filter)?,
     };
     print!("{}: {converted}", output.display());
     Ok(say_damage(input, &converted))

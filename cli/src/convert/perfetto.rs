@@ -2,14 +2,17 @@
 //! a track with its messages as instants, and with events each process and executor one with what
 //! it does (`activity`).
 //!
-//! Field numbers are those of `perfetto_trace.proto`; they never change.
+//! The file is compressed by gzip, as Perfetto reads it. Field numbers are those of
+//! `perfetto_trace.proto`; they never change.
 
 use super::activity::Activity;
 use super::events::Names;
 use super::protobuf::Message;
 use super::recording::each;
+use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
+use flate2::{Compression, write::GzEncoder};
 use luna_logger::format::{Record, SignalInfo, Value};
 use std::collections::HashSet;
 use std::io::Write;
@@ -25,17 +28,22 @@ pub(super) const PROCESS: u64 = 1;
 pub(super) const THREADS: u64 = 1 << 8;
 const SIGNALS: u64 = 1 << 40;
 
+/// `BuiltinClock`: that of the packets' times, which the first snapshot makes the trace's own, and
+/// that of the day.
+const REALTIME: u64 = 1;
+const MONOTONIC: u64 = 3;
+
 /// `TrackEvent.Type`
 pub(super) const INSTANT: u64 = 3;
 const COUNTER: u64 = 4;
 
-pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
-    let mut file = create(output)?;
+pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Converted, Failure> {
+    let mut file = GzEncoder::new(create(output)?, Compression::fast());
     let failed = broken(output);
     let mut is_first = true;
     let mut described = HashSet::new();
     let (mut names, mut activity) = (Names::default(), Activity::default());
-    let converted = each(input, |record| {
+    let converted = each(input, filter, |record| {
         names.take(record);
         let mut put = |packet: Message| {
             let packet = packet.number(10, SEQUENCE);
@@ -107,11 +115,24 @@ pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
                     .message(4, &from);
                 put(Message::default().number(8, *time).message(11, &event))
             }
+            Record::Epoch { time, unix } => {
+                let clock = |id, time| Message::default().number(1, id).number(2, time);
+                let clocks = Message::default()
+                    .message(1, &clock(MONOTONIC, *time))
+                    .message(1, &clock(REALTIME, unix.cast_unsigned()))
+                    .number(2, MONOTONIC);
+                put(Message::default()
+                    .number(8, *time)
+                    .number(58, MONOTONIC)
+                    .message(6, &clocks))
+            }
             Record::Event(event) => activity.put(&names, event, put),
             _ => Ok(()),
         }
     })?;
-    file.flush().map_err(&failed)?;
+    file.finish()
+        .and_then(|mut file| file.flush())
+        .map_err(&failed)?;
     Ok(converted)
 }
 

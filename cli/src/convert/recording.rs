@@ -1,6 +1,7 @@
 //! A recording, read record by record.
 
 use super::Converted;
+use super::selection::Filter;
 use crate::failure::Failure;
 use luna_logger::format::{Losing, ReadError, Reader, Record};
 use std::collections::HashMap;
@@ -24,14 +25,10 @@ fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
     Reader::new(BufReader::with_capacity(1 << 16, file)).map_err(failed)
 }
 
-/// Whether it is a recording that this program can read.
-pub(super) fn check(path: &Path) -> Result<(), Failure> {
-    open(path).map(drop)
-}
-
-/// Calls `take` with each record that can be read, and counts them.
+/// Calls `take` with each record that can be read and that the filter takes, and counts them.
 pub(super) fn each(
     path: &Path,
+    filter: &Filter,
     mut take: impl FnMut(&Record<'_>) -> Result<(), Failure>,
 ) -> Result<Converted, Failure> {
     let mut reader = open(path)?;
@@ -56,6 +53,13 @@ pub(super) fn each(
                 continue;
             }
         };
+        if !filter.takes(&record) {
+            // It is no part of the output, but begins a row there.
+            if filter.is_cycle(&record) {
+                take(&record)?;
+            }
+            continue;
+        }
         match &record {
             Record::Sample { .. } => converted.samples += 1,
             Record::Message { .. } => converted.messages += 1,

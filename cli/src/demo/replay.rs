@@ -11,7 +11,7 @@ use luna_jiwy::{Settings, Start, hardware, network};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The settings in the recording, which make the same network again.
+/// The settings in the replay log, which make the same network again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Kept {
     seconds: f64,
@@ -37,10 +37,10 @@ struct Replayed {
     file: String,
     /// Whether all came again as it was recorded.
     same: bool,
-    /// Whether the recording is of the whole run.
+    /// Whether the replay log is of the whole run.
     whole: bool,
     processes: usize,
-    /// In the recording.
+    /// In the replay log.
     events: u64,
     /// Of these, how many are outputs of the model, which were compared.
     outputs: u64,
@@ -66,7 +66,7 @@ pub(super) fn record(system: &mut System, arguments: &args::Demo) {
 }
 
 /// What was recorded.
-pub(super) fn recorded(arguments: &args::Demo, report: Option<RecordReport>) -> Option<Recorded> {
+pub(super) fn recorded(arguments: &args::Demo, report: Option<&RecordReport>) -> Option<Recorded> {
     let (path, report) = (arguments.record.as_ref()?, report?);
     Some(Recorded {
         file: path.display().to_string(),
@@ -95,7 +95,7 @@ pub(super) fn replay(path: &Path, arguments: &args::Demo) -> Result<bool, Failur
         path: path.to_owned(),
         error: Box::new(error),
     };
-    // A recording that lost events is good up to there; a damaged one is not to be trusted.
+    // A replay log that lost events is good up to there; a damaged one is not to be trusted.
     let recording = Recording::open(path).map_err(unusable)?;
     let kept: Kept =
         serde_json::from_str(recording.note()).map_err(|_| unusable(RecordError::NoRecording))?;
@@ -120,7 +120,7 @@ pub(super) fn replay(path: &Path, arguments: &args::Demo) -> Result<bool, Failur
     let mut out = std::io::stdout().lock();
     match arguments.place.json {
         true => print_json(&mut out, &replayed),
-        false => print_parts(&mut out, &[words(&replayed)]),
+        false => print_parts(&mut out, [words(&replayed)]),
     }
     .map_err(Failure::Output)?;
     Ok(replayed.same)
@@ -144,7 +144,7 @@ fn again(recording: &Recording, kept: Kept, arguments: &args::Demo) -> Result<()
             true => Start::Calibrated,
             false => Start::Calibrate,
         },
-        // What the joystick gave is in the recording.
+        // What the joystick gave is in the replay log.
         joystick: joystick::Recording::built_in().play(),
     };
     let mut system = System::new("jiwy");
@@ -167,7 +167,7 @@ fn words(replayed: &Replayed) -> String {
     } = replayed;
     let part = match replayed.whole {
         true => "",
-        false => " The recording is not whole: events were lost, and the replay went up to there.",
+        false => " The replay log is not whole: events were lost, and the replay went up to there.",
     };
     match &replayed.difference {
         None => format!(
@@ -195,7 +195,7 @@ mod tests {
     #[test]
     fn a_difference_is_told_with_its_event() {
         let mut replayed = Replayed {
-            file: "run.luna".to_owned(),
+            file: "run.replay".to_owned(),
             same: true,
             whole: false,
             processes: 51,

@@ -146,7 +146,6 @@ fn demo_prints_text() {
         "500 Hz",
         "policy other",
         "pan bridge",
-        "table 4",
         "tracking error",
         "wake-up latency of timer",
         "#",
@@ -351,7 +350,7 @@ fn bad_values_end_with_2_and_say_why() {
 
 #[test]
 fn demo_records_a_run_in_real_time_and_replays_it() {
-    let path = file("demo.luna");
+    let path = file("demo.replay");
     let path = path.to_str().expect("a path of this test");
     let demo = json(&[
         "demo",
@@ -391,7 +390,7 @@ fn demo_records_a_run_in_real_time_and_replays_it() {
 
 #[test]
 fn demo_replays_nothing_that_is_not_what_was_recorded() {
-    let path = file("changed.luna");
+    let path = file("changed.replay");
     let name = path.to_str().expect("a path of this test");
     json(&[
         "demo",
@@ -414,4 +413,43 @@ fn demo_replays_nothing_that_is_not_what_was_recorded() {
     }
     std::fs::remove_file(&path).expect("a file of this test");
     assert_eq!(luna(&["demo", "--replay", name]).status.code(), Some(2));
+}
+
+/// A recording of the logger and a replay log are told apart by each program that reads one.
+#[test]
+fn a_recording_and_a_replay_log_are_told_apart() {
+    let (log, replay) = (file("apart.luna"), file("apart.replay"));
+    let [log, replay] = [&log, &replay].map(|path| path.to_str().expect("a path of this test"));
+    let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
+    let made = luna(&[&demo[..], &["--record", replay, "--log", log]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let of_logger = ("is a recording of the logger (.luna)", "luna scope");
+    let of_replay = ("is a replay log (.replay)", "luna demo --replay");
+    for (arguments, (what, instead)) in [
+        (&["demo", "--replay", log][..], of_logger),
+        (&["convert", replay, "--to", "csv"], of_replay),
+        (&["scope", replay, "--listen", "127.0.0.1:0"], of_replay),
+    ] {
+        let output = luna(arguments);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+        assert!(error.contains(what) && error.contains(instead), "{error}");
+    }
+    // The recording has events: a row for each cycle of the control loop.
+    let rows = file("apart.csv");
+    let to = rows.to_str().expect("a path of this test");
+    let rows = [
+        "convert",
+        log,
+        "--to",
+        "csv",
+        "--per-cycle",
+        "timer",
+        "--output",
+        to,
+    ];
+    let rows = luna(&rows);
+    assert!(rows.status.success(), "{}", text(&rows.stderr));
+    let rows = std::fs::read_to_string(to).expect("a table");
+    assert_eq!(rows.lines().count(), 1 + 10, "{rows}");
 }

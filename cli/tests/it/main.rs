@@ -4,5 +4,8 @@ mod card;
 mod command;
 mod convert;
 mod doctor;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod record;
 mod scope;
+mod verdict;

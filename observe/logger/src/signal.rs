@@ -15,9 +15,8 @@ use std::sync::Arc;
 /// dropped the name can be used again for a signal of the same type and unit.
 ///
 /// Everywhere else registering is refused: in `main` no system would record the signal, and in a
-/// body it would allocate on the real-time path. Parameters have the same rule. A system calls
-/// `pre_run` between [`Hub::enter`] and the end of its guard. A program without a system does the
-/// same by hand.
+/// body it would allocate on the real-time path. A system calls `pre_run` between [`Hub::enter`] and
+/// the end of its guard. A program without a system does the same by hand.
 ///
 /// ```
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};

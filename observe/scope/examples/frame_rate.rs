@@ -1,5 +1,7 @@
-//! Measures how many frames a second the page draws with 32 curves of 1 kHz, in a headless
-//! Chromium: `cargo run --release -p luna-scope --example frame_rate`.
+//! Measures how many frames a second the page draws on each view, in a headless Chromium:
+//! `cargo run --release -p luna-scope --example frame_rate`, for a computed machine with 32 curves
+//! of 1 kHz and 57 000 events a second; or with the address of a scope that runs, as that of
+//! `luna demo --scope`.
 //!
 //! The times between frames are those of `requestAnimationFrame`, for ten seconds after a warm-up
 //! of five; the run time of each frame's script is reported too. A headless Chromium draws without
@@ -13,27 +15,49 @@ use support::browser::{Browser, program};
 use support::feeder::Feeder;
 use support::machine::Machine;
 
+/// A name, the view, and what to do there first.
+const MEASURED: [(&str, &str, &str); 8] = [
+    ("signals, stacked", "signals", "signals.lay('stack')"),
+    ("signals, overlaid", "signals", "signals.lay('overlay')"),
+    ("signals, X-Y", "signals", "signals.lay('xy')"),
+    ("loops", "loops", "loops"),
+    ("composition, graph", "composition", "composition.lay(true)"),
+    (
+        "composition, parts",
+        "composition",
+        "composition.lay(false)",
+    ),
+    ("timeline", "timeline", "timeline"),
+    ("messages", "messages", "messages"),
+];
+
 fn main() {
     let program = program().expect("chromium is needed (Debian: chromium)");
+    let mut browser = Browser::start(&program, "frame-rate");
+    if let Some(url) = std::env::args().nth(1) {
+        measure(&mut browser, &url);
+        return;
+    }
     let settings = Settings::default().address(([127, 0, 0, 1], 0).into());
     let scope = Scope::open(settings).unwrap();
     let feeder = Feeder::start(&scope, Machine::new());
-    let mut browser = Browser::start(&program, "frame-rate");
-    browser.open(&scope.url(), (1366, 768), "light");
-    browser.wait("scope.views.signals.rows.size === 32");
-    for (layout, click) in [
-        ("stacked", "[data-layout=stack]"),
-        ("overlaid", "[data-layout=overlay]"),
-    ] {
-        browser.click(click);
-        browser.run("(() => { const s = scope.views.signals; if (s.chosen.size < 32) document.querySelector('#signals-all').click(); })()");
-        browser.wait("scope.views.signals.chosen.size === 32");
+    measure(&mut browser, &scope.url());
+    println!("blocks refused: {}", feeder.end());
+}
+
+fn measure(browser: &mut Browser, url: &str) {
+    browser.open(url, (1366, 768), "light");
+    browser.wait("scope.views.signals.rows.size > 0");
+    browser.run("(() => { const { chosen, rows } = scope.views.signals; if (chosen.size < rows.size) document.querySelector('#signals-all').click(); })()");
+    browser.wait("scope.views.signals.chosen.size === scope.views.signals.rows.size");
+    for (name, view, first) in MEASURED {
+        browser.run(&format!("scope.show('{view}'); scope.views.{first}; 0"));
         browser.run("new Promise((done) => setTimeout(done, 5000))");
-        let measured = browser.run(
-            "new Promise((done) => {
-                const times = [], work = [], view = scope.views.signals, frame = view.frame.bind(view), before = scope.model.samples;
-                view.frame = (now) => { const begun = performance.now(); frame(now); work.push(performance.now() - begun); };
-                const next = (now) => {
+        let measured = browser.run(&format!(
+            "new Promise((done) => {{
+                const times = [], work = [], view = scope.views.{view}, frame = view.frame.bind(view), before = scope.model.samples;
+                view.frame = (now) => {{ const begun = performance.now(); frame(now); work.push(performance.now() - begun); }};
+                const next = (now) => {{
                     times.push(now);
                     if (now - times[0] < 10000) return requestAnimationFrame(next);
                     delete view.frame;
@@ -41,12 +65,11 @@ fn main() {
                     work.sort((a, b) => a - b);
                     const at = (list, share) => list[Math.min(list.length - 1, Math.floor(list.length * share))].toFixed(1);
                     const seconds = (times.at(-1) - times[0]) / 1000;
-                    done(`${((times.length - 1) / seconds).toFixed(1)} frames/s, ms from one to the next: p50 ${at(gaps, 0.5)}, p99 ${at(gaps, 0.99)}, greatest ${at(gaps, 1)}; ms of script in each: p50 ${at(work, 0.5)}, p99 ${at(work, 0.99)}; ${Math.round((scope.model.samples - before) / seconds)} samples/s`);
-                };
+                    done(`${{((times.length - 1) / seconds).toFixed(1)}} frames/s, ms from one to the next: p50 ${{at(gaps, 0.5)}}, p99 ${{at(gaps, 0.99)}}, greatest ${{at(gaps, 1)}}; ms of script in each: p50 ${{at(work, 0.5)}}, p99 ${{at(work, 0.99)}}; ${{Math.round((scope.model.samples - before) / seconds)}} samples/s`);
+                }};
                 requestAnimationFrame(next);
-            })",
-        );
-        println!("{layout}: {}", measured.as_str().unwrap_or_default());
+            }})"
+        ));
+        println!("{name}: {}", measured.as_str().unwrap_or_default());
     }
-    println!("blocks refused: {}", feeder.end());
 }

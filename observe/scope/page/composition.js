@@ -2,6 +2,7 @@
 
 import { $, make, put, span, instant, count } from "./text.js";
 import { STATES, SUBJECT } from "./events.js";
+import { draw, layout } from "./graph.js";
 
 const READ = 250; // ms between changes of words, so that they can be read
 
@@ -10,6 +11,10 @@ export class Composition {
     Object.assign(this, { model, clock });
     this.root = $("#composition");
     this.tree = $("#tree");
+    this.graph = $("#graph");
+    this.lines = [];
+    this.isGraph = null; // until the width is known
+    for (const button of this.root.querySelectorAll("[data-composition]")) button.onclick = () => this.lay(button.dataset.composition === "graph");
     this.boxes = new Map();
     this.rows = new Map();
     this.version = -1;
@@ -22,8 +27,42 @@ export class Composition {
     this.tree.before(this.quiet);
   }
 
+  // The graph of processes and channels, or the processes by executor with their parts.
+  lay(isGraph) {
+    this.isGraph = isGraph;
+    for (const button of this.root.querySelectorAll("[data-composition]")) button.setAttribute("aria-pressed", (button.dataset.composition === "graph") === isGraph);
+    for (const key of this.root.querySelectorAll(".key.way")) key.hidden = !isGraph;
+    this.version = -1;
+  }
+
+  place() {
+    this.tree.hidden = this.isGraph;
+    this.graph.hidden = !this.isGraph;
+    this.width = this.root.clientWidth;
+    this.lines = [];
+    for (const { root } of this.boxes.values()) root.removeAttribute("style");
+    if (!this.isGraph) return;
+    // A process with parts stands for them where they are not users of channels themselves.
+    const { channels } = this.model, users = new Set([...channels.values()].flatMap(({ from, to }) => [...from, ...to]));
+    const shown = new Map([...this.boxes].filter(([number, { inner }]) => inner.hidden || users.has(number)));
+    const found = layout(shown, channels.values(), this.graph.clientWidth - 32);
+    const canvas = $(".canvas", this.graph), svg = $("svg", this.graph);
+    canvas.style.width = `${found.width}px`;
+    canvas.style.height = `${found.height}px`;
+    this.lines = draw(svg, found, (number) => channels.get(number).name, (number) => this.mark(number));
+    canvas.replaceChildren(svg, ...[...shown].map(([number, { root, inner }]) => {
+      const { x, y, wide } = found.at.get(number);
+      root.style.left = `${x}px`;
+      root.style.top = `${y}px`;
+      root.style.width = `${wide}px`;
+      inner.hidden = true;
+      return root;
+    }));
+  }
+
   declare() {
     this.version = this.model.version;
+    if (this.isGraph === null) this.lay(this.root.clientWidth > 700);
     const groups = this.model.tree();
     const before = this.boxes;
     this.boxes = new Map();
@@ -60,6 +99,7 @@ export class Composition {
     }
     this.body.replaceChildren(...[...this.rows.values()].map(({ root }) => root));
     this.channels.hidden = this.rows.size === 0;
+    this.place();
   }
 
   isIn(process, whole) {
@@ -76,14 +116,18 @@ export class Composition {
   row(number) {
     const name = make("td"), rate = make("td", { class: "n" }), waiting = make("td", { class: "muted" });
     const root = make("tr", { tabindex: "0" }, name, rate, waiting);
-    const mark = () => { this.marked = this.marked === number ? null : number; };
-    root.onclick = mark;
-    root.onkeydown = (event) => { if (event.key === "Enter") mark(); };
+    root.onclick = () => this.mark(number);
+    root.onkeydown = (event) => { if (event.key === "Enter") this.mark(number); };
     return { root, name, rate, waiting, seen: null, at: null, perSecond: null };
   }
 
+  mark(number) {
+    this.marked = this.marked === number ? null : number;
+    this.read = -Infinity;
+  }
+
   frame(now) {
-    if (this.version !== this.model.version) this.declare();
+    if (this.version !== this.model.version || (this.isGraph && this.width !== this.root.clientWidth)) this.declare();
     const { clock, model } = this;
     const isLive = clock.live;
     const states = isLive ? null : model.events.statesAt(model.events.find(clock.now + 1e-9));
@@ -101,29 +145,31 @@ export class Composition {
       }
       if (known.state === 3 && known.a === SUBJECT.channel && known.b) {
         if (!waiting.has(known.b)) waiting.set(known.b, []);
-        waiting.get(known.b).push(process.name);
+        waiting.get(known.b).push(number);
       }
       if (reads) {
         put(box.words, this.words(process, known, isLive));
+        box.words.title = box.words.textContent;
         this.busy(box, process, isLive);
         const isMarked = this.marked != null && (this.marks(process, known));
         box.root.classList.toggle("marked", isMarked);
       }
     }
     if (reads) this.showChannels(waiting, isLive);
+    if (reads) this.showLines(waiting);
     if (reads) put($("#composition-instant"), isLive ? "" : `at ${instant(clock.now, clock.speed > 0 && clock.speed < 0.5 ? 1e-5 : 1e-6)}`);
   }
 
   marks(process, known) {
     const channel = this.model.channels.get(this.marked);
-    return channel && (channel.from === process.number || channel.to === process.number || (known.state === 3 && known.a === SUBJECT.channel && known.b === this.marked));
+    return channel && (channel.from.has(process.number) || channel.to.has(process.number) || (known.state === 3 && known.a === SUBJECT.channel && known.b === this.marked));
   }
 
   words(process, known, isLive) {
     switch (known.state) {
       case 1: return "ready";
       case 2: return isLive ? this.last(process) : "running";
-      case 3: return this.waits(known.a, known.b);
+      case 3: return this.waits(process, known.a, known.b);
       case 4: return "done";
       case 5: return "failed";
       default: return "not seen yet";
@@ -131,11 +177,26 @@ export class Composition {
   }
 
   // The last wait. The present state of a process that runs a thousand times a second would only flicker.
-  last(process) { return process.a ? this.waits(process.a, process.b) : "running"; }
+  last(process) { return process.a ? this.waits(process, process.a, process.b) : "running"; }
 
-  waits(a, b) {
+  // What a process waits for, and for whom: those at the other end of the channel.
+  waits(process, a, b) {
     const reason = this.model.reason(a, b);
-    return reason ? `waits for ${reason}` : "waits";
+    if (!reason) return "waits";
+    const channel = a === SUBJECT.channel && this.model.channels.get(b);
+    const others = !channel ? [] : [...(channel.to.has(process.number) ? channel.from : channel.from.has(process.number) ? channel.to : [])];
+    const names = others.slice(0, 2).map((number) => this.model.processes.get(number)?.name ?? `process ${number}`);
+    return `waits for ${reason}${names.length > 0 ? ` (${names.join(", ")}${others.length > 2 ? " …" : ""})` : ""}`;
+  }
+
+  // A line shows which of its ends waits.
+  showLines(waiting) {
+    for (const { from, to, channel, group } of this.lines) {
+      const there = waiting.get(channel) ?? [];
+      const is = there.includes(from) ? "sender" : there.includes(to) ? "receiver" : "none";
+      if (group.dataset.waits !== is) group.dataset.waits = is;
+      group.classList.toggle("marked", this.marked === channel);
+    }
   }
 
   busy(box, process, isLive) {
@@ -154,7 +215,7 @@ export class Composition {
   showChannels(waiting, isLive) {
     const { latest } = this.clock;
     for (const [number, row] of this.rows) {
-      put(row.waiting, (waiting.get(number) ?? []).join(", ") || "–");
+      put(row.waiting, (waiting.get(number) ?? []).map((one) => this.model.processes.get(one).name).join(", ") || "–");
       row.root.classList.toggle("chosen", this.marked === number);
       if (!isLive) continue;
       if (row.at !== null && latest - row.at >= 0.4) {

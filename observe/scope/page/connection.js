@@ -5,6 +5,20 @@ import { Decoder } from "./decode.js";
 const HIDDEN = 20_000; // so long the page may be hidden before it hangs up
 const MOST_KEPT = 64 << 20; // bytes that wait while the page is paused
 
+// The token, which is taken out of the address: an address that is passed on has the layout alone.
+function token() {
+  const address = new URLSearchParams(location.hash.slice(1));
+  const given = address.get("token");
+  try {
+    if (given === null) return sessionStorage.getItem("token");
+    sessionStorage.setItem("token", given);
+  } catch { return given; } // private: it stays in the address
+  address.delete("token");
+  const rest = address.toString();
+  history.replaceState(null, "", `${location.pathname}${rest && `#${rest}`}`);
+  return given;
+}
+
 export class Connection {
   constructor(model, clock, handlers) {
     Object.assign(this, { model, clock, handlers });
@@ -14,7 +28,7 @@ export class Connection {
     this.keptBytes = 0;
     this.sets = new Map();
     this.nextSet = 1;
-    this.token = new URLSearchParams(location.hash.slice(1)).get("token");
+    this.token = token();
     document.addEventListener("visibilitychange", () => this.visibility());
     clock.listeners.add(() => clock.live && this.release());
     this.open();
@@ -29,7 +43,9 @@ export class Connection {
       if (this.token) this.say({ type: "token", token: this.token });
     };
     this.socket.onmessage = ({ data }) => this.take(data);
-    this.socket.onclose = () => {
+    this.socket.onclose = ({ wasClean }) => {
+      // The scope says that it is closed; a connection that breaks says nothing.
+      if (this.state === "open") this.wasClosed = wasClean;
       this.become(this.asleep ? "asleep" : "away");
       for (const settle of this.sets.values()) settle("the scope is gone");
       this.sets.clear();
@@ -59,6 +75,12 @@ export class Connection {
 
   say(word) { if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(word)); }
 
+  // Asks for a span of the file that is played.
+  seek(from, until) {
+    this.clock.follow();
+    this.say({ type: "seek", from: Math.max(0, from), until: Math.max(0, until) });
+  }
+
   // Sets a parameter; gives why it was not set, or null.
   set(name, value) {
     return new Promise((settle) => {
@@ -72,7 +94,7 @@ export class Connection {
   take(data) {
     if (typeof data !== "string") this.bytes += data.byteLength;
     const word = typeof data === "string" ? JSON.parse(data) : null;
-    if (word && !["begin", "missed"].includes(word.type)) return this.hear(word);
+    if (word && !["begin", "missed", "overview"].includes(word.type)) return this.hear(word);
     // While the page is paused, memory is kept: otherwise what is shown would be overwritten.
     if (!this.clock.live) return this.keep(word ?? data);
     this.apply(word ?? data);
@@ -118,11 +140,17 @@ export class Connection {
         this.handlers.problem?.(`A block could not be read: ${error.message}`);
       }
       this.declarations--;
+    } else if (piece.type === "overview") {
+      this.model.overview(piece);
     } else {
       if (piece.type === "begin") {
         this.model.reset();
         this.clock.reset();
-        this.decoder = new Decoder(this.model);
+        const start = piece.start === null ? null : Number(piece.start);
+        this.decoder = new Decoder(this.model, start);
+        const after = (time) => (time === null ? 0 : (Number(time) - start) / 1e9);
+        [this.model.samplesFrom, this.model.eventsFrom] = piece.kept_from.map(after);
+        this.model.until = after(piece.until);
         this.handlers.begin?.();
       } else this.model.missed += piece.blocks;
       this.declarations = piece.declarations;
@@ -132,8 +160,8 @@ export class Connection {
   hear(word) {
     switch (word.type) {
       case "hello": this.hello = word; this.handlers.hello?.(word); break;
-      case "loops": this.model.counts = word; break;
-      case "status": this.model.status = word.status; this.handlers.status?.(word.status); break;
+      case "loops": this.model.count(word); break;
+      case "status": this.model.know(word.status); break;
       case "parameters": this.handlers.parameters?.(word.list); break;
       case "authorized": this.handlers.authorized?.(word.ok); break;
       case "set": this.sets.get(word.id)?.(word.error); this.sets.delete(word.id); break;

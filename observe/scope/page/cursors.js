@@ -1,6 +1,6 @@
-// Two cursors, with the values at each and their differences.
+// Two cursors. The table below the plot has the values at each, and their differences (readings.js).
 
-import { $, make, put, number, span, instant } from "./text.js";
+import { $ } from "./text.js";
 
 const NEAR = 9;
 
@@ -9,20 +9,17 @@ export class Cursors {
     this.signals = signals;
     this.on = false;
     this.at = [null, null];
-    this.cells = new Map();
   }
 
   toggle() {
     this.on = !this.on;
     $("#cursors").setAttribute("aria-pressed", this.on);
-    $("#cursor-table").hidden = !this.on;
     if (!this.on) return;
     const { signals } = this;
     // Values are read off what stands still.
     if (signals.clock.live) signals.clock.pause();
     const [from, to] = signals.window();
     this.at = [from + (to - from) * 0.4, from + (to - from) * 0.6];
-    this.cells.clear();
   }
 
   near(x) {
@@ -46,7 +43,6 @@ export class Cursors {
 
   move(which, x) {
     this.at[which] = this.signals.time(x);
-    this.updated = null;
   }
 
   draw(context, palette, bottom, top) {
@@ -65,32 +61,5 @@ export class Cursors {
       context.fillStyle = palette["on-accent"];
       context.fillText("AB"[which], x, bottom - 11);
     });
-  }
-
-  table() {
-    if (!this.on) return;
-    const { signals } = this;
-    const curves = signals.curves, keys = curves.map((curve) => curve.key).join("\n");
-    if (this.cells.size === 0 || this.keys !== keys) this.build(curves, keys);
-    const [a, b] = this.at;
-    this.cells.get("").forEach((cell, n) => put(cell, [instant(a, signals.span / 1e4), instant(b, signals.span / 1e4), `${span(b - a)}${b === a ? "" : ` · ${number(1 / Math.abs(b - a))} Hz`}`][n]));
-    for (const { key, signal, element } of curves) {
-      const [at, then] = [signal.series.at(a, element), signal.series.at(b, element)];
-      const unit = signal.unit ? ` ${signal.unit}` : "";
-      this.cells.get(key).forEach((cell, n) => put(cell, number([at, then, then - at][n]) + unit));
-    }
-  }
-
-  build(curves, keys) {
-    this.keys = keys;
-    this.cells.clear();
-    const line = (key, name) => {
-      const cells = [0, 1, 2].map(() => make("td", { class: "n" }));
-      this.cells.set(key, cells);
-      return make("tr", {}, make("td", {}, name), ...cells);
-    };
-    const head = make("tr", {}, ...["", "A", "B", "B − A"].map((text, n) => make("th", { class: n ? "n" : "", scope: "col" }, text)));
-    const body = make("tbody", {}, line("", "time"), ...curves.map(({ key, name }) => line(key, name)));
-    $("#cursor-table").replaceChildren(make("table", {}, make("thead", {}, head), body));
   }
 }

@@ -1,4 +1,4 @@
-// Decodes blocks of a recording (docs/recording-format.md) into records. Times become seconds since the first one seen.
+// Decodes blocks of a recording (docs/recording-format.md) into records. Times become seconds since the recording's first one.
 
 const HEAD = 16;
 const text = new TextDecoder();
@@ -20,10 +20,12 @@ const TYPES = [
 ];
 
 export class Decoder {
-  constructor(to) {
+  // `start`: the recording's first time in nanoseconds, null if it has none yet.
+  constructor(to, start) {
     this.to = to;
     this.types = new Map(); // number of a signal: [type, elements]
-    this.base = null; // nanoseconds of the first time
+    this.base = start;
+    if (start !== null) to.begins(start);
     this.at = 0;
     this.last = 0;
     this.values = new Float64Array(16);
@@ -110,7 +112,7 @@ export class Decoder {
   time() {
     const number = this.number();
     this.last += number % 2 === 0 ? number / 2 : -(number + 1) / 2;
-    if (this.base === null) { this.base = this.last; this.to.begins?.(this.base); }
+    if (this.base === null) { this.base = this.last; this.to.begins(this.base); }
     return (this.last - this.base) / 1e9;
   }
 

@@ -1,5 +1,7 @@
 // Drawing: canvases in device pixels, and a painter that fills columns of an image, which is many times faster than strokes where there are many lines.
 
+import { number } from "./text.js";
+
 const NAMES = ["grid", "line", "text", "muted", "faint", "surface", "accent", "on-accent", "on-alarm", "running", "ready", "waiting", "done", "failed", "arrow"];
 let palette = null;
 
@@ -29,6 +31,28 @@ export function fit(canvas, width = canvas.clientWidth, height = canvas.clientHe
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return { context, ratio, width, height, changed };
+}
+
+// Says on a canvas that what lies between two instants' places is not in memory any more.
+export function gone(context, palette, begin, end, [left, top, right, bottom]) {
+  begin = Math.max(left, begin);
+  end = Math.min(right, end);
+  if (end - begin < 1) return;
+  context.fillStyle = palette.grid;
+  context.fillRect(begin, top, end - begin, bottom - top);
+  if (end - begin < 130) return;
+  context.fillStyle = palette.muted;
+  context.textAlign = "center";
+  context.fillText("no longer in memory", (begin + end) / 2, (top + bottom) / 2);
+}
+
+// The edges of the plot of signals, in CSS pixels. At the bottom are the marks and the times.
+export const AXIS = 62, RIGHT = 14, TOP = 10, BOTTOM = 42;
+
+// A value beside an axis, without needless zeros.
+export function label(value) {
+  const text = number(value);
+  return /e|^[^.]*$/.test(text) ? text : text.replace(/\.?0+$/, "");
 }
 
 export class Painter {
@@ -73,7 +97,8 @@ export class Painter {
     for (let x = 0; x < width; x++) {
       if (most[x] < least[x]) continue;
       const y0 = bottom - (most[x] - low) * scale, y1 = bottom - (least[x] - low) * scale;
-      this.column(left + x, y0 - half, y1 + half, colour, top, bottom);
+      // A negative scale turns the curve upside down.
+      this.column(left + x, Math.min(y0, y1) - half, Math.max(y0, y1) + half, colour, top, bottom);
     }
   }
 

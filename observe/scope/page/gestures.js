@@ -1,6 +1,6 @@
 // Pan by drag, zoom by wheel and pinch, and the same by keys.
 
-// `on`: pan(pixels), zoom(factor, x), tap(x, y), hover(x, y) or leave(), grab(x, y) -> an object that is dragged instead, with drag(x, y), key(event) -> handled.
+// `on`: pan(pixels), zoom(factor, x, y of a wheel), tap(x, y), hover(x, y) or leave(), grab(x, y) -> an object that is dragged instead, with drag(x, y), key(event) -> handled.
 export function gestures(element, on) {
   const pointers = new Map();
   let held = null, moved = 0, distance = 0;
@@ -48,7 +48,7 @@ export function gestures(element, on) {
     if (on.passes?.(place(event)[0])) return; // for the page to scroll
     if (event.deltaY) {
       event.preventDefault();
-      on.zoom(Math.exp(Math.max(-60, Math.min(60, event.deltaY)) * 0.004), place(event)[0]);
+      on.zoom(Math.exp(Math.max(-60, Math.min(60, event.deltaY)) * 0.004), ...place(event));
     } else if (event.deltaX) {
       event.preventDefault();
       on.pan(-event.deltaX);

@@ -30,7 +30,7 @@ export class Loops {
     this.lateHead = make("h2", {}, "Late cycles");
     this.lateCount = make("span", { class: "muted number" });
     const head = make("tr", {}, ...["When", "Loop", "Late by", "Cause", ""].map((text, n) => make("th", { class: n === 2 ? "n" : "", scope: "col" }, text)));
-    this.late = make("div", { class: "panel" }, make("header", {}, this.lateHead, this.lateCount), make("table", {}, make("thead", {}, head), this.body));
+    this.late = make("div", { class: "panel late-cycles" }, make("header", {}, this.lateHead, this.lateCount), make("table", {}, make("thead", {}, head), this.body));
     this.quiet = make("div", { class: "quiet" }, make("div", {}, make("h2", {}, "No loops yet"), make("p", {}, "Here is a histogram for each periodic loop, when the recording has the events of its slots.")));
     this.root.append(this.quiet, this.note, this.grid, this.late);
   }
@@ -110,7 +110,7 @@ export class Loops {
   table({ late, late_in_all }) {
     put(this.lateCount, late_in_all > late.length ? `the last ${late.length} of ${count(late_in_all)}` : late_in_all ? count(late_in_all) : "none");
     const lines = late.slice(-100).reverse().map((one) => {
-      const time = this.seconds(one.time);
+      const time = this.model.seconds(one.time);
       const bad = one.cause === 1 || one.cause === 2;
       return make("tr", {},
         make("td", { class: "number" }, instant(time, 1e-4)), make("td", {}, this.name(one.loop)), make("td", { class: "n" }, span(one.lateness / 1e9)),
@@ -119,7 +119,4 @@ export class Loops {
     });
     this.body.replaceChildren(...lines);
   }
-
-  // Converts a time as the scope sends it to seconds since the beginning that the page knows.
-  seconds(text) { return Number(BigInt(text) - BigInt(Math.round(this.model.base ?? 0))) / 1e9; }
 }

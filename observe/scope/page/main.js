@@ -1,8 +1,10 @@
 // The page: the selected view, the header, and the loop over frames.
 
+import { Address } from "./address.js";
 import { Clock } from "./clock.js";
 import { Model } from "./model.js";
 import { Connection } from "./connection.js";
+import { Ending } from "./ending.js";
 import { Signals } from "./signals.js";
 import { Loops } from "./loops.js";
 import { Composition } from "./composition.js";
@@ -28,24 +30,30 @@ const timeline = new Timeline(model, clock);
 const parameters = new Parameters(connection);
 const views = {
   signals: new Signals(model, clock),
-  loops: new Loops(model, clock, (late) => { show("timeline"); timeline.show(late.seconds, late.lateness / 1e9); }),
+  loops: new Loops(model, clock, (late) => { show("timeline"); timeline.show(late.seconds, late.lateness / 1e9, late.loop); }),
   composition: new Composition(model, clock),
   timeline,
   messages: new Messages(model),
   parameters: { frame() {} },
 };
+views.signals.marks.show = (mark) => {
+  if (mark.kind === "late") { show("timeline"); timeline.show(mark.time, mark.lateness, mark.loop); }
+  else show(mark.text === undefined ? "timeline" : mark.kind === "parameter" ? "parameters" : "messages");
+  if (mark.kind === "emergency" || mark.degree === 1) timeline.show(mark.time, 0.005);
+};
+const ending = new Ending(model, connection);
+views.signals.whole.seek = (from, until) => connection.seek(from, until);
 const tabs = [...document.querySelectorAll("[role=tab]")];
 let seen = "signals";
 
 function show(name) {
-  seen = views[name] ? name : "signals";
+  seen = Object.hasOwn(views, name) ? name : "signals";
   for (const tab of tabs) {
     const isSeen = tab.id === `tab-${seen}`;
     tab.setAttribute("aria-selected", isSeen);
     tab.tabIndex = isSeen ? 0 : -1;
     $(`#${tab.getAttribute("aria-controls")}`).hidden = !isSeen;
   }
-  try { sessionStorage.setItem("view", seen); } catch { /* private */ }
 }
 
 for (const tab of tabs) tab.onclick = () => show(tab.getAttribute("aria-controls"));
@@ -61,7 +69,7 @@ $("#tabs").onkeydown = (event) => {
 // Light or dark: as the system has it, unless chosen.
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const chosen = () => { try { return localStorage.getItem("theme"); } catch { return null; } };
-const theme = () => { document.documentElement.dataset.theme = chosen() ?? (dark.matches ? "dark" : "light"); views.signals.paintRows(); };
+const theme = () => { document.documentElement.dataset.theme = chosen() ?? (dark.matches ? "dark" : "light"); views.signals.list.paint(); };
 dark.addEventListener("change", theme);
 $("#theme").onclick = () => {
   try { localStorage.setItem("theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark"); } catch { /* private */ }
@@ -78,8 +86,8 @@ clock.listeners.add(showState);
 
 function showState() {
   const isAway = connection?.state !== "open";
-  const is = !clock.live ? "paused" : isAway ? "away" : model.ended ? "over" : "live";
-  const words = { paused: "Paused", away: "No connection", over: "At its end", live: "Live" };
+  const is = !clock.live ? "paused" : model.ended !== null ? "over" : isAway ? "away" : "live";
+  const words = { paused: "Paused", away: "No connection", over: "Ended", live: "Live" };
   $("#state").dataset.is = is;
   put($("#state"), words[is]);
   put($("#pause"), clock.live ? "Pause" : "Follow");
@@ -89,9 +97,12 @@ function showState() {
 
 document.addEventListener("keydown", (event) => {
   if (event.target.matches("input, select, textarea") || event.altKey || event.ctrlKey || event.metaKey) return;
-  if (event.key === " " && !event.target.matches("button, [role=tab]")) { event.preventDefault(); $("#pause").click(); }
+  if (event.key === " ") { event.preventDefault(); if (!event.repeat) $("#pause").click(); }
   else views[seen].key?.(event.key);
 });
+
+// Space on a button pauses, and does not press it as well: Enter does.
+document.addEventListener("keyup", (event) => event.key === " " && event.target.matches("button") && event.preventDefault());
 
 function banner() {
   const { emergency } = model.status;
@@ -104,7 +115,7 @@ function banner() {
   box.dataset.key = key;
   box.dataset.degree = degree;
   const raiser = model.processes.get(emergency.process)?.name;
-  const seconds = model.base === undefined ? "" : `since ${instant(Number(BigInt(emergency.time) - BigInt(Math.round(model.base))) / 1e9, 1e-3)}`;
+  const seconds = model.base === undefined ? "" : `since ${instant(model.seconds(emergency.time), 1e-3)}`;
   box.replaceChildren(`${DEGREES[degree] ?? "Emergency"}${raiser ? `, raised by ${raiser}` : ""}`, make("span", { class: "when number" }, seconds));
 }
 
@@ -121,6 +132,8 @@ function foot(now) {
   const { status } = model;
   const losses = [];
   if (model.lostInAll) losses.push(`${count(model.lostInAll)} lost by the recorder`);
+  if (model.samplesFrom > 0) losses.push(`of signals until ${instant(model.samplesFrom, 0.1)} an overview`);
+  if (model.eventsFrom > 0) losses.push(`of events until ${instant(model.eventsFrom, 0.1)} nothing is kept`);
   if (model.missed) losses.push(`${count(model.missed)} blocks missed by this page`);
   if (status.left_out_samples || status.left_out_events) losses.push(`${count(status.left_out_samples + status.left_out_events)} too many to show`);
   if (status.left_out_declarations) losses.push("too much is declared to show all of it");
@@ -136,13 +149,16 @@ function foot(now) {
   put($("#system"), model.system);
   $("#system").hidden = model.system === "";
   showState();
+  address.write();
 }
 
 function frame(now) {
+  address.frame();
   clock.advance(now);
   frames++;
   views[seen].frame(now);
   banner();
+  ending.frame();
   foot(now);
   const date = model.date && !model.virtual ? new Date((model.date.unix + clock.now - model.date.time) * 1000).toLocaleTimeString() : "";
   put($("#clock"), `${instant(clock.now, 0.1)}${date && ` · ${date}`}`);
@@ -152,9 +168,11 @@ function frame(now) {
 // For tests, and for the browser's console.
 window.scope = { model, clock, connection, views, show };
 
-let first = "signals";
-try { first = sessionStorage.getItem("view") ?? first; } catch { /* private */ }
-show(first);
+// The skip link is not a layout.
+$(".skip").onclick = (event) => { event.preventDefault(); $("#view").focus(); };
+
+show("signals");
 theme();
+const address = new Address(views.signals, connection, () => seen, show);
 showState();
 requestAnimationFrame(frame);

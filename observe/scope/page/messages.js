@@ -15,7 +15,7 @@ export class Messages {
     this.count = make("span", { class: "muted number" });
     this.body = make("tbody");
     const head = make("tr", {}, ...["When", "", "From", "Message"].map((text) => make("th", { scope: "col" }, text)));
-    this.root.append(make("div", { class: "tools" }, this.least, this.filter, this.count), make("div", { class: "panel" }, make("table", {}, make("thead", {}, head), this.body)));
+    this.root.append(make("div", { class: "tools" }, this.least, this.filter, this.count), make("div", { class: "panel said" }, make("table", {}, make("thead", {}, head), this.body)));
   }
 
   frame() {

@@ -2,6 +2,7 @@
 
 import { Series } from "./series.js";
 import { Events, CODE, SUBJECT, stateOf } from "./events.js";
+import { Marks } from "./marks.js";
 import { place } from "./text.js";
 
 const MOST_MESSAGES = 2000;
@@ -24,15 +25,20 @@ export class Model {
     this.loops = new Map();
     this.others = new Map(); // names of barriers, locks and codes, by subject and number
     this.events = new Events();
+    this.marks = new Marks();
     this.messages = [];
     this.messagesInAll = 0;
     this.lost = new Map();
     this.missed = 0;
+    this.until = 0; // the last instant of a file
+    this.samplesFrom = this.eventsFrom = 0; // what came before was no longer kept when this page came
     this.counts = { loops: [], late: [], late_in_all: 0 };
     this.status = {};
+    this.changes = 0; // the number of the last change of a parameter
+    this.hasOldMarks = false;
     this.date = null;
     this.samples = 0;
-    this.ended = false;
+    this.ended = null; // the run's last instant, when it has ended
     this.version++;
   }
 
@@ -55,10 +61,45 @@ export class Model {
     this.clock.knows(time);
   }
 
+  overview(word) {
+    const overview = this.signals.get(word.signal)?.series.overview;
+    if (!overview) return;
+    overview.merge(word);
+    overview.isWhole = this.until > 0;
+  }
+
+  // Seconds since the recording's first time, of a time as the scope's messages have it.
+  seconds(text) { return Number(BigInt(text) - BigInt(Math.round(this.base ?? 0))) / 1e9; }
+
+  // Takes the counts of the loops. Late cycles of which there are no events become marks too.
+  count(word) {
+    this.counts = word;
+    if (this.hasOldMarks || this.base === undefined) return;
+    this.hasOldMarks = true;
+    for (const one of word.late) {
+      const time = this.seconds(one.time);
+      if (time < this.eventsFrom) this.marks.late(time, one.loop, one.lateness, one.cause + one.percent * 256);
+    }
+  }
+
+  // Takes the scope's status: parameters that were changed become marks.
+  know(status) {
+    this.status = status;
+    for (const change of status.changes ?? []) {
+      if (change.number <= this.changes || this.base === undefined) continue;
+      this.changes = change.number;
+      this.marks.parameter(this.seconds(change.time), change);
+    }
+  }
+
+  // The last instant that something is known of.
+  get last() { return Math.max(this.clock.latest, this.until); }
+
   message(message) {
     this.messages.push(message);
     this.messagesInAll++;
     if (this.messages.length > MOST_MESSAGES + 200) this.messages.splice(0, 200);
+    this.marks.message(message);
     this.clock.knows(message.time);
   }
 
@@ -94,11 +135,18 @@ export class Model {
   channel(number) {
     let channel = this.channels.get(number);
     if (!channel) {
-      channel = { number, name: `channel ${number}`, communications: 0, from: 0, to: 0 };
+      channel = { number, name: `channel ${number}`, communications: 0, from: new Set(), to: new Set() };
       this.channels.set(number, channel);
       this.version++;
     }
     return channel;
+  }
+
+  // A process is a new user of a channel.
+  join(users, process) {
+    if (users.has(process)) return;
+    users.add(process);
+    this.version++;
   }
 
   // The last state of a process, sent to a viewer that connects later.
@@ -118,14 +166,15 @@ export class Model {
     else if (code === CODE.communication) {
       const channel = this.channel(subject);
       channel.communications++;
-      if (a) channel.from = a;
-      if (b) channel.to = b;
+      if (a) this.join(channel.from, a);
+      if (b) this.join(channel.to, b);
     } else if (code === CODE.asleep || code === CODE.awake) {
       const executor = this.executors.get(subject);
       if (executor) executor.awake = code === CODE.awake;
     } else if (code === CODE.spawned && a) {
       this.process(subject).parent ||= a;
-    }
+    } else if (code === CODE.late) this.marks.late(time, subject, a, b);
+    else if (code === CODE.emergency) this.marks.emergency(time, subject, a);
   }
 
   enter(process, time, state, a, b, thread) {
@@ -143,7 +192,7 @@ export class Model {
   losses(of, number, lost) { this.lost.set(of * 4294967296 + number, lost); }
   get lostInAll() { let sum = 0; for (const lost of this.lost.values()) sum += lost; return sum; }
   epoch(time, unix) { this.date = { time, unix }; }
-  end(time) { this.ended = true; this.clock.knows(time); }
+  end(time) { this.ended = time; this.clock.knows(time); }
 
   // What a process waits for, in words.
   reason(a, b) {

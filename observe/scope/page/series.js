@@ -1,11 +1,70 @@
-// The last samples of a signal, in bounded memory, and their reduction to columns of pixels.
+// The last samples of a signal, in bounded memory, an overview of all, and their reduction to columns of pixels.
 
 const FIRST = 1 << 12, MOST = 1 << 17;
 const BLOCK = 64; // samples that are summed up by their least and greatest
 
+const SPANS = 512, FIRST_SPAN = 0.01; // as in the scope's store
+
+// The least and greatest value of each element in each span since the recording began. Spans double when there are more than fit.
+export class Overview {
+  constructor(elements) {
+    this.span = FIRST_SPAN;
+    this.isWhole = false; // it has what is still to come, of a file
+    this.least = Array.from({ length: elements }, () => new Float32Array(SPANS).fill(NaN));
+    this.most = this.least.map((least) => least.slice());
+  }
+
+  push(time, values) {
+    if (time < 0) time = 0;
+    while (time >= SPANS * this.span) this.double();
+    const at = Math.floor(time / this.span);
+    for (let n = 0; n < this.least.length; n++) this.extend(n, at, values[n], values[n]);
+  }
+
+  extend(element, at, low, high) {
+    const least = this.least[element], most = this.most[element];
+    if (low < least[at] || least[at] !== least[at]) least[at] = low;
+    if (high > most[at] || most[at] !== most[at]) most[at] = high;
+  }
+
+  double() {
+    this.span *= 2;
+    for (let element = 0; element < this.least.length; element++) {
+      const least = this.least[element].slice(), most = this.most[element].slice();
+      this.least[element].fill(NaN);
+      this.most[element].fill(NaN);
+      for (let at = 0; at < SPANS; at++) this.extend(element, at >> 1, least[at], most[at]);
+    }
+  }
+
+  // Takes what the scope has.
+  merge({ span, elements }) {
+    const seconds = span / 1e9;
+    while (this.span < seconds * 0.99) this.double();
+    elements.forEach((spans, element) => spans.forEach(([low, high], at) => {
+      if (low !== null) this.extend(element, Math.floor(((at + 0.5) * seconds) / this.span), low, high);
+    }));
+  }
+
+  // Widens columns of pixels, which begin at `from`, by what is known of two instants and between them; as `Series.columns`.
+  columns(element, from, since, to, perSecond, least, most, width) {
+    for (let at = Math.max(0, Math.floor(since / this.span)); at < SPANS && at * this.span < to; at++) {
+      const low = this.least[element][at], high = this.most[element][at];
+      if (low !== low) continue;
+      const begin = Math.max(0, Math.floor((Math.max(since, at * this.span) - from) * perSecond));
+      const end = Math.min(width - 1, Math.floor((Math.min(to, (at + 1) * this.span) - from) * perSecond));
+      for (let c = begin; c <= end; c++) {
+        if (low < least[c]) least[c] = low;
+        if (high > most[c]) most[c] = high;
+      }
+    }
+  }
+}
+
 export class Series {
   constructor(elements) {
     this.elements = elements;
+    this.overview = new Overview(elements);
     this.begin = 0; // number of the oldest sample, since the first
     this.end = 0;
     this.allocate(FIRST);
@@ -18,15 +77,24 @@ export class Series {
     this.values = Array.from({ length: this.elements }, () => new Float64Array(room));
     this.least = Array.from({ length: this.elements }, () => new Float64Array(room / BLOCK));
     this.most = Array.from({ length: this.elements }, () => new Float64Array(room / BLOCK));
+    // Of the values of a block that are numbers: how many, their sum, and the sum of their squares.
+    this.numbers = Array.from({ length: this.elements }, () => new Uint8Array(room / BLOCK));
+    this.sums = Array.from({ length: this.elements }, () => new Float64Array(room / BLOCK));
+    this.squares = Array.from({ length: this.elements }, () => new Float64Array(room / BLOCK));
     if (!old) return;
     const end = this.end;
     for (this.end = this.begin; this.end < end; ) {
       const from = this.end & old.mask;
-      this.push(old.times[from], old.values.map((values) => values[from]));
+      this.put(old.times[from], old.values.map((values) => values[from]));
     }
   }
 
   push(time, values) {
+    this.overview.push(time, values);
+    this.put(time, values);
+  }
+
+  put(time, values) {
     const room = this.mask + 1;
     if (this.end - this.begin === room) {
       if (room < MOST) this.allocate(room * 2);
@@ -39,6 +107,11 @@ export class Series {
       this.values[n][at] = value;
       if (isFirst || !(value >= this.least[n][block])) this.least[n][block] = value;
       if (isFirst || !(value <= this.most[n][block])) this.most[n][block] = value;
+      if (isFirst) this.numbers[n][block] = this.sums[n][block] = this.squares[n][block] = 0;
+      if (value !== value) continue;
+      this.numbers[n][block]++;
+      this.sums[n][block] += value;
+      this.squares[n][block] += value * value;
     }
     this.end++;
   }
@@ -64,11 +137,42 @@ export class Series {
     return index < this.begin ? NaN : this.value(index, element);
   }
 
+  // Of the samples between two instants that are in memory and numbers: { number, mean, rms, least, most }. All but the number are NaN without any.
+  statistics(element, from, to) {
+    const values = this.values[element], { mask } = this, stop = this.find(to);
+    let number = 0, sum = 0, squares = 0, least = NaN, most = NaN;
+    const extend = (low, high) => {
+      if (!(low >= least)) least = low;
+      if (!(high <= most)) most = high;
+    };
+    for (let index = Math.max(this.begin, this.find(from)); index < stop; ) {
+      const block = (index & mask) >> 6;
+      if (index % BLOCK === 0 && index + BLOCK <= stop && this.numbers[element][block] === BLOCK) {
+        number += BLOCK;
+        sum += this.sums[element][block];
+        squares += this.squares[element][block];
+        extend(this.least[element][block], this.most[element][block]);
+        index += BLOCK;
+        continue;
+      }
+      const value = values[index++ & mask];
+      if (value !== value) continue;
+      number++;
+      sum += value;
+      squares += value * value;
+      extend(value, value);
+    }
+    return { number, mean: sum / number, rms: Math.sqrt(squares / number), least, most };
+  }
+
   // Fills the least and greatest value of each column of pixels between two instants, including the line between samples, so that columns join. Returns [least, greatest] of all.
   columns(element, from, to, width, least, most) {
     least.fill(Infinity, 0, width);
     most.fill(-Infinity, 0, width);
     const perSecond = width / (to - from), values = this.values[element], { times, mask } = this;
+    const kept = this.end > this.begin ? this.time(this.begin) : Infinity;
+    if (from < kept) this.overview.columns(element, from, from, Math.min(to, kept), perSecond, least, most, width);
+    if (this.overview.isWhole && this.lastTime < to) this.overview.columns(element, from, Math.max(from, this.lastTime), to, perSecond, least, most, width);
     let lowest = Infinity, highest = -Infinity;
     let index = Math.max(this.begin, this.find(from) - 1);
     const stop = Math.min(this.end, this.find(to) + 1);

@@ -1,167 +1,114 @@
 // Plots of signals.
 
 import { $, make, put, number, span, instant, step } from "./text.js";
-import { colours, colourOf, fit, Painter } from "./draw.js";
+import { AXIS, BOTTOM, RIGHT, TOP, colours, fit, label, Painter } from "./draw.js";
 import { gestures } from "./gestures.js";
 import { Columns } from "./series.js";
 import { Cursors } from "./cursors.js";
+import { List } from "./list.js";
+import { MarkStrip } from "./marks.js";
+import { Readings } from "./readings.js";
+import { Trigger } from "./trigger.js";
+import { Whole } from "./whole.js";
+import { XY } from "./xy.js";
 import { exportCsv, exportPng } from "./export.js";
 
-const LEFT = 62, RIGHT = 14, TOP = 10, BOTTOM = 26; // of the plot, in CSS pixels
-const SHORTEST = 20e-6, LONGEST = 120;
-const CHOSEN_AT_FIRST = 6;
-const BEFORE_TRIGGER = 0.25; // of the plot
+const SHORTEST = 20e-6, LONGEST = 1e7;
 
 export class Signals {
   constructor(model, clock) {
     Object.assign(this, { model, clock });
     this.root = $("#signals");
-    this.list = $("#signal-list");
+    this.list = new List(model, clock);
     [this.under, this.traces, this.over] = this.root.querySelectorAll(".plot canvas");
     this.empty = $(".empty", this.root);
     this.painter = new Painter();
     this.layout = "stack";
     this.span = 10;
     this.end = null; // of the plot, while it does not follow
-    this.chosen = new Set();
-    this.rows = new Map();
-    this.version = -1;
-    this.trigger = { on: false, signal: null, edge: 1, level: 0, single: false, at: null, armed: -Infinity };
+    this.trigger = new Trigger(this);
     this.cursors = new Cursors(this);
+    this.readings = new Readings(this);
+    this.marks = new MarkStrip(this);
+    this.xy = new XY(this);
+    this.whole = new Whole(this);
     this.controls();
     this.clock.listeners.add(() => { this.end = this.clock.live ? null : this.to ?? this.clock.now; });
   }
 
+  get rows() { return this.list.rows; }
+  get chosen() { return this.list.chosen; }
+  get curves() { return this.list.curves; }
+
   controls() {
-    for (const button of this.root.querySelectorAll("[data-layout]")) {
-      button.onclick = () => {
-        this.layout = button.dataset.layout;
-        for (const other of this.root.querySelectorAll("[data-layout]")) other.setAttribute("aria-pressed", other === button);
-      };
-    }
+    for (const button of this.root.querySelectorAll("[data-layout]")) button.onclick = () => this.lay(button.dataset.layout);
     $("#zoom-in").onclick = () => this.zoom(0.5);
     $("#zoom-out").onclick = () => this.zoom(2);
+    $("#fit-y").onclick = () => this.held.clear();
+    $("#fit").onclick = () => this.showAll();
     $("#cursors").onclick = () => this.cursors.toggle();
     $("#export-csv").onclick = () => exportCsv(this);
     $("#export-png").onclick = () => exportPng(this);
-    $("#signal-filter").oninput = () => this.filter();
-    $("#signals-all").onclick = () => this.all();
-    $("#trigger").onclick = () => this.toggleTrigger();
-    $("#trigger-signal").onchange = (event) => { this.trigger.signal = event.target.value; this.middle(); };
-    $("#trigger-edge").onchange = (event) => this.rearm({ edge: Number(event.target.value) });
-    $("#trigger-level").onchange = (event) => this.rearm({ level: Number(event.target.value) });
-    $("#trigger-mode").onchange = (event) => this.rearm({ single: event.target.value === "single" });
     gestures(this.over, {
       pan: (pixels) => this.pan(pixels),
-      zoom: (factor, x) => this.zoom(factor, x),
-      grab: (x, y) => this.cursors.grab(x) ?? this.grabLevel(x, y),
-      tap: (x) => this.cursors.tap(x),
+      zoom: (factor, x, y) => {
+        const lane = x < this.left && y !== undefined ? this.laneAt(x, y) : undefined;
+        if (lane) this.zoomY(factor, lane, y);
+        else if (y !== undefined && this.xy.isOn(x, y)) this.xy.zoom(factor, x);
+        else this.zoom(factor, x);
+      },
+      grab: (x, y) => this.grabAxis(x, y) ?? this.xy.grab(x, y) ?? (this.layout === "xy" ? null : this.cursors.grab(x) ?? this.trigger.grab(x, y)),
+      tap: (x, y) => this.layout !== "xy" && (this.marks.tap(x, y) || this.cursors.tap(x)),
       home: () => this.clock.follow(),
     });
     this.over.addEventListener("pointermove", (event) => {
       const box = this.over.getBoundingClientRect();
-      this.pointer = event.clientX - box.left;
-      this.over.style.cursor = this.cursors.near(this.pointer) ? "ew-resize" : "crosshair";
+      const [x, y] = (this.pointer = [event.clientX - box.left, event.clientY - box.top]);
+      const isMark = this.layout !== "xy" && this.marks.isOn(y) && this.marks.at(x).length > 0;
+      this.over.style.cursor = x < this.left ? "ns-resize" : this.xy.isOn(x, y) ? "ew-resize" : isMark ? "pointer" : this.layout !== "xy" && this.cursors.near(x) ? "ew-resize" : "crosshair";
     });
     this.over.addEventListener("pointerleave", () => { this.pointer = null; });
+  }
+
+  // Stacked lanes ("stack"), all curves in one place ("overlay"), or one signal over another ("xy").
+  lay(layout) {
+    this.layout = layout;
+    for (const button of this.root.querySelectorAll("[data-layout]")) button.setAttribute("aria-pressed", button.dataset.layout === layout);
+    $("#xy-settings").hidden = layout !== "xy";
+    this.traces.getContext("2d").clearRect(0, 0, this.traces.width, this.traces.height);
+    if (layout === "xy") this.xy.begin();
   }
 
   // Keys that work wherever the focus is.
   key(key) {
     if (key === "c") this.cursors.toggle();
-    else if (key === "t") this.toggleTrigger();
+    else if (key === "t") this.trigger.toggle();
+    else if (key === "s") this.readings.toggle();
+    else if (key === "f") this.showAll();
+    else if (key === "y") this.held.clear();
+    else if (key === "n" || key === "p") this.marks.go(key === "n" ? 1 : -1);
+    else if (key === "[" || key === "]") for (const lane of this.lanes) this.zoomY(key === "]" ? 0.7 : 1 / 0.7, lane);
     else return false;
     return true;
   }
 
-  // What is plotted: { key, name, signal, element, colour }.
-  get curves() {
-    const curves = [];
-    for (const { signal, element, key, name, place } of this.rows.values()) {
-      if (this.chosen.has(key)) curves.push({ signal, element, key, name, colour: colourOf(place) });
-    }
-    return curves;
-  }
-
-  declare() {
-    this.version = this.model.version;
-    const before = this.rows;
-    this.rows = new Map();
-    for (const signal of [...this.model.signals.values()].sort((a, b) => a.number - b.number)) {
-      for (let element = 0; element < signal.elements; element++) {
-        const name = signal.elements > 1 ? `${signal.name}[${element}]` : signal.name;
-        const key = name;
-        const place = this.rows.size;
-        const row = before.get(key) ?? this.row(key, name);
-        Object.assign(row, { signal, element, place, key, name });
-        row.item.title = [name, signal.unit && `in ${signal.unit}`, signal.description].filter(Boolean).join(", ");
-        this.rows.set(key, row);
-        if (this.chosenByHand !== true && this.chosen.size < CHOSEN_AT_FIRST) this.chosen.add(key);
-      }
-    }
-    this.list.replaceChildren(...[...this.rows.values()].map((row) => row.item));
-    const options = [...this.rows.keys()].map((key) => make("option", { value: key }, key));
-    const select = $("#trigger-signal");
-    select.replaceChildren(...options);
-    if (this.trigger.signal) select.value = this.trigger.signal;
-    this.paintRows();
-    this.filter();
-  }
-
-  row(key, name) {
-    const box = make("input", { type: "checkbox" });
-    const swatch = make("span", { class: "swatch" });
-    const value = make("span", { class: "value" });
-    const figure = document.createTextNode(""), unit = make("small");
-    value.append(figure, unit);
-    const item = make("li", {}, make("label", {}, box, swatch, make("span", { class: "name" }, name), value));
-    box.onchange = () => {
-      this.chosenByHand = true;
-      this.chosen[box.checked ? "add" : "delete"](key);
-      this.paintRows();
-    };
-    return { item, box, swatch, figure, unit };
-  }
-
-  paintRows() {
-    for (const { key, box, swatch, unit, signal, place } of this.rows.values()) {
-      box.checked = this.chosen.has(key);
-      swatch.style.background = swatch.style.borderColor = box.checked ? colourOf(place) : "";
-      put(unit, signal.unit);
-    }
-  }
-
-  filter() {
-    const wanted = $("#signal-filter").value.toLowerCase();
-    for (const { item, name } of this.rows.values()) item.hidden = !name.toLowerCase().includes(wanted);
-  }
-
-  all() {
-    this.chosenByHand = true;
-    const found = [...this.rows.values()].filter(({ item }) => !item.hidden).map(({ key }) => key);
-    const add = found.some((key) => !this.chosen.has(key));
-    for (const key of found) this.chosen[add ? "add" : "delete"](key);
-    this.paintRows();
-  }
-
   // The plot's instants.
   window() {
-    const { trigger } = this;
     let to = this.end ?? this.clock.now;
-    if (this.clock.live && trigger.on && trigger.at !== null) to = trigger.at + (1 - BEFORE_TRIGGER) * this.span;
+    if (this.clock.live) to = this.trigger.end ?? to;
     if (!this.clock.live && this.clock.speed > 0) this.end = to = this.clock.now;
     this.to = to;
     return [to - this.span, to];
   }
 
-  get plotWidth() { return Math.max(1, this.over.clientWidth - LEFT - RIGHT); }
-  x(time) { return LEFT + ((time - this.to) / this.span + 1) * this.plotWidth; }
-  time(x) { return this.to - this.span + ((x - LEFT) / this.plotWidth) * this.span; }
+  get plotWidth() { return Math.max(1, this.over.clientWidth - this.left - RIGHT); }
+  x(time) { return this.left + ((time - this.to) / this.span + 1) * this.plotWidth; }
+  time(x) { return this.to - this.span + ((x - this.left) / this.plotWidth) * this.span; }
 
   pan(pixels) {
     if (this.clock.live) this.clock.pause();
     this.end = (this.end ?? this.clock.now) - (pixels / this.plotWidth) * this.span;
-    this.end = Math.min(this.end, this.clock.latest + this.span / 2);
+    this.end = Math.min(this.end, this.model.last + this.span / 2);
     this.clock.now = Math.min(this.end, this.clock.latest);
   }
 
@@ -169,123 +116,97 @@ export class Signals {
     const before = this.span;
     this.span = Math.min(LONGEST, Math.max(SHORTEST, this.span * factor));
     if (this.end === null || x === undefined) return;
-    const share = 1 - (x - LEFT) / this.plotWidth;
+    const share = 1 - (x - this.left) / this.plotWidth;
     this.end += share * (this.span - before);
   }
 
-  toggleTrigger() {
-    const { trigger } = this;
-    trigger.on = !trigger.on;
-    $("#trigger").setAttribute("aria-pressed", trigger.on);
-    $("#trigger-settings").hidden = !trigger.on;
-    if (!trigger.on) return;
-    if (!this.rows.has(trigger.signal)) {
-      trigger.signal = this.curves[0]?.key ?? null;
-      $("#trigger-signal").value = trigger.signal;
-      this.middle();
-    } else this.rearm({});
+  // From the start of the run to its last instant.
+  showAll() {
+    const { last } = this.model;
+    this.span = Math.max(0.01, last);
+    if (last > this.clock.latest && this.clock.live) this.clock.pause();
+    if (!this.clock.live) this.end = last;
   }
 
-  // A level that the signal crosses: halfway between its least and greatest value.
-  middle() {
-    const row = this.rows.get(this.trigger.signal);
-    if (!row || !row.signal.series) return;
-    const { series } = row.signal;
-    const one = new Float64Array(1), other = new Float64Array(1);
-    const [low, high] = series.columns(row.element, this.clock.latest - Math.max(1, this.span), this.clock.latest, 1, one, other);
-    const level = isFinite(low) ? Number(((low + high) / 2).toPrecision(4)) : 0;
-    $("#trigger-level").value = level;
-    this.rearm({ level });
-  }
-
-  rearm(changes) {
-    Object.assign(this.trigger, changes, { at: null, armed: this.clock.live ? this.clock.now : -Infinity });
-    if (!this.clock.live && this.trigger.single) this.clock.follow();
-  }
-
-  // Searches new samples for crossings, and holds the plot at the last one that is complete.
-  look() {
-    const { trigger, clock } = this;
-    const row = trigger.on && clock.live && this.rows.get(trigger.signal);
-    if (!row) return;
-    const { series } = row.signal;
-    const after = (1 - BEFORE_TRIGGER) * this.span;
-    for (let turns = 0; turns < 64; turns++) {
-      const at = series.crossing(row.element, trigger.level, trigger.edge, trigger.armed);
-      if (at === null) {
-        // What was looked at need not be looked at again.
-        if (series.end > series.begin) trigger.armed = Math.max(trigger.armed, series.lastTime - 1e-9);
-        break;
-      }
-      if (at + after > clock.latest) break;
-      trigger.at = at;
-      trigger.count = (trigger.count ?? 0) + 1;
-      trigger.armed = at + after;
-      if (trigger.single) {
-        this.to = at + after;
-        clock.pause(Math.min(clock.latest, this.to));
-        break;
-      }
-    }
-    put($("#trigger-state"), trigger.at === null ? "waits for the level" : `at ${instant(trigger.at, 1e-4)}`);
-  }
-
-  grabLevel(x, y) {
-    if (!this.trigger.on || !this.levelY || Math.abs(y - this.levelY) > 9 || x < LEFT) return null;
-    const { scale } = this.levelLane;
-    return { drag: (_, y) => {
-      const level = Number((scale.high - ((y - scale.top) / (scale.bottom - scale.top)) * (scale.high - scale.low)).toPrecision(4));
-      $("#trigger-level").value = level;
-      this.rearm({ level });
-    } };
+  // Stands still with an instant in the middle.
+  showAt(time) {
+    if (this.clock.live) this.clock.pause();
+    this.end = Math.min(this.model.last + this.span / 2, Math.max(0, time) + this.span / 2);
+    this.clock.now = Math.min(this.end, this.clock.latest);
   }
 
   frame() {
-    if (this.version !== this.model.version) this.declare();
-    this.look();
-    const curves = this.curves;
+    if (this.list.declare()) this.declare();
+    this.trigger.look();
+    const isXY = this.layout === "xy", curves = isXY ? this.xy.curves : this.curves;
     const note = this.rows.size === 0 ? "No signals yet. A process records them with Signal::record." : curves.length === 0 ? "Choose signals in the list." : "";
     put(this.empty, note);
     this.empty.hidden = note === "";
     put($("#span"), span(this.span));
     const under = fit(this.under), traces = fit(this.traces), over = fit(this.over);
-    if (under.width < LEFT + RIGHT + 20) return;
+    // One for each unit of overlaid curves, as far as there is room.
+    const units = this.layout === "overlay" ? new Set(curves.map(({ signal }) => signal.unit)).size : 1;
+    this.axes = Math.max(1, Math.min(units, Math.floor(under.width / 200)));
+    if (under.width < this.left + RIGHT + 20) return;
     // By whole columns, so that those of the frame before can be used again.
-    const columns = Math.max(1, Math.round((traces.width - LEFT - RIGHT) * traces.ratio)), perSecond = columns / this.span;
+    const columns = Math.max(1, Math.round((traces.width - this.left - RIGHT) * traces.ratio)), perSecond = columns / this.span;
     const start = Math.floor(this.window()[0] * perSecond + 1e-6);
     const from = start / perSecond, to = from + this.span;
     this.to = to;
     const palette = colours();
-    this.scales(curves, start, perSecond, columns, traces);
-    this.drawUnder(under, palette, curves, from, to);
-    this.drawTraces(traces, curves);
-    this.drawOver(over, palette, curves);
-    this.values(curves);
+    if (isXY) this.xy.frame(under, traces, palette, from, to);
+    else {
+      this.scales(curves, start, perSecond, columns, traces);
+      this.drawUnder(under, palette, from, to);
+      this.drawTraces(traces, curves);
+    }
+    $("#fit-y").disabled = this.held.size === 0;
+    this.drawOver(over, palette);
+    this.whole.draw(isXY ? this.curves : curves, palette, from, to);
+    const now = performance.now();
+    // Ten times a second, to be readable.
+    if (now - (this.updated ?? -Infinity) < 100) return;
+    this.updated = now;
+    this.list.values();
+    this.readings.show();
   }
 
-  // Columns of all curves, and their lanes, each with its own scale or one for all.
+  declare() {
+    const keys = [...this.rows.keys()];
+    const select = $("#trigger-signal");
+    select.replaceChildren(...keys.map((key) => make("option", { value: key }, key)));
+    if (this.trigger.signal) select.value = this.trigger.signal;
+    this.xy.declare(keys);
+    if (this.layout === "xy") this.xy.begin();
+  }
+
+  // Where the plot begins: beside its axes.
+  get left() { return AXIS * this.axes; }
+
+  // Columns of all curves, and their lanes, each with its own scale. Overlaid curves share the lane of their unit, and all lanes one place.
   scales(curves, start, perSecond, columns, { height }) {
     const bottom = height - BOTTOM;
-    const lanes = this.layout === "stack" ? Math.max(1, curves.length) : 1;
-    const high = (bottom - TOP) / lanes;
+    const isStack = this.layout === "stack";
+    const high = (bottom - TOP) / (isStack ? Math.max(1, curves.length) : 1);
     this.lanes = [];
-    curves.forEach((curve, n) => {
+    curves.forEach((curve) => {
       const row = this.rows.get(curve.key);
       row.columns ??= new Columns();
-      const [low, most] = row.columns.update(curve.signal.series, curve.element, start, perSecond, columns);
-      let lane = this.lanes[this.layout === "stack" ? n : 0];
+      const range = row.columns.update(curve.signal.series, curve.element, start, perSecond, columns).map((value) => value * row.gain + row.offset);
+      const { unit } = curve.signal;
+      let lane = isStack ? undefined : this.lanes.find((lane) => lane.unit === unit);
       if (!lane) {
-        const top = TOP + this.lanes.length * high;
-        lane = { curves: [], low: Infinity, high: -Infinity, top, bottom: top + high };
+        const top = TOP + (isStack ? this.lanes.length * high : 0);
+        lane = { unit, axis: isStack ? 0 : this.lanes.length, curves: [], low: Infinity, high: -Infinity, top, bottom: top + high };
         this.lanes.push(lane);
       }
       lane.curves.push({ ...curve, row });
-      lane.low = Math.min(lane.low, low);
-      lane.high = Math.max(lane.high, most);
+      lane.low = Math.min(lane.low, ...range);
+      lane.high = Math.max(lane.high, ...range);
     });
     for (const lane of this.lanes) {
-      const key = lane.curves.map((curve) => curve.key).join();
-      lane.scale = this.ease(key, lane);
+      lane.key = lane.curves.map((curve) => curve.key).join();
+      lane.scale = this.held.get(lane.key) ?? this.ease(lane.key, lane);
       const high = lane.bottom - lane.top, pad = Math.min(12, high * 0.14);
       // Room for the names, where there is any.
       lane.scale.top = lane.top + (high >= 56 ? 26 : pad);
@@ -294,13 +215,52 @@ export class Signals {
     for (const key of this.eased.keys()) if (!this.lanes.some((lane) => lane.scale === this.eased.get(key))) this.eased.delete(key);
   }
 
+  axes = 1;
   eased = new Map();
+  held = new Map(); // scales that were zoomed or moved by hand
+
+  // The lane at a place, and there by its axis.
+  laneAt(x, y) {
+    const there = this.lanes.filter((lane) => y >= lane.top && y < lane.bottom);
+    return there.find((lane) => x >= this.left - (lane.axis + 1) * AXIS && x < this.left - lane.axis * AXIS) ?? there[0];
+  }
+
+  // Zooms a lane's axis around a place on it.
+  zoomY(factor, lane, y = (lane.top + lane.bottom) / 2) {
+    const { low, high, top, bottom } = lane.scale;
+    const middle = high - ((y - top) / (bottom - top)) * (high - low);
+    const least = Math.max(Math.abs(middle) * 1e-12, 1e-15);
+    if ((high - low) * factor < least) return;
+    this.held.set(lane.key, { low: middle - (middle - low) * factor, high: middle + (high - middle) * factor, top, bottom });
+  }
+
+  // An axis is dragged.
+  grabAxis(x, y) {
+    const lane = x < this.left ? this.laneAt(x, y) : undefined;
+    if (!lane) return null;
+    const { low, high, top, bottom } = lane.scale;
+    return { drag: (_, now) => {
+      const by = ((now - y) / (bottom - top)) * (high - low);
+      this.held.set(lane.key, { low: low + by, high: high + by, top, bottom });
+    } };
+  }
+
+  // Values that get a label: round ones, if two of them have room, else the ends. `apart`: pixels from one to the next.
+  ticks({ low, high, top, bottom }, apart = 16) {
+    for (const room of [apart, 11]) {
+      const each = step(low, high, Math.max(1, (bottom - top) / room)), all = [];
+      for (let n = Math.ceil(low / each); n * each <= high; n++) all.push(n * each);
+      if (all.length > 1) return all;
+    }
+    const digits = Math.min(15, Math.max(0, 1 - Math.floor(Math.log10(high - low))));
+    return [low, high].map((value) => Number(value.toFixed(digits)));
+  }
 
   // A scale grows at once and shrinks slowly, so that it does not tremble.
   ease(key, { low, high }) {
     let scale = this.eased.get(key);
     if (!isFinite(low) || !isFinite(high)) return scale ?? { low: 0, high: 1 };
-    const margin = high > low ? 0 : Math.max(Math.abs(high) * 0.1, 1e-9);
+    const margin = high > low ? 0 : Math.abs(high) * 0.1 || 1;
     low -= margin;
     high += margin;
     if (!scale) this.eased.set(key, (scale = { low, high }));
@@ -309,39 +269,41 @@ export class Signals {
     return scale;
   }
 
-  drawUnder({ context, width, height }, palette, curves, from, to) {
+  drawUnder({ context, width, height }, palette, from, to) {
     context.clearRect(0, 0, width, height);
     context.font = "12px ui-sans-serif, system-ui, sans-serif";
     const bottom = height - BOTTOM, every = step(from, to, Math.max(2, this.plotWidth / 110));
     context.textBaseline = "middle";
     context.textAlign = "center";
-    const grid = palette.grid, line = palette.line, muted = palette.muted, faint = palette.faint, words = palette.text;
+    const grid = palette.grid, line = palette.line, muted = palette.muted, faint = palette.faint;
     context.fillStyle = grid;
     for (let n = Math.ceil(from / every); n * every <= to; n++) context.fillRect(Math.round(this.x(n * every)), TOP, 1, bottom - TOP);
     context.fillStyle = muted;
     for (let n = Math.ceil(from / every); n * every <= to; n++) {
       const x = this.x(n * every);
-      if (x > LEFT + 22 && x < width - RIGHT - 22) context.fillText(instant(n * every, every), x, height - BOTTOM / 2);
+      if (x > this.left + 22 && x < width - RIGHT - 22) context.fillText(instant(n * every, every), x, height - 13);
     }
-    this.lanes.forEach((lane, n) => {
-      const { scale } = lane, high = lane.bottom - lane.top;
-      if (n > 0) { context.fillStyle = line; context.fillRect(LEFT, Math.round(lane.top), width - LEFT - RIGHT, 1); }
-      const lines = Math.floor((scale.bottom - scale.top) / 16);
-      const y = (value) => scale.bottom - ((value - scale.low) / (scale.high - scale.low)) * (scale.bottom - scale.top);
+    for (const lane of this.lanes) {
+      const { scale, axis } = lane, isLow = scale.bottom - scale.top < 20;
+      if (axis === 0 && lane.top > TOP) { context.fillStyle = line; context.fillRect(this.left, Math.round(lane.top), width - this.left - RIGHT, 1); }
       context.textAlign = "right";
-      if (lines >= 1 && scale.high > scale.low) {
-        const each = step(scale.low, scale.high, lines);
-        for (let m = Math.ceil(scale.low / each); m * each <= scale.high; m++) {
-          context.fillStyle = grid;
-          context.fillRect(LEFT, Math.round(y(m * each)), width - LEFT - RIGHT, 1);
-          context.fillStyle = faint;
-          context.fillText(number(m * each), LEFT - 9, y(m * each));
-        }
-      } else {
-        context.fillStyle = faint;
-        context.fillText(number(Number(scale.high.toPrecision(3))), LEFT - 9, (lane.top + lane.bottom) / 2);
+      const x = this.left - 9 - axis * AXIS;
+      lane.labels = this.ticks(scale);
+      if (axis >= this.axes) continue;
+      if (this.axes > 1) {
+        context.fillStyle = lane.curves.length === 1 ? lane.curves[0].colour : muted;
+        context.fillText(lane.unit || "–", x, lane.top + 13);
       }
-    });
+      if (isLow) context.font = "8px ui-sans-serif, system-ui, sans-serif";
+      lane.labels.forEach((value, n) => {
+        const y = scale.bottom - ((value - scale.low) / (scale.high - scale.low)) * (scale.bottom - scale.top);
+        context.fillStyle = grid;
+        if (axis === 0 && !isLow) context.fillRect(this.left, Math.round(y), width - this.left - RIGHT, 1);
+        context.fillStyle = lane.curves.length === 1 && this.axes > 1 ? lane.curves[0].colour : faint;
+        context.fillText(label(value), x, isLow ? (n === 0 ? lane.bottom - 4 : lane.top + 4) : y);
+      });
+      context.font = "12px ui-sans-serif, system-ui, sans-serif";
+    }
   }
 
   drawTraces({ context, ratio }, curves) {
@@ -352,25 +314,31 @@ export class Signals {
     for (const lane of this.lanes) {
       const { scale } = lane;
       for (const { row, colour } of lane.curves) {
-        painter.curve(row.columns.least, row.columns.most, row.columns.least.length, Math.round(LEFT * ratio), scale.low, scale.high, scale.top * ratio, scale.bottom * ratio, Painter.colour(colour), thick * ratio);
+        painter.curve(row.columns.least, row.columns.most, row.columns.least.length, Math.round(this.left * ratio), (scale.low - row.offset) / row.gain, (scale.high - row.offset) / row.gain, scale.top * ratio, scale.bottom * ratio, Painter.colour(colour), thick * ratio);
       }
     }
     painter.show(context);
   }
 
-  drawOver({ context, width, height }, palette, curves) {
+  drawOver({ context, width, height }, palette) {
     context.clearRect(0, 0, width, height);
     context.font = "12.5px ui-sans-serif, system-ui, sans-serif";
     context.textBaseline = "middle";
     context.textAlign = "left";
+    if (this.layout === "xy") {
+      this.marks.tip.hidden = true;
+      return this.xy.over(context, palette);
+    }
     // Names stand on their curves' lanes.
     const surface = palette.surface;
+    let x = this.left + 10;
     for (const lane of this.lanes) {
-      let x = LEFT + 10;
-      for (const { name, colour, signal } of lane.curves) {
-        const text = signal.unit ? `${name}  ${signal.unit}` : name;
+      if (lane.axis === 0) x = this.left + 10;
+      for (const { name, colour, signal, row: { gain, offset } } of lane.curves) {
+        const changed = `${gain === 1 ? "" : `  × ${number(gain)}`}${offset === 0 ? "" : `  + ${number(offset)}`}`;
+        const text = `${name}${signal.unit && `  ${signal.unit}`}${changed}`;
         const wide = context.measureText(text).width;
-        if (x > LEFT + 10 && x + wide > width - RIGHT) break;
+        if (x > this.left + 10 && x + wide > width - RIGHT) break;
         const y = lane.bottom - lane.top < 34 ? lane.top + (lane.bottom - lane.top) / 2 : lane.top + 13;
         context.globalAlpha = 0.82;
         context.fillStyle = surface;
@@ -383,60 +351,8 @@ export class Signals {
         x += wide + 22;
       }
     }
-    this.drawTrigger(context, palette, width);
+    this.trigger.draw(context, palette, width, height);
     this.cursors.draw(context, palette, height - BOTTOM, TOP);
-  }
-
-  drawTrigger(context, palette, width) {
-    this.levelY = null;
-    const { trigger } = this;
-    if (!trigger.on) return;
-    const lane = this.lanes.find((lane) => lane.curves.some((curve) => curve.key === trigger.signal));
-    context.strokeStyle = context.fillStyle = palette.ready;
-    context.setLineDash([5, 4]);
-    if (lane) {
-      const { scale } = lane;
-      const y = scale.bottom - ((trigger.level - scale.low) / (scale.high - scale.low)) * (scale.bottom - scale.top);
-      if (y >= lane.top && y <= lane.bottom) {
-        this.levelY = y;
-        this.levelLane = lane;
-        context.beginPath();
-        context.moveTo(LEFT, y);
-        context.lineTo(width - RIGHT, y);
-        context.stroke();
-        context.beginPath();
-        context.moveTo(width - RIGHT, y);
-        context.lineTo(width - RIGHT + 9, y - 6);
-        context.lineTo(width - RIGHT + 9, y + 6);
-        context.fill();
-      }
-    }
-    if (trigger.at !== null) {
-      const x = this.x(trigger.at);
-      context.beginPath();
-      context.moveTo(x, TOP);
-      context.lineTo(x, context.canvas.clientHeight - BOTTOM);
-      context.stroke();
-    }
-    context.setLineDash([]);
-  }
-
-  // The list's figures: the last value, or the value at the selected instant. Updated ten times a second, to be readable.
-  values() {
-    const now = performance.now();
-    if (now - (this.updated ?? -Infinity) < 100) return;
-    this.updated = now;
-    const at = this.clock.live ? Infinity : this.clock.now;
-    for (const row of this.rows.values()) {
-      const { signal, element, figure } = row;
-      const { series } = signal;
-      const value = at === Infinity ? (series.end > series.begin ? series.value(series.end - 1, element) : NaN) : series.at(at, element);
-      // The number of decimals follows from the greatest value, so that the figures do not jump.
-      row.peak = Math.max(row.peak ?? 0, Math.abs(value) || 0);
-      const decimals = Math.max(0, Math.min(4, 3 - Math.floor(Math.log10(row.peak || 1))));
-      const text = Number.isFinite(value) && row.peak < 1e7 && row.peak >= 1e-3 && !Number.isInteger(row.peak) ? value.toFixed(decimals).replace("-", "−") : number(value);
-      if (figure.data !== text) figure.data = text;
-    }
-    this.cursors.table();
+    this.marks.draw(context, palette, height, this.pointer);
   }
 }

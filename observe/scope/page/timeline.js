@@ -1,7 +1,7 @@
 // The last seconds: a lane for each executor and process (figures H.3 to H.5 of the LUNA thesis).
 
 import { $, make, put, span, instant, step } from "./text.js";
-import { colours, fit } from "./draw.js";
+import { colours, fit, gone } from "./draw.js";
 import { gestures } from "./gestures.js";
 import { CODE, STATES, stateOf } from "./events.js";
 import { causeText, lateCause } from "./loops.js";
@@ -9,6 +9,16 @@ import { causeText, lateCause } from "./loops.js";
 const AXIS = 28, LOWEST = 22, HIGHEST = 32, RIGHT = 12;
 const SHORTEST = 2e-6, LONGEST = 20;
 const MOST_ARROWS = 400;
+const MOST_KNOWN = 2000; // late cycles with the process that ran instead
+
+// A name that has room, with its middle left out if it is too long.
+function shortened(context, name, room) {
+  if (context.measureText(name).width <= room) return name;
+  let kept = name.length - 2;
+  const text = () => `${name.slice(0, Math.floor(kept / 2))}…${name.slice(name.length - Math.ceil(kept / 2))}`;
+  while (kept > 2 && context.measureText(text()).width > room) kept--;
+  return text();
+}
 
 export class Timeline {
   constructor(model, clock) {
@@ -23,6 +33,9 @@ export class Timeline {
     this.span = 0.02;
     this.lane = LOWEST;
     this.lanes = [];
+    this.ran = new Map();
+    this.longest = 0; // width of a lane's name
+    this.measure();
     this.end = null;
     this.version = -1;
     this.arrows = true;
@@ -67,19 +80,26 @@ export class Timeline {
 
   lastLate() {
     const late = this.model.counts.late.at(-1);
-    if (late) this.show(Number(BigInt(late.time) - BigInt(Math.round(this.model.base))) / 1e9, late.lateness / 1e9);
+    if (late) this.show(this.model.seconds(late.time), late.lateness / 1e9, late.loop);
   }
 
-  // Goes to an instant, with what was before it.
-  show(time, lateness) {
+  // Goes to an instant, with what was before it, and to the lane of a loop's process.
+  show(time, lateness, loop) {
+    this.wanted = this.model.loops.get(loop)?.parent;
     this.clock.pause(Math.min(this.clock.latest, time));
     this.span = Math.min(0.1, Math.max(0.0006, lateness * 3));
     this.end = time + this.span * 0.35;
     this.still = null;
   }
 
-  get gutter() { return this.canvas.clientWidth < 700 ? 110 : 190; }
-  get wide() { return Math.max(1, this.canvas.clientWidth - this.gutter - RIGHT); }
+  // Room for the names, as far as there is any, and for the lanes. Once a frame: the browser takes long to
+  // say how wide an element is, and each event asks.
+  measure() {
+    const { clientWidth } = this.canvas;
+    this.gutter = Math.round(Math.min(Math.max(110, this.longest + 22), Math.max(190, clientWidth * 0.3), clientWidth * 0.46));
+    this.wide = Math.max(1, clientWidth - this.gutter - RIGHT);
+  }
+
   x(time) { return this.gutter + ((this.bent(time, 0, 1) - this.to) / this.span + 1) * this.wide; }
   time(x) { return this.bent(this.to - this.span + ((x - this.gutter) / this.wide) * this.span, 1, 0); }
 
@@ -163,6 +183,7 @@ export class Timeline {
 
   declare() {
     this.version = this.model.version;
+    this.ran.clear();
     this.lanes = [];
     this.of = new Map(); // lane of a process
     this.executorOf = new Map();
@@ -174,12 +195,16 @@ export class Timeline {
         this.lanes.push({ name: process.name, depth, process });
       }
     }
+    const context = this.canvas.getContext("2d");
+    context.font = "12.5px ui-sans-serif, system-ui, sans-serif";
+    this.longest = Math.max(0, ...this.lanes.map(({ name, executor, depth }) => context.measureText(name).width + (executor ? 14 : 20 + depth * 10)));
     this.empty.hidden = this.lanes.length > 0;
     put(this.empty, "No events yet. Here is what each process did in the last seconds, when the recording has its events.");
   }
 
   frame() {
     if (this.version !== this.model.version) this.declare();
+    this.measure();
     const { clock, model } = this;
     if (!clock.live && clock.speed > 0 && (clock.now > this.end || clock.now < this.end - this.span)) this.end = clock.now + this.span * 0.9;
     const to = this.end ?? clock.now;
@@ -191,6 +216,9 @@ export class Timeline {
     const rest = `${Math.max(0, room - high)}px`;
     if (this.spacer.style.height !== rest) this.spacer.style.height = rest;
     if (this.canvas.style.height !== `${high}px`) this.canvas.style.height = `${high}px`;
+    const wanted = this.of.get(this.wanted) * this.lane, shown = wanted - this.box.scrollTop;
+    if (shown < 0 || shown + this.lane > high - AXIS) this.box.scrollTop = wanted - (high - AXIS) / 2;
+    this.wanted = undefined;
     const surface = fit(this.canvas, this.canvas.clientWidth, high);
     // What stands still is drawn once.
     const still = [to, this.span, clock.now, clock.live, this.version, this.arrows, this.skips, high, surface.width, this.box.scrollTop, document.documentElement.dataset.theme, model.events.end].join();
@@ -212,6 +240,8 @@ export class Timeline {
     const { gutter } = this, right = width - RIGHT, scroll = this.box.scrollTop;
     const y = (lane) => AXIS + lane * LANE - scroll;
     this.drawGaps(context, palette, height);
+    const kept = events.begin > 0 ? events.time[events.begin & events.mask] : 0;
+    gone(context, palette, this.x(0), this.x(Math.max(this.model.eventsFrom, kept)), [gutter, AXIS, right, height]);
     this.grid(context, palette, from, to, width, height);
     context.save();
     context.beginPath();
@@ -347,7 +377,8 @@ export class Timeline {
       if (lane.executor && n > 0) { context.fillStyle = line; context.fillRect(0, top, width, 1); }
       context.font = `${lane.executor ? "600 " : ""}12.5px ui-sans-serif, system-ui, sans-serif`;
       context.fillStyle = lane.executor ? text : muted;
-      context.fillText(lane.name, lane.executor ? 14 : 26 + lane.depth * 12, top + LANE / 2);
+      const left = lane.executor ? 14 : 20 + lane.depth * 10;
+      context.fillText(shortened(context, lane.name, this.gutter - 10 - left), left, top + LANE / 2);
     });
     context.restore();
   }
@@ -405,8 +436,16 @@ export class Timeline {
 
   // The process that ran on a thread for at least half of the time between two instants.
   ranFor(from, until, thread) {
+    const key = `${until} ${thread}`;
+    // What has happened stays as it is, and to find it takes a while.
+    if (this.ran.size > MOST_KNOWN) this.ran.clear();
+    if (!this.ran.has(key)) this.ran.set(key, this.ranMost(from, until, thread));
+    return this.model.processes.get(this.ran.get(key))?.name;
+  }
+
+  ranMost(from, until, thread) {
     const ran = this.model.events.ranBetween(from, until, thread);
-    for (const [number, time] of ran) if (time >= (until - from) / 2) return this.model.processes.get(number)?.name;
+    for (const [number, time] of ran) if (time >= (until - from) / 2) return number;
     return undefined;
   }
 

@@ -1,6 +1,6 @@
 //! Passes blocks from a recorder's thread to the store, without delaying the recorder.
 
-use crate::scope::Shared;
+use crate::scope::{OnItsWay, Shared};
 use crate::store::Recording;
 use luna_logger::Sink;
 use luna_logger::format::{ReadError, Reader};
@@ -12,9 +12,11 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 /// ms.
 const WAITING: usize = 256;
 
-enum Piece {
-    Head(Vec<u8>),
-    Block(Vec<u8>),
+struct Piece {
+    bytes: Vec<u8>,
+    /// It is the header of a recording.
+    is_head: bool,
+    _on_its_way: OnItsWay,
 }
 
 /// Takes a recording's blocks for the viewers of a [`Scope`](crate::Scope): a [`Sink`] for
@@ -23,6 +25,7 @@ enum Piece {
 /// It never waits, unless it is [patient](Self::patient). A block for which there is no room is
 /// refused, so that the recorder counts its contents as lost and repeats all declarations.
 pub struct ScopeSink {
+    shared: Arc<Shared>,
     pieces: SyncSender<Piece>,
     is_patient: bool,
 }
@@ -30,11 +33,14 @@ pub struct ScopeSink {
 impl ScopeSink {
     pub(crate) fn new(shared: &Arc<Shared>) -> io::Result<Self> {
         let (pieces, waiting) = sync_channel(WAITING);
-        let shared = shared.clone();
         std::thread::Builder::new()
             .name("luna-scope-feed".to_owned())
-            .spawn(move || feed(&waiting, &shared))?;
+            .spawn({
+                let shared = shared.clone();
+                move || feed(&waiting, &shared)
+            })?;
         Ok(Self {
+            shared: shared.clone(),
             pieces,
             is_patient: false,
         })
@@ -55,7 +61,12 @@ impl ScopeSink {
         self
     }
 
-    fn hand_on(&self, piece: Piece) -> io::Result<()> {
+    fn hand_on(&self, bytes: &[u8], is_head: bool) -> io::Result<()> {
+        let piece = Piece {
+            bytes: bytes.to_vec(),
+            is_head,
+            _on_its_way: self.shared.on_its_way(),
+        };
         let handed_on = if self.is_patient {
             self.pieces.send(piece).map_err(TrySendError::from)
         } else {
@@ -70,11 +81,11 @@ impl ScopeSink {
 
 impl Sink for ScopeSink {
     fn begin(&mut self, head: &[u8]) -> io::Result<()> {
-        self.hand_on(Piece::Head(head.to_vec()))
+        self.hand_on(head, true)
     }
 
     fn block(&mut self, block: &[u8]) -> io::Result<()> {
-        self.hand_on(Piece::Block(block.to_vec()))
+        self.hand_on(block, false)
     }
 }
 
@@ -87,28 +98,35 @@ impl std::fmt::Debug for ScopeSink {
 /// The waiting blocks as a reader. It ends where another recording begins.
 struct Waiting<'a> {
     pieces: &'a Receiver<Piece>,
-    piece: Vec<u8>,
+    /// None when all of it is read.
+    piece: Option<Piece>,
     at: usize,
     /// The header of the next recording.
-    next: Option<Vec<u8>>,
+    next: Option<Piece>,
 }
 
 impl Read for Waiting<'_> {
     fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
-        while self.at == self.piece.len() {
+        loop {
+            if let Some(piece) = &self.piece
+                && self.at < piece.bytes.len()
+            {
+                let most = to.len().min(piece.bytes.len() - self.at);
+                to[..most].copy_from_slice(&piece.bytes[self.at..self.at + most]);
+                self.at += most;
+                return Ok(most);
+            }
+            // The store has taken it: the reader asks for more.
+            self.piece = None;
             match self.pieces.recv() {
-                Ok(Piece::Block(block)) => (self.piece, self.at) = (block, 0),
-                Ok(Piece::Head(head)) => {
-                    self.next = Some(head);
+                Ok(piece) if piece.is_head => {
+                    self.next = Some(piece);
                     return Ok(0);
                 }
+                Ok(piece) => (self.piece, self.at) = (Some(piece), 0),
                 Err(_) => return Ok(0),
             }
         }
-        let most = to.len().min(self.piece.len() - self.at);
-        to[..most].copy_from_slice(&self.piece[self.at..self.at + most]);
-        self.at += most;
-        Ok(most)
     }
 }
 
@@ -120,15 +138,15 @@ fn feed(pieces: &Receiver<Piece>, shared: &Shared) {
         let begins = match head.take() {
             Some(head) => head,
             None => match pieces.recv() {
-                Ok(Piece::Head(head)) => head,
+                Ok(piece) if piece.is_head => piece,
                 // Of a recording that could not be read.
-                Ok(Piece::Block(_)) => continue,
+                Ok(_) => continue,
                 Err(_) => return,
             },
         };
         let mut waiting = Waiting {
             pieces,
-            piece: begins,
+            piece: Some(begins),
             at: 0,
             next: None,
         };
@@ -181,7 +199,11 @@ mod tests {
                 move || feed(&waiting, &shared)
             });
             let is_patient = true;
-            let mut sink = ScopeSink { pieces, is_patient };
+            let mut sink = ScopeSink {
+                shared: shared.clone(),
+                pieces,
+                is_patient,
+            };
             sink.begin(&Encoder::head()).unwrap();
             while shared.store().recording() == before {
                 std::thread::yield_now();

@@ -11,13 +11,15 @@
 //! makes the recorder wait: blocks that the scope cannot take in time are refused and counted as
 //! lost for it.
 //!
-//! - Memory is bounded: the last blocks (16 MiB, unless [`Settings::memory`] sets another size),
+//! - Memory is bounded: the last blocks (16 MiB, unless [`Settings::memory`] sets another size, half
+//!   of it for events), an overview of each signal since the beginning,
 //!   the declarations, and a histogram for each loop. A viewer that connects later gets these.
 //! - A viewer that reads too slowly misses blocks, and gets their number; a viewer that does not
 //!   read at all is disconnected.
 //! - Data beyond what a browser can draw is reduced: of the samples of one signal within 0.2 ms the
 //!   first, the least and the greatest remain.
-//! - A viewer can only look. Parameters can be set with a token, if one was made.
+//! - A viewer can only look, and seek in a file. Parameters can be set with a token, if one was
+//!   made.
 //!
 //! ```
 //! use luna_scope::{Scope, Settings};

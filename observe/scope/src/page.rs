@@ -44,6 +44,15 @@ const ASSETS: &[Asset] = assets![
     "/messages.js" SCRIPT "messages.js",
     "/parameters.js" SCRIPT "parameters.js",
     "/text.js" SCRIPT "text.js",
+    "/whole.js" SCRIPT "whole.js",
+    "/address.js" SCRIPT "address.js",
+    "/ending.js" SCRIPT "ending.js",
+    "/list.js" SCRIPT "list.js",
+    "/marks.js" SCRIPT "marks.js",
+    "/readings.js" SCRIPT "readings.js",
+    "/trigger.js" SCRIPT "trigger.js",
+    "/xy.js" SCRIPT "xy.js",
+    "/graph.js" SCRIPT "graph.js",
 ];
 
 /// The file of a path.

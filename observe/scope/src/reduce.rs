@@ -120,8 +120,8 @@ impl Budget {
         time / self.span
     }
 
-    pub(crate) fn count_bytes(&mut self, bytes: usize) {
-        self.sample_bytes += bytes as u64;
+    pub(crate) fn count_bytes(&mut self, bytes: u64) {
+        self.sample_bytes += bytes;
         if self.sample_bytes > MAX_SAMPLE_BYTES && self.span < LONGEST {
             self.span *= 2;
             self.sample_bytes = MAX_SAMPLE_BYTES / 2;
@@ -209,7 +209,7 @@ mod tests {
     fn spans_grow_with_what_comes_and_shrink_again() {
         let mut budget = Budget::new();
         budget.span(0);
-        budget.count_bytes(MAX_SAMPLE_BYTES as usize + 1);
+        budget.count_bytes(MAX_SAMPLE_BYTES + 1);
         assert_eq!(budget.nanos(), 2 * SHORTEST);
         for second in 1..4 {
             budget.span(second * 1_000_000_000);

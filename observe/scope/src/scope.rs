@@ -1,27 +1,62 @@
 //! The scope as a program has it.
 
 use crate::feed::ScopeSink;
-use crate::replay::{ReplayError, Speed, play};
-use crate::server;
+use crate::parameters::Parameter;
+use crate::replay::{Range, ReplayError, Speed, play, play_file, play_from};
+use crate::server::{self, Places};
 use crate::settings::Settings;
 use crate::store::Store;
 use std::fmt;
-use std::io::{self, Read};
+use std::io::{self, Read, Seek};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+/// The limit of connections whose request is being read.
+const READING: usize = 32;
+/// The limit of connections that an answer is sent to.
+const ANSWERING: usize = 32;
+/// The longest time in which a closed scope takes what is on its way, and then that in which a
+/// viewer gets the rest.
+pub(crate) const REST: Duration = Duration::from_secs(1);
+
 /// What the threads of a scope share.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) settings: Settings,
     pub(crate) viewers: AtomicUsize,
-    pub(crate) connections: AtomicUsize,
+    /// Places of connections of which the request is being read.
+    pub(crate) reading: Arc<Places>,
+    /// Connections that an answer is sent to.
+    pub(crate) answering: Arc<Places>,
+    /// Pieces of recordings that the store has not taken yet.
+    waiting: AtomicUsize,
+    /// The parameters as they were listed last.
+    parameters: Mutex<Vec<Parameter>>,
     store: Mutex<Store>,
-    is_closed: Mutex<bool>,
-    closed: Condvar,
+    control: Mutex<Control>,
+    changed: Condvar,
+}
+
+/// A piece of a recording that the store has not taken yet.
+pub(crate) struct OnItsWay(Arc<Shared>);
+
+impl Drop for OnItsWay {
+    fn drop(&mut self) {
+        if self.0.waiting.fetch_sub(1, Ordering::Relaxed) == 1 {
+            self.0.has_changed();
+        }
+    }
+}
+
+/// What ends or moves a replay.
+#[derive(Debug, Default)]
+struct Control {
+    is_closed: bool,
+    /// What a viewer wants to see of the file that is played.
+    sought: Option<Range>,
 }
 
 impl Shared {
@@ -30,9 +65,12 @@ impl Shared {
             store: Mutex::new(Store::new(settings.memory)),
             settings,
             viewers: AtomicUsize::new(0),
-            connections: AtomicUsize::new(0),
-            is_closed: Mutex::new(false),
-            closed: Condvar::new(),
+            reading: Arc::new(Places::new(READING)),
+            answering: Arc::new(Places::new(ANSWERING)),
+            waiting: AtomicUsize::new(0),
+            parameters: Mutex::default(),
+            control: Mutex::default(),
+            changed: Condvar::new(),
         }
     }
 
@@ -40,36 +78,94 @@ impl Shared {
         self.store.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn control(&self) -> MutexGuard<'_, Control> {
+        self.control.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     pub(crate) fn is_closed(&self) -> bool {
-        *self
-            .is_closed
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+        self.control().is_closed
     }
 
     /// Waits. Returns whether the scope was closed meanwhile.
     pub(crate) fn closes_within(&self, time: Duration) -> bool {
-        let guard = self
-            .is_closed
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        let (guard, _) = self
-            .closed
-            .wait_timeout_while(guard, time, |is_closed| !*is_closed)
-            .unwrap_or_else(PoisonError::into_inner);
-        *guard
+        let goes_on = |control: &mut Control| !control.is_closed;
+        let waited = self
+            .changed
+            .wait_timeout_while(self.control(), time, goes_on);
+        waited.unwrap_or_else(PoisonError::into_inner).0.is_closed
     }
 
-    fn close(&self) {
-        *self
-            .is_closed
+    /// Waits until a viewer seeks in the file that is played. Returns the range, which is then
+    /// taken, or nothing after this time, or when the scope is closed.
+    pub(crate) fn sought_within(&self, time: Duration) -> Option<Range> {
+        let goes_on = |control: &mut Control| !control.is_closed && control.sought.is_none();
+        let waited = self
+            .changed
+            .wait_timeout_while(self.control(), time, goes_on);
+        waited
+            .unwrap_or_else(PoisonError::into_inner)
+            .0
+            .sought
+            .take()
+    }
+
+    pub(crate) fn seek(&self, range: Range) {
+        self.control().sought = Some(range);
+        self.changed.notify_all();
+    }
+
+    /// The program's parameters, if it shows any. What has changed since the last call is kept as
+    /// a change at the present time of the recording.
+    pub(crate) fn parameters(&self) -> Option<Vec<Parameter>> {
+        let now = self.settings.parameters.as_ref()?.list();
+        let mut known = self
+            .parameters
             .lock()
-            .unwrap_or_else(PoisonError::into_inner) = true;
-        self.closed.notify_all();
+            .unwrap_or_else(PoisonError::into_inner);
+        for parameter in &now {
+            let before = known.iter().find(|one| one.name == parameter.name);
+            if let Some(before) = before.filter(|before| before.value != parameter.value) {
+                let (name, before, value) = (&parameter.name, &before.value, &parameter.value);
+                self.store().change(name, before, value);
+            }
+        }
+        known.clone_from(&now);
+        Some(now)
+    }
+
+    /// A piece of a recording is on its way to the store until the token is dropped.
+    pub(crate) fn on_its_way(self: &Arc<Self>) -> OnItsWay {
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+        OnItsWay(self.clone())
+    }
+
+    /// Tells those that wait for a change that there was one.
+    pub(crate) fn has_changed(&self) {
+        // So that none is between its look and its wait.
+        drop(self.control());
+        self.changed.notify_all();
+    }
+
+    fn wait_at_most(&self, time: Duration, mut goes_on: impl FnMut() -> bool) {
+        let waited = self
+            .changed
+            .wait_timeout_while(self.control(), time, |_| goes_on());
+        drop(waited.unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// Viewers get the rest of the recording, and then their connections end.
+    fn close(&self) {
+        self.wait_at_most(REST, || self.waiting.load(Ordering::Relaxed) > 0);
+        self.store().cut();
+        self.control().is_closed = true;
+        self.changed.notify_all();
+        self.wait_at_most(2 * REST, || self.viewers.load(Ordering::Relaxed) > 0);
     }
 }
 
-/// A page that shows a running system, and its server. Dropping it ends the server.
+/// A page that shows a running system, and its server. Dropping it ends the server: before that
+/// the viewers get the rest of what the sinks were given. With viewers that do not take it the drop
+/// takes up to 3 s.
 ///
 /// Create it on an ordinary thread before the system runs: its threads inherit that thread's policy
 /// and cores.
@@ -151,6 +247,58 @@ impl Scope {
     /// It is not a recording, or damaged; records before the damage are shown.
     pub fn replay(&self, recording: impl Read, speed: Speed) -> Result<(), ReplayError> {
         play(&self.shared, recording, speed)
+    }
+
+    /// Plays a recording that can be read again, and returns at its end. It is read once as a whole
+    /// before, so that viewers see the whole run from the beginning, and can seek in it.
+    ///
+    /// # Errors
+    ///
+    /// As [`replay`](Self::replay).
+    pub fn replay_file(
+        &self,
+        recording: &mut (impl Read + Seek),
+        speed: Speed,
+    ) -> Result<(), ReplayError> {
+        play_file(&self.shared, recording, speed)
+    }
+
+    /// After [`replay_file`](Self::replay_file): plays on from where a viewer seeks next, to the
+    /// end. Returns early after this time without a viewer that does.
+    ///
+    /// # Errors
+    ///
+    /// As [`replay`](Self::replay).
+    pub fn replay_sought(
+        &self,
+        recording: &mut (impl Read + Seek),
+        speed: Speed,
+        within: Duration,
+    ) -> Result<(), ReplayError> {
+        match self.shared.sought_within(within) {
+            Some(range) => play_from(&self.shared, recording, speed, range),
+            None => Ok(()),
+        }
+    }
+
+    /// Says how the run ended, in a few words: the page shows them behind "Run ended:", with the
+    /// figures of the loops, when the recording has come to its end. Without them it shows the time
+    /// of the end. A recording that begins later has none again. It may be called at any time, on
+    /// any thread that may block.
+    ///
+    /// ```
+    /// use luna_scope::{Scope, Settings};
+    ///
+    /// let scope = Scope::open(Settings::default().address(([127, 0, 0, 1], 0).into()))?;
+    /// // The system runs here, with a sink of the scope.
+    /// scope.ended("completed after 60.0 s");
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
+    pub fn ended(&self, how: impl Into<String>) {
+        // The recording that has ended may not have begun for the store.
+        let goes_on = || self.shared.waiting.load(Ordering::Relaxed) > 0;
+        self.shared.wait_at_most(REST, goes_on);
+        self.shared.store().report(how.into());
     }
 
     /// How many look at it.

@@ -70,8 +70,8 @@ impl Settings {
         self
     }
 
-    /// Keeps this many bytes of the last blocks for viewers that connect later; default 16 MiB, at
-    /// least 1 MiB.
+    /// Keeps this many bytes of the last blocks for viewers that connect later, half of them for
+    /// events; default 16 MiB, at least 1 MiB.
     pub fn memory(mut self, bytes: usize) -> Self {
         self.memory = bytes.max(1 << 20);
         self

@@ -2,16 +2,22 @@
 //!
 //! Its blocks have the format of recordings, and their own numbers.
 
+mod changes;
 mod declared;
+mod kept;
+mod overview;
 #[cfg(test)]
 mod tests;
 
 use crate::loops::Loops;
 use crate::reduce::{Bucket, Budget};
+use changes::Changes;
 use declared::Declared;
-use luna_logger::format::{Encoder, Event, Record, Type, Values};
+use kept::Kept;
+use luna_logger::format::{Event, Record, Type, Values};
+use overview::Overview;
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -20,6 +26,9 @@ const CUT: Duration = Duration::from_millis(30);
 
 /// Samples of more signals than that are left out.
 const MAX_FOLLOWED: usize = 4096;
+
+/// Signals with an overview: 4 KiB for each element.
+const MAX_OVERVIEWS: usize = 1024;
 
 /// The limit of the bytes of declarations; the rest is left out.
 const MAX_DECLARED: usize = 1 << 20;
@@ -30,13 +39,22 @@ const ALWAYS: [u16; 4] = [4, 11, 12, 13];
 
 #[derive(Debug)]
 pub(crate) struct Store {
-    encoder: Encoder,
+    /// Samples and messages, with the declarations.
+    samples: Kept,
+    /// In memory of their own, since they are many more.
+    events: Kept,
+    overviews: BTreeMap<u32, Overview>,
     cut: Instant,
-    blocks: VecDeque<Arc<[u8]>>,
-    /// The number of the first of them since the beginning of the scope.
-    first: u64,
-    bytes: usize,
     most_bytes: usize,
+    /// The first time of the recording, which all others are told from.
+    start: Option<u64>,
+    /// The last time of a file, which was read as a whole.
+    until: Option<u64>,
+    /// What is before is left out but for the overviews and counts: a viewer has sought in the
+    /// file.
+    shows_from: Option<u64>,
+    /// Viewers get nothing until that time has come.
+    is_hidden: bool,
     /// The shown recording: viewers begin again with each.
     recording: Recording,
     declared: Declared,
@@ -47,6 +65,11 @@ pub(crate) struct Store {
     left_out_events: u64,
     /// Why nothing more comes, if that is so.
     problem: Option<String>,
+    /// How the run ended, once its program has said so.
+    report: Option<String>,
+    changes: Changes,
+    /// The last time of a record.
+    last: Option<u64>,
 }
 
 /// Identifies one of the recordings that a store has begun. Several may arrive at once: the one
@@ -60,6 +83,7 @@ impl Recording {
 }
 
 /// The blocks that a viewer does not have yet.
+#[derive(Default)]
 pub(crate) struct News {
     pub(crate) blocks: Vec<Arc<[u8]>>,
     /// The number of blocks at the beginning that repeat declarations.
@@ -68,24 +92,36 @@ pub(crate) struct News {
     pub(crate) missed: u64,
     /// It is of another recording than before, which begins with these blocks of declarations.
     pub(crate) begins: bool,
+    /// The recording's first time, if anything has one.
+    pub(crate) start: Option<u64>,
+    /// The recording's last time, if it is a file's.
+    pub(crate) until: Option<u64>,
+    /// The first time of the samples and of the events that are kept, if those are not all.
+    pub(crate) kept_from: [Option<u64>; 2],
+    /// The extremes of each signal since the start, where declarations are repeated.
+    pub(crate) overviews: Vec<Value>,
 }
 
 /// How far a viewer is.
 #[derive(Debug, Default)]
 pub(crate) struct Position {
     recording: Option<Recording>,
-    next: u64,
+    /// The numbers of the next blocks of samples and of events.
+    next: [u64; 2],
 }
 
 impl Store {
     pub(crate) fn new(most_bytes: usize) -> Self {
         Self {
-            encoder: Encoder::new(),
+            samples: Kept::new(most_bytes / 2),
+            events: Kept::new(most_bytes / 2),
+            overviews: BTreeMap::new(),
             cut: Instant::now(),
-            blocks: VecDeque::new(),
-            first: 0,
-            bytes: 0,
             most_bytes,
+            start: None,
+            until: None,
+            shows_from: None,
+            is_hidden: false,
             recording: Recording::NONE,
             declared: Declared::default(),
             buckets: BTreeMap::new(),
@@ -94,16 +130,68 @@ impl Store {
             left_out_samples: 0,
             left_out_events: 0,
             problem: None,
+            report: None,
+            changes: Changes::default(),
+            last: None,
         }
     }
 
     /// A recording begins: the data of the previous one is dropped.
     pub(crate) fn begin(&mut self) -> Recording {
         let recording = Recording(self.recording.0 + 1);
-        let first = self.first + self.blocks.len() as u64;
         *self = Self::new(self.most_bytes);
-        (self.recording, self.first) = (recording, first);
+        self.recording = recording;
         recording
+    }
+
+    /// A file begins, which is to be seen as a whole: its [overview](Self::overview) comes first.
+    pub(crate) fn survey(&mut self) {
+        self.begin();
+        self.is_hidden = true;
+    }
+
+    /// Takes what an overview has of a record.
+    pub(crate) fn overview(&mut self, record: &Record<'_>) {
+        let time = time(record);
+        self.start = self.start.or(time);
+        self.until = self.until.max(time);
+        if let Record::Sample {
+            signal,
+            time,
+            values,
+        } = record
+        {
+            self.extend_overview(*signal, *time, *values);
+        }
+    }
+
+    /// The first time of the file that is shown, if it is one.
+    pub(crate) fn file(&self) -> Option<u64> {
+        self.until.and(self.start)
+    }
+
+    /// The file begins again, and is shown from this time on.
+    pub(crate) fn begin_at(&mut self, from: u64) -> Recording {
+        let overviews = std::mem::take(&mut self.overviews);
+        let (start, until) = (self.start, self.until);
+        let recording = self.begin();
+        (self.overviews, self.start, self.until) = (overviews, start, until);
+        self.shows_from = Some(from).filter(|from| start < Some(*from));
+        self.is_hidden = self.shows_from.is_some();
+        recording
+    }
+
+    /// Nothing more comes of the file: viewers get what there is.
+    pub(crate) fn reveal(&mut self) {
+        self.is_hidden = false;
+    }
+
+    fn extend_overview(&mut self, signal: u32, time: u64, values: Values<'_>) {
+        if self.overviews.len() < MAX_OVERVIEWS || self.overviews.contains_key(&signal) {
+            let overview = self.overviews.entry(signal);
+            let overview = overview.or_insert_with(|| Overview::new(values.len()));
+            overview.put(time.saturating_sub(self.start.unwrap_or(time)), values);
+        }
     }
 
     /// Sets why the recording ended early, if it is the shown one.
@@ -113,27 +201,47 @@ impl Store {
         }
     }
 
+    /// Sets how the run ended.
+    pub(crate) fn report(&mut self, how: String) {
+        self.report = Some(how);
+    }
+
+    /// Keeps that a parameter was changed, at the last time that is known.
+    pub(crate) fn change(&mut self, name: &str, before: &Value, value: &Value) {
+        if let Some(time) = self.last {
+            self.changes.put(time, name, before, value);
+        }
+    }
+
     /// Takes a record, if its recording is the shown one. O(its length), except at a change of
     /// span.
     pub(crate) fn take(&mut self, of: Recording, record: &Record<'_>) {
         if of != self.recording {
             return;
         }
+        let time = time(record);
+        self.start = self.start.or(time);
+        self.last = self.last.max(time);
+        let is_past = time.is_some() && time < self.shows_from;
+        self.is_hidden &= is_past || time.is_none();
         match record {
             Record::Sample {
                 signal,
                 time,
                 values,
-            } => self.sample(*signal, *time, *values),
-            Record::Event(event) => self.event(event),
-            other => {
-                if self.declared.take(other) {
-                    self.encoder.put(other);
+            } => {
+                self.extend_overview(*signal, *time, *values);
+                if !is_past {
+                    self.sample(*signal, *time, *values);
                 }
             }
-        }
-        if self.encoder.is_full() {
-            self.cut();
+            Record::Event(event) => self.event(event, is_past),
+            Record::Message { .. } if is_past => {}
+            other => {
+                if self.declared.take(other) {
+                    self.samples.put(other);
+                }
+            }
         }
     }
 
@@ -144,25 +252,28 @@ impl Store {
             return;
         }
         let bucket = self.buckets.entry(signal).or_default();
-        let before = self.encoder.len();
+        let before = self.samples.written;
         if bucket.is_over(span) {
-            self.left_out_samples += give(bucket, &mut self.encoder, signal, values.element_type());
+            self.left_out_samples += give(bucket, &mut self.samples, signal, values.element_type());
         }
         if bucket.put(span, time, values) {
-            self.encoder.put(&Record::Sample {
+            self.samples.put(&Record::Sample {
                 signal,
                 time,
                 values,
             });
         }
-        self.budget.count_bytes(self.encoder.len() - before);
+        self.budget.count_bytes(self.samples.written - before);
     }
 
-    fn event(&mut self, event: &Event) {
+    fn event(&mut self, event: &Event, is_past: bool) {
         self.loops.take(event);
         self.declared.event(event);
+        if is_past {
+            return;
+        }
         if self.budget.has_event(event.time) || ALWAYS.contains(&event.code) {
-            self.encoder.put(&Record::Event(*event));
+            self.events.put(&Record::Event(*event));
         } else {
             self.left_out_events += 1;
         }
@@ -170,64 +281,70 @@ impl Store {
 
     /// Ends the current block, if it is due; kept samples go into it.
     fn cut_if_due(&mut self) {
-        if self.cut.elapsed() < CUT {
-            return;
+        if self.cut.elapsed() >= CUT {
+            self.cut();
         }
-        for (signal, bucket) in &mut self.buckets {
-            if let Some(of) = self.declared.type_of(*signal) {
-                self.left_out_samples += give(bucket, &mut self.encoder, *signal, of);
-            }
-        }
-        self.cut();
     }
 
-    fn cut(&mut self) {
-        self.cut = Instant::now();
-        if self.encoder.is_empty() {
-            return;
-        }
-        let block: Arc<[u8]> = self.encoder.block().into();
-        self.encoder.next();
-        self.bytes += block.len();
-        self.blocks.push_back(block);
-        while self.bytes > self.most_bytes && self.blocks.len() > 1 {
-            if let Some(block) = self.blocks.pop_front() {
-                self.bytes -= block.len();
-                self.first += 1;
+    /// Ends the current block.
+    pub(crate) fn cut(&mut self) {
+        for (signal, bucket) in &mut self.buckets {
+            if let Some(of) = self.declared.type_of(*signal) {
+                self.left_out_samples += give(bucket, &mut self.samples, *signal, of);
             }
         }
+        self.samples.cut();
+        self.events.cut();
+        self.cut = Instant::now();
     }
 
     /// The blocks since a viewer's last read: at most `most` bytes of them, or the declarations if
-    /// those are longer, beside one block.
+    /// those are longer, beside one block of samples and one of events.
     pub(crate) fn news(&mut self, position: &mut Position, most: usize) -> News {
         self.cut_if_due();
+        if self.is_hidden {
+            return News::default();
+        }
         let begins = position.recording != Some(self.recording);
+        let kept = [&self.samples, &self.events];
+        if begins {
+            position.recording = Some(self.recording);
+            position.next = kept.map(|kept| kept.first);
+        }
+        let missed = |(kept, next): (&&Kept, &u64)| kept.first.saturating_sub(*next);
+        let missed = kept.iter().zip(&position.next).map(missed).sum();
         let mut news = News {
             blocks: Vec::new(),
             declarations: 0,
-            missed: 0,
+            missed,
             begins,
+            start: self.start,
+            until: self.until,
+            kept_from: kept.map(|kept| kept.kept_from().or(self.shows_from)),
+            overviews: Vec::new(),
         };
-        if begins {
+        if begins || missed > 0 {
+            // Also what was declared in those that it has missed.
             news.blocks = self.declared.blocks();
-            (position.recording, position.next) = (Some(self.recording), self.first);
-        }
-        if position.next < self.first {
-            news.missed = self.first - position.next;
-            position.next = self.first;
-            // What was declared in those that it has missed.
-            news.blocks = self.declared.blocks();
+            let all = self.overviews.iter();
+            news.overviews = all
+                .map(|(signal, overview)| overview.json(*signal))
+                .collect();
         }
         news.declarations = news.blocks.len();
         let mut bytes: usize = news.blocks.iter().map(|block| block.len()).sum();
-        // At least one, so that a viewer that gets the declarations repeatedly makes progress.
-        while (bytes < most || news.blocks.len() == news.declarations)
-            && let Some(block) = self.blocks.get((position.next - self.first) as usize)
-        {
-            bytes += block.len();
-            news.blocks.push(block.clone());
-            position.next += 1;
+        for (kept, next) in kept.into_iter().zip(&mut position.next) {
+            *next = kept.first.max(*next);
+            let most = most.min(bytes + most / 2);
+            // At least one, so that a viewer that gets the declarations repeatedly makes progress.
+            for (number, block) in kept.since(*next).enumerate() {
+                if bytes >= most && number > 0 {
+                    break;
+                }
+                bytes += block.len();
+                news.blocks.push(block.clone());
+                *next += 1;
+            }
         }
         news
     }
@@ -251,6 +368,8 @@ impl Store {
             "left_out_declarations": self.declared.is_short(),
             "span": self.budget.nanos(),
             "problem": self.problem,
+            "report": self.report,
+            "changes": self.changes.json(),
             "emergency": self.declared.emergency().map(|event| json!({
                 "degree": event.arguments[0],
                 "process": event.subject,
@@ -262,14 +381,26 @@ impl Store {
     /// Bytes that it holds of blocks.
     #[cfg(test)]
     fn held(&self) -> usize {
-        self.blocks.iter().map(|block| block.len()).sum()
+        self.samples.held() + self.events.held()
     }
 }
 
-/// Puts the kept samples into the block. Returns how many were left out.
-fn give(bucket: &mut Bucket, encoder: &mut Encoder, signal: u32, of: Type) -> u64 {
+/// When what the record tells of was; nothing for a declaration.
+pub(crate) fn time(record: &Record<'_>) -> Option<u64> {
+    match record {
+        Record::Sample { time, .. }
+        | Record::Message { time, .. }
+        | Record::Epoch { time, .. }
+        | Record::End { time } => Some(*time),
+        Record::Event(event) => Some(event.time),
+        _ => None,
+    }
+}
+
+/// Puts the held samples into the block. Returns how many were left out.
+fn give(bucket: &mut Bucket, kept: &mut Kept, signal: u32, of: Type) -> u64 {
     bucket.take(|time, bytes| {
-        encoder.put(&Record::Sample {
+        kept.put(&Record::Sample {
             signal,
             time,
             values: Values::from_bytes(of, bytes),

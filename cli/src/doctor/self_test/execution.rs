@@ -52,7 +52,7 @@ fn priority_order() -> Outcome {
     on_one_executor(|executor| {
         for level in levels {
             let order = order.clone();
-            let process = executor.process(&format!("level {level}")).priority(level);
+            let process = executor.process(format!("level {level}")).priority(level);
             process.spawn(async move {
                 for _ in 0..3 {
                     if let Ok(mut order) = order.lock() {

@@ -25,8 +25,15 @@ pub struct ReadError {
 #[non_exhaustive]
 pub enum ReadErrorKind {
     /// It does not begin as a recording does.
-    #[error("this is no recording of LUNA")]
+    #[error(
+        "this is no recording of LUNA's logger (.luna): `System::log_to` or LUNA_LOG makes one"
+    )]
     NotARecording,
+    /// It is a replay log.
+    #[error(
+        "this is a replay log (.replay), not a recording of the logger (.luna): `luna demo --replay` or `System::replay` repeats its run"
+    )]
+    ReplayLog,
     /// It is of a major version that this program does not know.
     #[error("the recording has format version {}.{}, and this program reads {}.x", .found.0, .found.1, super::MAJOR)]
     Version {

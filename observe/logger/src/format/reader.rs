@@ -7,6 +7,9 @@ use super::{BLOCK_MAGIC, BLOCK_START, HEAD, MAGIC, MAJOR, MAX_IN_BLOCK};
 use std::fmt;
 use std::io::{ErrorKind, Read};
 
+/// What a replay log begins with, which another part of LUNA reads.
+const REPLAY_MAGIC: &[u8] = b"LUNAREPL";
+
 /// Reads a recording, record by record, from a file or a connection.
 ///
 /// It holds one block twice (at most 1 MiB each) and two bytes for each declared signal, whatever
@@ -74,6 +77,9 @@ impl<R: Read> Reader<R> {
         let mut head = [0; HEAD];
         let got = fill(&mut input, &mut head)
             .map_err(|error| ReadError::new(0, ReadErrorKind::Io(error)))?;
+        if head.starts_with(REPLAY_MAGIC) {
+            return Err(ReadError::new(0, ReadErrorKind::ReplayLog));
+        }
         let known = got.min(MAGIC.len());
         if got == 0 || head[..known] != MAGIC[..known] {
             return Err(ReadError::new(0, ReadErrorKind::NotARecording));

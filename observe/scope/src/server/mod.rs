@@ -1,27 +1,30 @@
 //! Connections and their answers.
 //!
-//! Each connection has a thread, up to a limit. It ends with the answer, or serves a viewer.
+//! Each connection has a thread. It reads the request, and then either answers or serves a viewer.
+//! Each of these three has a limit of its own, so that many connections in one of them leave the
+//! others their places: 32 for requests, 32 for answers, and those of the viewers.
 
+mod places;
 mod request;
 mod viewer;
 
 use crate::page;
 use crate::scope::Shared;
+pub(crate) use places::Places;
+use places::{Place, Until};
 use request::{Refusal, Request};
 use std::io::{self, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// The limit of connections for files of the page, beside the viewers.
-const ASKING: usize = 32;
 /// The limit of the bytes of a request's line and headers.
 const LONGEST: usize = 8 << 10;
-/// A request is there as a whole within this time, and an answer is taken.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// The longest time for an answer without a thread of its own, whatever the client does.
-const BRIEF: Duration = Duration::from_millis(200);
+/// A request is there as a whole within this time.
+const READING: Duration = Duration::from_secs(5);
+/// The client has taken an answer as a whole within this time.
+const ANSWERING: Duration = Duration::from_secs(5);
 /// After this silence the client's request counts as complete.
 const SILENCE: Duration = Duration::from_millis(200);
 
@@ -39,52 +42,45 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             }
             continue;
         };
-        let most = shared.settings.viewers + ASKING;
-        let Some(place) = Permit::take(shared, |shared| &shared.connections, most) else {
-            // All others wait for this thread, and so does the scope's end.
-            let _ = refuse(stream, &Refusal::TooMany, BRIEF);
-            continue;
-        };
+        let stream = Arc::new(stream);
+        let place = shared.reading.enter(&stream);
+        let shared = shared.clone();
         // Without a thread the connection is closed.
         let _ = std::thread::Builder::new()
             .name("luna-scope-user".to_owned())
             .stack_size(512 << 10)
             .spawn(move || {
-                let _ = serve(stream, &place.shared);
+                let _ = serve(stream, place, &shared);
             });
     }
 }
 
-/// One of a limited number of connections, released on drop.
-pub(crate) struct Permit {
-    shared: Arc<Shared>,
-    of: fn(&Shared) -> &AtomicUsize,
-}
+/// A viewer's place, released on drop.
+struct Permit<'a>(&'a Shared);
 
-impl Permit {
-    fn take(shared: &Arc<Shared>, of: fn(&Shared) -> &AtomicUsize, most: usize) -> Option<Permit> {
-        of(shared)
+impl Permit<'_> {
+    fn take(shared: &Shared) -> Option<Permit<'_>> {
+        let most = shared.settings.viewers;
+        let taken = shared
+            .viewers
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |taken| {
                 (taken < most).then_some(taken + 1)
-            })
-            .ok()?;
-        Some(Permit {
-            shared: shared.clone(),
-            of,
-        })
+            });
+        taken.is_ok().then_some(Permit(shared))
     }
 }
 
-impl Drop for Permit {
+impl Drop for Permit<'_> {
     fn drop(&mut self) {
-        (self.of)(&self.shared).fetch_sub(1, Ordering::Relaxed);
+        self.0.viewers.fetch_sub(1, Ordering::Relaxed);
+        self.0.has_changed();
     }
 }
 
-fn serve(mut stream: TcpStream, shared: &Arc<Shared>) -> io::Result<()> {
+/// Serves a connection. Its request is read in the place `reading`.
+fn serve(stream: Arc<TcpStream>, reading: Place, shared: &Shared) -> io::Result<()> {
     stream.set_nodelay(true)?;
-    stream.set_write_timeout(Some(PATIENCE))?;
-    let request = match read(&mut stream) {
+    let request = match read(&stream) {
         Ok(Some(bytes)) => Request::parse(&bytes),
         Ok(None) => Err(Refusal::TooLong),
         Err(_) => return Ok(()),
@@ -92,51 +88,57 @@ fn serve(mut stream: TcpStream, shared: &Arc<Shared>) -> io::Result<()> {
     let local = stream.local_addr()?.ip();
     let request = request.and_then(|request| {
         request.check(local, &shared.settings.hosts)?;
-        Ok(request)
+        let viewer = match &request.web_socket {
+            Some(_) => Some(Permit::take(shared).ok_or(Refusal::TooMany)?),
+            None => None,
+        };
+        Ok((request, viewer))
     });
     match request {
-        Err(refusal) => refuse(stream, &refusal, PATIENCE),
-        Ok(Request {
-            web_socket: Some(key),
-            ..
-        }) => {
-            let most = shared.settings.viewers;
-            match Permit::take(shared, |shared| &shared.viewers, most) {
-                Some(_place) => {
-                    write!(
-                        stream,
-                        "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {}\r\n\r\n",
-                        tungstenite::handshake::derive_accept_key(key.as_bytes())
-                    )?;
-                    viewer::show(stream, shared)
+        Ok((request, Some(_viewer))) => {
+            drop(reading);
+            // The place had the other reference.
+            let Some(stream) = Arc::into_inner(stream) else {
+                return Ok(());
+            };
+            welcome(&stream, &request)?;
+            viewer::show(stream, shared)
+        }
+        other => {
+            let _answering = shared.answering.enter(&stream);
+            drop(reading);
+            let asset = other.and_then(|(request, _)| {
+                let asset = page::asset(&request.path).ok_or(Refusal::NoSuchPath)?;
+                Ok((asset, request.wants_body))
+            });
+            match asset {
+                Ok((asset, with_body)) => {
+                    answer(&stream, "200 OK", asset.kind, asset.content, with_body)
                 }
-                None => refuse(stream, &Refusal::TooMany, PATIENCE),
+                Err(refusal) => refuse(&stream, &refusal),
             }
         }
-        Ok(request) => match page::asset(&request.path) {
-            Some(asset) => answer(
-                &mut stream,
-                "200 OK",
-                asset.kind,
-                asset.content,
-                request.wants_body,
-            ),
-            None => refuse(stream, &Refusal::NoSuchPath, PATIENCE),
-        },
     }
 }
 
+/// Begins the WebSocket.
+fn welcome(stream: &TcpStream, request: &Request) -> io::Result<()> {
+    let key = request.web_socket.as_deref().unwrap_or_default();
+    let accept = tungstenite::handshake::derive_accept_key(key.as_bytes());
+    let end = Instant::now() + ANSWERING;
+    write!(
+        Until { stream, end },
+        "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\n\r\n"
+    )
+}
+
 /// The line and headers of a request, or nothing if they are too long.
-fn read(stream: &mut TcpStream) -> io::Result<Option<Vec<u8>>> {
-    let until = Instant::now() + PATIENCE;
+fn read(stream: &TcpStream) -> io::Result<Option<Vec<u8>>> {
+    let end = Instant::now() + READING;
+    let mut stream = Until { stream, end };
     let mut bytes = Vec::with_capacity(1024);
     let mut some = [0; 1024];
     loop {
-        let left = until.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            return Err(io::ErrorKind::TimedOut.into());
-        }
-        stream.set_read_timeout(Some(left))?;
         let got = stream.read(&mut some)?;
         if got == 0 {
             return Err(io::ErrorKind::UnexpectedEof.into());
@@ -153,27 +155,19 @@ fn read(stream: &mut TcpStream) -> io::Result<Option<Vec<u8>>> {
     }
 }
 
-/// Answers, within `patience` in all.
-fn refuse(mut stream: TcpStream, refusal: &Refusal, patience: Duration) -> io::Result<()> {
-    let until = Instant::now() + patience;
-    // The system's buffer has room for a short answer, which is the first one on this connection.
-    stream.set_nonblocking(true)?;
+/// Answers a request that is refused.
+fn refuse(stream: &TcpStream, refusal: &Refusal) -> io::Result<()> {
+    let until = Instant::now() + ANSWERING;
     let text = format!("{refusal}\n");
-    answer(
-        &mut stream,
-        refusal.status(),
-        "text/plain; charset=utf-8",
-        text.as_bytes(),
-        true,
-    )?;
-    stream.set_nonblocking(false)?;
+    let kind = "text/plain; charset=utf-8";
+    answer(stream, refusal.status(), kind, text.as_bytes(), true)?;
     // What was sent and not read would make the system take the answer back.
     stream.shutdown(std::net::Shutdown::Write)?;
     let mut rest = [0; 4096];
     drain(
         |left| {
             stream.set_read_timeout(Some(left.min(SILENCE)))?;
-            stream.read(&mut rest)
+            (&*stream).read(&mut rest)
         },
         || until.saturating_duration_since(Instant::now()),
     )
@@ -192,8 +186,9 @@ fn drain(
     }
 }
 
+/// Sends an answer, within [`ANSWERING`].
 fn answer(
-    stream: &mut TcpStream,
+    stream: &TcpStream,
     status: &str,
     kind: &str,
     content: &[u8],
@@ -211,6 +206,8 @@ fn answer(
          X-Content-Type-Options: nosniff\r\n\r\n",
         content.len()
     );
+    let end = Instant::now() + ANSWERING;
+    let mut stream = Until { stream, end };
     stream.write_all(head.as_bytes())?;
     if with_body {
         stream.write_all(content)?;
@@ -237,7 +234,7 @@ mod tests {
     #[test]
     fn a_complete_request_is_answered_at_once() {
         let mut pieces = [4096, 7, 0].into_iter();
-        drain(|_| Ok(pieces.next().unwrap()), || BRIEF).unwrap();
+        drain(|_| Ok(pieces.next().unwrap()), || SILENCE).unwrap();
         assert_eq!(pieces.next(), None);
     }
 }

@@ -1,20 +1,25 @@
 //! A viewer's connection.
 //!
-//! The scope sends blocks (binary) and messages (JSON): `hello`, `begin`, `missed`, `loops`,
-//! `status`, `parameters`, `authorized`, `set`. The viewer may send `token` and `set`.
+//! The scope sends blocks (binary) and messages (JSON): `hello`, `begin`, `missed`, `overview`,
+//! `loops`, `status`, `parameters`, `authorized`, `set`. The viewer may send `token`, `set` and
+//! `seek`.
 
-use crate::scope::Shared;
+use crate::replay::Range;
+use crate::scope::{REST, Shared};
 use crate::store::{News, Position};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::io::{self, ErrorKind};
 use std::net::TcpStream;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
 /// How often both directions are served.
 const ROUND: Duration = Duration::from_millis(16);
+/// How often a viewer is looked at that is to take the rest.
+const SHORT: Duration = Duration::from_millis(2);
 /// How often the counts are sent.
 const COUNTS: Duration = Duration::from_millis(500);
 /// The limit of the bytes of a viewer's message.
@@ -31,8 +36,19 @@ const MAX_MESSAGES: usize = 16;
 #[derive(Debug, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
 enum Request {
-    Token { token: String },
-    Set { id: u64, name: String, value: Value },
+    Token {
+        token: String,
+    },
+    /// Of a file: a span of seconds since its first time.
+    Seek {
+        from: f64,
+        until: f64,
+    },
+    Set {
+        id: u64,
+        name: String,
+        value: Value,
+    },
 }
 
 struct Viewer<'a> {
@@ -103,10 +119,34 @@ impl Viewer<'_> {
             }
             self.listen()?;
             if self.shared.closes_within(ROUND) {
-                self.socket.close(None)?;
-                return Ok(());
+                return self.rest();
             }
         }
+    }
+
+    /// Sends what is left, says that the scope is closed, and waits until the viewer has taken it;
+    /// for a limited time.
+    fn rest(&mut self) -> Result<(), Error> {
+        let end = Instant::now() + REST;
+        let mut is_last = false;
+        while Instant::now() < end {
+            if !self.flush()? {
+                std::thread::sleep(SHORT);
+            } else if is_last {
+                break;
+            } else if !self.news()? {
+                self.counts()?;
+                is_last = true;
+            }
+        }
+        self.socket.close(None)?;
+        while Instant::now() < end {
+            // It fails when the viewer has closed the connection too.
+            if waits(self.socket.read())?.is_none() {
+                std::thread::sleep(SHORT);
+            }
+        }
+        Ok(())
     }
 
     fn send(&mut self, what: &Value) -> Result<(), Error> {
@@ -118,20 +158,42 @@ impl Viewer<'_> {
         waits(self.socket.flush()).map(|done| done.is_some())
     }
 
-    fn news(&mut self) -> Result<(), Error> {
+    /// Returns whether there was anything new.
+    fn news(&mut self) -> Result<bool, Error> {
         let News {
             blocks,
             declarations,
             missed,
             begins,
+            start,
+            until,
+            kept_from,
+            overviews,
         } = self.shared.store().news(&mut self.position, ON_THE_WAY);
         if begins {
             self.loops = None;
-            self.send(&json!({"type": "begin", "declarations": declarations}))?;
+            self.status = Value::Null;
+            self.send(&json!({
+                "type": "begin",
+                "declarations": declarations,
+                "start": start.map(|time| time.to_string()),
+                "until": until.map(|time| time.to_string()),
+                "kept_from": kept_from.map(|time| time.map(|time| time.to_string())),
+            }))?;
         }
         if missed > 0 && !begins {
             self.send(&json!({"type": "missed", "blocks": missed, "declarations": declarations}))?;
         }
+        let (declared, blocks) = blocks.split_at(declarations);
+        self.blocks(declared)?;
+        overviews
+            .iter()
+            .try_for_each(|overview| self.send(overview))?;
+        self.blocks(blocks)?;
+        Ok(begins || missed > 0 || !blocks.is_empty())
+    }
+
+    fn blocks(&mut self, blocks: &[Arc<[u8]>]) -> Result<(), Error> {
         for block in blocks {
             waits(self.socket.write(Message::binary(block.to_vec())))?;
         }
@@ -139,6 +201,7 @@ impl Viewer<'_> {
     }
 
     fn counts(&mut self) -> Result<(), Error> {
+        let parameters = self.shared.parameters();
         let (loops, status) = {
             let store = self.shared.store();
             let loops = store.loops();
@@ -153,8 +216,8 @@ impl Viewer<'_> {
             self.status.clone_from(&status);
             self.send(&json!({"type": "status", "status": status}))?;
         }
-        if let Some(parameters) = &self.shared.settings.parameters {
-            let list = json!(parameters.list());
+        if let Some(parameters) = parameters {
+            let list = json!(parameters);
             if list != self.parameters {
                 self.parameters.clone_from(&list);
                 self.send(&json!({"type": "parameters", "list": list}))?;
@@ -173,7 +236,9 @@ impl Viewer<'_> {
                         // Not from this page.
                         Err(_) => return Err(Error::AttackAttempt),
                     };
-                    self.send(&answer)?;
+                    if let Some(answer) = answer {
+                        self.send(&answer)?;
+                    }
                     if self.wrong >= GUESSES {
                         return Err(Error::AttackAttempt);
                     }
@@ -185,14 +250,25 @@ impl Viewer<'_> {
         Ok(())
     }
 
-    fn handle(&mut self, request: Request) -> Value {
+    fn handle(&mut self, request: Request) -> Option<Value> {
         let settings = &self.shared.settings;
         match request {
             Request::Token { token } => {
                 let is_right = settings.token.as_ref().is_some_and(|own| own.is(&token));
                 self.is_authorized |= is_right;
                 self.wrong += u32::from(!is_right);
-                json!({"type": "authorized", "ok": is_right})
+                Some(json!({"type": "authorized", "ok": is_right}))
+            }
+            Request::Seek { from, until } => {
+                let file = self.shared.store().file();
+                if let Some(start) = file {
+                    let after = |seconds: f64| start.saturating_add((seconds * 1e9) as u64);
+                    self.shared.seek(Range {
+                        from: after(from),
+                        until: after(until),
+                    });
+                }
+                None
             }
             Request::Set { id, name, value } => {
                 let done = match &settings.parameters {
@@ -200,9 +276,14 @@ impl Viewer<'_> {
                         Err("setting needs the token that the scope was started with".to_owned())
                     }
                     None => Err("there are no parameters".to_owned()),
-                    Some(parameters) => parameters.set(&name, &value),
+                    Some(parameters) => {
+                        // Changes from before are marked as such, before this one.
+                        self.shared.parameters();
+                        parameters.set(&name, &value)
+                    }
                 };
-                json!({"type": "set", "id": id, "name": name, "error": done.err()})
+                self.shared.parameters();
+                Some(json!({"type": "set", "id": id, "name": name, "error": done.err()}))
             }
         }
     }

@@ -4,4 +4,5 @@
 mod support;
 
 mod browser;
+mod many_connections;
 mod server;

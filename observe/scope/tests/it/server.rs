@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tungstenite::{Message, WebSocket};
 
-fn settings() -> Settings {
+pub(crate) fn settings() -> Settings {
     Settings::default().address(([127, 0, 0, 1], 0).into())
 }
 
@@ -29,7 +29,7 @@ fn ask(scope: &Scope, request: &[u8]) -> (u16, String) {
     (status, body.to_owned())
 }
 
-fn get(scope: &Scope, path: &str, headers: &str) -> u16 {
+pub(crate) fn get(scope: &Scope, path: &str, headers: &str) -> u16 {
     ask(
         scope,
         format!("GET {path} HTTP/1.1\r\n{headers}\r\n\r\n").as_bytes(),
@@ -43,14 +43,14 @@ fn upgrade(headers: &str) -> String {
     )
 }
 
-fn view(scope: &Scope) -> WebSocket<TcpStream> {
+pub(crate) fn view(scope: &Scope) -> WebSocket<TcpStream> {
     let stream = TcpStream::connect(scope.address()).unwrap();
     let url = format!("ws://{}/live", scope.address());
     tungstenite::client(url, stream).unwrap().0
 }
 
 /// The scope's next message, without its blocks; none after it has closed the connection.
-fn words(socket: &mut WebSocket<TcpStream>) -> Option<Value> {
+pub(crate) fn words(socket: &mut WebSocket<TcpStream>) -> Option<Value> {
     loop {
         match socket.read() {
             Ok(Message::Text(text)) => return Some(serde_json::from_str(&text).unwrap()),
@@ -60,7 +60,7 @@ fn words(socket: &mut WebSocket<TcpStream>) -> Option<Value> {
     }
 }
 
-fn words_of(socket: &mut WebSocket<TcpStream>, of: &str) -> Value {
+pub(crate) fn words_of(socket: &mut WebSocket<TcpStream>, of: &str) -> Value {
     loop {
         let word = words(socket).expect("the scope is there");
         if word["type"] == of {
@@ -70,7 +70,7 @@ fn words_of(socket: &mut WebSocket<TcpStream>, of: &str) -> Value {
 }
 
 /// Waits for what another thread does.
-fn until(mut condition: impl FnMut() -> bool) {
+pub(crate) fn until(mut condition: impl FnMut() -> bool) {
     while !condition() {
         std::thread::sleep(Duration::from_millis(2));
     }
@@ -188,13 +188,13 @@ fn the_size_of_a_viewers_messages_is_limited() {
 }
 
 /// A recording of this many cycles, as blocks of a recorder.
-struct Recording {
-    encoder: Encoder,
+pub(crate) struct Recording {
+    pub(crate) encoder: Encoder,
     machine: Machine,
 }
 
 impl Recording {
-    fn begin(sink: &mut impl Sink) -> Recording {
+    pub(crate) fn begin(sink: &mut impl Sink) -> Recording {
         sink.begin(&Encoder::head()).unwrap();
         Recording {
             encoder: Encoder::new(),
@@ -203,7 +203,7 @@ impl Recording {
     }
 
     /// Sends this many more cycles. Returns how many blocks were refused.
-    fn give(&mut self, cycles: u64, sink: &mut impl Sink) -> u64 {
+    pub(crate) fn give(&mut self, cycles: u64, sink: &mut impl Sink) -> u64 {
         let mut refused = 0;
         let Recording { encoder, machine } = self;
         let to = (machine.cycles() + cycles) * PERIOD;

@@ -1,0 +1,91 @@
+//! The layout in the address.
+
+use super::{LAPTOP, browser, is_content, live, settings};
+use crate::support::machine::{Machine, PERIOD};
+use luna_scope::{Scope, Speed};
+
+#[test]
+fn the_address_restores_the_layout() {
+    let Some((mut browser, _feeder, scope)) = live("address") else {
+        return;
+    };
+    assert_eq!(
+        browser.run("location.hash"),
+        "",
+        "a page as it is at first has a plain address"
+    );
+    browser.click("[data-layout=overlay]");
+    browser.run("(() => { const boxes = document.querySelectorAll('#signal-list input[type=checkbox]'); for (const n of [0, 1, 2, 3, 4, 5, 7, 29]) boxes[n].click(); })()");
+    browser.wait("[...scope.views.signals.chosen].join() === 'tilt/angle,imu/acceleration[0]'");
+    browser.run("scope.views.signals.rows.get('tilt/angle').adjust(-2, 5)");
+    browser.key("s");
+    browser.run("scope.views.signals.zoom(0.5)");
+    browser.frames(3);
+    browser.run("scope.views.signals.zoomY(0.5, scope.views.signals.lanes[0])");
+    let held = browser.run("JSON.stringify([...scope.views.signals.held].map(([key, { low, high }]) => [key, low, high]))");
+    browser.wait("location.hash.includes('axis=')");
+    let address = browser.run("location.href");
+    let address = address.as_str().unwrap();
+    assert!(
+        address.starts_with(&scope.url()) && address.contains("layout=overlay&span=5&"),
+        "{address}"
+    );
+
+    browser.call("Page.navigate", serde_json::json!({"url": "about:blank"}));
+    browser.open(address, LAPTOP, "light");
+    browser.wait("scope.views.signals.lanes?.length === 2");
+    let restored = browser.run("(() => { const s = scope.views.signals, { gain, offset } = s.rows.get('tilt/angle'); return JSON.stringify([s.layout, s.span, [...s.chosen], gain, offset, s.readings.statistics]); })()");
+    assert_eq!(
+        restored,
+        r#"["overlay",5,["tilt/angle","imu/acceleration[0]"],-2,5,true]"#
+    );
+    assert_eq!(
+        browser.run("JSON.stringify([...scope.views.signals.held].map(([key, { low, high }]) => [key, low, high]))"),
+        held
+    );
+
+    // The view and the signals of X-Y, too; an address that is entered in an open page counts.
+    browser.run("location.hash = 'view=timeline&layout=xy&x=tilt/angle&y=pan/speed'");
+    browser.wait("!document.querySelector('#timeline').hidden && scope.views.signals.layout === 'xy' && scope.views.signals.xy.keys.join() === 'tilt/angle,pan/speed'");
+    // One that means nothing changes nothing.
+    browser.run("location.hash = 'view=constructor&layout=no&span=-1&axis=no&adjust=no&until=no'");
+    browser
+        .wait("!document.querySelector('#signals').hidden && scope.views.signals.layout === 'xy'");
+    is_content(&browser);
+}
+
+#[test]
+fn the_address_of_a_paused_plot_stands_where_it_stood() {
+    let Some(mut browser) = browser("until") else {
+        return;
+    };
+    let scope = Scope::open(settings()).unwrap();
+    let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
+    Machine::new().until(3000 * PERIOD, &mut |record| file.put(record).unwrap());
+    let file = file.finish().unwrap();
+    scope.replay(&file[..], Speed::AT_ONCE).unwrap();
+    let url = format!("{}#span=0.5&until=1.25", scope.url());
+    browser.open(&url, LAPTOP, "light");
+    browser.wait("!scope.clock.live && scope.views.signals.window().join() === '0.75,1.25'");
+    browser.wait("scope.views.signals.rows.get('pan/setpoint').columns.least.every(isFinite)");
+    is_content(&browser);
+}
+
+#[test]
+fn the_token_does_not_stay_in_the_address() {
+    let Some(mut browser) = browser("token") else {
+        return;
+    };
+    let scope = Scope::open(settings().allow_setting().unwrap()).unwrap();
+    let token = scope.url();
+    let token = token.split("#token=").nth(1).unwrap();
+    browser.open(&scope.url(), LAPTOP, "light");
+    assert_eq!(browser.run("location.hash"), "");
+    assert_eq!(browser.run("scope.connection.token"), token);
+    // It is known in this tab all the same.
+    browser.call("Page.reload", serde_json::json!({}));
+    browser.wait(&format!(
+        "window.scope?.connection.token === '{token}' && location.hash === ''"
+    ));
+    is_content(&browser);
+}
