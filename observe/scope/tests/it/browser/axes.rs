@@ -1,0 +1,77 @@
+//! The plot's axes.
+
+use super::{is_content, live, number, picture};
+use serde_json::Value;
+
+#[test]
+fn axes_are_labelled_zoomed_and_fitted() {
+    let Some((mut browser, _feeder, _scope)) = live("axes") else {
+        return;
+    };
+    // However many lanes there are.
+    let labelled = "scope.views.signals.lanes.every(({ labels, scale }) => new Set(labels).size >= 2 && labels.every((one) => Math.abs(one - (scale.low + scale.high) / 2) < 0.6 * (scale.high - scale.low)))";
+    for lanes in [6, 32] {
+        browser.wait(&format!(
+            "scope.views.signals.lanes.length === {lanes} && {labelled}"
+        ));
+        browser.frames(3);
+        picture(&mut browser, &format!("axes-{lanes}"));
+        browser.click("#signals-all");
+    }
+    browser.wait("scope.views.signals.lanes.length === 0");
+
+    // Overlaid curves of different units have axes of their own.
+    browser.run("(() => { for (const box of [...document.querySelectorAll('#signal-list input[type=checkbox]')].slice(0, 6)) box.click(); })()");
+    browser.click("[data-layout=overlay]");
+    browser.wait("scope.views.signals.lanes.map(({ unit, curves }) => unit + curves.length).join() === 'deg3,deg/s1,V1,A1'");
+    browser.wait(&format!("scope.views.signals.axes === 4 && {labelled}"));
+    picture(&mut browser, "axes-overlaid");
+    browser.click("#pause");
+    browser.frames(3);
+
+    // The wheel on an axis, and a drag of it, change that axis alone.
+    let range = |n: u32| {
+        format!("(({{ low, high }}) => [low, high])(scope.views.signals.lanes[{n}].scale)")
+    };
+    let before = [0, 1].map(|n| browser.run(&range(n)));
+    let (_, y) = browser.middle("#plot");
+    let left = number(&browser.run("document.querySelector('#plot').getBoundingClientRect().x"));
+    let axis = (left + 3.5 * 62.0, y);
+    browser.wheel(axis, -120.0);
+    let size = |range: &Value| number(&range[1]) - number(&range[0]);
+    browser.wait(&format!(
+        "(([low, high]) => high - low)({}) < {} * 0.9",
+        range(0),
+        size(&before[0])
+    ));
+    let zoomed = browser.run(&range(0));
+    browser.drag(axis, (axis.0, axis.1 + 50.0));
+    browser.wait(&format!("{}[0] > {}", range(0), number(&zoomed[0])));
+    // The page fits this axis again in each frame; sums of another order differ in the last digits.
+    let other = browser.run(&range(1));
+    for end in [0, 1] {
+        let moved = number(&other[end]) - number(&before[1][end]);
+        assert!(moved.abs() < 1e-6, "{other} was {}", before[1]);
+    }
+    assert_eq!(browser.run("scope.views.signals.span"), 10);
+    browser.key("y");
+    browser.wait(&format!(
+        "document.querySelector('#fit-y').disabled && Math.abs({}[0] - {}) < 1e-3",
+        range(0),
+        number(&before[0][0])
+    ));
+
+    // A signal has a scale and an offset of its own.
+    let row = "document.querySelector('#signal-list li:nth-child(3)')";
+    browser.run(&format!("{row}.querySelector('.more').click()"));
+    browser.run(&format!("(() => {{ const [gain, offset] = {row}.querySelectorAll('.settings input'); gain.value = -10; offset.value = 1000; for (const one of [gain, offset]) one.dispatchEvent(new Event('change')); }})()"));
+    let (low, high) = (number(&before[1][0]), number(&before[1][1]));
+    let near = |n: usize, wanted: f64| format!("Math.abs({}[{n}] - {wanted}) < 1", range(1));
+    browser.wait(&format!(
+        "{} && {}",
+        near(0, 1000.0 - 10.0 * high),
+        near(1, 1000.0 - 10.0 * low)
+    ));
+    picture(&mut browser, "axes-scaled");
+    is_content(&browser);
+}
