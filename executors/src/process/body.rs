@@ -103,13 +103,15 @@ impl<F: Future, B> Body<F, B> {
     }
 
     /// Drops the future. One that panicked is never polled again, so its half-done state stays
-    /// invisible. Returns how it ended after all.
+    /// invisible. Returns how it ended after all. A poll that is under way ends before: what panics
+    /// then finds a body that has not ended.
     #[cold]
     pub(crate) fn end(
         self: Pin<&mut Self>,
         record: &Record,
         end: End<F::Output>,
     ) -> End<F::Output> {
+        record.end_poll();
         // SAFETY: the future is dropped in its place.
         let this = unsafe { self.get_unchecked_mut() };
         // Dropping the body ends its channels before the end of the process is published. A body
@@ -165,8 +167,9 @@ impl<F: Future, B> Body<F, B> {
     }
 }
 
-/// Polls a body by `poll` with all optional work around that, and catches its panic. Returns how
-/// the body is to [end](Body::end) if it has not completed. Not to be called once it has ended.
+/// Polls a body by `poll` with all optional work around that, and catches its panic. `poll` ends
+/// the body if it completes. Returns how the body is to [end](Body::end) otherwise. Not to be called
+/// once it has ended.
 pub(crate) fn poll_attentively(
     record: &Record,
     cx: &mut Context<'_>,
@@ -175,7 +178,7 @@ pub(crate) fn poll_attentively(
     if record.is_cancelled() {
         return Some(Abandoned::Cancelled);
     }
-    let began = record.is_timed().then(|| record.begin_poll());
+    record.begin_poll();
     let mut has_completed = false;
     let polled = catch_unwind(AssertUnwindSafe(|| {
         let mut poll = |cx: &mut Context<'_>| {
@@ -188,12 +191,16 @@ pub(crate) fn poll_attentively(
             Some(log_installer) => log_installer.poll(cx, &mut poll),
         }
     }));
-    if let Some(began) = began {
-        record.end_poll(began);
+    if has_completed {
+        if let Err(payload) = polled {
+            // Its end is published. Dropping the payload could panic in turn.
+            std::mem::forget(payload);
+        }
+        return None;
     }
+    record.end_poll();
     match polled {
         Err(payload) => Some(Abandoned::Panicked(payload)),
-        Ok(_) if has_completed => None,
         Ok(Poll::Ready(())) => Some(Abandoned::Over),
         Ok(Poll::Pending) => record.is_cancelled().then_some(Abandoned::Cancelled),
     }

@@ -87,6 +87,10 @@ where
         let this = task.as_ref();
         let end = match end {
             End::Completed(_) if this.process.has_failed() => End::Completed(F::Output::failed()),
+            // Its own failure counts more than a cancellation that came in the same poll.
+            End::Abandoned(Abandoned::Cancelled | Abandoned::Over) if this.process.has_failed() => {
+                End::Completed(F::Output::failed())
+            }
             End::Abandoned(Abandoned::Failed) => End::Completed(F::Output::failed()),
             end => end,
         };

@@ -22,10 +22,15 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
         return Err(payload);
     };
     let task = owner.cast::<Task>();
-    // SAFETY: it is the current process. Its poll has unwound, so nothing accesses its body. Its
-    // methods are those of a task: on this thread only tasks have turns.
+    // SAFETY: it is the current process. Its poll has unwound, so nothing accesses its body, unless
+    // that has ended: then it belongs to those that take its exit value. Its methods are those of a
+    // task: on this thread only tasks have turns.
     unsafe {
-        (task.as_ref().methods().abandon)(task, Abandoned::Panicked(payload));
+        match task.as_ref().process.has_ended() {
+            // Dropping the payload could panic in turn.
+            true => mem::forget(payload),
+            false => (task.as_ref().methods().abandon)(task, Abandoned::Panicked(payload)),
+        }
         if current::take_interrupted().is_some() {
             interference::polled(task.as_ref().process.id());
             end(task);

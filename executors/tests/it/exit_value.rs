@@ -1,9 +1,12 @@
 //! The exit value of a body: kept until it is taken, from any thread that it ran on.
 
+use crate::support::quiet_panics;
+use luna_core::current::fail_current;
 use luna_executors::{
-    Executor, ExecutorHandle, Exit, ExitValue, OsThread, ProcessHandle, ProcessRegistry,
-    ProcessSpec,
+    Executor, ExecutorHandle, Exit, ExitValue, OsThread, PollMonitor, ProcessHandle,
+    ProcessRegistry, ProcessSpec, Verdict, yield_now,
 };
+use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
@@ -146,4 +149,70 @@ fn the_exit_value_of_a_thread_process_is_taken_or_dropped_with_its_record() {
     assert_eq!(Arc::strong_count(&token), 2, "whose record is there");
     assert!(exit_value_of(&process).is_some());
     assert_eq!(Arc::strong_count(&token), 1);
+}
+
+/// Looks on, and does `ends` at the end of each poll.
+struct Looks(fn() -> Verdict);
+
+impl PollMonitor for Looks {
+    fn poll_begins(&self, _: Instant) {}
+
+    fn poll_ends(&self, _: Instant, _: Instant) -> Verdict {
+        (self.0)()
+    }
+}
+
+fn monitored(name: &'static str, ends: fn() -> Verdict) -> ProcessSpec {
+    ProcessSpec::new(name).monitored(Arc::new(Looks(ends)))
+}
+
+#[test]
+fn a_monitor_that_panics_behind_the_last_poll_ends_the_process_once() {
+    quiet_panics();
+    let token = Arc::new(());
+    let executor = Executor::start(Attributes::new("main")).unwrap();
+    let own = word(&token);
+    let spec = monitored("ended", || panic!("on purpose"));
+    let (announced, ended) = executor.handle().announce(spec, move || async { own });
+    assert!(announced.start().is_none());
+    let other = executor.spawn(ProcessSpec::new("other"), || yield_now());
+    executor.release();
+    assert!(matches!(ended.wait(), Exit::Panicked(_)));
+    assert!(exit_value_of(&ended).is_none());
+    assert_eq!(other.wait(), Exit::Completed);
+    drop((executor, ended));
+    assert_eq!(Arc::strong_count(&token), 1);
+}
+
+/// Says how its body ended.
+struct Failed(bool);
+
+impl ExitValue for Failed {
+    fn failed() -> Self {
+        Failed(true)
+    }
+
+    fn is_nothing(&self) -> bool {
+        false
+    }
+}
+
+#[test]
+fn a_failure_counts_more_than_a_cancellation_in_the_same_poll() {
+    let executor = Executor::start(Attributes::new("main")).unwrap();
+    let start = |spec: ProcessSpec| {
+        let (announced, process) = executor.handle().announce(spec, || async {
+            fail_current();
+            std::future::pending::<Failed>().await
+        });
+        assert!(announced.start().is_none());
+        process
+    };
+    let plain = start(ProcessSpec::new("plain"));
+    let poisoned = start(monitored("poisoned", || Verdict::Poison));
+    executor.release();
+    for process in [plain, poisoned] {
+        assert_eq!(process.wait(), Exit::Completed);
+        assert!(process.take_exit_value::<Failed>().unwrap().0);
+    }
 }

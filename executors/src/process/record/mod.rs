@@ -83,8 +83,10 @@ struct Timing {
     log_installer: Option<Box<Arc<dyn LogInstaller>>>,
     /// The polls are timed: this is not timed for the replay log alone.
     is_timed: bool,
-    /// Written by the process' thread alone.
+    /// Written by the process' thread alone, as the next field.
     longest_poll: AtomicU64,
+    /// When the poll began that is under way and not [ended](Record::end_poll) yet, else never.
+    began: AtomicU64,
 }
 
 impl Record {
@@ -115,6 +117,7 @@ impl Record {
                 log_installer: spec.log_installer,
                 is_timed,
                 longest_poll: AtomicU64::new(0),
+                began: AtomicU64::new(Instant::NEVER.as_nanos()),
             })
         });
         Self {
@@ -254,15 +257,14 @@ impl Record {
         self.outcome.load(Ordering::Acquire) != Outcome::NONE
     }
 
-    /// Whether its polls are timed.
-    pub(in crate::process) fn is_timed(&self) -> bool {
-        self.timing.as_ref().is_some_and(|timing| timing.is_timed)
+    /// There is one if its polls are timed.
+    fn timed(&self) -> Option<&Timing> {
+        self.timing.as_deref().filter(|timing| timing.is_timed)
     }
 
     /// The longest of its polls in nanoseconds, if they are timed.
     pub(in crate::process) fn longest_poll(&self) -> Option<u64> {
-        let timing = self.timing.as_ref().filter(|timing| timing.is_timed)?;
-        Some(timing.longest_poll.load(Ordering::Relaxed))
+        Some(self.timed()?.longest_poll.load(Ordering::Relaxed))
     }
 
     /// Installs its replay log around each poll.
@@ -299,28 +301,38 @@ impl Record {
         })
     }
 
-    /// Begins a timed poll; returns its start.
+    /// Begins a poll, if polls are timed.
     #[cold]
-    pub(in crate::process) fn begin_poll(&self) -> Instant {
+    pub(in crate::process) fn begin_poll(&self) {
+        let Some(timing) = self.timed() else {
+            return;
+        };
         let began = Instant::now();
         if let Some(poll_monitor) = self.poll_monitor() {
             // It may panic, so the poll monitor is not installed while it runs.
             poll_monitor.poll_begins(began);
             poll_monitor::set(Some(poll_monitor.clone()));
         }
-        began
+        timing.began.store(began.as_nanos(), Ordering::Relaxed);
     }
 
-    /// Ends a timed poll. If the poll monitor wants the process ended, it counts as cancelled from
-    /// here on.
+    /// Ends a timed poll, once. If the poll monitor wants the process ended, it counts as cancelled
+    /// from here on. The poll monitor may panic.
     #[cold]
-    pub(in crate::process) fn end_poll(&self, began: Instant) {
+    pub(in crate::process) fn end_poll(&self) {
+        let Some(timing) = self.timed() else {
+            return;
+        };
+        let began = Instant::from_nanos(timing.began.load(Ordering::Relaxed));
+        if began == Instant::NEVER {
+            return;
+        }
+        let never = Instant::NEVER.as_nanos();
+        timing.began.store(never, Ordering::Relaxed);
         let now = Instant::now();
         let took = now.nanos_since(began);
-        if let Some(Timing { longest_poll, .. }) = self.timing.as_deref()
-            && took > longest_poll.load(Ordering::Relaxed)
-        {
-            longest_poll.store(took, Ordering::Relaxed);
+        if took > timing.longest_poll.load(Ordering::Relaxed) {
+            timing.longest_poll.store(took, Ordering::Relaxed);
         }
         let Some(poll_monitor) = self.poll_monitor() else {
             return;
