@@ -61,7 +61,12 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         shared.inbound.sleep(Instant::NEVER);
     }
     shared.counted.count(|| {
-        let keeps = (shared.registry.keep_ends(), deferred_free::keep_own());
+        // A thread that may block keeps nothing: it could sleep in the middle of a turn.
+        let frees_later = shared.serves != Serves::One;
+        let keeps = (
+            shared.registry.keep_ends(),
+            frees_later.then(deferred_free::keep_own),
+        );
         SPARE_SHARED.with(|spare| spare.keep(shared));
         current::set_on_path(true);
         while let Phase::RELEASED = shared.phase() {

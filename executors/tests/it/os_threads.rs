@@ -3,12 +3,14 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::deferred_free::Shared;
 use luna_core::timer_queue::Sleep;
 use luna_executors::{Exit, Nested, OsThread, ProcessSpec, ProcessState, block_on, yield_now};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use std::future::{Future, pending};
 use std::rc::Rc;
+use std::sync::Mutex;
 use std::time::Duration;
 use support::{Drops, Gate, Log, quiet_panics, until, watchdog};
 
@@ -37,6 +39,22 @@ fn held_until_released() {
     thread.release();
     thread.request_stop();
     assert_eq!(thread.process().exit(), Some(Exit::Completed));
+}
+
+#[test]
+fn what_it_frees_is_freed_while_it_blocks() {
+    let _watchdog = watchdog();
+    let drops = Drops::default();
+    let shared = Shared::new(Mutex::new(drops.token()));
+    let (open, blocked) = std::sync::mpsc::channel::<()>();
+    let thread = start(move || async move {
+        drop(shared);
+        blocked.recv().unwrap();
+    });
+    thread.release();
+    until(|| drops.count() == 1);
+    open.send(()).unwrap();
+    assert_eq!(thread.process().wait(), Exit::Completed);
 }
 
 #[test]
