@@ -8,6 +8,7 @@ use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{self, PendingWake, Process};
+use luna_core::wait_list::WaitNode;
 use std::ptr::NonNull;
 
 /// Work that is due after an entry became the holder, or waits to.
@@ -44,7 +45,7 @@ impl Core {
             return false;
         };
         // SAFETY: the current process is polled on the thread of its executor.
-        let Some(mut lists) = (unsafe { self.wait_point.lock_if_biased(executor) }) else {
+        let Some(mut lists) = (unsafe { self.wait_point.lock_if_biased_to(executor) }) else {
             return false;
         };
         if !lists.senders.is_empty() {
@@ -90,28 +91,33 @@ impl Core {
         while self.serve_first(self.wait_point.lock()) {}
     }
 
-    /// Serves the first waiter, if there are enough permits. Returns whether that leaves some.
+    /// The first waiter, if there are enough permits for it.
+    fn first_to_serve(&self, lists: &WaitQueues) -> Option<NonNull<WaitNode>> {
+        let node = lists.senders.first()?;
+        let permits = self.state(lists, |state| state.permits);
+        // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
+        let count = unsafe { Entry::count(Entry::of(node)) };
+        (u64::from(count) <= permits).then_some(node)
+    }
+
+    /// Serves the first waiter, if there are enough permits. Returns whether there are enough for
+    /// the next one.
     fn serve_first(&self, mut lists: BiasedGuard<'_, WaitQueues>) -> bool {
-        let Some(node) = lists.senders.first() else {
+        let Some(node) = self.first_to_serve(&lists) else {
             return false;
         };
-        let permits = self.state(&lists, |state| state.permits);
         // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
         let next = unsafe {
-            let entry = Entry::of(node);
-            if u64::from(Entry::count(entry)) > permits {
-                return false;
-            }
             lists.senders.remove(node);
-            self.hand_over(&mut lists, entry)
+            self.hand_over(&mut lists, Entry::of(node))
         };
-        let are_some_left = self.state(&lists, |state| state.permits > 0);
+        let are_enough_left = self.first_to_serve(&lists).is_some();
         drop(lists);
         // A wake may panic: the remaining wakes must still be done.
         let rest = Finally::new(|| self.serve());
         next.carry_out();
         rest.cancel();
-        are_some_left
+        are_enough_left
     }
 
     /// Gives `entry`, which was just taken off its list, its permits. It is not to be touched after

@@ -42,16 +42,16 @@ impl<T> std::panic::RefUnwindSafe for Handle<T> {}
 impl<T> Handle<T> {
     #[track_caller]
     pub(super) fn new(kind: WaitPointKind, permits: u32, value: T) -> Self {
-        let shared = Box::leak(Box::new(Shared {
+        let shared = NonNull::from(Box::leak(Box::new(Shared {
             // SAFETY: it is registered next.
             core: unsafe { Core::new(kind, permits, Shared::<T>::free) },
             handles: AtomicUsize::new(1),
             value: UnsafeCell::new(ManuallyDrop::new(value)),
-        }));
+        })));
         // SAFETY: it is new, and stays in its box.
-        unsafe { shared.core.wait_point.register() };
+        unsafe { shared.as_ref().core.wait_point.register() };
         Handle {
-            shared: NonNull::from(shared),
+            shared,
             _owns: PhantomData,
         }
     }

@@ -40,6 +40,9 @@ pub struct WaitOp<'c, 'a, T> {
     has_timed_out: bool,
 }
 
+// SAFETY: a shared reference gives no access to the guard, and so none to its value.
+unsafe impl<T: Send> Sync for WaitOp<'_, '_, T> {}
+
 impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     pub(super) fn new(condition: &'c Condvar, guard: MutexGuard<'a, T>, of_thread: bool) -> Self {
         let mutex = guard.mutex();

@@ -47,6 +47,18 @@ fn one_that_wants_much_is_not_starved_and_the_one_that_goes_lets_others_by() {
 }
 
 #[test]
+fn one_that_wants_none_passes_behind_one_that_takes_the_last() {
+    let semaphore = Semaphore::new(0);
+    let mut last = Box::pin(semaphore.acquire());
+    pending(&mut last);
+    let mut none = Box::pin(semaphore.acquire_many(0));
+    pending(&mut none);
+    semaphore.add_permits(1);
+    ready(&mut last).unwrap().forget();
+    assert_eq!(ready(&mut none).unwrap().num_permits(), 0);
+}
+
+#[test]
 fn what_was_given_to_one_that_goes_is_there_again() {
     let semaphore = Semaphore::new(0);
     let mut goes = Box::pin(semaphore.acquire_many(2));
