@@ -33,8 +33,7 @@ use std::task::{Context, Poll};
 /// Real-time path: yes, apart from the first wait of a thread, which makes the epoll: see
 /// [`prepare_files`](crate::prepare_files). Nothing is allocated. A wait costs one system call, two
 /// for a file that this thread has not waited for before; O(w) steps for w waits of this thread on
-/// descriptors equal modulo 256. Where no process ever waits for a file an executor pays one branch
-/// a poll.
+/// descriptors equal modulo 256. An executor on which no process waits for a file pays nothing.
 ///
 /// Cancel-safe: a wait that is dropped is withdrawn, at the price of one system call if nothing
 /// else waits for the file.

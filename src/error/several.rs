@@ -38,11 +38,25 @@ pub struct Several {
     carried: Vec<Error>,
 }
 
-/// Neighbouring branches with the same outcome.
+/// Neighbouring branches with the same outcome: its kind in the lowest four bits, their number above.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Run {
-    kind: Kind,
-    count: u8,
+struct Run(u16);
+
+impl Run {
+    /// The greatest number of branches in one.
+    const MOST: usize = (u16::MAX >> 4) as usize;
+
+    const fn new(kind: Kind, count: usize) -> Self {
+        Run((count as u16) << 4 | kind as u16)
+    }
+
+    fn kind(self) -> Kind {
+        KINDS[usize::from(self.0 & 0xf)]
+    }
+
+    fn count(self) -> usize {
+        usize::from(self.0 >> 4)
+    }
 }
 
 /// The outcome of one branch, or a bracket around the branches of an inner construct.
@@ -63,6 +77,20 @@ enum Kind {
     Open,
     Close,
 }
+
+/// In the order of their numbers.
+const KINDS: [Kind; 10] = [
+    Kind::Poisoned,
+    Kind::Closed,
+    Kind::Full,
+    Kind::Empty,
+    Kind::Timeout,
+    Kind::Cancelled,
+    Kind::Carried,
+    Kind::Fine,
+    Kind::Open,
+    Kind::Close,
+];
 
 static PLAIN: [Error; 6] = [
     Error::Poisoned,
@@ -120,7 +148,7 @@ impl Several {
         if let Error::Several(nested) = error {
             self.add_run(Kind::Open, 1);
             for run in nested.runs {
-                self.add_run(run.kind, run.count.into());
+                self.add_run(run.kind(), run.count());
             }
             self.add_run(Kind::Close, 1);
             self.carried.extend(nested.carried);
@@ -137,19 +165,16 @@ impl Several {
     fn add_run(&mut self, kind: Kind, mut count: usize) {
         // Brackets are never joined: each is one branch.
         if let Some(last) = self.runs.last_mut()
-            && last.kind == kind
+            && last.kind() == kind
             && !matches!(kind, Kind::Open | Kind::Close)
         {
-            let more = count.min((u8::MAX - last.count).into());
-            last.count += more as u8;
+            let more = count.min(Run::MOST - last.count());
+            *last = Run::new(kind, last.count() + more);
             count -= more;
         }
         while count > 0 {
-            let part = count.min(u8::MAX.into());
-            self.runs.push(Run {
-                kind,
-                count: part as u8,
-            });
+            let part = count.min(Run::MOST);
+            self.runs.push(Run::new(kind, part));
             count -= part;
         }
     }
@@ -173,12 +198,12 @@ impl fmt::Display for Several {
         };
         let mut runs = self.runs.iter().peekable();
         while let Some(run) = runs.next() {
-            let mut count = usize::from(run.count);
-            match (run.kind, run.kind.plain_error()) {
+            let mut count = run.count();
+            match (run.kind(), run.kind().plain_error()) {
                 (_, Some(error)) => {
                     // A long run is stored in parts.
-                    while let Some(more) = runs.next_if(|next| next.kind == run.kind) {
-                        count += usize::from(more.count);
+                    while let Some(more) = runs.next_if(|next| next.kind() == run.kind()) {
+                        count += more.count();
                     }
                     branches.write(f, count, error)?;
                 }
@@ -248,10 +273,7 @@ pub struct Errors<'a> {
     carried: std::slice::Iter<'a, Error>,
 }
 
-const NOTHING: Run = Run {
-    kind: Kind::Fine,
-    count: 0,
-};
+const NOTHING: Run = Run::new(Kind::Fine, 0);
 
 impl<'a> Errors<'a> {
     pub(super) fn of(error: &'a Error) -> Errors<'a> {
@@ -275,13 +297,14 @@ impl<'a> Iterator for Errors<'a> {
             return Some(one);
         }
         loop {
-            while self.run.count == 0 {
+            while self.run.count() == 0 {
                 self.run = *self.runs.next()?;
             }
-            self.run.count -= 1;
-            match self.run.kind {
+            let kind = self.run.kind();
+            self.run = Run::new(kind, self.run.count() - 1);
+            match kind {
                 Kind::Carried => return self.carried.next(),
-                Kind::Fine | Kind::Open | Kind::Close => self.run.count = 0,
+                Kind::Fine | Kind::Open | Kind::Close => self.run = NOTHING,
                 plain => return plain.plain_error(),
             }
         }

@@ -16,6 +16,14 @@ fn several(outcomes: impl IntoIterator<Item = Option<Error>>) -> Several {
 }
 
 #[test]
+fn thousands_of_branches_that_end_alike_allocate_nothing() {
+    let inner = error_of((0..15_000).map(|_| Some(Error::Poisoned)));
+    let several = several([inner, Some(Error::Poisoned)]);
+    assert_eq!(several.len(), 15_001);
+    assert!(!several.runs.spilled(), "{} runs", several.runs.len());
+}
+
+#[test]
 fn none_and_one_are_not_several() {
     assert_eq!(error_of([]), None);
     assert_eq!(error_of([None, None]), None);

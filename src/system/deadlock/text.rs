@@ -5,7 +5,6 @@ use crate::csp::composition::kind_name;
 use luna_channels::inspect::WaitPointView;
 use std::fmt;
 
-/// "`a`", or "one of `a`, `b`".
 /// A wait point, as an operation of a report names it.
 pub(super) fn place(wait_point: &WaitPointView) -> String {
     let kind = kind_name(wait_point.kind);
@@ -15,6 +14,7 @@ pub(super) fn place(wait_point: &WaitPointView) -> String {
     }
 }
 
+/// "`a`", or "one of `a`, `b`".
 fn one_of(names: &[String]) -> String {
     let quoted: Vec<_> = names.iter().map(|name| format!("`{name}`")).collect();
     match quoted.len() {
