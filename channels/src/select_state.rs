@@ -20,7 +20,7 @@
 //! learn the outcome.
 
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
-use luna_core::current::{PlainPendingWake, Process, WakeHandle};
+use luna_core::current::{PlainPendingWake, PlainTurn, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -128,18 +128,17 @@ impl SelectState {
     ///
     /// # Safety
     ///
-    /// This thread is the executor of `process`, which was given by `current::plain_turn` in this
-    /// turn; and a wait point's lock is biased to it.
+    /// A wait point's lock is biased to the executor of this turn.
     #[inline(always)]
-    pub(crate) unsafe fn opened_fast(process: &Process) -> Self {
+    pub(crate) unsafe fn opened_fast(turn: PlainTurn<'_>) -> Self {
         Self {
             state: AtomicU32::new(OPEN),
             needs_lock: AtomicBool::new(true),
             has_plain_wake_handle: AtomicBool::new(true),
-            // SAFETY: by the contract it is the current process, in a plain turn.
-            wake_handle: UnsafeCell::new(Some(unsafe { WakeHandle::of_plain_turn(process) })),
-            // SAFETY: the contract; nobody knows this one yet.
-            commit_lock: unsafe { BiasedLock::biased_to(process.executor_number(), ()) },
+            wake_handle: UnsafeCell::new(Some(WakeHandle::of_plain_turn(turn))),
+            // SAFETY: a turn is that of this thread; the contract says that another lock is biased
+            // to its executor.
+            commit_lock: unsafe { BiasedLock::biased_to(turn.executor_number(), ()) },
             ..Self::new()
         }
     }
@@ -157,17 +156,9 @@ impl SelectState {
     }
 
     /// As [`commit_lock`](Self::commit_lock), if it is biased to this executor.
-    ///
-    /// # Safety
-    ///
-    /// This thread is the executor of that number.
     #[inline(always)]
-    pub(crate) unsafe fn commit_lock_if_biased(
-        &self,
-        executor: u64,
-    ) -> Option<InsideGuard<'_, ()>> {
-        // SAFETY: the contract.
-        unsafe { self.commit_lock.lock_if_biased(executor) }
+    pub(crate) fn commit_lock_if_biased(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, ()>> {
+        self.commit_lock.lock_if_biased(turn)
     }
 
     /// Opens a select state that needs its commit lock for good.
@@ -188,13 +179,11 @@ impl SelectState {
     ///
     /// # Safety
     ///
-    /// As there; the commit lock is biased to the executor of `process`, which is this thread; and
-    /// `process` was given by `current::plain_turn` in this turn.
+    /// As there; the commit lock is biased to the executor of this turn.
     #[inline]
-    pub(crate) unsafe fn open_plainly(&self, process: &Process) {
+    pub(crate) unsafe fn open_plainly(&self, turn: PlainTurn<'_>) {
         self.has_plain_wake_handle.store(true, Ordering::Relaxed);
-        // SAFETY: by the contract it is the current process, in a plain turn.
-        let wake_handle = Some(unsafe { WakeHandle::of_plain_turn(process) });
+        let wake_handle = Some(WakeHandle::of_plain_turn(turn));
         // SAFETY: as for `open_with_lock`. A wake handle could be left here only by an opening that
         // no thread has left: there is none.
         self.wake_handle

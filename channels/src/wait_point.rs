@@ -485,17 +485,28 @@ impl WaitPoint {
     }
 
     /// Locks for the executor that owns the bias: see [`BiasedLock::lock_if_biased`].
+    #[inline(always)]
+    pub(crate) fn lock_if_biased(
+        &self,
+        turn: PlainTurn<'_>,
+    ) -> Option<InsideGuard<'_, WaitQueues>> {
+        let mut lists = self.lock.lock_if_biased(turn)?;
+        lists.list_lone();
+        Some(lists)
+    }
+
+    /// As [`lock_if_biased`](Self::lock_if_biased), to the executor with this number.
     ///
     /// # Safety
     ///
     /// This thread is the executor of that number.
     #[inline(always)]
-    pub(crate) unsafe fn lock_if_biased(
+    pub(crate) unsafe fn lock_if_biased_to(
         &self,
         executor: u64,
     ) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
-        let mut lists = unsafe { self.lock.lock_if_biased(executor) }?;
+        let mut lists = unsafe { self.lock.lock_if_biased_to(executor) }?;
         lists.list_lone();
         Some(lists)
     }
@@ -547,9 +558,9 @@ impl WaitPoint {
     ///
     /// As there.
     #[inline(always)]
-    pub(crate) unsafe fn kept(&self, executor: u64) -> InsideGuard<'_, WaitQueues> {
+    pub(crate) unsafe fn kept(&self, turn: PlainTurn<'_>) -> InsideGuard<'_, WaitQueues> {
         // SAFETY: the contract.
-        unsafe { self.lock.kept(executor) }
+        unsafe { self.lock.kept(turn) }
     }
 
     /// Access to the lists of a wait point that no other thread knows yet.

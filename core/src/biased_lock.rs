@@ -190,14 +190,21 @@ impl<T> BiasedLock<T> {
         self.lock_as(current::executor_number())
     }
 
-    /// Locks if the lock is biased to the executor with the number `executor`, without any atomic
+    /// Locks if the lock is biased to the executor of this turn, without any atomic
     /// read-modify-write.
+    #[inline(always)]
+    pub fn lock_if_biased(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
+        // SAFETY: a turn is that of the calling thread.
+        unsafe { self.lock_if_biased_to(turn.executor_number()) }
+    }
+
+    /// As [`lock_if_biased`](Self::lock_if_biased), to the executor with this number.
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor with the number `executor`.
+    /// The calling thread is that of the executor, or the number is 0.
     #[inline(always)]
-    pub unsafe fn lock_if_biased(&self, executor: u64) -> Option<InsideGuard<'_, T>> {
+    pub unsafe fn lock_if_biased_to(&self, executor: u64) -> Option<InsideGuard<'_, T>> {
         // Acquire, here and below: pairs with the store that restores the bias, so that the owner
         // sees what was done during a brief revocation.
         if self.bias.load(Ordering::Acquire) != executor {
@@ -285,13 +292,12 @@ impl<T> BiasedLock<T> {
     ///
     /// # Safety
     ///
-    /// The calling thread is that of the executor with the number `executor`, has kept a guard of
-    /// this lock, and has not called this since.
+    /// The calling thread has kept a guard of this lock, and has not called this since.
     #[inline(always)]
-    pub unsafe fn kept(&self, executor: u64) -> InsideGuard<'_, T> {
+    pub unsafe fn kept(&self, turn: PlainTurn<'_>) -> InsideGuard<'_, T> {
         InsideGuard {
             lock: self,
-            executor,
+            executor: turn.executor_number(),
             stays_on_its_thread: PhantomData,
         }
     }
@@ -351,7 +357,7 @@ impl<T> BiasedLock<T> {
         loop {
             // SAFETY: each caller passes the executor of the calling thread, or 0, to which no lock
             // is biased.
-            if let Some(inside) = unsafe { self.lock_if_biased(me) } {
+            if let Some(inside) = unsafe { self.lock_if_biased_to(me) } {
                 std::mem::forget(inside);
                 return self.guard(Held::Inside(me));
             }

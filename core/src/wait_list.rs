@@ -3,7 +3,7 @@
 //! The nodes lie in the waiting futures, so waiting allocates nothing and a dropped future takes
 //! its node with it. The list belongs to a lock: every method is called with that lock held.
 
-use crate::current::{self, PlainPendingWake, Priority, Process, User, WakeHandle};
+use crate::current::{self, PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use std::ptr::NonNull;
 
 /// One waiter. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a
@@ -61,12 +61,11 @@ impl WaitNode {
     ///
     /// # Safety
     ///
-    /// It is room for a node that no other thread accesses. `process` is as for
-    /// [`WakeHandle::of_plain_turn`].
+    /// It is room for a node that no other thread accesses.
     #[inline(always)]
-    pub unsafe fn wait_alone(place: *mut WaitNode, process: &Process) {
+    pub unsafe fn wait_alone(place: *mut WaitNode, turn: PlainTurn<'_>) {
         // SAFETY: the contract.
-        unsafe { (&raw mut (*place).wake_handle).write(Some(WakeHandle::of_plain_turn(process))) };
+        unsafe { (&raw mut (*place).wake_handle).write(Some(WakeHandle::of_plain_turn(turn))) };
     }
 
     /// Takes the wake of a process that waits alone.

@@ -22,7 +22,7 @@ use crate::stamp::Stamp;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::InsideGuard;
-use luna_core::current::{PlainPendingWake, PlainTurn, Priority, Process, User};
+use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User};
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::ptr::NonNull;
 
@@ -138,9 +138,9 @@ impl<'a> Looks<'a> {
 
     /// What releases the locks, but for the lock of the guard that is ready.
     #[inline(always)]
-    pub(super) fn leaving(&self) -> Leaving {
+    pub(super) fn leaving(&self) -> Leaving<'_> {
         Leaving {
-            executor: self.turn.executor_number(),
+            turn: self.turn,
             end: self.end,
             kept: match (&self.ready, self.is_refused) {
                 (Some(ready), false) => ready.number,
@@ -225,18 +225,18 @@ unsafe fn look_at_queues(
 
 /// Releases the locks that [`Looks`] have kept, but for one.
 #[derive(Debug)]
-pub(super) struct Leaving {
-    executor: u64,
+pub(super) struct Leaving<'a> {
+    turn: PlainTurn<'a>,
     end: u32,
     kept: u32,
 }
 
-impl Visit for Leaving {
+impl Visit for Leaving<'_> {
     #[inline(always)]
     fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
         if number != self.end && number != self.kept {
             // SAFETY: the look has kept the lock, on this thread.
-            drop(unsafe { guard.wait_point.kept(self.executor) });
+            drop(unsafe { guard.wait_point.kept(self.turn) });
         }
         number != self.end
     }
@@ -244,35 +244,36 @@ impl Visit for Leaving {
 
 /// Lists the guards, none of which is ready, and releases the locks that [`Looks`] have kept.
 #[derive(Debug)]
-pub(super) struct Listing {
-    executor: u64,
+pub(super) struct Listing<'a> {
+    turn: PlainTurn<'a>,
     by: (User, Priority),
     select_state: NonNull<SelectState>,
 }
 
-impl Listing {
+impl<'a> Listing<'a> {
     /// # Safety
     ///
     /// The guards are pinned, hold their values if they are senders', and withdraw their nodes
     /// before they and the select state go.
     #[inline(always)]
-    pub(super) unsafe fn of(process: &Process, select_state: NonNull<SelectState>) -> Self {
+    pub(super) unsafe fn of(turn: PlainTurn<'a>, select_state: NonNull<SelectState>) -> Self {
+        let process = turn.process();
         Self {
-            executor: process.executor_number(),
+            turn,
             by: (User::Process(process.id()), process.priority()),
             select_state,
         }
     }
 }
 
-impl Visit for Listing {
+impl Visit for Listing<'_> {
     #[inline(always)]
     fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
         let (node, of_sender) = (guard.node, guard.of_sender);
         // SAFETY: the look has kept the lock, on this thread. The node is new, so no other thread
         // knows it.
         unsafe {
-            let mut lists = guard.wait_point.kept(self.executor);
+            let mut lists = guard.wait_point.kept(self.turn);
             Waiter::<()>::begin_guard(node.cast(), self.by, self.select_state, number);
             match of_sender {
                 true => lists.sender = LastUser::of(self.by.0),
@@ -424,7 +425,7 @@ pub(crate) unsafe fn commit(node: NonNull<WaitNode>, turn: PlainTurn<'_>) -> Com
             return Commit::Stale;
         }
         // The commit lock of a select state that the fast path has opened is biased too.
-        let Some(_commit_lock) = select_state.commit_lock_if_biased(turn.executor_number()) else {
+        let Some(_commit_lock) = select_state.commit_lock_if_biased(turn) else {
             return Commit::No;
         };
         match select_state.commit_plainly(guard) {

@@ -14,7 +14,7 @@ use super::{Barrier, Meeting};
 use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
-use luna_core::current::{self, PlainPendingWake, PlainTurn};
+use luna_core::current::{PlainPendingWake, PlainTurn};
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
@@ -51,7 +51,6 @@ impl Barrier {
         turn: PlainTurn<'_>,
     ) -> Arrival {
         let meeting: &Meeting = &self.meeting;
-        let process = turn.process();
         // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
         let mut lists = match unsafe { meeting.enter(turn) } {
             Ok(lists) => lists,
@@ -67,7 +66,7 @@ impl Barrier {
                 }
                 round.arrived += 1;
                 if round.arrived < round.parties {
-                    Waiter::begin_plain(node, process);
+                    Waiter::begin_plain(node, turn);
                     (*Waiter::link(node)).ticket = round.number;
                     return Arrival::Waits;
                 }
@@ -129,12 +128,12 @@ impl Meeting {
                     ready.assume_init_read().wake();
                 }
                 if is_last {
-                    return match !turn.goes_on() && current::yield_after_operation(turn.process()) {
+                    return match turn.yields_after_operation() {
                         true => Arrival::GaveWay,
                         false => Arrival::Done,
                     };
                 }
-                match self.lock_if_biased(turn.executor_number()) {
+                match self.lock_if_biased(turn) {
                     Some(again) if count > 0 => lists = again,
                     _ => return Arrival::Completes,
                 }

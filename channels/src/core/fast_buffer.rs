@@ -27,7 +27,7 @@ impl<T> Channel<T> {
         // node holds a value. The store of such a buffer was made with room for all that the buffer
         // holds, and one that is not full has room for one more.
         unsafe {
-            let mut lists = self.wait_point.kept(turn.executor_number());
+            let mut lists = self.wait_point.kept(turn);
             let is_stored = self.store.with_mut(|store| {
                 let store = &mut *store;
                 if store.len() >= self.capacity() {
@@ -56,13 +56,13 @@ impl<T> Channel<T> {
     unsafe fn wait_for_room(&self, node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) -> FastPath {
         // SAFETY: the contract: the executor has kept the lock.
         unsafe {
-            let mut lists = self.wait_point.kept(turn.executor_number());
+            let mut lists = self.wait_point.kept(turn);
             if !lists.senders.is_empty() {
                 return FastPath::No;
             }
             lists.note_user(true, LastUser::process(turn.process().id()));
             lists.list_lone();
-            Waiter::begin_plain(node, turn.process());
+            Waiter::begin_plain(node, turn);
             lists.senders.insert_into_empty(node.cast());
             FastPath::Waits
         }
@@ -81,7 +81,7 @@ impl<T> Channel<T> {
     ) -> FastPath {
         // SAFETY: the contract: the executor has kept the lock, which guards the store too.
         unsafe {
-            let mut lists = self.wait_point.kept(turn.executor_number());
+            let mut lists = self.wait_point.kept(turn);
             let stored = self.store.with(|store| (*store).len());
             // Values given back by dropped futures may exceed the capacity.
             if stored == 0 || stored > self.capacity() || !lists.senders.is_empty() {
@@ -111,14 +111,14 @@ impl<T> Channel<T> {
         // listed sender's node holds its value.
         unsafe {
             let process = turn.process();
-            let mut lists = self.wait_point.kept(turn.executor_number());
+            let mut lists = self.wait_point.kept(turn);
             let stored = self.store.with(|store| (*store).len());
             let Some(first) = lists.senders.first() else {
                 if stored != 0 || !lists.waiting.is_store() {
                     return FastPath::No;
                 }
                 lists.note_user(false, LastUser::process(process.id()));
-                Waiter::begin_alone(node, process);
+                Waiter::begin_alone(node, turn);
                 lists.set_alone(node.cast(), false);
                 return FastPath::Waits;
             };
@@ -142,7 +142,7 @@ impl<T> Channel<T> {
             Waiter::settle_plain(sender);
             drop(lists);
             ready.wake();
-            FastPath::done(process)
+            FastPath::done(turn)
         }
     }
 }

@@ -28,7 +28,7 @@ use crate::alternative::{Commit, commit, take_first};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
-use luna_core::current::{self, PlainPendingWake, PlainTurn, Process};
+use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
 use std::hint::black_box;
 use std::ptr::NonNull;
@@ -52,13 +52,10 @@ pub(crate) enum FastPath {
 }
 
 impl FastPath {
-    /// # Safety
-    ///
-    /// As for [`current::yield_after_operation`].
+    /// Of an operation that is done.
     #[inline(always)]
-    pub(super) unsafe fn done(process: &Process) -> FastPath {
-        // SAFETY: the contract is the same.
-        match unsafe { current::yield_after_operation(process) } {
+    pub(super) fn done(turn: PlainTurn<'_>) -> FastPath {
+        match turn.yields_after_operation() {
             true => FastPath::GaveWay,
             false => FastPath::Done,
         }
@@ -102,7 +99,7 @@ unsafe fn meet<const SEND: bool>(
         if lists.waiting.is_idle() {
             let process = turn.process();
             lists.note_user(SEND, LastUser::process(process.id()));
-            Waiter::begin_alone(node, process);
+            Waiter::begin_alone(node, turn);
             lists.set_alone(node.cast(), SEND);
             if !lists.leave() {
                 return revoked(wait_point, FastPath::Waits);
@@ -187,7 +184,7 @@ unsafe fn part_long<const SEND: bool>(
     // SAFETY: the contract.
     unsafe {
         move_value(wait_point, from, to);
-        let lists = wait_point.kept(turn.executor_number());
+        let lists = wait_point.kept(turn);
         part::<SEND>(wait_point, lists, partner, turn)
     }
 }
@@ -245,7 +242,7 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
     unsafe {
         ready.fetch();
         ready.wake();
-        FastPath::done(turn.process())
+        FastPath::done(turn)
     }
 }
 
@@ -263,7 +260,7 @@ unsafe fn meet_otherwise<const SEND: bool>(
 ) -> FastPath {
     // SAFETY: the contract; the lock was kept.
     unsafe {
-        let mut lists = wait_point.kept(turn.executor_number());
+        let mut lists = wait_point.kept(turn);
         let mut nothing_waits = lists.leave_queues();
         if let Some(guard) = lists.waiting.guard(!SEND) {
             match commit(guard, turn) {
@@ -368,7 +365,7 @@ unsafe fn part_kept<const SEND: bool>(
 ) -> FastPath {
     // SAFETY: the contract.
     unsafe {
-        let mut lists = wait_point.kept(turn.executor_number());
+        let mut lists = wait_point.kept(turn);
         if lists.waiting.one(!SEND).is_some() {
             return part::<SEND>(wait_point, lists, partner, turn);
         }
@@ -482,8 +479,7 @@ fn leave_revoked(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
 /// Counts an operation that is done, and yields if another process is to run first.
 #[inline(never)]
 fn give_way(turn: PlainTurn<'_>) -> FastPath {
-    // SAFETY: a turn has a current process of an executor.
-    unsafe { FastPath::done(turn.process()) }
+    FastPath::done(turn)
 }
 
 /// Takes the value of the first waiting sender, if that is a plain operation's. The caller wakes it
@@ -497,13 +493,13 @@ fn give_way(turn: PlainTurn<'_>) -> FastPath {
 pub(super) unsafe fn take_from_first<T>(
     lists: &mut WaitQueues,
     first: NonNull<WaitNode>,
-    process: &Process,
+    turn: PlainTurn<'_>,
 ) -> Option<(T, PlainPendingWake)> {
     // SAFETY: the contract; a listed sender's node holds its value.
     unsafe {
         let sender = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wake_handle(sender)?;
-        lists.note_user(false, LastUser::process(process.id()));
+        lists.note_user(false, LastUser::process(turn.process().id()));
         lists.senders.remove_first(first);
         let value = Waiter::take_value_of(sender);
         Waiter::settle_plain(sender);

@@ -2,7 +2,7 @@
 
 use super::{Begun, Link, Make, Outcome, Seldom, Waiter};
 use crate::select_state::SelectState;
-use luna_core::current::{self, Priority, Process, User, WakeHandle};
+use luna_core::current::{self, PlainTurn, Priority, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::atomic::AtomicU8;
 use std::mem::MaybeUninit;
@@ -40,13 +40,12 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`begin`](Self::begin); and `process` was given by [`current::plain_turn`] in this
-    /// turn.
+    /// As for [`begin`](Self::begin).
     #[inline(always)]
-    pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, process: &Process) {
+    pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) {
+        let process = turn.process();
         let user = User::Process(process.id());
-        // SAFETY: by the contract it is the current process, in a plain turn.
-        let wake_handle = unsafe { WakeHandle::of_plain_turn(process) };
+        let wake_handle = WakeHandle::of_plain_turn(turn);
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {
@@ -68,11 +67,11 @@ impl<T> Waiter<T> {
     ///
     /// As for [`begin_plain`](Self::begin_plain).
     #[inline(always)]
-    pub(crate) unsafe fn begin_alone(node: NonNull<Waiter<T>>, process: &Process) {
+    pub(crate) unsafe fn begin_alone(node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) {
         // SAFETY: the contract.
         unsafe {
             let link = Self::link(node);
-            WaitNode::wait_alone(&raw mut (*link).wait, process);
+            WaitNode::wait_alone(&raw mut (*link).wait, turn);
             (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
             (&raw mut (*link).begun).write(Begun::Plainly);
             (&raw mut (*link).extended).write(false);

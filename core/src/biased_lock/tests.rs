@@ -3,7 +3,7 @@
 #[cfg(not(loom))]
 mod running {
     use crate::biased_lock::{ALONE, BiasedLock};
-    use crate::current::{self, ExecutorGuard as Entered, ExecutorId};
+    use crate::current::{self, ExecutorGuard as Entered, ExecutorId, PlainTurn};
     use crate::timer_queue::TimerQueue;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -155,14 +155,14 @@ mod running {
         if !earn(&lock) {
             return;
         }
-        let executor = current::executor_number();
+        let (executor, turn) = (current::executor_number(), PlainTurn::without_process());
         // SAFETY: this thread is the executor's, and the kept guard is taken again.
         unsafe {
-            lock.lock_if_biased(executor).unwrap().keep();
+            lock.lock_if_biased(turn).unwrap().keep();
             assert!(lock.inside.is_entered());
-            *lock.kept(executor) += 1;
+            *lock.kept(turn) += 1;
             assert!(!lock.inside.is_entered());
-            assert!(lock.lock_if_biased(executor + 1).is_none());
+            assert!(lock.lock_if_biased_to(executor + 1).is_none());
         }
     }
 
@@ -176,7 +176,7 @@ mod running {
         // SAFETY: this thread is the executor's, and another lock is biased to it.
         let lock = unsafe { BiasedLock::biased_to(executor, 0) };
         // SAFETY: as above.
-        unsafe { *lock.lock_if_biased(executor).unwrap() += 1 };
+        unsafe { *lock.lock_if_biased_to(executor).unwrap() += 1 };
         let done = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {

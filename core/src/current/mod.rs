@@ -40,8 +40,7 @@ pub use process::{
 };
 pub use ready::{
     OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready_levels, put_back,
-    ready_again, ready_levels, spend_operation, yield_after_operation, yield_if_outranked,
-    yield_turn,
+    ready_again, ready_levels, spend_operation, yield_if_outranked, yield_turn,
 };
 pub use renewal::Renewal;
 pub use replay::{

@@ -2,7 +2,7 @@
 
 use super::branch::lowered;
 use super::run_queue::RunQueue;
-use super::{Process, QueueEnd, THREAD, is_replayed, local, plain_turn, process};
+use super::{QueueEnd, THREAD, is_replayed, local, plain_turn, process};
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -157,30 +157,4 @@ pub fn spend_operation() -> bool {
         thread.operations_left.set(left.saturating_sub(1));
         left != 0
     })
-}
-
-/// Yields after an operation of `process`, which has a [plain turn](super::plain_turn), if more
-/// urgent processes are ready or it has completed [`OPERATIONS_PER_POLL`] operations in this turn:
-/// then it is ready again already, and the caller returns `Pending`.
-///
-/// # Safety
-///
-/// `process` is the current one of this thread, and an executor's:
-/// [`plain_turn`](super::plain_turn) has returned it in this turn.
-#[inline(always)]
-pub unsafe fn yield_after_operation(process: &Process) -> bool {
-    let thread = local();
-    let left = thread.operations_left.get();
-    let place = if thread.queue.has_above(process.level()) {
-        QueueEnd::Front
-    } else if left == 0 {
-        QueueEnd::Back
-    } else {
-        thread.operations_left.set(left - 1);
-        return false;
-    };
-    // SAFETY: the caller promises that it is the current process, of an executor: so this is its
-    // executor's thread, and it lives until its executor has popped it.
-    unsafe { process.ready_here(0, place) };
-    true
 }

@@ -2,7 +2,8 @@
 
 use super::branch::{Branch, lowered};
 use super::{
-    ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, THREAD, Thread, User, local,
+    ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
+    local,
 };
 use std::fmt;
 use std::ptr::NonNull;
@@ -153,7 +154,7 @@ impl<'a> PlainTurn<'a> {
     }
 
     /// Counts an operation that was done without waiting; `false`: the process is to
-    /// [give way](super::yield_after_operation), and nothing was counted.
+    /// [give way](Self::give_way), and nothing was counted.
     #[inline(always)]
     pub fn goes_on(self) -> bool {
         let left = self.0.operations_left.get();
@@ -162,6 +163,37 @@ impl<'a> PlainTurn<'a> {
         }
         self.0.operations_left.set(left - 1);
         true
+    }
+
+    /// Counts an operation that is done; or yields, if more urgent processes are ready or the
+    /// process has completed [`OPERATIONS_PER_POLL`] operations in this turn: then it is ready again
+    /// already, and the caller returns `Pending`.
+    #[inline(always)]
+    pub fn yields_after_operation(self) -> bool {
+        if self.goes_on() {
+            return false;
+        }
+        self.give_way();
+        true
+    }
+
+    /// Readies the process again: before the others of its level, if more urgent ones are ready,
+    /// else behind them. The caller returns `Pending`.
+    #[inline]
+    pub fn give_way(self) {
+        let place = match self.0.queue.has_above(self.process().level()) {
+            true => QueueEnd::Front,
+            false => QueueEnd::Back,
+        };
+        // SAFETY: it is the current process, of an executor: so this is its executor's thread, and
+        // it lives until its executor has popped it.
+        unsafe { self.process().ready_here(0, place) };
+    }
+
+    /// This thread's state, for tests of what does not ask for the process.
+    #[cfg(test)]
+    pub(crate) fn without_process() -> PlainTurn<'static> {
+        PlainTurn(local())
     }
 
     #[inline(always)]

@@ -219,15 +219,11 @@ impl WakeHandle {
         })
     }
 
-    /// The wake handle of the current process, in a [plain turn](super::plain_turn).
-    ///
-    /// # Safety
-    ///
-    /// `process` is the current one of this thread, and an executor's: `plain_turn` has returned it
-    /// in this turn. So references to it are counted, and without atomics on this thread, which is
-    /// its executor's.
+    /// The wake handle of the current process, an executor's: so references to it are counted, and
+    /// without atomics on this thread.
     #[inline(always)]
-    pub unsafe fn of_plain_turn(process: &Process) -> WakeHandle {
+    pub fn of_plain_turn(turn: PlainTurn<'_>) -> WakeHandle {
+        let process = turn.process();
         process.references.add();
         WakeHandle(Inner::Process(Reference(NonNull::from(process))))
     }

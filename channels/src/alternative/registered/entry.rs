@@ -4,7 +4,7 @@ use crate::core::Channel;
 use crate::error::RecvError;
 use crate::select_state::SelectState;
 use crate::waiter::Waiter;
-use luna_core::current::PlainPendingWake;
+use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 
@@ -114,12 +114,12 @@ impl<T> Entry<T> {
     ///
     /// # Safety
     ///
-    /// `entry` is in its channel's list, that lock is held, and this thread is the executor of that
-    /// number. Unless the commit succeeds, the sender waits.
+    /// `entry` is in its channel's list, and that lock is held. Unless the commit succeeds, the
+    /// sender waits.
     #[inline(always)]
     pub(crate) unsafe fn commit_or_announce(
         entry: NonNull<Entry<T>>,
-        executor: u64,
+        turn: PlainTurn<'_>,
     ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
@@ -127,7 +127,7 @@ impl<T> Entry<T> {
         // around what it guards.
         unsafe {
             let hub = (*entry).hub.as_ref();
-            let _commit_lock = hub.select_state.commit_lock_if_biased(executor)?;
+            let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
             if !hub.select_state.is_open() {
                 if !(*entry).is_queued {
                     (*entry).is_queued = true;

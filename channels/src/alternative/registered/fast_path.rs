@@ -7,15 +7,15 @@
 use super::{Alternative, State};
 use crate::core::Channel;
 use crate::error::RecvError;
-use luna_core::current::{self, Process};
+use luna_core::current::PlainTurn;
 use std::task::{Context, Poll};
 
 impl<T> Alternative<'_, T> {
-    /// Polls in the plain turn of `process`. `None`: take the slow path.
+    /// Polls in a plain turn. `None`: take the slow path.
     #[inline]
     pub(super) fn poll_fast(
         &mut self,
-        process: &Process,
+        turn: PlainTurn<'_>,
         cx: &Context<'_>,
     ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
         if self.state != State::Closed {
@@ -27,19 +27,15 @@ impl<T> Alternative<'_, T> {
             return None;
         }
         if self.hub().has_news() {
-            // SAFETY: the process is polled, so this is its executor's thread; the commit lock is
-            // held around the taking.
-            let taken = unsafe {
-                let hub = self.hub();
-                let _commit_lock = hub
-                    .select_state
-                    .commit_lock_if_biased(process.executor_number())?;
-                hub.take_stack()
-            };
+            let hub = self.hub();
+            let commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
+            // SAFETY: the commit lock is held.
+            let taken = unsafe { hub.take_stack() };
+            drop(commit_lock);
             self.note_ready(taken);
         }
         let Some(index) = self.ready.first() else {
-            return self.wait_fast(process, cx);
+            return self.wait_fast(turn, cx);
         };
         let entry = self.entries[index]?.as_ptr();
         // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
@@ -55,8 +51,7 @@ impl<T> Alternative<'_, T> {
                 unsafe { (*entry).is_queued = false };
             }
         };
-        // SAFETY: the process is polled, so this is its executor's thread.
-        let (value, ready) = unsafe { channel.take_sender_if(process, is_first, note) }?;
+        let (value, ready) = channel.take_sender_if(turn, is_first, note)?;
         match self.is_fair {
             true => self.ready.choose(index, is_ready),
             false if !is_ready => self.ready.clear(index),
@@ -64,8 +59,7 @@ impl<T> Alternative<'_, T> {
         }
         // SAFETY: the sender was listed by the executor to which the lock is biased: this thread.
         unsafe { ready.wake() };
-        // SAFETY: `process` is in its plain turn, as above.
-        if unsafe { current::yield_after_operation(process) } {
+        if turn.yields_after_operation() {
             self.keep_value(index, value);
             return Some(Poll::Pending);
         }
@@ -75,21 +69,18 @@ impl<T> Alternative<'_, T> {
     /// Starts to wait, if nothing has become ready meanwhile.
     fn wait_fast(
         &mut self,
-        process: &Process,
+        turn: PlainTurn<'_>,
         cx: &Context<'_>,
     ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
         let hub = self.hub();
-        // SAFETY: this is the thread of the process' executor; the select state is closed, and this
-        // is its owner.
-        unsafe {
-            let _commit_lock = hub
-                .select_state
-                .commit_lock_if_biased(process.executor_number())?;
-            if hub.has_news() {
-                return None;
-            }
-            hub.select_state.open_plainly(process);
+        let commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
+        if hub.has_news() {
+            return None;
         }
+        // SAFETY: the select state is closed, and this is its owner, with the commit lock, which is
+        // biased to this executor.
+        unsafe { hub.select_state.open_plainly(turn) };
+        drop(commit_lock);
         self.polled_by = (cx.waker().data(), cx.waker().vtable());
         self.state = State::Open;
         Some(Poll::Pending)

@@ -5,7 +5,7 @@ use crate::core::{Attempted, Channel};
 use crate::error::RecvError;
 use crate::replay::{self, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, WakeHandle};
+use luna_core::current::{self, PlainTurn, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
 use luna_platform::sync::atomic::Ordering;
@@ -49,8 +49,8 @@ impl<T> Alternative<'_, T> {
     #[inline]
     fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         // A process whose communication is recorded has no plain turn.
-        if let Some(process) = current::plain_turn(cx)
-            && let Some(polled) = self.poll_fast(process, cx)
+        if let Some(turn) = PlainTurn::of(cx)
+            && let Some(polled) = self.poll_fast(turn, cx)
         {
             return polled;
         }

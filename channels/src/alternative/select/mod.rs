@@ -9,7 +9,7 @@ use crate::core::{FastPath, part_from};
 use crate::finally::Finally;
 use crate::replay;
 use crate::select_state::SelectState;
-use luna_core::current::{self, PlainTurn};
+use luna_core::current::PlainTurn;
 use luna_core::events;
 use slow_path::Polled;
 use std::fmt;
@@ -149,11 +149,11 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             // SAFETY: by the contract, and a wait point is locked by its bias.
             let select_state = this
                 .select_state
-                .write(unsafe { SelectState::opened_fast(turn.process()) });
+                .write(unsafe { SelectState::opened_fast(turn) });
             let select_state = NonNull::from(select_state);
             this.has_selection = true;
             // SAFETY: none is ready; the guards are pinned, and go before the select state.
-            guards.each(0, &mut unsafe { Listing::of(turn.process(), select_state) });
+            guards.each(0, &mut unsafe { Listing::of(turn, select_state) });
             guards.note_listed();
             this.state = State::Listed;
             this.polled_by = identity(cx);
@@ -178,10 +178,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
                     );
                     (ready.number, parted == FastPath::GaveWay)
                 }
-                None => (
-                    S::Guards::LEN as u32,
-                    current::yield_after_operation(turn.process()),
-                ),
+                None => (S::Guards::LEN as u32, turn.yields_after_operation()),
             }
         };
         if gives_way {
