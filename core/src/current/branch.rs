@@ -1,6 +1,6 @@
 //! The branch of the current process that is being polled.
 
-use super::{LEVELS, QueueEnd, THREAD, ready_again};
+use super::{LEVELS, QueueEnd, THREAD, local, ready_again};
 use std::task::Context;
 
 /// The branch of the current process that is being polled. The highest bit of the low byte says
@@ -121,17 +121,27 @@ pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
 /// levels add up. `number` distinguishes it from its siblings.
 #[inline]
 pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl FnOnce() -> R) -> R {
-    struct Restore(Branch);
+    struct Restore {
+        before: Branch,
+        is_plain: bool,
+    }
     impl Drop for Restore {
         #[inline]
         fn drop(&mut self) {
-            THREAD.with(|thread| thread.set_branch(self.0));
+            match self.is_plain {
+                true => local().branch.set(self.before),
+                false => local().set_branch(self.before),
+            }
         }
     }
-    let _restore = THREAD.with(|thread| {
-        let before = thread.branch.get();
-        thread.set_branch(before.branch(failed, levels, number));
-        Restore(before)
-    });
+    let thread = local();
+    let before = thread.branch.get();
+    // The turn stays as plain as it is.
+    let is_plain = before.is_plain() && !failed && levels == 0;
+    match is_plain {
+        true => thread.branch.set(Branch(Branch::PART)),
+        false => thread.set_branch(before.branch(failed, levels, number)),
+    }
+    let _restore = Restore { before, is_plain };
     poll()
 }

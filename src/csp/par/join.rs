@@ -39,11 +39,10 @@ pub trait Branches {
     fn into_slots(self) -> Self::Slots;
 }
 
-/// A branch, or what it came to.
+/// A branch, or what it came to, until that is taken.
 enum State<F, T> {
     Running(F),
-    Done(Result<T>),
-    Taken,
+    Done(Option<Result<T>>),
 }
 
 /// A branch in its place. Pinned with the whole.
@@ -91,7 +90,7 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
                 *failed = true;
                 // Dropped where it waits.
                 current::with_branch_below(*failed, below, number, || {
-                    current::with_abandoned(|| *state = State::Done(Err(Error::Poisoned)));
+                    current::with_abandoned(|| *state = State::Done(Some(Err(Error::Poisoned))));
                 });
                 false
             }
@@ -99,7 +98,7 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
             Poll::Ready(outcome) => {
                 *failed |= outcome.is_err();
                 // Drops the branch, and with it its channel ends, before the siblings go on.
-                *state = State::Done(outcome);
+                *state = State::Done(Some(outcome));
                 false
             }
         }
@@ -112,12 +111,11 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
     /// If it runs, or was taken before.
     pub(super) fn take(self: Pin<&mut Self>) -> Result<T> {
         // SAFETY: an outcome is not pinned.
-        match std::mem::replace(unsafe { &mut self.get_unchecked_mut().0 }, State::Taken) {
-            State::Done(outcome) => outcome,
-            State::Running(_) | State::Taken => {
-                panic!("a parallel construct was polled after it had ended")
-            }
-        }
+        let outcome = match unsafe { &mut self.get_unchecked_mut().0 } {
+            State::Done(outcome) => outcome.take(),
+            State::Running(_) => None,
+        };
+        outcome.expect("a parallel construct was polled after it had ended")
     }
 }
 
@@ -205,14 +203,13 @@ macro_rules! joins {
                         break;
                     }
                 }
-                Poll::Ready(match ($($slot.take(),)+) {
-                    ($(Ok($slot),)+) => Ok(($($slot,)+)),
-                    ($($slot,)+) => {
-                        let mut failures = Failures::default();
-                        $(failures.add($slot.err());)+
-                        Err(failures.take_error().expect("not all branches have ended well"))
-                    }
-                })
+                if !this.failed {
+                    let mut values = || Ok(($($slot.as_mut().take()?,)+));
+                    return Poll::Ready(values());
+                }
+                let mut failures = Failures::default();
+                $(failures.add($slot.take().err());)+
+                Poll::Ready(Err(failures.take_error().expect("not all branches have ended well")))
             }
         }
     };
