@@ -87,6 +87,11 @@ impl Status {
         }
     }
 
+    /// Whether nobody uses it any more: it is being closed, if it is not yet.
+    pub(super) fn is_left(&self) -> bool {
+        self.users.load(Ordering::Acquire) == 0
+    }
+
     pub(super) fn key(&self) -> &str {
         &self.key
     }

@@ -2,12 +2,16 @@
 
 use super::device::{Device, DeviceView, Open, Status};
 use super::error::{DeviceError, Holder};
-use crate::safety::Safety;
+use crate::safety::{Degree, Safety};
 use crate::system::Plan;
 use luna_platform::lock::PiLock;
 use std::any::Any;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, Instant};
+
+/// How long an opening waits for the closing before it.
+const CLOSING: Duration = Duration::from_secs(1);
 
 /// Whether a device that is open already may be opened again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -62,6 +66,11 @@ struct Entry {
 }
 
 impl Entry {
+    fn is_open(&self) -> bool {
+        let open = self.open.as_ref();
+        open.is_some_and(|open| open.strong_count() > 0)
+    }
+
     /// What is open, if it is.
     fn open(&self) -> Option<Arc<dyn Any + Send + Sync>> {
         self.open.as_ref()?.upgrade()
@@ -114,7 +123,8 @@ impl DeviceManager {
     /// Opens the device `name`, or shares what is open under that name already.
     ///
     /// `open` is called only in the first case, and does all that opening means; dropping what it
-    /// gives closes the device. `kind` is what the device is, in the words of an error: "motor
+    /// gives closes the device. A device whose last user has just gone is waited for, until it is
+    /// closed, for a second at most. Real-time path: no. `kind` is what the device is, in the words of an error: "motor
     /// driver". A name that is a path is that of the file which it leads to, so a link and its
     /// target are one device.
     ///
@@ -160,6 +170,7 @@ impl DeviceManager {
         };
         let devices = &self.plan.devices;
         let key = key(name);
+        self.wait_while_closing(&key);
         let status = {
             let mut entries = devices.lock();
             let there = entries.iter().position(|entry| *entry.status.key() == *key);
@@ -202,6 +213,24 @@ impl DeviceManager {
         }
         drop(forget);
         Ok(Device::new(open, self.safety(), devices.clone()))
+    }
+
+    /// Waits while the device is being closed: what a process dropped on the real-time path is
+    /// closed by another thread, a moment later.
+    fn wait_while_closing(&self, key: &str) {
+        let begin = Instant::now();
+        let is_closing = || {
+            let entries = self.plan.devices.lock();
+            let entry = entries.iter().find(|entry| entry.status.key() == key);
+            entry.is_some_and(|entry| entry.status.is_left() && entry.is_open())
+        };
+        // In an emergency it stays open until the functions have run.
+        while self.safety().degree() != Degree::Emergency
+            && is_closing()
+            && begin.elapsed() < CLOSING
+        {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     fn safety(&self) -> Safety {

@@ -89,6 +89,13 @@ from! {
     crate::devices::DeviceError { error => Error::Device(error.into()) }
     #[cfg(unix)]
     luna_executors::FileError { error => Error::other(error) }
+    crate::external::BadRecord { error => Error::other(error) }
+    crate::external::Malformed { error => Error::other(error) }
+    crate::safety::ResetError { error => Error::other(error) }
+    luna_executors::DriveError { error => Error::other(error) }
+    luna_platform::thread::PolicyError { error => Error::other(error) }
+    #[cfg(feature = "logger")]
+    luna_logger::StartError { error => Error::other(error) }
     std::io::Error { error => Error::other(error) }
 }
 

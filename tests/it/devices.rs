@@ -61,6 +61,32 @@ fn it_is_closed_with_the_last_user_and_may_be_opened_anew() {
 }
 
 #[test]
+fn it_is_opened_anew_as_soon_as_the_process_that_used_it_has_ended() {
+    let _watchdog = watchdog();
+    let mut system = System::new("again");
+    let devices = system.devices();
+    let main = system.executor("main").build().unwrap();
+    let user = main.clone();
+    main.process("opens it")
+        .spawn(async move {
+            for _ in 0..20 {
+                let own = devices.clone();
+                let open = move || open(&own, Sharing::Exclusive).map(|(motor, _)| motor);
+                let motor = luna::blocking(open).await?;
+                let process = user.process("uses it").one_of_many().start(async move {
+                    luna::yield_now().await;
+                    drop(motor);
+                    Ok(())
+                })?;
+                process.join().await;
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
 fn one_that_wants_it_alone_does_not_share_it() {
     let system = System::new("sharing");
     let devices = system.devices();
