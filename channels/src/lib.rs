@@ -55,6 +55,8 @@ mod receiver;
 mod replay;
 mod select_state;
 mod sender;
+#[cfg(feature = "sink")]
+mod sink;
 mod source;
 mod stamp;
 mod stream;

@@ -8,7 +8,7 @@ use crate::extended::Extending;
 use crate::operation::{RecvOp, RecvTimeout};
 use crate::stream::Incoming;
 use futures_core::Stream;
-use futures_lite::stream;
+use futures_lite::{StreamExt, stream};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::fmt;
@@ -247,13 +247,15 @@ impl<T> Receiver<T> {
     /// assert_eq!(block_on(doubled.next()), Some(2));
     /// assert_eq!(block_on(doubled.next()), Some(4));
     /// assert_eq!(block_on(doubled.next()), None);
+    /// assert_eq!(block_on(doubled.next()), None); // as often as it is polled
     /// # Ok::<(), luna_channels::TrySendError<i32>>(())
     /// ```
     pub fn into_stream(self) -> impl Stream<Item = T> + Unpin + use<T> {
-        Box::pin(stream::unfold(self, |receiver| async move {
+        let values = stream::unfold(self, |receiver| async move {
             let value = receiver.recv().await.ok()?;
             Some((value, receiver))
-        }))
+        });
+        Box::pin(values.fuse())
     }
 
     /// Poisons the channel: see [`Sender::poison`](crate::Sender::poison).

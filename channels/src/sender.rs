@@ -7,8 +7,6 @@ use crate::error::{SendError, SendTimeoutError, TrySendError};
 use crate::operation::{SendOp, SendTimeout};
 use crate::source::{FromSlot, Made};
 use crate::waiter::Waiter;
-#[cfg(feature = "sink")]
-use futures_util::Sink;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::fmt;
@@ -243,27 +241,6 @@ impl<T> Sender<T> {
             Some(sent) => sent.map_err(SendTimeoutError::from),
             None => send.give_up(),
         }
-    }
-
-    /// The sender as a sink: each value is sent as by [`send`](Self::send), and the next one is
-    /// taken when it was. Allocates once, here. A sink that has returned an error has ended, and is
-    /// not to be used again.
-    ///
-    /// ```
-    /// # use futures_lite::future::{block_on, zip};
-    /// use futures_util::SinkExt;
-    ///
-    /// let (sender, receiver) = luna_channels::channel();
-    /// let mut sink = sender.into_sink();
-    /// assert_eq!(block_on(zip(sink.send(4), receiver.recv())), (Ok(()), Ok(4)));
-    /// ```
-    #[cfg(feature = "sink")]
-    pub fn into_sink(self) -> impl Sink<T, Error = SendError<T>> + Unpin + use<T> {
-        let send = |sender: Sender<T>, value| async move {
-            sender.send(value).await?;
-            Ok(sender)
-        };
-        Box::pin(futures_util::sink::unfold(self, send))
     }
 
     /// Poisons the channel: all operations that wait on it, and all that come to it later, on both

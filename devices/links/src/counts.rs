@@ -37,7 +37,8 @@ impl Counts {
         self.0.bad.load(Ordering::Relaxed)
     }
 
-    /// How often the peer of a UDP link refused a packet, since no program listens there.
+    /// How often the peer of a UDP link refused a packet, since no program listens there. The system
+    /// reports that to the link that uses the socket next, a reader or a writer: add up both.
     pub fn refused(&self) -> u64 {
         self.0.refused.load(Ordering::Relaxed)
     }
