@@ -93,7 +93,16 @@ impl fmt::Display for Wait {
                 _ => f.write_str(", whose other end it used last itself"),
             },
             Partner::Process(name) => write!(f, " for `{name}`, which {did}"),
-            Partner::Ended(name) => write!(f, " for `{name}`, which {did} and has ended"),
+            Partner::Ended(name) => {
+                write!(f, " for `{name}`, which {did} and has ended")?;
+                match operation {
+                    // Else the channel were closed.
+                    Operation::Send | Operation::Receive => {
+                        f.write_str("; a clone of that end still lives: drop it")
+                    }
+                    _ => Ok(()),
+                }
+            }
             Partner::Nobody => write!(f, ", {nobody}"),
             Partner::Holders(names) => {
                 write!(f, ", {nobody}; {} appears to hold it", one_of(names))

@@ -68,6 +68,32 @@ fn on_a_virtual_clock_it_ends_a_system_that_is_not_strict() {
     assert_eq!(system.report().unwrap().end, End::Deadlock);
 }
 
+#[test]
+fn a_clone_that_keeps_a_channel_open_is_named() {
+    let _watch = watchdog();
+    let mut system = strict("kept");
+    let main = system.executor("main").build().unwrap();
+    let (jobs, todo) = luna::channel::<u32>();
+    let _kept = jobs.clone();
+    main.process("source").spawn_ok(async move {
+        jobs.send(1).await?;
+        Ok(())
+    });
+    main.process("worker").spawn_ok(async move {
+        while todo.recv().await.is_ok() {}
+        Ok(())
+    });
+    let deadlock = deadlock_of(&system);
+    if COMPLETE {
+        assert_eq!(
+            deadlock.waits[0].partner,
+            Partner::Ended("source".to_owned())
+        );
+        let text = deadlock.to_string();
+        assert!(text.contains("a clone of that end still lives"), "{text}");
+    }
+}
+
 /// Played by children of these tests.
 #[test]
 fn part() {
