@@ -37,7 +37,7 @@ export class Address {
     if (text === this.text) return;
     this.text = text;
     const layout = then.get("layout"), span = Number(then.get("span")), until = Number(then.get("until"));
-    if (span > 0 && isFinite(span)) signals.span = span;
+    if (span > 0 && isFinite(span)) signals.spread(span);
     if (then.has("signal")) {
       list.chosenByHand = true;
       list.chosen.clear();
@@ -53,7 +53,7 @@ export class Address {
     }
     for (const one of then.getAll("axis")) {
       const [, key, low, high] = /^(.*) from (\S+) to (\S+)$/.exec(one) ?? [];
-      if (Number(high) > Number(low)) signals.held.set(key, { low: Number(low), high: Number(high) });
+      signals.hold(key, Number(low), Number(high));
     }
     ["x", "y"].forEach((name, n) => { signals.xy.keys[n] = then.get(name) ?? signals.xy.keys[n]; });
     if (LAYOUTS.includes(layout)) signals.lay(layout);
