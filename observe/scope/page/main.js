@@ -132,8 +132,9 @@ function foot(now) {
   const { status } = model;
   const losses = [];
   if (model.lostInAll) losses.push(`${count(model.lostInAll)} lost by the recorder`);
-  if (model.samplesFrom > 0) losses.push(`of signals until ${instant(model.samplesFrom, 0.1)} an overview`);
-  if (model.eventsFrom > 0) losses.push(`of events until ${instant(model.eventsFrom, 0.1)} nothing is kept`);
+  const samplesKept = model.samplesKept(views.signals.shown), { eventsKept } = model;
+  if (samplesKept > 0) losses.push(`of signals until ${instant(samplesKept, 0.1)} an overview`);
+  if (eventsKept > 0) losses.push(`of events until ${instant(eventsKept, 0.1)} nothing is kept`);
   if (model.missed) losses.push(`${count(model.missed)} blocks missed by this page`);
   if (status.left_out_samples || status.left_out_events) losses.push(`${count(status.left_out_samples + status.left_out_events)} too many to show`);
   if (status.left_out_declarations) losses.push("too much is declared to show all of it");

@@ -92,6 +92,10 @@ export class Model {
     }
   }
 
+  // From when on there are events, and samples of some curves: those before were not sent, or have left this page's memory.
+  get eventsKept() { return Math.max(this.eventsFrom, this.events.keptFrom); }
+  samplesKept(curves) { return Math.max(this.samplesFrom, ...curves.map(({ signal }) => signal.series.keptFrom)); }
+
   // The last instant that something is known of.
   get last() { return Math.max(this.clock.latest, this.until); }
 

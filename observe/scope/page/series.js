@@ -118,6 +118,8 @@ export class Series {
 
   time(index) { return this.times[index & this.mask]; }
   value(index, element = 0) { return this.values[element][index & this.mask]; }
+  // From when on the samples are in memory: from the start, if none was dropped.
+  get keptFrom() { return this.begin > 0 ? this.time(this.begin) : 0; }
   get lastTime() { return this.end > this.begin ? this.time(this.end - 1) : null; }
 
   // The first sample that is not before `time`.

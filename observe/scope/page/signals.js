@@ -42,6 +42,7 @@ export class Signals {
   get rows() { return this.list.rows; }
   get chosen() { return this.list.chosen; }
   get curves() { return this.list.curves; }
+  get shown() { return this.layout === "xy" ? this.xy.curves : this.curves; }
 
   controls() {
     for (const button of this.root.querySelectorAll("[data-layout]")) button.onclick = () => this.lay(button.dataset.layout);
@@ -143,7 +144,7 @@ export class Signals {
   frame() {
     if (this.list.declare()) this.declare();
     this.trigger.look();
-    const isXY = this.layout === "xy", curves = isXY ? this.xy.curves : this.curves;
+    const isXY = this.layout === "xy", curves = this.shown;
     const note = this.rows.size === 0 ? "No signals yet. A process records them with Signal::record." : curves.length === 0 ? "Choose signals in the list." : "";
     put(this.empty, note);
     this.empty.hidden = note === "";

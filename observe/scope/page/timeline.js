@@ -240,8 +240,7 @@ export class Timeline {
     const { gutter } = this, right = width - RIGHT, scroll = this.box.scrollTop;
     const y = (lane) => AXIS + lane * LANE - scroll;
     this.drawGaps(context, palette, height);
-    const kept = events.begin > 0 ? events.time[events.begin & events.mask] : 0;
-    gone(context, palette, this.x(0), this.x(Math.max(this.model.eventsFrom, kept)), [gutter, AXIS, right, height]);
+    gone(context, palette, this.x(0), this.x(this.model.eventsKept), [gutter, AXIS, right, height]);
     this.grid(context, palette, from, to, width, height);
     context.save();
     context.beginPath();

@@ -11,6 +11,7 @@ mod looks;
 mod marks;
 mod parameters;
 mod plot;
+mod seek;
 mod views;
 
 use crate::support;
