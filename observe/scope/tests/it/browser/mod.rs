@@ -10,6 +10,7 @@ mod history;
 mod looks;
 mod marks;
 mod parameters;
+mod pause;
 mod plot;
 mod seek;
 mod views;
