@@ -95,14 +95,17 @@ function showState() {
   if (clock.speed === 0 && $("#speed").value !== "0") $("#speed").value = "0";
 }
 
+const CHECKBOX = "input[type=checkbox]", TEXT = `input:not(${CHECKBOX}), textarea`;
 document.addEventListener("keydown", (event) => {
-  if (event.target.matches("input, select, textarea") || event.altKey || event.ctrlKey || event.metaKey) return;
-  if (event.key === " ") { event.preventDefault(); if (!event.repeat) $("#pause").click(); }
-  else views[seen].key?.(event.key);
+  const { target, key } = event;
+  if (target.matches(TEXT) || event.altKey || event.ctrlKey || event.metaKey) return;
+  if (key === " ") { event.preventDefault(); if (!event.repeat) $("#pause").click(); }
+  else if (key === "Enter" && target.matches(CHECKBOX)) { event.preventDefault(); target.click(); }
+  else if (!target.matches("select")) views[seen].key?.(key); // letters choose there
 });
 
-// Space on a button pauses, and does not press it as well: Enter does.
-document.addEventListener("keyup", (event) => event.key === " " && event.target.matches("button") && event.preventDefault());
+// Space on a button or a checkbox pauses, and does not press it as well: Enter does.
+document.addEventListener("keyup", (event) => event.key === " " && event.target.matches(`button, ${CHECKBOX}`) && event.preventDefault());
 
 function banner() {
   const { emergency } = model.status;

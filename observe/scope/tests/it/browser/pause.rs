@@ -1,6 +1,6 @@
 //! What a paused page takes in, and which keys pause.
 
-use super::{LAPTOP, browser, is_content, settings};
+use super::{LAPTOP, browser, is_content, live, settings};
 use crate::support::machine::{Machine, PERIOD};
 use luna_scope::{Scope, Speed};
 
@@ -33,5 +33,35 @@ fn a_paused_page_that_connects_again_has_the_status_when_it_follows() {
     assert_eq!(browser.run(&format!("{banner}.hidden")), false);
     let kept = browser.run("[scope.model.status.report, scope.model.counts.late_in_all]");
     assert_eq!(kept, serde_json::json!(["completed after 2 s", 2]));
+    is_content(&browser);
+}
+
+/// Space pauses wherever the focus is, except where it is text.
+#[test]
+fn space_pauses_on_checkboxes_and_selects_too() {
+    let Some((mut browser, _feeder, _scope)) = live("space") else {
+        return;
+    };
+    let checkbox = "#signal-list input[type=checkbox]";
+    let checked = format!("document.querySelector('{checkbox}').checked");
+    browser.run(&format!("document.querySelector('{checkbox}').focus()"));
+    browser.key(" ");
+    browser.wait("!scope.clock.live");
+    assert_eq!(browser.run(&checked), true);
+    browser.key("Enter");
+    browser.wait(&format!("!{checked}"));
+    assert_eq!(browser.run("scope.clock.live"), false);
+
+    // Letters choose in a select.
+    browser.run("document.querySelector('#speed').focus()");
+    browser.key("c");
+    assert_eq!(browser.run("scope.views.signals.cursors.on"), false);
+    browser.key(" ");
+    browser.wait("scope.clock.live");
+
+    browser.run("document.querySelector('#signal-filter').focus()");
+    browser.key(" ");
+    browser.wait("document.querySelector('#signal-filter').value === ' '");
+    assert_eq!(browser.run("scope.clock.live"), true);
     is_content(&browser);
 }
