@@ -137,6 +137,7 @@ function foot(now) {
   if (model.lostInAll) losses.push(`${count(model.lostInAll)} lost by the recorder`);
   const samplesKept = model.samplesKept(views.signals.shown), { eventsKept } = model;
   if (samplesKept > 0) losses.push(`of signals until ${instant(samplesKept, 0.1)} an overview`);
+  if (model.samplesFrom > 0) losses.push(`of messages until ${instant(model.samplesFrom, 0.1)} the last warnings and errors`);
   if (eventsKept > 0) losses.push(`of events until ${instant(eventsKept, 0.1)} nothing is kept`);
   if (model.missed) losses.push(`${count(model.missed)} blocks missed by this page`);
   if (status.left_out_samples || status.left_out_events) losses.push(`${count(status.left_out_samples + status.left_out_events)} too many to show`);

@@ -153,9 +153,10 @@ export class Model {
     this.version++;
   }
 
-  // The last state of a process, sent to a viewer that connects later.
+  // The last state of a process, or the last emergency, sent to a viewer that connects later.
   lastEvent(time, code, subject, a, b, thread) {
     const state = stateOf(code, a);
+    if (code === CODE.emergency && (time < this.eventsFrom || this.missed > 0)) this.marks.emergency(time, subject, a);
     if (state === 0) return;
     const process = this.process(subject);
     process.base = { time, state, a, b };

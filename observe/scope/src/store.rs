@@ -2,6 +2,7 @@
 //!
 //! Its blocks have the format of recordings, and their own numbers.
 
+mod alarms;
 mod changes;
 mod declared;
 mod kept;
@@ -11,6 +12,7 @@ mod tests;
 
 use crate::loops::Loops;
 use crate::reduce::{Bucket, Budget};
+use alarms::Alarms;
 use changes::Changes;
 use declared::Declared;
 use kept::Kept;
@@ -58,6 +60,7 @@ pub(crate) struct Store {
     /// The shown recording: viewers begin again with each.
     recording: Recording,
     declared: Declared,
+    alarms: Alarms,
     buckets: BTreeMap<u32, Bucket>,
     budget: Budget,
     loops: Loops,
@@ -124,6 +127,7 @@ impl Store {
             is_hidden: false,
             recording: Recording::NONE,
             declared: Declared::default(),
+            alarms: Alarms::default(),
             buckets: BTreeMap::new(),
             budget: Budget::new(),
             loops: Loops::default(),
@@ -236,7 +240,13 @@ impl Store {
                 }
             }
             Record::Event(event) => self.event(event, is_past),
-            Record::Message { .. } if is_past => {}
+            Record::Message { .. } => {
+                let block = (!is_past).then_some(self.samples.current());
+                self.alarms.take(record, block);
+                if !is_past {
+                    self.samples.put(record);
+                }
+            }
             other => {
                 if self.declared.take(other) {
                     self.samples.put(other);
@@ -324,8 +334,10 @@ impl Store {
             overviews: Vec::new(),
         };
         if begins || missed > 0 {
-            // Also what was declared in those that it has missed.
-            news.blocks = self.declared.blocks();
+            // Also what was declared in those that it has missed, and their alarms.
+            let from = (!begins).then_some(position.next[0]);
+            let alarms = self.alarms.between(from, self.samples.first);
+            news.blocks = self.declared.blocks(alarms);
             let all = self.overviews.iter();
             news.overviews = all
                 .map(|(signal, overview)| overview.json(*signal))
