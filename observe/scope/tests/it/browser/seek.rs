@@ -152,3 +152,35 @@ fn what_is_in_memory_is_not_fetched() {
     is_content(&browser);
     player.end();
 }
+
+/// A file that is played at once stands at what is sought.
+#[test]
+fn a_file_that_is_played_at_once_stands_where_it_is_sought() {
+    let Some(mut browser) = browser("at-once") else {
+        return;
+    };
+    let player = Player::start(&mut browser, file(200), Speed::AT_ONCE);
+    browser.wait("scope.clock.latest > 199.99");
+    for place in [50.0, 120.0] {
+        click(&mut browser, place / 200.0);
+        browser.wait(&format!(
+            "Math.abs(scope.model.samplesFrom - {place} + 5) < 1 && scope.clock.latest > {place} + 4"
+        ));
+        browser.run("new Promise((done) => setTimeout(done, 500))");
+        let now = number(&browser.run("scope.clock.now"));
+        assert!((now - place - 5.0).abs() < 1.0, "{now}");
+        // All that the plot shows is there.
+        let window = browser.run("scope.views.signals.window()");
+        let (from, to) = (number(&window[0]), number(&window[1]));
+        browser
+            .run("scope.views.signals.whole.seek = () => { throw new Error('it seeks again'); }");
+        browser.run(&format!(
+            "scope.views.signals.showAt({from} / 2 + {to} / 2)"
+        ));
+        browser.run("scope.views.signals.whole.fetch()");
+        browser
+            .run("scope.views.signals.whole.seek = (...range) => scope.connection.seek(...range)");
+    }
+    is_content(&browser);
+    player.end();
+}
