@@ -19,6 +19,7 @@ export class Model {
     this.virtual = false;
     this.threads = new Map();
     this.signals = new Map(); // by number: { number, name, unit, description, elements, series, colour }
+    this.early = new Map(); // overviews of signals that are not declared yet, by number
     this.processes = new Map();
     this.executors = new Map();
     this.channels = new Map();
@@ -50,6 +51,9 @@ export class Model {
     const known = this.signals.get(number);
     if (known && known.name === name && known.elements === elements) return;
     this.signals.set(number, { number, elements, name, unit, description, series: new Series(elements) });
+    const overview = this.early.get(number);
+    this.early.delete(number);
+    if (overview) this.overview(overview);
     this.version++;
   }
 
@@ -62,8 +66,10 @@ export class Model {
   }
 
   overview(word) {
-    const overview = this.signals.get(word.signal)?.series.overview;
-    if (!overview) return;
+    const signal = this.signals.get(word.signal);
+    if (!signal) { this.early.set(word.signal, word); return; }
+    if (signal.elements !== word.elements.length) return;
+    const { overview } = signal.series;
     overview.merge(word);
     overview.isWhole = this.until > 0;
   }

@@ -184,3 +184,18 @@ fn a_file_that_is_played_at_once_stands_where_it_is_sought() {
     is_content(&browser);
     player.end();
 }
+
+/// The overview comes before the signal is declared.
+#[test]
+fn a_signal_that_is_declared_later_has_its_overview() {
+    let Some(mut browser) = browser("later") else {
+        return;
+    };
+    let player = Player::start(&mut browser, file(20), Speed::times(10.0));
+    browser.wait("scope.model.signals.size === 2");
+    let overview = browser.run("(() => { const { overview } = scope.model.signals.get(1).series; let n = 0; for (const one of overview.least[0]) n += one === one; return [overview.isWhole, n * overview.span]; })()");
+    assert_eq!(overview[0], true, "{overview}");
+    assert!((number(&overview[1]) - 10.0).abs() < 0.2, "{overview}");
+    is_content(&browser);
+    player.end();
+}
