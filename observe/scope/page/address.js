@@ -62,16 +62,17 @@ export class Address {
     if (then.has("view")) this.show(then.get("view"));
   }
 
-  // Stands where it stood, as soon as there is something to see.
+  // Stands where it stood, as soon as the data until there has come. A run that has not come so far yet is followed.
   frame() {
     const { signals, until } = this, { model, clock } = signals;
-    if (until === null) return;
-    if (!clock.live) { this.until = null; return; } // one who was quicker
-    if (clock.latest >= until - 1e-6 && clock.latest > 0) {
+    if (until === null || clock.latest === 0) return;
+    const isKnown = until <= Math.max(model.last, model.known) + 1e-6;
+    if (!clock.live || !isKnown) { this.until = null; return; } // or one was quicker
+    if (clock.latest >= until - 1e-6) {
       this.until = null;
       clock.pause(Math.max(0, Math.min(until, clock.latest)));
       signals.end = until;
-    } else if (model.until >= until && !this.sought) {
+    } else if (until > model.known && !this.sought) {
       this.sought = true;
       this.connection.seek(until - signals.span, until);
     }

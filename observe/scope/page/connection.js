@@ -160,7 +160,7 @@ export class Connection {
         this.decoder = new Decoder(this.model, start);
         const after = (time) => (time === null ? 0 : (Number(time) - start) / 1e9);
         [this.model.samplesFrom, this.model.eventsFrom] = piece.kept_from.map(after);
-        this.model.until = after(piece.until);
+        [this.model.until, this.model.known] = [piece.until, piece.last].map(after);
         this.handlers.begin?.();
       } else this.model.missed += piece.blocks;
       this.declarations = piece.declarations;

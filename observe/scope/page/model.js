@@ -32,6 +32,7 @@ export class Model {
     this.lost = new Map();
     this.missed = 0;
     this.until = 0; // the last instant of a file
+    this.known = 0; // the last one that the scope knew when this page came: all until there is on its way
     this.samplesFrom = this.eventsFrom = 0; // what came before was no longer kept when this page came
     this.counts = { loops: [], late: [], late_in_all: 0 };
     this.status = {};

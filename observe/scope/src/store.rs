@@ -99,6 +99,8 @@ pub(crate) struct News {
     pub(crate) start: Option<u64>,
     /// The recording's last time, if it is a file's.
     pub(crate) until: Option<u64>,
+    /// The last time of what has come: viewers get all until there.
+    pub(crate) last: Option<u64>,
     /// The first time of the samples and of the events that are kept, if those are not all.
     pub(crate) kept_from: [Option<u64>; 2],
     /// The extremes of each signal since the start, where declarations are repeated.
@@ -330,6 +332,7 @@ impl Store {
             begins,
             start: self.start,
             until: self.until,
+            last: self.last,
             kept_from: kept.map(|kept| kept.kept_from().or(self.shows_from)),
             overviews: Vec::new(),
         };
