@@ -1,7 +1,7 @@
 //! Measures how many frames a second the page draws on each view, in a headless Chromium:
 //! `cargo run --release -p luna-scope --example frame_rate`, for a computed machine with 32 curves
-//! of 1 kHz and 57 000 events a second; or with the address of a scope that runs, as that of
-//! `luna demo --scope`.
+//! of 1 kHz, 57 000 events a second and 24 parameters; or with the address of a scope that runs, as
+//! that of `luna demo --scope`.
 //!
 //! The times between frames are those of `requestAnimationFrame`, for ten seconds after a warm-up
 //! of five; the run time of each frame's script is reported too. A headless Chromium draws without
@@ -10,13 +10,16 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
-use luna_scope::{Scope, Settings};
+use luna_scope::{Parameter, Parameters, Scope, Settings};
+use serde_json::Value;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use support::browser::{Browser, program};
 use support::feeder::Feeder;
 use support::machine::Machine;
 
 /// A name, the view, and what to do there first.
-const MEASURED: [(&str, &str, &str); 8] = [
+const MEASURED: [(&str, &str, &str); 9] = [
     ("signals, stacked", "signals", "signals.lay('stack')"),
     ("signals, overlaid", "signals", "signals.lay('overlay')"),
     ("signals, X-Y", "signals", "signals.lay('xy')"),
@@ -29,7 +32,25 @@ const MEASURED: [(&str, &str, &str); 8] = [
     ),
     ("timeline", "timeline", "timeline"),
     ("messages", "messages", "messages"),
+    ("parameters", "parameters", "parameters"),
 ];
+
+/// Parameters of the computed machine; one of them changes with each look.
+#[derive(Default)]
+struct Gains(AtomicU32);
+
+impl Parameters for Gains {
+    fn list(&self) -> Vec<Parameter> {
+        let looks = self.0.fetch_add(1, Ordering::Relaxed);
+        let gain = |n| Parameter::new(format!("axis/gain {n}"), f64::from(n)).range(0.0, 50.0);
+        let changing = Parameter::new("looks", looks);
+        (1..24).map(gain).chain([changing]).collect()
+    }
+
+    fn set(&self, _: &str, _: &Value) -> Result<(), String> {
+        Err("it is fixed".to_owned())
+    }
+}
 
 fn main() {
     let program = program().expect("chromium is needed (Debian: chromium)");
@@ -38,7 +59,9 @@ fn main() {
         measure(&mut browser, &url);
         return;
     }
-    let settings = Settings::default().address(([127, 0, 0, 1], 0).into());
+    let settings = Settings::default()
+        .address(([127, 0, 0, 1], 0).into())
+        .parameters(Arc::new(Gains::default()));
     let scope = Scope::open(settings).unwrap();
     let feeder = Feeder::start(&scope, Machine::new());
     measure(&mut browser, &scope.url());
@@ -55,12 +78,12 @@ fn measure(browser: &mut Browser, url: &str) {
         browser.run("new Promise((done) => setTimeout(done, 5000))");
         let measured = browser.run(&format!(
             "new Promise((done) => {{
-                const times = [], work = [], view = scope.views.{view}, frame = view.frame.bind(view), before = scope.model.samples;
+                const times = [], work = [], view = scope.views.{view}, own = view.frame, frame = own.bind(view), before = scope.model.samples;
                 view.frame = (now) => {{ const begun = performance.now(); frame(now); work.push(performance.now() - begun); }};
                 const next = (now) => {{
                     times.push(now);
                     if (now - times[0] < 10000) return requestAnimationFrame(next);
-                    delete view.frame;
+                    view.frame = own;
                     const gaps = times.slice(1).map((time, n) => time - times[n]).sort((a, b) => a - b);
                     work.sort((a, b) => a - b);
                     const at = (list, share) => list[Math.min(list.length - 1, Math.floor(list.length * share))].toFixed(1);

@@ -37,7 +37,7 @@ export class Address {
     if (text === this.text) return;
     this.text = text;
     const layout = then.get("layout"), span = Number(then.get("span")), until = Number(then.get("until"));
-    if (span > 0 && isFinite(span)) signals.span = span;
+    if (span > 0 && isFinite(span)) signals.spread(span);
     if (then.has("signal")) {
       list.chosenByHand = true;
       list.chosen.clear();
@@ -53,7 +53,7 @@ export class Address {
     }
     for (const one of then.getAll("axis")) {
       const [, key, low, high] = /^(.*) from (\S+) to (\S+)$/.exec(one) ?? [];
-      if (Number(high) > Number(low)) signals.held.set(key, { low: Number(low), high: Number(high) });
+      signals.hold(key, Number(low), Number(high));
     }
     ["x", "y"].forEach((name, n) => { signals.xy.keys[n] = then.get(name) ?? signals.xy.keys[n]; });
     if (LAYOUTS.includes(layout)) signals.lay(layout);
@@ -62,16 +62,17 @@ export class Address {
     if (then.has("view")) this.show(then.get("view"));
   }
 
-  // Stands where it stood, as soon as there is something to see.
+  // Stands where it stood, as soon as the data until there has come. A run that has not come so far yet is followed.
   frame() {
     const { signals, until } = this, { model, clock } = signals;
-    if (until === null) return;
-    if (!clock.live) { this.until = null; return; } // one who was quicker
-    if (clock.latest >= until - 1e-6 && clock.latest > 0) {
+    if (until === null || clock.latest === 0) return;
+    const isKnown = until <= Math.max(model.last, model.known) + 1e-6;
+    if (!clock.live || !isKnown) { this.until = null; return; } // or one was quicker
+    if (clock.latest >= until - 1e-6) {
       this.until = null;
       clock.pause(Math.max(0, Math.min(until, clock.latest)));
       signals.end = until;
-    } else if (model.until >= until && !this.sought) {
+    } else if (until > model.known && !this.sought) {
       this.sought = true;
       this.connection.seek(until - signals.span, until);
     }

@@ -4,6 +4,8 @@ import { Decoder } from "./decode.js";
 
 const HIDDEN = 20_000; // so long the page may be hidden before it hangs up
 const MOST_KEPT = 64 << 20; // bytes that wait while the page is paused
+const COUNTS = ["loops", "status"];
+const ORDERED = ["begin", "missed", "overview", ...COUNTS]; // words that belong between the blocks
 
 // The token, which is taken out of the address: an address that is passed on has the layout alone.
 function token() {
@@ -94,7 +96,7 @@ export class Connection {
   take(data) {
     if (typeof data !== "string") this.bytes += data.byteLength;
     const word = typeof data === "string" ? JSON.parse(data) : null;
-    if (word && !["begin", "missed", "overview"].includes(word.type)) return this.hear(word);
+    if (word && !ORDERED.includes(word.type)) return this.hear(word);
     // While the page is paused, memory is kept: otherwise what is shown would be overwritten.
     if (!this.clock.live) return this.keep(word ?? data);
     this.apply(word ?? data);
@@ -102,6 +104,12 @@ export class Connection {
   }
 
   keep(piece) {
+    if (piece.type === "begin") [this.kept, this.keptBytes] = [[], 0]; // which forgets all before
+    if (COUNTS.includes(piece.type)) {
+      // An emergency is shown at once. It is heard again in its order, after a `begin`; the last word has all of those before.
+      this.hear(piece);
+      this.kept = this.kept.filter(({ type }) => type !== piece.type);
+    }
     this.kept.push(piece);
     this.keptBytes += piece.byteLength ?? 0;
     let dropped = 0;
@@ -142,6 +150,8 @@ export class Connection {
       this.declarations--;
     } else if (piece.type === "overview") {
       this.model.overview(piece);
+    } else if (COUNTS.includes(piece.type)) {
+      this.hear(piece);
     } else {
       if (piece.type === "begin") {
         this.model.reset();
@@ -150,7 +160,7 @@ export class Connection {
         this.decoder = new Decoder(this.model, start);
         const after = (time) => (time === null ? 0 : (Number(time) - start) / 1e9);
         [this.model.samplesFrom, this.model.eventsFrom] = piece.kept_from.map(after);
-        this.model.until = after(piece.until);
+        [this.model.until, this.model.known] = [piece.until, piece.last].map(after);
         this.handlers.begin?.();
       } else this.model.missed += piece.blocks;
       this.declarations = piece.declarations;

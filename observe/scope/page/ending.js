@@ -7,6 +7,8 @@ export function ending(model, connection) {
   const { ended, counts, status } = model;
   if (ended === null) {
     if (connection.state !== "away" || model.clock.latest === 0) return null;
+    // The end may be among what waits while the page is paused.
+    if (connection.wasClosed && connection.kept.length > 0) return { kind: "closed", text: "The scope was closed.", figures: ["Follow shows what came while this page was paused, and how it ended"] };
     return connection.wasClosed
       ? { kind: "closed", text: "The scope was closed before the run ended.", figures: ["this page shows the scope again when it is back"] }
       : { kind: "broken", text: "The connection broke: what happens now is not known.", figures: ["the page tries to connect again each second"] };

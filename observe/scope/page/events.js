@@ -62,6 +62,9 @@ export class Events {
     }
   }
 
+  // From when on the events are in memory: from the start, if none was dropped.
+  get keptFrom() { return this.begin > 0 ? this.time[this.begin & this.mask] : 0; }
+
   find(time) {
     let low = this.begin, high = this.end;
     while (low < high) {

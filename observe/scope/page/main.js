@@ -95,14 +95,17 @@ function showState() {
   if (clock.speed === 0 && $("#speed").value !== "0") $("#speed").value = "0";
 }
 
+const CHECKBOX = "input[type=checkbox]", TEXT = `input:not(${CHECKBOX}), textarea`;
 document.addEventListener("keydown", (event) => {
-  if (event.target.matches("input, select, textarea") || event.altKey || event.ctrlKey || event.metaKey) return;
-  if (event.key === " ") { event.preventDefault(); if (!event.repeat) $("#pause").click(); }
-  else views[seen].key?.(event.key);
+  const { target, key } = event;
+  if (target.matches(TEXT) || event.altKey || event.ctrlKey || event.metaKey) return;
+  if (key === " ") { event.preventDefault(); if (!event.repeat) $("#pause").click(); }
+  else if (key === "Enter" && target.matches(CHECKBOX)) { event.preventDefault(); target.click(); }
+  else if (!target.matches("select")) views[seen].key?.(key); // letters choose there
 });
 
-// Space on a button pauses, and does not press it as well: Enter does.
-document.addEventListener("keyup", (event) => event.key === " " && event.target.matches("button") && event.preventDefault());
+// Space on a button or a checkbox pauses, and does not press it as well: Enter does.
+document.addEventListener("keyup", (event) => event.key === " " && event.target.matches(`button, ${CHECKBOX}`) && event.preventDefault());
 
 function banner() {
   const { emergency } = model.status;
@@ -132,8 +135,10 @@ function foot(now) {
   const { status } = model;
   const losses = [];
   if (model.lostInAll) losses.push(`${count(model.lostInAll)} lost by the recorder`);
-  if (model.samplesFrom > 0) losses.push(`of signals until ${instant(model.samplesFrom, 0.1)} an overview`);
-  if (model.eventsFrom > 0) losses.push(`of events until ${instant(model.eventsFrom, 0.1)} nothing is kept`);
+  const samplesKept = model.samplesKept(views.signals.shown), { eventsKept } = model;
+  if (samplesKept > 0) losses.push(`of signals until ${instant(samplesKept, 0.1)} an overview`);
+  if (model.samplesFrom > 0) losses.push(`of messages until ${instant(model.samplesFrom, 0.1)} the last warnings and errors`);
+  if (eventsKept > 0) losses.push(`of events until ${instant(eventsKept, 0.1)} nothing is kept`);
   if (model.missed) losses.push(`${count(model.missed)} blocks missed by this page`);
   if (status.left_out_samples || status.left_out_events) losses.push(`${count(status.left_out_samples + status.left_out_events)} too many to show`);
   if (status.left_out_declarations) losses.push("too much is declared to show all of it");

@@ -22,7 +22,12 @@ export class Marks {
   }
 
   late(time, loop, lateness, argument) { this.put({ time, kind: "late", loop, lateness: lateness / 1e9, argument }); }
-  emergency(time, process, degree) { this.put({ time, kind: degree > 1 ? "emergency" : "warning", process, degree }); }
+  // The last emergency is declared again after blocks were missed, to a page that may have it.
+  emergency(time, process, degree) {
+    if (this.between(time - 1e-6, time + 1e-6).some((mark) => mark.process === process && mark.degree === degree)) return;
+    this.put({ time, kind: degree > 1 ? "emergency" : "warning", process, degree });
+  }
+
   message({ time, level, text }) { if (level <= 2) this.put({ time, kind: level === 1 ? "error" : "warning", text }); }
   parameter(time, { name, before, value }) { this.put({ time, kind: "parameter", text: `${name}: ${JSON.stringify(before)} → ${JSON.stringify(value)}` }); }
 

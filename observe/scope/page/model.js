@@ -19,6 +19,7 @@ export class Model {
     this.virtual = false;
     this.threads = new Map();
     this.signals = new Map(); // by number: { number, name, unit, description, elements, series, colour }
+    this.early = new Map(); // overviews of signals that are not declared yet, by number
     this.processes = new Map();
     this.executors = new Map();
     this.channels = new Map();
@@ -31,6 +32,7 @@ export class Model {
     this.lost = new Map();
     this.missed = 0;
     this.until = 0; // the last instant of a file
+    this.known = 0; // the last one that the scope knew when this page came: all until there is on its way
     this.samplesFrom = this.eventsFrom = 0; // what came before was no longer kept when this page came
     this.counts = { loops: [], late: [], late_in_all: 0 };
     this.status = {};
@@ -50,6 +52,9 @@ export class Model {
     const known = this.signals.get(number);
     if (known && known.name === name && known.elements === elements) return;
     this.signals.set(number, { number, elements, name, unit, description, series: new Series(elements) });
+    const overview = this.early.get(number);
+    this.early.delete(number);
+    if (overview) this.overview(overview);
     this.version++;
   }
 
@@ -62,8 +67,10 @@ export class Model {
   }
 
   overview(word) {
-    const overview = this.signals.get(word.signal)?.series.overview;
-    if (!overview) return;
+    const signal = this.signals.get(word.signal);
+    if (!signal) { this.early.set(word.signal, word); return; }
+    if (signal.elements !== word.elements.length) return;
+    const { overview } = signal.series;
     overview.merge(word);
     overview.isWhole = this.until > 0;
   }
@@ -91,6 +98,10 @@ export class Model {
       this.marks.parameter(this.seconds(change.time), change);
     }
   }
+
+  // From when on there are events, and samples of some curves: those before were not sent, or have left this page's memory.
+  get eventsKept() { return Math.max(this.eventsFrom, this.events.keptFrom); }
+  samplesKept(curves) { return Math.max(this.samplesFrom, ...curves.map(({ signal }) => signal.series.keptFrom)); }
 
   // The last instant that something is known of.
   get last() { return Math.max(this.clock.latest, this.until); }
@@ -149,9 +160,10 @@ export class Model {
     this.version++;
   }
 
-  // The last state of a process, sent to a viewer that connects later.
+  // The last state of a process, or the last emergency, sent to a viewer that connects later.
   lastEvent(time, code, subject, a, b, thread) {
     const state = stateOf(code, a);
+    if (code === CODE.emergency && (time < this.eventsFrom || this.missed > 0)) this.marks.emergency(time, subject, a);
     if (state === 0) return;
     const process = this.process(subject);
     process.base = { time, state, a, b };

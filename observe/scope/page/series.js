@@ -105,10 +105,13 @@ export class Series {
     for (let n = 0; n < this.elements; n++) {
       const value = values[n];
       this.values[n][at] = value;
-      if (isFirst || !(value >= this.least[n][block])) this.least[n][block] = value;
-      if (isFirst || !(value <= this.most[n][block])) this.most[n][block] = value;
-      if (isFirst) this.numbers[n][block] = this.sums[n][block] = this.squares[n][block] = 0;
+      if (isFirst) {
+        this.least[n][block] = this.most[n][block] = NaN;
+        this.numbers[n][block] = this.sums[n][block] = this.squares[n][block] = 0;
+      }
       if (value !== value) continue;
+      if (!(value >= this.least[n][block])) this.least[n][block] = value;
+      if (!(value <= this.most[n][block])) this.most[n][block] = value;
       this.numbers[n][block]++;
       this.sums[n][block] += value;
       this.squares[n][block] += value * value;
@@ -118,6 +121,8 @@ export class Series {
 
   time(index) { return this.times[index & this.mask]; }
   value(index, element = 0) { return this.values[element][index & this.mask]; }
+  // From when on the samples are in memory: from the start, if none was dropped.
+  get keptFrom() { return this.begin > 0 ? this.time(this.begin) : 0; }
   get lastTime() { return this.end > this.begin ? this.time(this.end - 1) : null; }
 
   // The first sample that is not before `time`.

@@ -1,6 +1,6 @@
 // Plots of signals.
 
-import { $, make, put, number, span, instant, step } from "./text.js";
+import { $, make, put, multiples, number, span, instant, step } from "./text.js";
 import { AXIS, BOTTOM, RIGHT, TOP, colours, fit, label, Painter } from "./draw.js";
 import { gestures } from "./gestures.js";
 import { Columns } from "./series.js";
@@ -14,6 +14,9 @@ import { XY } from "./xy.js";
 import { exportCsv, exportPng } from "./export.js";
 
 const SHORTEST = 20e-6, LONGEST = 1e7;
+
+// The range of an axis is wider than this: its ends differ by far more than the rounding of a number.
+const narrowest = (low, high) => Math.max(Math.abs(low), Math.abs(high)) * 1e-12;
 
 export class Signals {
   constructor(model, clock) {
@@ -39,6 +42,7 @@ export class Signals {
   get rows() { return this.list.rows; }
   get chosen() { return this.list.chosen; }
   get curves() { return this.list.curves; }
+  get shown() { return this.layout === "xy" ? this.xy.curves : this.curves; }
 
   controls() {
     for (const button of this.root.querySelectorAll("[data-layout]")) button.onclick = () => this.lay(button.dataset.layout);
@@ -112,9 +116,11 @@ export class Signals {
     this.clock.now = Math.min(this.end, this.clock.latest);
   }
 
+  spread(span) { this.span = Math.min(LONGEST, Math.max(SHORTEST, span)); }
+
   zoom(factor, x) {
     const before = this.span;
-    this.span = Math.min(LONGEST, Math.max(SHORTEST, this.span * factor));
+    this.spread(this.span * factor);
     if (this.end === null || x === undefined) return;
     const share = 1 - (x - this.left) / this.plotWidth;
     this.end += share * (this.span - before);
@@ -138,7 +144,7 @@ export class Signals {
   frame() {
     if (this.list.declare()) this.declare();
     this.trigger.look();
-    const isXY = this.layout === "xy", curves = isXY ? this.xy.curves : this.curves;
+    const isXY = this.layout === "xy", curves = this.shown;
     const note = this.rows.size === 0 ? "No signals yet. A process records them with Signal::record." : curves.length === 0 ? "Choose signals in the list." : "";
     put(this.empty, note);
     this.empty.hidden = note === "";
@@ -225,13 +231,14 @@ export class Signals {
     return there.find((lane) => x >= this.left - (lane.axis + 1) * AXIS && x < this.left - lane.axis * AXIS) ?? there[0];
   }
 
+  // Sets an axis by hand, unless its range would be too narrow.
+  hold(key, low, high, place) { if (high - low > narrowest(low, high)) this.held.set(key, { low, high, ...place }); }
+
   // Zooms a lane's axis around a place on it.
   zoomY(factor, lane, y = (lane.top + lane.bottom) / 2) {
     const { low, high, top, bottom } = lane.scale;
     const middle = high - ((y - top) / (bottom - top)) * (high - low);
-    const least = Math.max(Math.abs(middle) * 1e-12, 1e-15);
-    if ((high - low) * factor < least) return;
-    this.held.set(lane.key, { low: middle - (middle - low) * factor, high: middle + (high - middle) * factor, top, bottom });
+    this.hold(lane.key, middle - (middle - low) * factor, middle + (high - middle) * factor, { top, bottom });
   }
 
   // An axis is dragged.
@@ -241,15 +248,14 @@ export class Signals {
     const { low, high, top, bottom } = lane.scale;
     return { drag: (_, now) => {
       const by = ((now - y) / (bottom - top)) * (high - low);
-      this.held.set(lane.key, { low: low + by, high: high + by, top, bottom });
+      this.hold(lane.key, low + by, high + by, { top, bottom });
     } };
   }
 
   // Values that get a label: round ones, if two of them have room, else the ends. `apart`: pixels from one to the next.
   ticks({ low, high, top, bottom }, apart = 16) {
     for (const room of [apart, 11]) {
-      const each = step(low, high, Math.max(1, (bottom - top) / room)), all = [];
-      for (let n = Math.ceil(low / each); n * each <= high; n++) all.push(n * each);
+      const all = multiples(step(low, high, Math.max(1, (bottom - top) / room)), low, high);
       if (all.length > 1) return all;
     }
     const digits = Math.min(15, Math.max(0, 1 - Math.floor(Math.log10(high - low))));
@@ -260,7 +266,7 @@ export class Signals {
   ease(key, { low, high }) {
     let scale = this.eased.get(key);
     if (!isFinite(low) || !isFinite(high)) return scale ?? { low: 0, high: 1 };
-    const margin = high > low ? 0 : Math.abs(high) * 0.1 || 1;
+    const margin = high - low > narrowest(low, high) ? 0 : Math.abs(high) * 0.1 || 1;
     low -= margin;
     high += margin;
     if (!scale) this.eased.set(key, (scale = { low, high }));
@@ -277,11 +283,12 @@ export class Signals {
     context.textAlign = "center";
     const grid = palette.grid, line = palette.line, muted = palette.muted, faint = palette.faint;
     context.fillStyle = grid;
-    for (let n = Math.ceil(from / every); n * every <= to; n++) context.fillRect(Math.round(this.x(n * every)), TOP, 1, bottom - TOP);
+    const times = multiples(every, from, to);
+    for (const time of times) context.fillRect(Math.round(this.x(time)), TOP, 1, bottom - TOP);
     context.fillStyle = muted;
-    for (let n = Math.ceil(from / every); n * every <= to; n++) {
-      const x = this.x(n * every);
-      if (x > this.left + 22 && x < width - RIGHT - 22) context.fillText(instant(n * every, every), x, height - 13);
+    for (const time of times) {
+      const x = this.x(time);
+      if (x > this.left + 22 && x < width - RIGHT - 22) context.fillText(instant(time, every), x, height - 13);
     }
     for (const lane of this.lanes) {
       const { scale, axis } = lane, isLow = scale.bottom - scale.top < 20;

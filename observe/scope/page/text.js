@@ -1,5 +1,7 @@
 // Numbers and elements, as they are shown.
 
+const MOST_MULTIPLES = 1000; // more than an axis has room for
+
 export const $ = (selector, within = document) => within.querySelector(selector);
 
 // An element with attributes and children; text is never taken for HTML.
@@ -59,6 +61,12 @@ export const count = (value) => Math.round(value).toString().replace(/\B(?=(\d{3
 export function instant(seconds, step = 0.001) {
   const digits = Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
   return seconds.toFixed(digits).replace("-", "−") + " s";
+}
+
+// The multiples of a step between two values, however fine the step is beside them.
+export function multiples(each, from, to) {
+  const first = Math.ceil(from / each), number = Math.min(MOST_MULTIPLES, Math.floor(to / each) - first + 1);
+  return Array.from({ length: number > 0 ? number : 0 }, (_, n) => (first + n) * each);
 }
 
 // Round steps for an axis: at most `most` of them between two values.

@@ -1,6 +1,6 @@
 // The last seconds: a lane for each executor and process (figures H.3 to H.5 of the LUNA thesis).
 
-import { $, make, put, span, instant, step } from "./text.js";
+import { $, make, put, multiples, span, instant, step } from "./text.js";
 import { colours, fit, gone } from "./draw.js";
 import { gestures } from "./gestures.js";
 import { CODE, STATES, stateOf } from "./events.js";
@@ -240,8 +240,7 @@ export class Timeline {
     const { gutter } = this, right = width - RIGHT, scroll = this.box.scrollTop;
     const y = (lane) => AXIS + lane * LANE - scroll;
     this.drawGaps(context, palette, height);
-    const kept = events.begin > 0 ? events.time[events.begin & events.mask] : 0;
-    gone(context, palette, this.x(0), this.x(Math.max(this.model.eventsFrom, kept)), [gutter, AXIS, right, height]);
+    gone(context, palette, this.x(0), this.x(this.model.eventsKept), [gutter, AXIS, right, height]);
     this.grid(context, palette, from, to, width, height);
     context.save();
     context.beginPath();
@@ -342,14 +341,14 @@ export class Timeline {
     context.fillRect(0, AXIS - 1, width, 1);
     const { grid, muted } = palette;
     let labelled = -Infinity;
-    for (let n = Math.ceil(from / every); n * every <= to; n++) {
-      const x = this.x(n * every);
+    for (const time of multiples(every, from, to)) {
+      const x = this.x(time);
       if (x - labelled < 84 && this.knots !== null) continue;
       labelled = x;
       context.fillStyle = grid;
       context.fillRect(Math.round(x), AXIS, 1, height - AXIS);
       context.fillStyle = muted;
-      if (x > this.gutter + 34 && x < width - 40) context.fillText(instant(n * every, every), x, AXIS / 2);
+      if (x > this.gutter + 34 && x < width - 40) context.fillText(instant(time, every), x, AXIS / 2);
     }
     if (this.clock.live) return;
     const x = Math.round(this.x(this.clock.now));

@@ -24,9 +24,12 @@ export class Whole {
 
   // Gets the samples of what the plot shows, where those of a file are not in memory.
   fetch() {
-    const { model, clock } = this.signals, [from, to] = this.signals.window();
-    const isThere = from >= model.samplesFrom && to <= clock.latest;
-    if (model.until > 0 && !isThere && !clock.live) this.seek(from, to);
+    const { model, clock, shown } = this.signals, [begin, end] = this.signals.window();
+    const from = Math.max(0, begin), to = Math.min(end, model.last);
+    const isThere = from >= model.samplesKept(shown) && to <= clock.latest;
+    // What is longer than the page's memory would displace itself: it stays an overview.
+    const isTooLong = shown.some(({ signal: { series } }) => series.begin > 0 && to - from > series.lastTime - series.keptFrom);
+    if (model.until > 0 && !isThere && !isTooLong && !clock.live) this.seek(from, to);
   }
 
   // The bar begins and ends with the plot's axis.

@@ -172,7 +172,7 @@ export class XY {
   zoom(factor, x) {
     const { low, high, top, bottom } = this.lane.scale;
     const middle = low + ((x - top) / (bottom - top)) * (high - low);
-    this.signals.held.set(this.lane.key, { low: middle - (middle - low) * factor, high: middle + (high - middle) * factor, top, bottom });
+    this.signals.hold(this.lane.key, middle - (middle - low) * factor, middle + (high - middle) * factor, { top, bottom });
   }
 
   // The axis of X is dragged.
@@ -181,7 +181,7 @@ export class XY {
     const { low, high, top, bottom } = this.lane.scale;
     return { drag: (now) => {
       const by = ((x - now) / (bottom - top)) * (high - low);
-      this.signals.held.set(this.lane.key, { low: low + by, high: high + by, top, bottom });
+      this.signals.hold(this.lane.key, low + by, high + by, { top, bottom });
     } };
   }
 

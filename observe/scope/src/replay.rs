@@ -56,12 +56,15 @@ pub enum ReplayError {
 }
 
 /// The times that a viewer seeks: the file is shown from one on, at once until the other, and at
-/// its pace from there.
+/// its pace from there; until there alone, if it is played at once.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Range {
     pub(crate) from: u64,
     pub(crate) until: u64,
 }
+
+/// How far records may be out of the order of their times, in nanoseconds.
+const LATE: u64 = 100_000_000;
 
 /// Plays a recording; returns early when the scope is closed.
 pub(crate) fn play(shared: &Shared, input: impl Read, speed: Speed) -> Result<(), ReplayError> {
@@ -107,13 +110,14 @@ pub(crate) fn play_from(
     Ok(())
 }
 
-/// Plays to the end, or until a viewer seeks.
+/// Plays to the end or where the pace ends, or until a viewer seeks.
 fn pass(
     shared: &Shared,
     mut reader: Reader<impl Read>,
     recording: Recording,
     mut pace: Pace,
 ) -> Result<Option<Range>, ReplayError> {
+    let mut is_there = false;
     for count in 0u64.. {
         let record = match reader.next() {
             Ok(Some(record)) => record,
@@ -123,6 +127,15 @@ fn pass(
                 return Err(ReplayError::Read(error));
             }
         };
+        if let (Some(end), Some(time)) = (pace.end(), time(&record)) {
+            if time > end.saturating_add(LATE) {
+                return Ok(None);
+            }
+            if is_there && time > end {
+                continue;
+            }
+            is_there |= time >= end;
+        }
         let wait = time(&record).and_then(|time| pace.until(time));
         if wait.is_some() || count % 1024 == 0 {
             let sought = shared.sought_within(wait.unwrap_or_default());
@@ -149,6 +162,11 @@ impl Pace {
             from,
             begun: None,
         }
+    }
+
+    /// Where it ends: without a pace to go on with, viewers stand at what was sought.
+    fn end(&self) -> Option<u64> {
+        Some(self.from).filter(|from| self.speed.is_infinite() && *from > 0)
     }
 
     /// The time until a record of `time` is due; records that are due within a frame of the screen

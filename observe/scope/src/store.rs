@@ -2,6 +2,7 @@
 //!
 //! Its blocks have the format of recordings, and their own numbers.
 
+mod alarms;
 mod changes;
 mod declared;
 mod kept;
@@ -11,6 +12,7 @@ mod tests;
 
 use crate::loops::Loops;
 use crate::reduce::{Bucket, Budget};
+use alarms::Alarms;
 use changes::Changes;
 use declared::Declared;
 use kept::Kept;
@@ -58,6 +60,7 @@ pub(crate) struct Store {
     /// The shown recording: viewers begin again with each.
     recording: Recording,
     declared: Declared,
+    alarms: Alarms,
     buckets: BTreeMap<u32, Bucket>,
     budget: Budget,
     loops: Loops,
@@ -96,6 +99,8 @@ pub(crate) struct News {
     pub(crate) start: Option<u64>,
     /// The recording's last time, if it is a file's.
     pub(crate) until: Option<u64>,
+    /// The last time of what has come: viewers get all until there.
+    pub(crate) last: Option<u64>,
     /// The first time of the samples and of the events that are kept, if those are not all.
     pub(crate) kept_from: [Option<u64>; 2],
     /// The extremes of each signal since the start, where declarations are repeated.
@@ -124,6 +129,7 @@ impl Store {
             is_hidden: false,
             recording: Recording::NONE,
             declared: Declared::default(),
+            alarms: Alarms::default(),
             buckets: BTreeMap::new(),
             budget: Budget::new(),
             loops: Loops::default(),
@@ -236,7 +242,13 @@ impl Store {
                 }
             }
             Record::Event(event) => self.event(event, is_past),
-            Record::Message { .. } if is_past => {}
+            Record::Message { .. } => {
+                let block = (!is_past).then_some(self.samples.current());
+                self.alarms.take(record, block);
+                if !is_past {
+                    self.samples.put(record);
+                }
+            }
             other => {
                 if self.declared.take(other) {
                     self.samples.put(other);
@@ -320,12 +332,15 @@ impl Store {
             begins,
             start: self.start,
             until: self.until,
+            last: self.last,
             kept_from: kept.map(|kept| kept.kept_from().or(self.shows_from)),
             overviews: Vec::new(),
         };
         if begins || missed > 0 {
-            // Also what was declared in those that it has missed.
-            news.blocks = self.declared.blocks();
+            // Also what was declared in those that it has missed, and their alarms.
+            let from = (!begins).then_some(position.next[0]);
+            let alarms = self.alarms.between(from, self.samples.first);
+            news.blocks = self.declared.blocks(alarms);
             let all = self.overviews.iter();
             news.overviews = all
                 .map(|(signal, overview)| overview.json(*signal))

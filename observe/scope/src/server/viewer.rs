@@ -167,6 +167,7 @@ impl Viewer<'_> {
             begins,
             start,
             until,
+            last,
             kept_from,
             overviews,
         } = self.shared.store().news(&mut self.position, ON_THE_WAY);
@@ -178,6 +179,7 @@ impl Viewer<'_> {
                 "declarations": declarations,
                 "start": start.map(|time| time.to_string()),
                 "until": until.map(|time| time.to_string()),
+                "last": last.map(|time| time.to_string()),
                 "kept_from": kept_from.map(|time| time.map(|time| time.to_string())),
             }))?;
         }

@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Names longer than that are cut: what a page can show.
-const LONGEST: usize = 256;
+pub(super) const LONGEST: usize = 256;
 /// More of a kind are not kept.
 const MAX: usize = 1 << 15;
-/// The limit of bytes in all, as they are in blocks: a viewer gets them all at once. Records that
-/// exist once have their own room.
-const MAX_BYTES: usize = super::MAX_DECLARED - MAX_LOSS_BYTES - (4 << 10);
+/// The limit of bytes in all, as they are in blocks: a viewer gets them all at once. Alarms, and
+/// records that exist once, have their own room.
+const MAX_BYTES: usize =
+    super::MAX_DECLARED - MAX_LOSS_BYTES - super::alarms::MAX_BYTES - (4 << 10);
 /// Bytes reserved for losses, so that they are sent even if the rest is full.
 const MAX_LOSS_BYTES: usize = 64 << 10;
 
@@ -210,8 +211,8 @@ impl Declared {
         self.signals.get(&signal).map(|signal| signal.element_type)
     }
 
-    /// All of it, as blocks.
-    pub(super) fn blocks(&self) -> Vec<Arc<[u8]>> {
+    /// All of it, as blocks, with some alarms.
+    pub(super) fn blocks<'a>(&self, alarms: impl Iterator<Item = Record<'a>>) -> Vec<Arc<[u8]>> {
         let mut blocks = Vec::new();
         let mut encoder = Encoder::new();
         let mut put = |record: Record<'_>| {
@@ -258,6 +259,7 @@ impl Declared {
             let (of, lost) = (*of, *lost);
             put(Record::Losses { of, lost });
         }
+        alarms.for_each(&mut put);
         for event in self.states.values().chain(&self.emergency) {
             put(Record::Event(*event));
         }
@@ -268,7 +270,7 @@ impl Declared {
     }
 }
 
-fn cut(text: &str) -> String {
+pub(super) fn cut(text: &str) -> String {
     text[..text.floor_char_boundary(LONGEST)].to_owned()
 }
 
@@ -278,7 +280,11 @@ mod tests {
     use luna_logger::format::Subject;
 
     fn bytes(declared: &Declared) -> usize {
-        declared.blocks().iter().map(|block| block.len()).sum()
+        declared
+            .blocks(std::iter::empty())
+            .iter()
+            .map(|block| block.len())
+            .sum()
     }
 
     fn name(declared: &mut Declared, number: u32, name: &str) -> bool {

@@ -50,6 +50,11 @@ impl Kept {
         }
     }
 
+    /// The number of the block that is being filled.
+    pub(super) fn current(&self) -> u64 {
+        self.first + self.blocks.len() as u64
+    }
+
     /// Ends the block that is being filled.
     pub(super) fn cut(&mut self) {
         if self.encoder.is_empty() {

@@ -1,4 +1,5 @@
 use super::*;
+use luna_logger::Level;
 use luna_logger::format::{ClockBase, Encoder, Reader, SignalInfo};
 
 const MAX: usize = 1 << 20;
@@ -43,6 +44,15 @@ fn sample(store: &mut Store, time: u64, value: f64) {
 /// The samples in some blocks, which must be readable by themselves.
 fn samples(blocks: &[Arc<[u8]>]) -> Vec<u64> {
     let mut times = Vec::new();
+    read(blocks, &mut |record| {
+        if let Record::Sample { time, .. } = record {
+            times.push(*time);
+        }
+    });
+    times
+}
+
+fn read(blocks: &[Arc<[u8]>], take: &mut dyn FnMut(&Record<'_>)) {
     let mut file = Encoder::head().to_vec();
     let mut encoder = Encoder::new();
     for (number, block) in (0u32..).zip(blocks) {
@@ -56,11 +66,8 @@ fn samples(blocks: &[Arc<[u8]>]) -> Vec<u64> {
     }
     let mut reader = Reader::new(&file[..]).unwrap();
     while let Some(record) = reader.next().unwrap() {
-        if let Record::Sample { time, .. } = record {
-            times.push(time);
-        }
+        take(&record);
     }
-    times
 }
 
 fn zlib(head: &[u8], rest: &[u8]) -> u32 {
@@ -171,6 +178,70 @@ fn a_late_viewer_gets_the_declarations() {
     assert!(store.samples.first > 0);
     let news = store.news(&mut Position::default(), usize::MAX);
     assert!(!samples(&news.blocks).is_empty());
+}
+
+fn message(store: &mut Store, time: u64, level: Level, text: &str) {
+    store.take(
+        store.recording,
+        &Record::Message {
+            thread: 1,
+            time,
+            level,
+            process: 2,
+            truncated: false,
+            target: "machine",
+            text,
+        },
+    );
+}
+
+/// The texts of all messages, in the order in which a viewer gets them.
+fn texts(blocks: &[Arc<[u8]>]) -> Vec<String> {
+    let mut texts = Vec::new();
+    read(blocks, &mut |record| {
+        if let Record::Message { text, .. } = record {
+            texts.push((*text).to_owned());
+        }
+    });
+    texts
+}
+
+#[test]
+fn warnings_and_errors_stay_when_their_blocks_are_gone() {
+    let mut store = begun();
+    let mut position = Position::default();
+    store.news(&mut position, usize::MAX);
+    message(&mut store, 1, Level::Warn, "hot");
+    message(&mut store, 2, Level::Info, "on the way");
+    message(&mut store, 3, Level::Error, "stopped");
+    for n in 0..300_000u64 {
+        sample(&mut store, n * 1_000_000, 0.5);
+    }
+    let last = 400_000_000_000;
+    message(&mut store, last, Level::Warn, "hot again");
+    store.cut();
+    let all = ["hot", "stopped", "hot again"];
+    let late = store.news(&mut Position::default(), usize::MAX);
+    assert_eq!(texts(&late.blocks), all);
+    // One that was too slow gets them as well, and nobody gets one twice.
+    assert_eq!(texts(&store.news(&mut position, usize::MAX).blocks), all);
+    for n in 0..300_000u64 {
+        sample(&mut store, last + n * 1_000_000, 0.5);
+    }
+    let news = store.news(&mut position, usize::MAX);
+    assert!(news.missed > 0 && texts(&news.blocks).is_empty());
+
+    // The last of those before the place that is sought in a file, no longer than a declaration.
+    store.begin_at(1_000);
+    for n in 0..200 {
+        message(&mut store, n, Level::Error, &"x".repeat(300));
+    }
+    message(&mut store, 1_000, Level::Info, "there");
+    store.cut();
+    let news = store.news(&mut Position::default(), usize::MAX);
+    let texts = texts(&news.blocks);
+    assert_eq!(texts.len(), 49);
+    assert!(texts[..48].iter().all(|text| text.len() == 256));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The layout in the address.
 
 use super::{LAPTOP, browser, is_content, live, settings};
+use crate::support::feeder::Feeder;
 use crate::support::machine::{Machine, PERIOD};
 use luna_scope::{Scope, Speed};
 
@@ -69,6 +70,36 @@ fn the_address_of_a_paused_plot_stands_where_it_stood() {
     browser.wait("!scope.clock.live && scope.views.signals.window().join() === '0.75,1.25'");
     browser.wait("scope.views.signals.rows.get('pan/setpoint').columns.least.every(isFinite)");
     is_content(&browser);
+}
+
+/// The page may not have that instant yet when its first data comes: the scope says what it has.
+#[test]
+fn the_address_waits_for_what_the_scope_has_and_for_nothing_else() {
+    let Some(mut browser) = browser("known") else {
+        return;
+    };
+    let scope = Scope::open(settings()).unwrap();
+    let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
+    Machine::new().until(12_000 * PERIOD, &mut |record| file.put(record).unwrap());
+    let file = file.finish().unwrap();
+    scope.replay(&file[..], Speed::AT_ONCE).unwrap();
+    let url = format!("{}#span=0.5&until=11.5", scope.url());
+    browser.open(&url, LAPTOP, "light");
+    browser.wait("!scope.clock.live && scope.views.signals.window().join() === '11,11.5'");
+    is_content(&browser);
+    drop(scope);
+
+    // A run that goes on is followed, also when it comes to that instant later.
+    let scope = Scope::open(settings()).unwrap();
+    let url = format!("{}#span=0.5&until=3", scope.url());
+    browser.call("Page.navigate", serde_json::json!({"url": "about:blank"}));
+    browser.open(&url, LAPTOP, "light");
+    browser.wait("scope.connection.state === 'open'");
+    let _feeder = Feeder::start(&scope, Machine::new());
+    browser.wait("scope.clock.latest > 3.3");
+    browser.frames(3);
+    assert_eq!(browser.run("scope.clock.live"), true);
+    browser.wait("location.hash === '#span=0.5'");
 }
 
 #[test]

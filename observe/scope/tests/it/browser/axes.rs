@@ -1,6 +1,8 @@
 //! The plot's axes.
 
-use super::{is_content, live, number, picture};
+use super::{LAPTOP, browser, is_content, live, number, picture, settings};
+use luna_logger::format::{ClockBase, Record, SignalInfo, Type, Values, Writer};
+use luna_scope::{Scope, Speed};
 use serde_json::Value;
 
 #[test]
@@ -73,5 +75,73 @@ fn axes_are_labelled_zoomed_and_fitted() {
         near(1, 1000.0 - 10.0 * low)
     ));
     picture(&mut browser, "axes-scaled");
+    is_content(&browser);
+}
+
+/// A signal may rest but for the rounding of its numbers, and an address may ask for any axis.
+#[test]
+fn an_axis_is_wider_than_the_rounding_of_its_numbers() {
+    let Some(mut browser) = browser("rounding") else {
+        return;
+    };
+    let mut file = Writer::new(Vec::new()).unwrap();
+    let session = Record::Session {
+        system: "machine",
+        clock: ClockBase::Virtual,
+        written_by: "a test",
+    };
+    file.put(&session).unwrap();
+    let pairs = [[0.3, 0.1 + 0.2], [1.0, 1.0 + 2.0 * f64::EPSILON]];
+    for (number, name) in [(0, "sum"), (1, "rest")] {
+        let signal = SignalInfo {
+            number,
+            element_type: Type::F64,
+            elements: 1,
+            name,
+            unit: "",
+            description: "",
+        };
+        file.put(&Record::Signal(signal)).unwrap();
+    }
+    for n in 0..1000 {
+        for (signal, pair) in (0..).zip(pairs) {
+            let bytes = f64::to_le_bytes(pair[n % 2]);
+            let sample = Record::Sample {
+                signal,
+                time: n as u64 * 1_000_000,
+                values: Values::from_bytes(Type::F64, &bytes),
+            };
+            file.put(&sample).unwrap();
+        }
+    }
+    let file = file.finish().unwrap();
+    let scope = Scope::open(settings()).unwrap();
+    scope.replay(&file[..], Speed::AT_ONCE).unwrap();
+    let narrow = "span=1e-300&axis=rest from 1 to 1.0000000000000002";
+    browser.open(&format!("{}#{narrow}", scope.url()), LAPTOP, "light");
+    let labelled = "scope.views.signals.lanes.length > 0 && scope.views.signals.lanes.every(({ labels }) => new Set(labels).size >= 2 && labels.length < 100)";
+    for layout in ["stack", "xy"] {
+        browser.run(&format!("scope.views.signals.lay('{layout}')"));
+        browser.frames(3);
+        browser.wait(labelled);
+    }
+    assert_eq!(browser.run("scope.views.signals.span"), 20e-6);
+    assert_eq!(browser.run("scope.views.signals.held.size"), 0);
+    // However far an axis is zoomed, it has a range.
+    browser.run("scope.views.signals.lay('stack')");
+    browser.frames(3);
+    browser.run("for (let n = 0; n < 200; n++) scope.views.signals.zoomY(0.5, scope.views.signals.lanes[0])");
+    browser.frames(3);
+    browser.wait(labelled);
+    is_content(&browser);
+}
+
+#[test]
+fn a_value_that_is_no_number_hides_no_extreme() {
+    let Some((mut browser, _feeder, _scope)) = live("extremes") else {
+        return;
+    };
+    let extremes = browser.run("import('/series.js').then(({ Series }) => { const series = new Series(1); for (let n = 0; n < 1000; n++) series.push(n, [n === 130 ? 100 : n === 131 ? -100 : n === 140 || n === 128 ? NaN : 0]); return series.columns(0, 0, 1000, 1, new Float64Array(1), new Float64Array(1)); })");
+    assert_eq!(extremes, serde_json::json!([-100, 100]));
     is_content(&browser);
 }

@@ -92,6 +92,30 @@ fn the_end_of_a_run_shows_its_report() {
     browser.wait("document.querySelector('#ended').hidden");
 }
 
+/// The end is among what waits while the page is paused: that it has come is not known until then.
+#[test]
+fn a_paused_page_learns_of_the_end_when_it_follows() {
+    let Some(mut browser) = browser("paused-end") else {
+        return;
+    };
+    let scope = Scope::open(settings()).unwrap();
+    let mut recorder = Recorder::begin(&scope);
+    recorder.give(500);
+    browser.open(&scope.url(), LAPTOP, "light");
+    browser.wait("scope.clock.latest > 0.4");
+    browser.click("#pause");
+    recorder.give(1000);
+    recorder.end();
+    scope.ended("completed after 1.5 s");
+    drop(scope);
+    browser.wait("scope.connection.state === 'away' && !document.querySelector('#ended').hidden");
+    browser.frames(3);
+    assert_eq!(browser.run(SAID), "The scope was closed.");
+    browser.wait("document.querySelector('#ended li').textContent.startsWith('Follow shows')");
+    browser.click("#pause");
+    browser.wait(&format!("{SAID} === 'Run ended: completed after 1.5 s'"));
+}
+
 /// Passes connections on, and breaks them.
 struct Between {
     address: SocketAddr,

@@ -15,7 +15,8 @@ fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
     };
     let scope = Scope::open(settings().memory(1 << 20)).unwrap();
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
-    Machine::new().until(20_000 * PERIOD, &mut |record| file.put(record).unwrap());
+    let mut machine = Machine::new().emergency_at(1500);
+    machine.until(20_000 * PERIOD, &mut |record| file.put(record).unwrap());
     let file = file.finish().unwrap();
     scope.replay(&file[..], Speed::AT_ONCE).unwrap();
     browser.open(&scope.url(), LAPTOP, "light");
@@ -33,12 +34,15 @@ fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
         "{kept}"
     );
     let said = format!(
-        "of signals until {samples:.1} s an overview · of events until {events:.1} s nothing is kept"
+        "of signals until {samples:.1} s an overview · of messages until {samples:.1} s the last warnings and errors · of events until {events:.1} s nothing is kept"
     );
     browser.wait(&format!(
         "document.querySelector('#losses').textContent === '{said}'"
     ));
 
+    // The last emergency is marked, and warnings and errors, though there is no more of them.
+    browser.wait("scope.model.marks.all.filter(({ kind }) => kind === 'error' || kind === 'emergency').map(({ kind, time }) => kind + time.toFixed(3)).join() === 'error1.501,emergency1.501'");
+    browser.wait("scope.model.messages.map(({ time }) => time.toFixed(1)).join() === '0.7,1.5,3.7,6.7,9.7,12.7,15.7,18.7'");
     // Late cycles are marked from the start on.
     browser.wait("scope.model.marks.all.filter(({ kind }) => kind === 'late').map(({ time }) => Math.round(time * 10) / 10).join() === '0.7,0.7,3.7,3.7,6.7,6.7,9.7,9.7,12.7,12.7,15.7,15.7,18.7,18.7'");
 

@@ -10,7 +10,9 @@ mod history;
 mod looks;
 mod marks;
 mod parameters;
+mod pause;
 mod plot;
+mod seek;
 mod views;
 
 use crate::support;
