@@ -30,25 +30,25 @@ pub enum Verdict {
 
 thread_local! {
     /// The monitor of the process with the poll that is under way.
-    static OVERSEER: RefCell<Option<Arc<dyn PollMonitor>>> = const { RefCell::new(None) };
+    static MONITOR: RefCell<Option<Arc<dyn PollMonitor>>> = const { RefCell::new(None) };
 }
 
 /// Makes the thread's room for it, before the real-time path begins: the first touch registers a
 /// destructor, which may allocate.
 pub(crate) fn prepare() {
-    OVERSEER.with(|_| {});
+    MONITOR.with(|_| {});
 }
 
 /// The poll_monitor of the process that is being polled on this thread, if it has one. Real-time
 /// path: yes; O(1), no system call.
 pub fn poll_monitor() -> Option<Arc<dyn PollMonitor>> {
-    OVERSEER.with(|poll_monitor| poll_monitor.borrow().clone())
+    MONITOR.with(|poll_monitor| poll_monitor.borrow().clone())
 }
 
 /// Makes it the one that [`poll_monitor`] gives. No process is polled within another's poll, so
 /// there is none to be restored.
 pub(super) fn set(now: Option<Arc<dyn PollMonitor>>) {
-    OVERSEER.set(now);
+    MONITOR.set(now);
 }
 
 impl fmt::Debug for dyn PollMonitor {

@@ -166,7 +166,7 @@ fn turn_of_another() -> bool {
 }
 
 #[test]
-fn a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own() {
+fn a_child_of_a_monitored_process_is_built_in_a_turn_of_its_own() {
     struct LooksOn;
     impl PollMonitor for LooksOn {
         fn poll_begins(&self, _: Instant) {}
