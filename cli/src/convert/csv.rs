@@ -85,7 +85,13 @@ pub(super) fn write(
         };
         if let Some((time, signal, values)) = entry {
             number += 1;
-            waiting.push(Reverse((time, number, signal, Cells(values))));
+            waiting.push(Reverse((
+                time,
+                signal.is_some(),
+                number,
+                signal,
+                Cells(values),
+            )));
             if waiting.len() > WINDOW {
                 table.take(&signals, waiting.pop()).map_err(&failed)?;
             }
@@ -165,9 +171,10 @@ pub(super) fn write(
     Ok(converted)
 }
 
-/// A sample of a signal, or, without one, the begin of a cycle: its time, its place in the
-/// recording, and its values.
-type Entry = (u64, u64, Option<u32>, Cells);
+/// A sample of a signal, or, without one, the begin of a cycle: its time, whether it is a sample,
+/// its place in the recording, its signal, and its values. The begin of a cycle comes before the
+/// samples of its instant: on a virtual clock all of a cycle has one time.
+type Entry = (u64, bool, u64, Option<u32>, Cells);
 
 /// Values without an order: the columns before them decide.
 struct Cells(Vec<Value>);
@@ -223,7 +230,7 @@ impl<W: Write> Table<W> {
         signals: &BTreeMap<u32, Columns>,
         entry: Option<Reverse<Entry>>,
     ) -> io::Result<()> {
-        let Some(Reverse((time, _, signal, Cells(values)))) = entry else {
+        let Some(Reverse((time, _, _, signal, Cells(values)))) = entry else {
             return Ok(());
         };
         let Some(signal) = signal else {

@@ -1,0 +1,67 @@
+//! Recordings that the demo makes, and what is asked of them in a wrong way.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+fn luna(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(arguments)
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("output is text")
+}
+
+/// A file that this test alone has.
+fn file(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)
+}
+
+/// A recording of the logger and a replay log are told apart by each program that reads one.
+#[test]
+fn a_recording_and_a_replay_log_are_told_apart() {
+    let (log, replay) = (file("apart.luna"), file("apart.replay"));
+    let [log, replay] = [&log, &replay].map(|path| path.to_str().expect("a path of this test"));
+    let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
+    let made = luna(&[&demo[..], &["--record", replay, "--log", log]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let of_logger = ("is a recording of the logger (.luna)", "luna scope");
+    let of_replay = ("is a replay log (.replay)", "luna demo --replay");
+    for (arguments, (what, instead)) in [
+        (&["demo", "--replay", log][..], of_logger),
+        (&["convert", replay, "--to", "csv"], of_replay),
+        (&["scope", replay, "--listen", "127.0.0.1:0"], of_replay),
+    ] {
+        let output = luna(arguments);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+        assert!(error.contains(what) && error.contains(instead), "{error}");
+    }
+}
+
+/// On a virtual clock a cycle and all of its samples have one time: a row for each cycle has what a
+/// row for each instant has.
+#[test]
+fn a_row_of_a_cycle_has_the_samples_of_that_cycle_on_a_virtual_clock() {
+    let log = file("cycles.luna");
+    let log = log.to_str().expect("a path of this test");
+    let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
+    let made = luna(&[&demo[..], &["--log", log]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let table = |name: &str, more: &[&str]| {
+        let to = file(name);
+        let to = to.to_str().expect("a path of this test");
+        let converted = luna(&[&["convert", log, "--to", "csv", "-o", to], more].concat());
+        assert!(converted.status.success(), "{}", text(&converted.stderr));
+        std::fs::read_to_string(to).expect("a table")
+    };
+    let cycles = table("cycles.csv", &["--per-cycle", "timer"]);
+    assert_eq!(cycles, table("instants.csv", &[]));
+    assert_eq!(cycles.lines().count(), 1 + 10, "{cycles}");
+    for (number, row) in (1..).zip(cycles.lines().skip(1)) {
+        assert!(row.starts_with(&format!("0.{number:03}000000,")), "{row}");
+        assert!(!row.split(',').any(str::is_empty), "{row}");
+    }
+}
