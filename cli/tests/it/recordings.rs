@@ -65,3 +65,42 @@ fn a_row_of_a_cycle_has_the_samples_of_that_cycle_on_a_virtual_clock() {
         assert!(!row.split(',').any(str::is_empty), "{row}");
     }
 }
+
+/// Rows and cells are CSV's alone, and a time does not end before it begins.
+#[test]
+fn options_that_have_no_effect_are_refused() {
+    let log = file("options.luna");
+    let log = log.to_str().expect("a path of this test");
+    let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
+    let made = luna(&[&demo[..], &["--log", log]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let mut cases = vec![
+        ("perfetto", &["--per-cycle", "timer"][..], "--to csv"),
+        ("perfetto", &["--hold"], "--to csv"),
+        ("csv", &["--from", "2", "--until", "1"], "later than --from"),
+        ("csv", &["--from", "1", "--until", "1"], "later than --from"),
+    ];
+    if cfg!(feature = "mcap") {
+        cases.push(("mcap", &["--per-cycle", "timer"], "--to csv"));
+        cases.push(("mcap", &["--hold"], "--to csv"));
+    }
+    let to = file("options.out");
+    // Of an earlier run that has failed.
+    let _ = std::fs::remove_file(&to);
+    let path = to.to_str().expect("a path of this test");
+    for (format, options, why) in cases {
+        let convert = ["convert", log, "--to", format, "-o", path];
+        let output = luna(&[&convert[..], options].concat());
+        let error = text(&output.stderr);
+        assert_eq!(
+            output.status.code(),
+            Some(2),
+            "{format} {options:?}: {error}"
+        );
+        assert!(
+            error.contains(options[0]) && error.contains(why),
+            "{options:?}: {error}"
+        );
+        assert!(!to.exists(), "{format} {options:?}");
+    }
+}
