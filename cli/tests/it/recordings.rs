@@ -41,6 +41,25 @@ fn a_recording_and_a_replay_log_are_told_apart() {
     }
 }
 
+/// The report and an error name the file that `--log` names.
+#[test]
+fn the_demo_names_the_file_that_it_records_to() {
+    let log = file("named.luna");
+    let log = log.to_str().expect("a path of this test");
+    let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
+    let scope = ["--scope", "127.0.0.1:0"];
+    for more in [&[][..], &scope] {
+        let made = luna(&[&demo[..], &["--log", log], more].concat());
+        let said = text(&made.stdout);
+        assert!(said.contains(&format!(" to {log} (")), "{said}");
+    }
+    if cfg!(target_os = "linux") {
+        let failed = luna(&[&demo[..], &["--log", "/dev/full"]].concat());
+        let error = text(&failed.stderr);
+        assert!(error.contains("cannot record to /dev/full: "), "{error}");
+    }
+}
+
 /// On a virtual clock a cycle and all of its samples have one time: a row for each cycle has what a
 /// row for each instant has.
 #[test]
