@@ -125,6 +125,7 @@ impl Failure {
                 | SetupError::Parameters(_),
             )) => 2,
             Self::Card(_) => 2,
+            Self::Luna(luna::Error::Record(RecordError::NameOfTheLogger { .. })) => 2,
             // A device that cannot be opened; a later loss is the error of a process.
             #[cfg(unix)]
             Self::Luna(luna::Error::Device(_)) => 2,

@@ -41,6 +41,36 @@ fn a_recording_and_a_replay_log_are_told_apart() {
     }
 }
 
+/// A name that says another kind of file than what would be in it is refused by each program that
+/// makes one, and nothing is written.
+#[test]
+fn a_name_of_the_other_kind_of_file_is_refused() {
+    let (log, replay) = (file("other-kind.luna"), file("other-kind.replay"));
+    let is_replay = ("replay log", replay.to_str().expect("a path of this test"));
+    let is_log = ("recording of", log.to_str().expect("a path of this test"));
+    let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
+    let with = |more: &[&str]| luna(&[&demo[..], more].concat());
+    let by_variable = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(demo)
+        .env("LUNA_LOG", &replay)
+        .output()
+        .expect("the program starts");
+    let record = ["record", "--listen", "127.0.0.1:0", "--once", "-o"];
+    for (output, code, (kind, path)) in [
+        (with(&["--log", is_replay.1]), 2, is_replay),
+        (with(&["--record", is_log.1]), 2, is_log),
+        (luna(&[&record[..], &[is_replay.1]].concat()), 2, is_replay),
+        (by_variable, 1, is_replay),
+    ] {
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{error}");
+        for part in [kind, path, ".luna", ".replay"] {
+            assert!(error.contains(part), "{part} in {error}");
+        }
+    }
+    assert!(!log.exists() && !replay.exists());
+}
+
 /// The report and an error name the file that `--log` names.
 #[test]
 fn the_demo_names_the_file_that_it_records_to() {

@@ -87,13 +87,14 @@ impl FileSink {
     ///
     /// # Errors
     ///
-    /// The system's own.
+    /// The system's own, or that of [`check_name`](Self::check_name).
     ///
     /// ```
     /// use luna_logger::FileSink;
     /// assert!(FileSink::create("/no/such/folder/run.luna".as_ref()).is_err());
     /// ```
     pub fn create(path: &Path) -> io::Result<FileSink> {
+        Self::check_name(path)?;
         Ok(FileSink {
             path: path.to_owned(),
             file: File::create(path)?,
@@ -101,6 +102,28 @@ impl FileSink {
             is_broken: false,
             sync: None,
         })
+    }
+
+    /// Refuses a name that ends in `.replay`: that is a replay log, another kind of file.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidInput`](io::ErrorKind::InvalidInput).
+    ///
+    /// ```
+    /// use luna_logger::FileSink;
+    /// assert!(FileSink::check_name("run.luna".as_ref()).is_ok());
+    /// assert!(FileSink::check_name("run.replay".as_ref()).is_err());
+    /// ```
+    pub fn check_name(path: &Path) -> io::Result<()> {
+        match path.extension().is_some_and(|suffix| suffix == "replay") {
+            true => Err(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                "a recording of the logger is a .luna; a .replay is a replay log, which \
+                 `System::record` or `luna demo --record` makes",
+            )),
+            false => Ok(()),
+        }
     }
 
     /// Writes it to the disk (`fdatasync`) when this time has passed since the last time, and at
