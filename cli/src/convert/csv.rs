@@ -6,12 +6,11 @@
 //! the last value of each signal. A signal that was not sampled leaves its column empty, or holds its
 //! last value, if that is asked for. Messages and events go to files beside it.
 
-use super::events::{Names, Words};
 use super::recording::each;
 use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
-use luna_logger::format::{Record, Value};
+use luna_logger::format::{Names, Record, Value, Words};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 use std::io::{self, Write};
@@ -118,7 +117,7 @@ pub(super) fn write(
                     "{},{},{},{},{},{}",
                     Seconds::between(start, event.time),
                     Text(&what),
-                    Text(names.thread(event.thread)),
+                    Text(&names.thread(event.thread)),
                     Text(&subject),
                     Text(&first),
                     Text(&second)
@@ -148,7 +147,7 @@ pub(super) fn write(
                     file,
                     "{},{level},{},{process},{},{}",
                     Seconds::between(start, *time),
-                    Text(thread),
+                    Text(&thread),
                     Text(target),
                     Text(text)
                 )

@@ -6,14 +6,13 @@
 //! `perfetto_trace.proto`; they never change.
 
 use super::activity::Activity;
-use super::events::Names;
 use super::protobuf::Message;
 use super::recording::each;
 use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
 use flate2::{Compression, write::GzEncoder};
-use luna_logger::format::{Record, SignalInfo, Value};
+use luna_logger::format::{Names, Record, SignalInfo, Value};
 use std::collections::HashSet;
 use std::io::Write;
 use std::path::Path;

@@ -1,12 +1,11 @@
 //! What of a recording is converted.
 
-use super::events::Names;
 use super::recording::{each, time};
 use crate::args::{Convert, Selection};
 use crate::failure::Failure;
 use glob::Pattern;
 use luna_core::events::code;
-use luna_logger::format::{Event, Record, Subject};
+use luna_logger::format::{Event, Names, Record, Subject};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
