@@ -120,9 +120,11 @@ pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Conv
                     .message(1, &clock(MONOTONIC, *time))
                     .message(1, &clock(REALTIME, unix.cast_unsigned()))
                     .number(2, MONOTONIC);
+                // Of all packets from here on. The schema's own default is another clock.
+                let defaults = Message::default().number(58, MONOTONIC);
                 put(Message::default()
                     .number(8, *time)
-                    .number(58, MONOTONIC)
+                    .message(59, &defaults)
                     .message(6, &clocks))
             }
             Record::Event(event) => activity.put(&names, event, put),
