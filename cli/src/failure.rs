@@ -59,6 +59,9 @@ pub(crate) enum Failure {
         /// Why.
         error: String,
     },
+    /// Options that do not go together.
+    #[error("{0}")]
+    Options(&'static str),
     /// What a recording is converted to cannot be written.
     #[error("{}: {error}", .path.display())]
     Converted {
@@ -109,6 +112,7 @@ impl Failure {
             | Self::Histogram { .. }
             | Self::Root { .. }
             | Self::Log { .. }
+            | Self::Options(_)
             | Self::Converted { .. }
             | Self::Listen { .. }
             | Self::Scope { .. }
@@ -121,6 +125,7 @@ impl Failure {
                 | SetupError::Parameters(_),
             )) => 2,
             Self::Card(_) => 2,
+            Self::Luna(luna::Error::Record(RecordError::NameOfTheLogger { .. })) => 2,
             // A device that cannot be opened; a later loss is the error of a process.
             #[cfg(unix)]
             Self::Luna(luna::Error::Device(_)) => 2,

@@ -20,11 +20,19 @@ events = []
 slices = []
 open_slices = {}
 flows = {}
+default_clock = None
 start = min(packet.timestamp for packet in trace.packet if packet.HasField("track_event"))
 for packet in trace.packet:
     kind = packet.WhichOneof("data")
+    if packet.HasField("trace_packet_defaults"):
+        default_clock = packet.trace_packet_defaults.timestamp_clock_id
+    assert not packet.HasField("timestamp_clock_id")
     if kind == "clock_snapshot":
         clocks = {clock.clock_id: clock.timestamp for clock in packet.clock_snapshot.clocks}
+        # Without it the schema takes a time as one of BOOTTIME.
+        assert default_clock == schema.BUILTIN_CLOCK_MONOTONIC
+        assert set(clocks) == {schema.BUILTIN_CLOCK_MONOTONIC, schema.BUILTIN_CLOCK_REALTIME}
+        assert packet.timestamp == clocks[schema.BUILTIN_CLOCK_MONOTONIC]
         assert packet.clock_snapshot.primary_trace_clock == schema.BUILTIN_CLOCK_MONOTONIC
         print("wall", clocks[schema.BUILTIN_CLOCK_REALTIME] + start - clocks[schema.BUILTIN_CLOCK_MONOTONIC])
     elif kind == "track_descriptor":

@@ -15,6 +15,14 @@ pub enum RecordError {
         /// The message of the system.
         message: String,
     },
+    /// The file is to have the name of a recording of the logger.
+    #[error(
+        "replay log `{path}`: a replay log is a .replay; a .luna is a recording of the logger, which `System::log_to`, LUNA_LOG or `luna demo --log` makes"
+    )]
+    NameOfTheLogger {
+        /// Its path.
+        path: String,
+    },
     /// It is no replay log.
     #[error(
         "the file is no replay log (.replay): `System::record` or `luna demo --record` makes one"

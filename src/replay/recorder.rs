@@ -85,6 +85,10 @@ impl Recorder {
         parameters: &[(String, String)],
     ) -> Result<Arc<Self>, RecordError> {
         let failed = |error: std::io::Error| file_error(path, &error);
+        if path.extension().is_some_and(|suffix| suffix == "luna") {
+            let path = path.display().to_string();
+            return Err(RecordError::NameOfTheLogger { path });
+        }
         let file = File::create(path).map_err(failed)?;
         let mut writer =
             Writer::new(BufWriter::new(Counting { file, bytes: 0 })).map_err(failed)?;

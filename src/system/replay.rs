@@ -13,7 +13,8 @@ impl System {
     /// 2 ms. What does not fit is counted in the [report](crate::Report::record): no process waits
     /// for the file. Recorded processes take the slow path for each communication, some tens of
     /// nanoseconds longer than the fast path of one executor. The run's error is
-    /// [`Error::Record`](crate::Error::Record) if the file cannot be written.
+    /// [`Error::Record`](crate::Error::Record) if the file cannot be written, or its name ends in
+    /// `.luna`, as that of a recording of the logger.
     pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
         self.record_room(path, ROOM)
     }

@@ -242,15 +242,19 @@ fn bad_signals_and_files_stop_the_start() {
     }));
     assert_eq!((name.as_str(), *source), ("two", expected));
 
-    let mut system = System::new("nowhere");
-    system.log_to("/no/such/folder/run.luna");
-    let main = system.executor("main").build().unwrap();
-    main.process("one").spawn_ok(async { Ok(()) });
-    let error = system.run().unwrap_err();
-    assert!(matches!(
-        error,
-        Error::Setup(SetupError::Logging(StartError::Sink { .. }))
-    ));
+    let of_a_replay_log = std::env::temp_dir().join("luna-logging.replay");
+    for place in ["/no/such/folder/run.luna".as_ref(), &*of_a_replay_log] {
+        let mut system = System::new("nowhere");
+        system.log_to(place);
+        let main = system.executor("main").build().unwrap();
+        main.process("one").spawn_ok(async { Ok(()) });
+        let error = system.run().unwrap_err();
+        assert!(matches!(
+            error,
+            Error::Setup(SetupError::Logging(StartError::Sink { .. }))
+        ));
+    }
+    assert!(!of_a_replay_log.exists());
 }
 
 #[test]

@@ -307,6 +307,14 @@ fn other_files_are_no_recordings() {
     let run = network(&Outputs::default(), Change::Nothing)
         .and_then(|mut system| system.record(nowhere).run());
     assert!(matches!(run, Err(Error::Record(RecordError::File { .. }))));
+    let of_the_logger = std::env::temp_dir().join("luna-record-damage.luna");
+    let run = network(&Outputs::default(), Change::Nothing)
+        .and_then(|mut system| system.record(&of_the_logger).run());
+    let refused = RecordError::NameOfTheLogger {
+        path: of_the_logger.display().to_string(),
+    };
+    assert_eq!(run.map(drop), Err(Error::Record(refused)));
+    assert!(!of_the_logger.exists());
 }
 
 #[test]

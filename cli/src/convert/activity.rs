@@ -1,11 +1,10 @@
 //! Events as tracks of a Perfetto trace: what each process and each named part of one does, and
 //! what each executor runs.
 
-use super::events::Names;
 use super::perfetto::{INSTANT, PROCESS, THREADS, track};
 use super::protobuf::Message;
 use luna_core::events::code;
-use luna_logger::format::{Event, Subject};
+use luna_logger::format::{Event, Names, Subject};
 use std::collections::{HashMap, HashSet};
 
 /// Tracks of executors, those of processes, and those of sub-processes are numbered from here.

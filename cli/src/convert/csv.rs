@@ -6,12 +6,11 @@
 //! the last value of each signal. A signal that was not sampled leaves its column empty, or holds its
 //! last value, if that is asked for. Messages and events go to files beside it.
 
-use super::events::{Names, Words};
 use super::recording::each;
 use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
-use luna_logger::format::{Record, Value};
+use luna_logger::format::{Names, Record, Value, Words};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 use std::io::{self, Write};
@@ -85,7 +84,13 @@ pub(super) fn write(
         };
         if let Some((time, signal, values)) = entry {
             number += 1;
-            waiting.push(Reverse((time, number, signal, Cells(values))));
+            waiting.push(Reverse((
+                time,
+                signal.is_some(),
+                number,
+                signal,
+                Cells(values),
+            )));
             if waiting.len() > WINDOW {
                 table.take(&signals, waiting.pop()).map_err(&failed)?;
             }
@@ -112,7 +117,7 @@ pub(super) fn write(
                     "{},{},{},{},{},{}",
                     Seconds::between(start, event.time),
                     Text(&what),
-                    Text(names.thread(event.thread)),
+                    Text(&names.thread(event.thread)),
                     Text(&subject),
                     Text(&first),
                     Text(&second)
@@ -142,7 +147,7 @@ pub(super) fn write(
                     file,
                     "{},{level},{},{process},{},{}",
                     Seconds::between(start, *time),
-                    Text(thread),
+                    Text(&thread),
                     Text(target),
                     Text(text)
                 )
@@ -165,9 +170,10 @@ pub(super) fn write(
     Ok(converted)
 }
 
-/// A sample of a signal, or, without one, the begin of a cycle: its time, its place in the
-/// recording, and its values.
-type Entry = (u64, u64, Option<u32>, Cells);
+/// A sample of a signal, or, without one, the begin of a cycle: its time, whether it is a sample,
+/// its place in the recording, its signal, and its values. The begin of a cycle comes before the
+/// samples of its instant: on a virtual clock all of a cycle has one time.
+type Entry = (u64, bool, u64, Option<u32>, Cells);
 
 /// Values without an order: the columns before them decide.
 struct Cells(Vec<Value>);
@@ -223,7 +229,7 @@ impl<W: Write> Table<W> {
         signals: &BTreeMap<u32, Columns>,
         entry: Option<Reverse<Entry>>,
     ) -> io::Result<()> {
-        let Some(Reverse((time, _, signal, Cells(values)))) = entry else {
+        let Some(Reverse((time, _, _, signal, Cells(values)))) = entry else {
             return Ok(());
         };
         let Some(signal) = signal else {

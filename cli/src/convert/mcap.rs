@@ -4,16 +4,16 @@
 //! Messages are JSON with a schema, which all of them read. Times are those of the day where the
 //! recording has them, else those of its clock. The file is compressed by zstd.
 
-use super::events::{Names, Words};
 use super::recording::each;
 use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
-use luna_logger::format::{Event, Level, Losing, Record, SignalInfo, Type, Value, Values};
+use luna_logger::format::json::{self, Topic};
+use luna_logger::format::{Level, Losing, Names, Record};
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
-use serde_json::{Value as Json, json};
-use std::collections::{BTreeMap, HashMap};
+use serde_json::json;
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
@@ -43,11 +43,12 @@ struct Mcap {
     losses: Option<Channel>,
     events: Option<Channel>,
     names: Names,
-    threads: HashMap<u32, String>,
     /// From the recording's clock to the time of day.
     offset: i128,
     has_epoch: bool,
     last: u64,
+    /// Room for a sample.
+    text: Vec<u8>,
 }
 
 struct Channel {
@@ -66,90 +67,26 @@ impl Mcap {
             losses: None,
             events: None,
             names: Names::default(),
-            threads: HashMap::new(),
             offset: 0,
             has_epoch: false,
             last: 0,
+            text: Vec::new(),
         })
     }
 
-    fn channel(
-        &mut self,
-        topic: &str,
-        schema: &str,
-        properties: &Json,
-        about: &BTreeMap<String, String>,
-    ) -> mcap::McapResult<Channel> {
-        let described = json!({ "title": schema, "type": "object", "properties": properties });
-        let text = described.to_string();
+    fn channel(&mut self, topic: &Topic) -> mcap::McapResult<Channel> {
+        let schema = topic.schema.as_bytes();
         let schema = self
             .writer
-            .add_schema(schema, "jsonschema", text.as_bytes())?;
-        let id = self.writer.add_channel(schema, topic, "json", about)?;
+            .add_schema(&topic.schema_name, "jsonschema", schema)?;
+        let id = self
+            .writer
+            .add_channel(schema, &topic.name, "json", &topic.metadata)?;
         Ok(Channel {
             id,
-            name: topic.to_owned(),
+            name: topic.name.clone(),
             sequence: 0,
         })
-    }
-
-    fn signal(&mut self, info: &SignalInfo<'_>) -> mcap::McapResult<()> {
-        if self.signals.contains_key(&info.number) {
-            return Ok(());
-        }
-        let one = match info.element_type {
-            Type::Bool => json!({ "type": "boolean" }),
-            Type::F32 | Type::F64 => json!({ "type": "number" }),
-            _ => json!({ "type": "integer" }),
-        };
-        let value = match info.elements {
-            1 => one,
-            _ => json!({ "type": "array", "items": one }),
-        };
-        let schema = format!("luna.{}x{}", info.element_type, info.elements);
-        let about = [("unit", info.unit), ("description", info.description)]
-            .into_iter()
-            .filter(|(_, text)| !text.is_empty())
-            .map(|(name, text)| (name.to_owned(), text.to_owned()))
-            .collect();
-        let topic = format!("/{}", info.name.trim_start_matches('/'));
-        let channel = self.channel(&topic, &schema, &json!({ "value": value }), &about)?;
-        self.signals.insert(info.number, channel);
-        Ok(())
-    }
-
-    fn event(&mut self, event: &Event) -> mcap::McapResult<()> {
-        let time = self.time(event.time);
-        if self.events.is_none() {
-            let (text, number) = (json!({ "type": "string" }), json!({ "type": "integer" }));
-            let properties = json!({
-                "event": text, "thread": text, "subject": text, "first": text, "second": text,
-                "code": number, "number": number,
-                "arguments": { "type": "array", "items": number },
-            });
-            let about = BTreeMap::new();
-            self.events = Some(self.channel("/luna/events", "luna.Event", &properties, &about)?);
-        }
-        let Words {
-            what,
-            subject,
-            first,
-            second,
-        } = self.names.words(event);
-        let content = json!({
-            "event": what,
-            "thread": self.thread(event.thread),
-            "subject": subject,
-            "first": first,
-            "second": second,
-            "code": event.code,
-            "number": event.subject,
-            "arguments": event.arguments,
-        });
-        match &mut self.events {
-            Some(channel) => put(&mut self.writer, channel, time, &content),
-            None => Ok(()),
-        }
     }
 
     fn take(&mut self, record: &Record<'_>) -> mcap::McapResult<()> {
@@ -161,11 +98,13 @@ impl Mcap {
                 self.offset = i128::from(unix) - i128::from(time);
                 Ok(())
             }
-            Record::Thread { number, name } => {
-                self.threads.insert(number, name.to_owned());
+            Record::Signal(info) => {
+                if !self.signals.contains_key(&info.number) {
+                    let channel = self.channel(&Topic::of_signal(&info))?;
+                    self.signals.insert(info.number, channel);
+                }
                 Ok(())
             }
-            Record::Signal(info) => self.signal(&info),
             Record::Sample {
                 signal,
                 time,
@@ -176,8 +115,8 @@ impl Mcap {
                 let Some(channel) = self.signals.get_mut(&signal) else {
                     return Ok(());
                 };
-                let content = json!({ "value": value(values) });
-                put(&mut self.writer, channel, time, &content)
+                json::sample(&mut self.text, values);
+                put(&mut self.writer, channel, time, &self.text)
             }
             Record::Message {
                 thread,
@@ -200,11 +139,10 @@ impl Mcap {
                         "file": { "type": "string" },
                         "line": { "type": "integer" },
                     });
-                    let channel =
-                        self.channel("/luna/log", "foxglove.Log", &properties, &BTreeMap::new())?;
-                    self.messages = Some(channel);
+                    let topic = Topic::new("/luna/log", "foxglove.Log", &properties);
+                    self.messages = Some(self.channel(&topic)?);
                 }
-                let thread = self.threads.get(&thread).map_or("", String::as_str);
+                let thread = self.names.thread(thread);
                 let content = json!({
                     "timestamp": { "sec": time / 1_000_000_000, "nsec": time % 1_000_000_000 },
                     "level": level_number(level),
@@ -213,13 +151,24 @@ impl Mcap {
                     "file": "",
                     "line": 0,
                 });
+                let content = content.to_string();
                 match &mut self.messages {
-                    Some(channel) => put(&mut self.writer, channel, time, &content),
+                    Some(channel) => put(&mut self.writer, channel, time, content.as_bytes()),
                     None => Ok(()),
                 }
             }
             Record::Losses { of, lost } => self.losses(of, lost),
-            Record::Event(event) => self.event(&event),
+            Record::Event(event) => {
+                let time = self.time(event.time);
+                if self.events.is_none() {
+                    self.events = Some(self.channel(&Topic::of_events())?);
+                }
+                let content = json::event(&self.names, &event);
+                match &mut self.events {
+                    Some(channel) => put(&mut self.writer, channel, time, content.as_bytes()),
+                    None => Ok(()),
+                }
+            }
             _ => Ok(()),
         }
     }
@@ -230,32 +179,21 @@ impl Mcap {
                 Some(channel) => channel.name.clone(),
                 None => return Ok(()),
             },
-            Losing::Messages(thread) => format!("messages of {}", self.thread(thread)),
-            Losing::Events(thread) => format!("events of {}", self.thread(thread)),
+            Losing::Messages(thread) => format!("messages of {}", self.names.thread(thread)),
+            Losing::Events(thread) => format!("events of {}", self.names.thread(thread)),
             Losing::Blocks => "blocks on the way".to_owned(),
         };
         if self.losses.is_none() {
             let properties = json!({ "of": { "type": "string" }, "lost": { "type": "integer" } });
-            let channel =
-                self.channel("/luna/losses", "luna.Losses", &properties, &BTreeMap::new())?;
-            self.losses = Some(channel);
+            let topic = Topic::new("/luna/losses", "luna.Losses", &properties);
+            self.losses = Some(self.channel(&topic)?);
         }
         let time = self.last;
+        let content = json!({ "of": of, "lost": lost }).to_string();
         match &mut self.losses {
-            Some(channel) => put(
-                &mut self.writer,
-                channel,
-                time,
-                &json!({ "of": of, "lost": lost }),
-            ),
+            Some(channel) => put(&mut self.writer, channel, time, content.as_bytes()),
             None => Ok(()),
         }
-    }
-
-    fn thread(&self, number: u32) -> &str {
-        self.threads
-            .get(&number)
-            .map_or("other threads", String::as_str)
     }
 
     fn time(&mut self, time: u64) -> u64 {
@@ -269,7 +207,7 @@ fn put(
     writer: &mut Writer<BufWriter<File>>,
     channel: &mut Channel,
     time: u64,
-    content: &Json,
+    content: &[u8],
 ) -> mcap::McapResult<()> {
     let header = MessageHeader {
         channel_id: channel.id,
@@ -278,21 +216,5 @@ fn put(
         publish_time: time,
     };
     channel.sequence = channel.sequence.wrapping_add(1);
-    writer.write_to_known_channel(&header, content.to_string().as_bytes())
-}
-
-/// A number as JSON has it: null if it is not finite.
-fn value(values: Values<'_>) -> Json {
-    let one = |value: Value| match value {
-        Value::Bool(value) => json!(value),
-        Value::Signed(value) => json!(value),
-        Value::Unsigned(value) => json!(value),
-        Value::Float(value) => json!(value),
-    };
-    let mut all: Vec<Json> = values.iter().map(one).collect();
-    if all.len() == 1 {
-        all.remove(0)
-    } else {
-        Json::Array(all)
-    }
+    writer.write_to_known_channel(&header, content)
 }

@@ -1,12 +1,11 @@
 //! `luna convert`: a recording in formats that other programs read.
 //!
 //! `recording` reads it, `selection` leaves out what was not asked for, `csv`, `mcap` and `perfetto`
-//! write, `events` knows what events mean. Each holds in memory what the signals are, and a bounded
+//! write. What events mean is known to `luna_logger::format::Names`. Each holds in memory what the signals are, and a bounded
 //! number of samples.
 
 mod activity;
 mod csv;
-mod events;
 #[cfg(feature = "mcap")]
 mod mcap;
 mod perfetto;
@@ -25,6 +24,7 @@ use std::process::ExitCode;
 
 /// Converts as the command line asks.
 pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
+    check(arguments).map_err(Failure::Options)?;
     let input = &arguments.file;
     let output = arguments
         .output
@@ -53,6 +53,23 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
     };
     print!("{}: {converted}", output.display());
     Ok(say_damage(input, &converted))
+}
+
+/// What clap does not check: options that depend on the values of others.
+fn check(arguments: &Convert) -> Result<(), &'static str> {
+    let selection = &arguments.selection;
+    if arguments.to != Format::Csv && arguments.per_cycle.is_some() {
+        return Err("--per-cycle makes rows: it needs --to csv");
+    }
+    if arguments.to != Format::Csv && arguments.hold {
+        return Err("--hold fills cells: it needs --to csv");
+    }
+    match (selection.from, selection.until) {
+        (Some(from), Some(until)) if until <= from => {
+            Err("--until must be later than --from: nothing lies between them")
+        }
+        _ => Ok(()),
+    }
 }
 
 impl fmt::Display for Converted {

@@ -6,14 +6,13 @@
 //! `perfetto_trace.proto`; they never change.
 
 use super::activity::Activity;
-use super::events::Names;
 use super::protobuf::Message;
 use super::recording::each;
 use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
 use flate2::{Compression, write::GzEncoder};
-use luna_logger::format::{Record, SignalInfo, Value};
+use luna_logger::format::{Names, Record, SignalInfo, Value};
 use std::collections::HashSet;
 use std::io::Write;
 use std::path::Path;
@@ -121,9 +120,11 @@ pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Conv
                     .message(1, &clock(MONOTONIC, *time))
                     .message(1, &clock(REALTIME, unix.cast_unsigned()))
                     .number(2, MONOTONIC);
+                // Of all packets from here on. The schema's own default is another clock.
+                let defaults = Message::default().number(58, MONOTONIC);
                 put(Message::default()
                     .number(8, *time)
-                    .number(58, MONOTONIC)
+                    .message(59, &defaults)
                     .message(6, &clocks))
             }
             Record::Event(event) => activity.put(&names, event, put),

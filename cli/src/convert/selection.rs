@@ -1,12 +1,11 @@
 //! What of a recording is converted.
 
-use super::events::Names;
 use super::recording::{each, time};
 use crate::args::{Convert, Selection};
 use crate::failure::Failure;
 use glob::Pattern;
 use luna_core::events::code;
-use luna_logger::format::{Event, Record, Subject};
+use luna_logger::format::{Event, Names, Record, Subject};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
@@ -98,10 +97,7 @@ impl Filter {
         let is_in = |set: &Option<HashSet<u32>>, number| {
             set.as_ref().is_none_or(|set| set.contains(&number))
         };
-        let is_in_time = time(record).is_none_or(|time| {
-            self.from.is_none_or(|from| time >= from) && self.until.is_none_or(|until| time < until)
-        });
-        is_in_time
+        self.is_in_time(record)
             && match record {
                 Record::Signal(info) => is_in(&self.signals, info.number),
                 Record::Sample { signal, .. } => is_in(&self.signals, *signal),

@@ -25,6 +25,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Receives as the command line asks.
 pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
+    if arguments.once
+        && let Some(path) = &arguments.output
+    {
+        FileSink::check_name(path).map_err(|error| Failure::Log {
+            path: path.clone(),
+            error: error.to_string(),
+        })?;
+    }
     let failed = |error| Failure::Listen {
         address: arguments.listen.clone(),
         error,

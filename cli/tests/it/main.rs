@@ -7,5 +7,6 @@ mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod record;
+mod recordings;
 mod scope;
 mod verdict;

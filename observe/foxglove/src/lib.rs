@@ -7,11 +7,11 @@
 //! | --- | --- |
 //! | `/` and a signal's name | JSON with a schema: `value` is the sample, an array is a list |
 //! | `/luna/log` | `foxglove.Log`, as protobuf |
-//! | `/luna/events` | JSON with a schema: CSP events, with the names of process and thread |
+//! | `/luna/events` | JSON with a schema: CSP events in words, and by their numbers |
 //!
-//! Unit and description of a signal are metadata of its topic. Signals and messages have the topics
-//! and fields of `luna convert --to mcap`, so one layout fits both. The time of a message is when
-//! it was recorded, as time of the day; in a system on a virtual clock, that clock's.
+//! Unit and description of a signal are metadata of its topic. Signals, messages and events have the
+//! topics and fields of `luna convert --to mcap`, so one layout fits both. The time of a message is
+//! when it was recorded, as time of the day; in a system on a virtual clock, that clock's.
 //!
 //! Nothing here is on the real-time path, and nothing here makes the recorder wait. What no viewer
 //! has subscribed to is not encoded. A viewer that reads too slowly misses its oldest messages.

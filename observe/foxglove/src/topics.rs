@@ -2,9 +2,9 @@
 
 use foxglove::messages::{Log, Timestamp, log};
 use foxglove::{Channel, Context, FoxgloveError, PartialMetadata, RawChannel, Schema};
-use luna_logger::format::{Event, Level, Record, SignalInfo, Subject, Type, Value, Values};
-use serde_json::json;
-use std::collections::{BTreeMap, HashMap};
+use luna_logger::format::json::{self, Topic};
+use luna_logger::format::{Event, Level, Names, Record, SignalInfo, Values};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// The topics of one recording, and what their messages need of it.
@@ -13,9 +13,7 @@ pub(crate) struct Topics {
     signals: HashMap<u32, Arc<RawChannel>>,
     messages: Option<Channel<Log>>,
     events: Option<Arc<RawChannel>>,
-    threads: HashMap<u32, String>,
-    /// Of processes, and of the kinds of events.
-    names: HashMap<(Subject, u32), String>,
+    names: Names,
     /// From the recording's clock to the time of day.
     offset: i128,
     has_epoch: bool,
@@ -30,8 +28,7 @@ impl Topics {
             signals: HashMap::new(),
             messages: None,
             events: None,
-            threads: HashMap::new(),
-            names: HashMap::new(),
+            names: Names::forgetting(),
             offset: 0,
             has_epoch: false,
             text: Vec::new(),
@@ -41,51 +38,28 @@ impl Topics {
     /// Makes the topics that do not depend on the recording, so that viewers can subscribe to them
     /// before the first message.
     pub(crate) fn begin(&mut self) -> Result<(), FoxgloveError> {
-        let (text, number) = (json!({ "type": "string" }), json!({ "type": "integer" }));
-        let properties = json!({
-            "event": text, "process": text, "thread": text, "number": number,
-            "arguments": { "type": "array", "items": number },
-        });
         self.messages = Some(self.context.channel_builder("/luna/log").build());
-        self.events =
-            Some(self.channel("/luna/events", "luna.Event", &properties, BTreeMap::new())?);
+        self.events = Some(self.channel(Topic::of_events())?);
         Ok(())
     }
 
-    fn channel(
-        &self,
-        topic: &str,
-        schema: &str,
-        properties: &serde_json::Value,
-        about: BTreeMap<String, String>,
-    ) -> Result<Arc<RawChannel>, FoxgloveError> {
-        let described = json!({ "title": schema, "type": "object", "properties": properties });
-        let schema = Schema::new(schema, "jsonschema", described.to_string().into_bytes());
+    fn channel(&self, topic: Topic) -> Result<Arc<RawChannel>, FoxgloveError> {
+        let schema = Schema::new(topic.schema_name, "jsonschema", topic.schema.into_bytes());
         self.context
-            .channel_builder(topic)
+            .channel_builder(topic.name)
             .message_encoding("json")
             .schema(schema)
-            .metadata(about)
+            .metadata(topic.metadata)
             .build_raw()
     }
 
     pub(crate) fn take(&mut self, record: &Record<'_>) -> Result<(), FoxgloveError> {
+        self.names.take(record);
         match *record {
             Record::Epoch { time, unix } if !self.has_epoch => {
                 // The first alone: steps of the clock of the day do not tear the plots apart.
                 self.has_epoch = true;
                 self.offset = i128::from(unix) - i128::from(time);
-            }
-            Record::Thread { number, name } => {
-                self.threads.insert(number, name.to_owned());
-            }
-            Record::Name {
-                subject: subject @ (Subject::Process | Subject::Code),
-                number,
-                name,
-                ..
-            } => {
-                self.names.insert((subject, number), name.to_owned());
             }
             Record::Signal(info) => self.declare(&info)?,
             Record::Sample {
@@ -111,23 +85,7 @@ impl Topics {
         if self.signals.contains_key(&info.number) {
             return Ok(());
         }
-        let one = match info.element_type {
-            Type::Bool => json!({ "type": "boolean" }),
-            Type::F32 | Type::F64 => json!({ "type": "number" }),
-            _ => json!({ "type": "integer" }),
-        };
-        let value = match info.elements {
-            1 => one,
-            _ => json!({ "type": "array", "items": one }),
-        };
-        let schema = format!("luna.{}x{}", info.element_type, info.elements);
-        let about = [("unit", info.unit), ("description", info.description)]
-            .into_iter()
-            .filter(|(_, text)| !text.is_empty())
-            .map(|(name, text)| (name.to_owned(), text.to_owned()))
-            .collect();
-        let topic = format!("/{}", info.name.trim_start_matches('/'));
-        let channel = self.channel(&topic, &schema, &json!({ "value": value }), about)?;
+        let channel = self.channel(Topic::of_signal(info))?;
         self.signals.insert(info.number, channel);
         Ok(())
     }
@@ -138,7 +96,7 @@ impl Topics {
         if let Some(channel) = self.signals.get(&signal)
             && channel.has_sinks()
         {
-            sample_text(&mut self.text, values);
+            json::sample(&mut self.text, values);
             channel.log_with_meta(&self.text, at);
         }
     }
@@ -159,7 +117,7 @@ impl Topics {
             timestamp: Some(Timestamp::new(seconds, (time % 1_000_000_000) as u32)),
             level: level.into(),
             message: text.to_owned(),
-            name: format!("{}: {target}", self.thread(thread)),
+            name: format!("{}: {target}", self.names.thread(thread)),
             file: String::new(),
             line: 0,
         };
@@ -170,23 +128,8 @@ impl Topics {
         let Some(channel) = self.events.as_ref().filter(|channel| channel.has_sinks()) else {
             return;
         };
-        let name = |subject, number: u32| {
-            let name = self.names.get(&(subject, number));
-            name.map_or("", String::as_str)
-        };
-        let content = json!({
-            "event": name(Subject::Code, event.code.into()),
-            "process": name(Subject::Process, event.subject),
-            "thread": self.thread(event.thread),
-            "number": event.subject,
-            "arguments": event.arguments,
-        });
-        channel.log_with_meta(content.to_string().as_bytes(), self.at(event.time));
-    }
-
-    fn thread(&self, number: u32) -> &str {
-        let name = self.threads.get(&number);
-        name.map_or("other threads", String::as_str)
+        let content = json::event(&self.names, event);
+        channel.log_with_meta(content.as_bytes(), self.at(event.time));
     }
 
     /// An instant of the recording's clock, as time of the day.
@@ -198,30 +141,4 @@ impl Topics {
     fn at(&self, time: u64) -> PartialMetadata {
         PartialMetadata::with_log_time(self.time(time))
     }
-}
-
-/// A sample as JSON. A number that is not finite is null, as JSON has it.
-fn sample_text(text: &mut Vec<u8>, values: Values<'_>) {
-    text.clear();
-    text.extend(br#"{"value":"#);
-    let is_list = values.len() > 1;
-    if is_list {
-        text.push(b'[');
-    }
-    for (number, value) in values.iter().enumerate() {
-        if number > 0 {
-            text.push(b',');
-        }
-        // Writing a number to memory does not fail.
-        let _ = match value {
-            Value::Bool(value) => serde_json::to_writer(&mut *text, &value),
-            Value::Signed(value) => serde_json::to_writer(&mut *text, &value),
-            Value::Unsigned(value) => serde_json::to_writer(&mut *text, &value),
-            Value::Float(value) => serde_json::to_writer(&mut *text, &value),
-        };
-    }
-    if is_list {
-        text.push(b']');
-    }
-    text.push(b'}');
 }

@@ -3,7 +3,9 @@
 use crate::viewer::{Data, Viewer};
 use foxglove::Decode;
 use foxglove::messages::Log;
+use luna_core::events::code;
 use luna_foxglove::{Foxglove, FoxgloveSink};
+use luna_logger::format::json::Topic;
 use luna_logger::format::{ClockBase, Encoder, Event, Record, SignalInfo, Subject, Type, Values};
 use luna_logger::{Hub, Level, Logging, Recorder, Signal, Sink};
 use serde_json::json;
@@ -31,6 +33,35 @@ fn signal(number: u32, element_type: Type, elements: u8, name: &str) -> Record<'
     })
 }
 
+/// A turn of process 9 in each even step, and a send into channel 9 by that process in each odd one.
+fn event(step: u64, time: u64) -> Event {
+    let (code, arguments) = match step % 2 {
+        0 => (code::RUNNING, [0, 0]),
+        _ => (code::COMMUNICATION, [9, 0]),
+    };
+    Event {
+        thread: 1,
+        time,
+        code,
+        subject: 9,
+        arguments,
+    }
+}
+
+/// The event of a step, as a viewer gets it.
+fn event_in_words(step: u64) -> serde_json::Value {
+    match step % 2 {
+        0 => json!({
+            "event": "running", "thread": "control", "subject": "servo", "first": "", "second": "",
+            "code": 2, "number": 9, "arguments": [0, 0],
+        }),
+        _ => json!({
+            "event": "communication", "thread": "control", "subject": "torque", "first": "servo",
+            "second": "", "code": 5, "number": 9, "arguments": [9, 0],
+        }),
+    }
+}
+
 /// Hands over the declarations, then samples, messages and events until it is told to stop. Those
 /// of step n have the value `first` + n, and the time n steps after the beginning.
 fn record(mut sink: FoxgloveSink, stop: &AtomicBool, first: f64) {
@@ -46,7 +77,9 @@ fn record(mut sink: FoxgloveSink, stop: &AtomicBool, first: f64) {
     encoder.put(&Record::Thread { number: 1, name });
     for (subject, number, name) in [
         (Subject::Process, 9, "servo"),
-        (Subject::Code, 2, "running"),
+        (Subject::Channel, 9, "torque"),
+        (Subject::Code, code::RUNNING.into(), "running"),
+        (Subject::Code, code::COMMUNICATION.into(), "communication"),
     ] {
         encoder.put(&Record::Name {
             subject,
@@ -87,13 +120,7 @@ fn record(mut sink: FoxgloveSink, stop: &AtomicBool, first: f64) {
             target: "arm",
             text: &step.to_string(),
         });
-        encoder.put(&Record::Event(Event {
-            thread: 1,
-            time,
-            code: 2,
-            subject: 9,
-            arguments: [step, 0],
-        }));
+        encoder.put(&Record::Event(event(step, time)));
         sink.block(encoder.block()).unwrap();
         encoder.next();
         step += 1;
@@ -132,7 +159,13 @@ fn a_viewer_gets_samples_messages_and_events_with_their_times() {
         (&log["encoding"], &log["schemaName"]),
         (&json!("protobuf"), &json!("foxglove.Log"))
     );
-    viewer.subscribe("/luna/events", 13);
+    let events = viewer.subscribe("/luna/events", 13);
+    // As in an MCAP file.
+    let topic = Topic::of_events();
+    assert_eq!(
+        (&events["schemaName"], &events["schema"]),
+        (&json!(topic.schema_name), &json!(topic.schema))
+    );
 
     let mut seen = [0_u64; 4];
     let mut last = None;
@@ -154,13 +187,7 @@ fn a_viewer_gets_samples_messages_and_events_with_their_times() {
                 let nanos = u64::from(time.sec()) * 1_000_000_000 + u64::from(time.nsec());
                 assert_eq!(nanos, data.time);
             }
-            13 => assert_eq!(
-                data.json(),
-                json!({
-                    "event": "running", "process": "servo", "thread": "control", "number": 9,
-                    "arguments": [step, 0],
-                })
-            ),
+            13 => assert_eq!(data.json(), event_in_words(step)),
             other => panic!("subscription {other}"),
         }
         seen[(data.subscription - 10) as usize] += 1;

@@ -11,6 +11,8 @@ pub(crate) struct Viewer {
     socket: WebSocket<TcpStream>,
     /// The channels that were advertised, by their topics.
     pub(crate) channels: HashMap<String, Json>,
+    /// What was subscribed to.
+    subscriptions: Vec<Json>,
 }
 
 /// A message of a topic that was subscribed to.
@@ -47,6 +49,7 @@ impl Viewer {
         let mut viewer = Viewer {
             socket,
             channels: HashMap::new(),
+            subscriptions: Vec::new(),
         };
         assert_eq!(viewer.text()["op"], "serverInfo");
         viewer
@@ -66,6 +69,7 @@ impl Viewer {
         while !self.channels.contains_key(topic) {
             let text = self.text();
             if text["op"] != "advertise" {
+                self.again(&text);
                 continue;
             }
             for channel in text["channels"].as_array().unwrap() {
@@ -74,26 +78,45 @@ impl Viewer {
             }
         }
         let channel = self.channels[topic].clone();
-        let request = json!({
-            "op": "subscribe",
-            "subscriptions": [{ "id": number, "channelId": channel["id"] }],
-        });
+        let subscription = json!({ "id": number, "channelId": channel["id"] });
+        self.send(&subscription);
+        self.subscriptions.push(subscription);
+        channel
+    }
+
+    fn send(&mut self, subscription: &Json) {
+        let request = json!({ "op": "subscribe", "subscriptions": [subscription] });
         let request = Message::Text(request.to_string().into());
         self.socket.send(request).unwrap();
-        channel
+    }
+
+    /// The library knows a channel a moment after it has advertised it. Until then it answers a
+    /// subscription by an error, which a viewer on the same machine may meet: it subscribes again.
+    fn again(&mut self, status: &Json) {
+        let text = status["message"].as_str().unwrap_or_default();
+        let unknown = text.strip_prefix("Unknown channel ID: ");
+        let refused = self
+            .subscriptions
+            .iter()
+            .find(|one| Some(&*one["channelId"].to_string()) == unknown);
+        if let Some(refused) = refused.cloned() {
+            self.send(&refused);
+        }
     }
 
     /// The next message of a topic.
     pub(crate) fn data(&mut self) -> Data {
         loop {
-            if let Message::Binary(bytes) = self.socket.read().unwrap()
-                && bytes[0] == 1
-            {
-                return Data {
-                    subscription: u32::from_le_bytes(bytes[1..5].try_into().unwrap()),
-                    time: u64::from_le_bytes(bytes[5..13].try_into().unwrap()),
-                    content: bytes[13..].to_vec(),
-                };
+            match self.socket.read().unwrap() {
+                Message::Binary(bytes) if bytes[0] == 1 => {
+                    return Data {
+                        subscription: u32::from_le_bytes(bytes[1..5].try_into().unwrap()),
+                        time: u64::from_le_bytes(bytes[5..13].try_into().unwrap()),
+                        content: bytes[13..].to_vec(),
+                    };
+                }
+                Message::Text(text) => self.again(&serde_json::from_str(&text).unwrap()),
+                _ => {}
             }
         }
     }

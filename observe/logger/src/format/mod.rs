@@ -18,10 +18,13 @@
 mod decode;
 mod encoder;
 mod error;
+#[cfg(feature = "json")]
+pub mod json;
 mod reader;
 mod record;
 mod tally;
 mod types;
+mod words;
 mod writer;
 
 pub use encoder::Encoder;
@@ -31,6 +34,7 @@ pub use reader::Reader;
 pub use record::{Event, Record, RunsOn, SignalInfo, Subject};
 pub use tally::Tally;
 pub use types::{ClockBase, Level, Losing, Type, Value, Values};
+pub use words::{Names, Words};
 pub use writer::Writer;
 
 /// Every recording begins with these bytes. The first is not ASCII, and the line ends reveal a

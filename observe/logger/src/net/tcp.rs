@@ -4,7 +4,7 @@ use super::wire::{
     ACK, ANSWER, Hello, Key, MAGIC, PREFIX, PeerError, check_prefix, now, read_ack, read_answer,
 };
 use crate::format::{Encoder, Tally, seal};
-use crate::recorder::Sink;
+use crate::recorder::{Sink, TCP};
 use luna_platform::thread::{Attributes, Policy, spawn};
 use std::collections::{HashSet, VecDeque};
 use std::convert::Infallible;
@@ -147,6 +147,10 @@ impl TcpSink {
 }
 
 impl Sink for TcpSink {
+    fn place(&self) -> String {
+        format!("{TCP}{}", self.address)
+    }
+
     fn begin(&mut self, _head: &[u8]) -> io::Result<()> {
         check_address(&self.address)?;
         let link = Link {
@@ -314,7 +318,7 @@ impl Link {
     /// Keeps the error, and reports it if a user has to act. Returns the pause if the receiver has
     /// no room.
     fn note(&mut self, error: &io::Error) -> Option<Duration> {
-        let text = format!("tcp://{}: {error}", self.address);
+        let text = format!("{TCP}{}: {error}", self.address);
         let peer = error
             .get_ref()
             .and_then(|inner| inner.downcast_ref::<PeerError>());

@@ -4,7 +4,7 @@ use super::search::Search;
 use super::tcp::check_address;
 use super::wire::{ANSWER, Datagram, Key, PeerError, now, read_answer};
 use crate::format::{Encoder, seal};
-use crate::recorder::Sink;
+use crate::recorder::{Sink, UDP};
 use std::collections::HashSet;
 use std::io::{self, Write};
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
@@ -111,7 +111,7 @@ impl UdpSink {
     /// The error for a refused block: after `WouldBlock` the recorder would wait and offer it
     /// again.
     fn error(&self, error: io::Error) -> io::Error {
-        io::Error::other(format!("udp://{}: {error}", self.address))
+        io::Error::other(format!("{}: {error}", self.place()))
     }
 
     /// Reads the receiver's answer, if there is one.
@@ -125,14 +125,18 @@ impl UdpSink {
             // Standard error may be closed.
             let _ = writeln!(
                 io::stderr().lock(),
-                "luna: recording to udp://{}: {error}",
-                self.address
+                "luna: recording to {}: {error}",
+                self.place()
             );
         }
     }
 }
 
 impl Sink for UdpSink {
+    fn place(&self) -> String {
+        format!("{UDP}{}", self.address)
+    }
+
     fn begin(&mut self, _head: &[u8]) -> io::Result<()> {
         check_address(&self.address)?;
         // Starts the search for the host, if needed. The first block reports its outcome.

@@ -70,27 +70,28 @@ pub struct Logging {
 
 enum Target {
     File(PathBuf),
-    Sink(String, Box<dyn Sink>),
+    Sink(Box<dyn Sink>),
 }
 
 impl fmt::Debug for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Target::File(path) => path.fmt(f),
-            Target::Sink(to, _) => f.write_str(to),
+            Target::Sink(sink) => f.write_str(&sink.place()),
         }
     }
 }
 
 impl Logging {
-    /// Into a new file; one that is there is replaced.
+    /// Into a new file; one that is there is replaced. A name that ends in `.replay` is refused when
+    /// the recording begins: that is a replay log.
     pub fn to_file(path: impl Into<PathBuf>) -> Self {
         Self::to(Target::File(path.into()))
     }
 
     /// Into something else.
     pub fn to_sink(sink: impl Sink + 'static) -> Self {
-        Self::to(Target::Sink("a sink".to_owned(), Box::new(sink)))
+        Self::to(Target::Sink(Box::new(sink)))
     }
 
     /// Records to a [`Receiver`](crate::Receiver) over TCP, such as `luna record --listen ADDR` on
@@ -112,9 +113,7 @@ impl Logging {
     /// # Ok::<(), luna_logger::StartError>(())
     /// ```
     pub fn to_tcp(address: impl Into<String>) -> Self {
-        let address = address.into();
-        let to = format!("{TCP}{address}");
-        Self::to(Target::Sink(to, Box::new(TcpSink::new(address)))).end_within(AT_PEERS)
+        Self::to_sink(TcpSink::new(address)).end_within(AT_PEERS)
     }
 
     /// Records to a [`Receiver`](crate::Receiver) by UDP datagrams: `address` is `HOST:PORT`. There
@@ -128,9 +127,7 @@ impl Logging {
     /// );
     /// ```
     pub fn to_udp(address: impl Into<String>) -> Self {
-        let address = address.into();
-        let to = format!("{UDP}{address}");
-        Self::to(Target::Sink(to, Box::new(UdpSink::new(address)))).end_within(AT_PEERS)
+        Self::to_sink(UdpSink::new(address)).end_within(AT_PEERS)
     }
 
     /// To what a text names: `tcp://HOST:PORT`, `udp://HOST:PORT`, or a file.
@@ -244,8 +241,8 @@ impl Logging {
 }
 
 /// What a place begins with that is on another computer.
-const TCP: &str = "tcp://";
-const UDP: &str = "udp://";
+pub(crate) const TCP: &str = "tcp://";
+pub(crate) const UDP: &str = "udp://";
 
 /// Default limits at the end of a recording, for a sink here and for one on another computer.
 const AT_END: Duration = Duration::from_secs(10);
@@ -296,7 +293,7 @@ impl Recorder {
                     }),
                 )
             }
-            Target::Sink(to, sink) => (to, Ok(sink)),
+            Target::Sink(sink) => (sink.place(), Ok(sink)),
         };
         let sink = sink
             .and_then(|mut sink| {

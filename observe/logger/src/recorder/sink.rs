@@ -4,7 +4,7 @@ use crate::format::Tally;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// The destination of a recording's blocks. It is called on a thread of its own, and may block:
@@ -31,6 +31,11 @@ pub trait Sink: Send {
     /// [`WouldBlock`](io::ErrorKind::WouldBlock): it cannot take the block yet. The block is
     /// offered again.
     fn block(&mut self, block: &[u8]) -> io::Result<()>;
+
+    /// Where the recording goes, as the report and errors name it.
+    fn place(&self) -> String {
+        "a sink".to_owned()
+    }
 
     /// The name of the recorded system. Called first.
     fn is_of(&mut self, _system: &str) {}
@@ -68,6 +73,7 @@ pub trait Sink: Send {
 /// stays readable. Writing continues when there is room again.
 #[derive(Debug)]
 pub struct FileSink {
+    path: PathBuf,
     file: File,
     /// How long the file is with its last whole block.
     length: u64,
@@ -81,19 +87,43 @@ impl FileSink {
     ///
     /// # Errors
     ///
-    /// The system's own.
+    /// The system's own, or that of [`check_name`](Self::check_name).
     ///
     /// ```
     /// use luna_logger::FileSink;
     /// assert!(FileSink::create("/no/such/folder/run.luna".as_ref()).is_err());
     /// ```
     pub fn create(path: &Path) -> io::Result<FileSink> {
+        Self::check_name(path)?;
         Ok(FileSink {
+            path: path.to_owned(),
             file: File::create(path)?,
             length: 0,
             is_broken: false,
             sync: None,
         })
+    }
+
+    /// Refuses a name that ends in `.replay`: that is a replay log, another kind of file.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidInput`](io::ErrorKind::InvalidInput).
+    ///
+    /// ```
+    /// use luna_logger::FileSink;
+    /// assert!(FileSink::check_name("run.luna".as_ref()).is_ok());
+    /// assert!(FileSink::check_name("run.replay".as_ref()).is_err());
+    /// ```
+    pub fn check_name(path: &Path) -> io::Result<()> {
+        match path.extension().is_some_and(|suffix| suffix == "replay") {
+            true => Err(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                "a recording of the logger is a .luna; a .replay is a replay log, which \
+                 `System::record` or `luna demo --record` makes",
+            )),
+            false => Ok(()),
+        }
     }
 
     /// Writes it to the disk (`fdatasync`) when this time has passed since the last time, and at
@@ -123,6 +153,10 @@ impl FileSink {
 }
 
 impl Sink for FileSink {
+    fn place(&self) -> String {
+        self.path.display().to_string()
+    }
+
     fn begin(&mut self, head: &[u8]) -> io::Result<()> {
         self.append(head)
     }

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 /// A recording to several sinks, such as a file and a scope.
 ///
-/// The first sink decides what is recorded: what it refuses is lost, counted in the report, and not
+/// The first sink is the one that the report names, and decides what is recorded: what it refuses is lost, counted in the report, and not
 /// passed to the others. A block that another sink refuses is missing only there, and counted by
 /// [`refused`](Self::refused); that sink continues with the next block that declares everything,
 /// which follows soon. Another sink that panics is ended. All sinks work on one thread, so one that
@@ -112,6 +112,10 @@ impl Other {
 }
 
 impl Sink for Tee {
+    fn place(&self) -> String {
+        self.first.place()
+    }
+
     fn begin(&mut self, head: &[u8]) -> io::Result<()> {
         self.first.begin(head)?;
         self.others.iter_mut().try_for_each(|other| {

@@ -13,4 +13,5 @@ mod killed;
 mod names;
 mod network;
 mod no_executor;
+mod places;
 mod recording;

@@ -1,28 +1,75 @@
 //! CSP events in words: the names that a recording has for their numbers.
 
+use super::record::{Event, Record, Subject};
 use luna_core::events::code;
-use luna_logger::format::{Event, Record, Subject};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
-/// The names until now.
-#[derive(Default)]
-pub(super) struct Names {
+/// The names that a recording has declared until now. They put its events in words.
+///
+/// ```
+/// use luna_core::events::code;
+/// use luna_logger::format::{Event, Names, Record, Subject};
+///
+/// let mut names = Names::default();
+/// for (subject, number, name) in [
+///     (Subject::Code, code::COMMUNICATION.into(), "communication"),
+///     (Subject::Process, 3, "servo"),
+///     (Subject::Channel, 3, "torque"),
+/// ] {
+///     names.take(&Record::Name { subject, number, parent: 0, name, runs_on: None });
+/// }
+/// let event = Event {
+///     thread: 0,
+///     time: 0,
+///     code: code::COMMUNICATION,
+///     subject: 3,
+///     arguments: [3, 0],
+/// };
+/// let words = names.words(&event);
+/// assert_eq!((&*words.what, &*words.subject), ("communication", "torque"));
+/// assert_eq!((&*words.first, &*words.second), ("servo", ""));
+/// ```
+#[derive(Debug, Default)]
+pub struct Names {
+    /// With the number of the parent.
     names: HashMap<(Subject, u32), (String, u32)>,
     threads: HashMap<u32, String>,
+    forgets: bool,
+    /// Of these it forgets the names next.
+    ended: Vec<(Subject, u32)>,
 }
 
-/// An event in words; a field without meaning is empty.
-pub(super) struct Words {
-    pub(super) what: String,
-    pub(super) subject: String,
-    pub(super) first: String,
-    pub(super) second: String,
+/// An event in words; a field without meaning is empty. `docs/events.md` lists what the fields are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Words {
+    /// The kind of event.
+    pub what: String,
+    /// The name of its subject.
+    pub subject: String,
+    /// Its first number.
+    pub first: String,
+    /// Its second number.
+    pub second: String,
 }
+
+/// So many processes and sub-processes keep their names at least after they have ended: the events
+/// of other threads may come later.
+const KEPT: usize = 4096;
 
 impl Names {
-    /// Keeps the names of a record.
-    pub(super) fn take(&mut self, record: &Record<'_>) {
+    /// For a recording without an end: the names of processes and sub-processes, and of their
+    /// loops, are forgotten some time after they have ended.
+    pub fn forgetting() -> Names {
+        Names {
+            forgets: true,
+            ..Names::default()
+        }
+    }
+
+    /// Keeps what a record declares.
+    pub fn take(&mut self, record: &Record<'_>) {
         match record {
+            Record::Event(event) if self.forgets => self.note_end(event),
             Record::Name {
                 subject,
                 number,
@@ -40,8 +87,27 @@ impl Names {
         }
     }
 
+    fn note_end(&mut self, event: &Event) {
+        let of = match event.code {
+            code::DONE => Subject::Process,
+            code::SUB_DONE => Subject::SubProcess,
+            _ => return,
+        };
+        self.ended.push((of, event.subject));
+        if self.ended.len() == 2 * KEPT {
+            let gone: HashSet<_> = self.ended.drain(..KEPT).collect();
+            self.names.retain(|name, (_, parent)| {
+                let whole = match name.0 {
+                    Subject::Loop | Subject::SubProcess => (Subject::Process, *parent),
+                    _ => *name,
+                };
+                !(gone.contains(name) || gone.contains(&whole))
+            });
+        }
+    }
+
     /// The number, name and parent of all that are of this kind.
-    pub(super) fn all(&self, of: Subject) -> impl Iterator<Item = (u32, &str, u32)> {
+    pub fn all(&self, of: Subject) -> impl Iterator<Item = (u32, &str, u32)> {
         let all = self
             .names
             .iter()
@@ -50,7 +116,7 @@ impl Names {
     }
 
     /// Its name, or its kind and number.
-    pub(super) fn of(&self, subject: Subject, number: u64) -> String {
+    pub fn of(&self, subject: Subject, number: u64) -> String {
         let kind = match subject {
             Subject::Process => "process",
             Subject::Executor => "executor",
@@ -74,18 +140,20 @@ impl Names {
         }
     }
 
-    pub(super) fn thread(&self, number: u32) -> &str {
-        self.threads.get(&number).map_or("", String::as_str)
+    /// A thread's name, or its number.
+    pub fn thread(&self, number: u32) -> String {
+        let known = self.threads.get(&number);
+        known.map_or_else(|| format!("thread {number}"), String::clone)
     }
 
     /// The process that a loop belongs to; 0 if it is not known.
-    pub(super) fn process_of_loop(&self, number: u32) -> u32 {
+    pub fn process_of_loop(&self, number: u32) -> u32 {
         let known = self.names.get(&(Subject::Loop, number));
         known.map_or(0, |(_, parent)| *parent)
     }
 
     /// What a process waits for, in the words of `WAITING`; empty if that is not known.
-    pub(super) fn awaited(&self, [kind, number]: [u64; 2]) -> String {
+    fn awaited(&self, [kind, number]: [u64; 2]) -> String {
         let kinds = [
             Subject::Channel,
             Subject::Barrier,
@@ -97,7 +165,7 @@ impl Names {
     }
 
     /// An event in words.
-    pub(super) fn words(&self, event: &Event) -> Words {
+    pub fn words(&self, event: &Event) -> Words {
         let what = self.of(Subject::Code, event.code.into());
         let [a, b] = event.arguments;
         let subject: u64 = event.subject.into();
@@ -207,5 +275,43 @@ mod tests {
             "unknown",
             "without a share"
         );
+    }
+
+    #[test]
+    fn names_of_what_has_ended_are_forgotten_in_an_endless_recording() {
+        let (mut all, mut some) = (Names::default(), Names::forgetting());
+        let ends = 10 * KEPT as u32;
+        for number in 1..=ends {
+            let name = |subject, parent| Record::Name {
+                subject,
+                number,
+                parent,
+                name: "one",
+                runs_on: None,
+            };
+            let end = |code| {
+                Record::Event(Event {
+                    thread: 0,
+                    time: 0,
+                    code,
+                    subject: number,
+                    arguments: [0, 0],
+                })
+            };
+            for record in [
+                name(Subject::Process, 0),
+                name(Subject::Loop, number),
+                name(Subject::SubProcess, number),
+                end(code::SUB_DONE),
+                end(code::DONE),
+            ] {
+                all.take(&record);
+                some.take(&record);
+            }
+        }
+        assert_eq!(all.names.len(), 3 * ends as usize);
+        assert!(some.names.len() <= 4 * KEPT, "{}", some.names.len());
+        assert_eq!(some.of(Subject::Process, ends.into()), "one");
+        assert_eq!(some.of(Subject::Process, 1), "process 1");
     }
 }
