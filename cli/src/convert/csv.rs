@@ -145,9 +145,10 @@ pub(super) fn write(
                 let thread = names.thread(*thread);
                 writeln!(
                     file,
-                    "{},{level},{},{process},{},{}",
+                    "{},{level},{},{},{},{}",
                     Seconds::between(start, *time),
                     Text(&thread),
+                    Text(&names.process((*process).into())),
                     Text(target),
                     Text(text)
                 )

@@ -198,8 +198,15 @@ fn missing(kind: &str, pattern: &Pattern, names: &[(u32, &str)]) -> String {
     let mut there: Vec<&str> = names.iter().map(|(_, name)| *name).collect();
     there.sort_unstable();
     there.dedup();
+    // All but signals are declared together with events.
+    let why = match kind {
+        "signal" => "",
+        _ => {
+            ": it was recorded without events (`Logging::events`, or LUNA_LOG_EVENTS in its environment)"
+        }
+    };
     match there.is_empty() {
-        true => format!("it has no {kind} `{pattern}`, and none at all"),
+        true => format!("it has no {kind} `{pattern}`, and none at all{why}"),
         false => format!(
             "it has no {kind} `{pattern}`; there are {}",
             there.join(", ")

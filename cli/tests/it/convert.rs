@@ -344,8 +344,8 @@ fn csv_has_a_row_for_each_instant() {
     );
     let messages = fs::read_to_string(folder.join("run.messages.csv")).unwrap();
     let expected = "time,level,thread,process,target,text\n\
-                    0.001500000,WARN,console,7,arm,\"too \"\"hot\"\", stop\"\n\
-                    0.004000000,INFO,console,7,arm,\"two\nlines\"\n";
+                    0.001500000,WARN,console,process 7,arm,\"too \"\"hot\"\", stop\"\n\
+                    0.004000000,INFO,console,process 7,arm,\"two\nlines\"\n";
     assert_eq!(messages, expected);
 
     let held = folder.join("held.csv");

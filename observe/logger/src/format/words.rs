@@ -133,7 +133,7 @@ impl Names {
     }
 
     /// A process' name; empty for none.
-    fn process(&self, number: u64) -> String {
+    pub fn process(&self, number: u64) -> String {
         match number {
             0 => String::new(),
             number => self.of(Subject::Process, number),
