@@ -45,10 +45,12 @@ pub mod format;
 mod hub;
 mod lane;
 mod message;
+mod monitor;
 mod net;
 mod recorder;
 mod sample;
 mod signal;
+mod thread;
 
 #[cfg(feature = "tracing")]
 pub use facade::TracingSubscriber;

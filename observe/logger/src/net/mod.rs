@@ -14,6 +14,7 @@ mod datagrams;
 mod receive;
 mod search;
 mod tcp;
+mod timed;
 mod udp;
 mod wire;
 

@@ -4,9 +4,9 @@ use super::wire::{Hello, Key, PeerError};
 use super::{connection, datagrams};
 use crate::format::{Encoder, Losing, Record, Tally, seal};
 use crate::recorder::Sink;
-use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use crate::thread::start;
+use luna_platform::thread::Thread;
 use std::collections::HashMap;
-use std::convert::Infallible;
 use std::fmt;
 use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
@@ -164,18 +164,14 @@ impl Receiver {
         });
         let inside = office.clone();
         let is_tcp = matches!(self.way, Way::Tcp(_));
-        let thread = spawn(
-            Attributes::framework("luna-receiver", Policy::Other),
-            move |_| Ok::<_, Infallible>(()),
-            move |()| match self.way {
-                Way::Tcp(listener) => connection::accept(&listener, &inside),
-                Way::Udp(socket) => datagrams::receive(&socket, &inside),
-            },
-        );
+        let thread = start("luna-receiver", move || match self.way {
+            Way::Tcp(listener) => connection::accept(&listener, &inside),
+            Way::Udp(socket) => datagrams::receive(&socket, &inside),
+        })?;
         Ok(Receiving {
             address: self.address,
             is_tcp,
-            thread: Some(thread.map_err(|error| io::Error::other(error.to_string()))?),
+            thread: Some(thread),
             office,
         })
     }
