@@ -126,7 +126,7 @@ pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Conv
                     .number(58, MONOTONIC)
                     .message(6, &clocks))
             }
-            Record::Event(event) => activity.put(&names, event, put),
+            Record::Event(event) => activity.put(&names, event, &mut put),
             _ => Ok(()),
         }
     })?;
