@@ -74,8 +74,8 @@ impl Names {
         }
     }
 
-    pub(super) fn thread(&self, number: u32) -> &str {
-        self.threads.get(&number).map_or("", String::as_str)
+    pub(super) fn thread(&self, number: u32) -> Option<&str> {
+        self.threads.get(&number).map(String::as_str)
     }
 
     /// The process that a loop belongs to; 0 if it is not known.

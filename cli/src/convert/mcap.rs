@@ -39,11 +39,8 @@ pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Conv
 struct Mcap {
     writer: Writer<BufWriter<File>>,
     signals: HashMap<u32, Channel>,
-    messages: Option<Channel>,
-    losses: Option<Channel>,
-    events: Option<Channel>,
+    topics: HashMap<&'static str, Channel>,
     names: Names,
-    threads: HashMap<u32, String>,
     /// From the recording's clock to the time of day.
     offset: i128,
     has_epoch: bool,
@@ -62,11 +59,8 @@ impl Mcap {
         Ok(Self {
             writer: options.create(output)?,
             signals: HashMap::new(),
-            messages: None,
-            losses: None,
-            events: None,
+            topics: HashMap::new(),
             names: Names::default(),
-            threads: HashMap::new(),
             offset: 0,
             has_epoch: false,
             last: 0,
@@ -118,18 +112,35 @@ impl Mcap {
         Ok(())
     }
 
+    /// Puts a message into a topic, which is made with its first one.
+    fn put(
+        &mut self,
+        topic: &'static str,
+        schema: &str,
+        properties: impl FnOnce() -> Json,
+        time: u64,
+        content: &Json,
+    ) -> mcap::McapResult<()> {
+        if !self.topics.contains_key(topic) {
+            let channel = self.channel(topic, schema, &properties(), &BTreeMap::new())?;
+            self.topics.insert(topic, channel);
+        }
+        match self.topics.get_mut(topic) {
+            Some(channel) => put(&mut self.writer, channel, time, content),
+            None => Ok(()),
+        }
+    }
+
     fn event(&mut self, event: &Event) -> mcap::McapResult<()> {
         let time = self.time(event.time);
-        if self.events.is_none() {
+        let properties = || {
             let (text, number) = (json!({ "type": "string" }), json!({ "type": "integer" }));
-            let properties = json!({
+            json!({
                 "event": text, "thread": text, "subject": text, "first": text, "second": text,
                 "code": number, "number": number,
                 "arguments": { "type": "array", "items": number },
-            });
-            let about = BTreeMap::new();
-            self.events = Some(self.channel("/luna/events", "luna.Event", &properties, &about)?);
-        }
+            })
+        };
         let Words {
             what,
             subject,
@@ -146,10 +157,7 @@ impl Mcap {
             "number": event.subject,
             "arguments": event.arguments,
         });
-        match &mut self.events {
-            Some(channel) => put(&mut self.writer, channel, time, &content),
-            None => Ok(()),
-        }
+        self.put("/luna/events", "luna.Event", properties, time, &content)
     }
 
     fn take(&mut self, record: &Record<'_>) -> mcap::McapResult<()> {
@@ -159,10 +167,6 @@ impl Mcap {
                 // The first alone: steps of the clock of the day do not tear the recording apart.
                 self.has_epoch = true;
                 self.offset = i128::from(unix) - i128::from(time);
-                Ok(())
-            }
-            Record::Thread { number, name } => {
-                self.threads.insert(number, name.to_owned());
                 Ok(())
             }
             Record::Signal(info) => self.signal(&info),
@@ -188,8 +192,8 @@ impl Mcap {
                 ..
             } => {
                 let time = self.time(time);
-                if self.messages.is_none() {
-                    let properties = json!({
+                let properties = || {
+                    json!({
                         "timestamp": {
                             "type": "object", "title": "time",
                             "properties": { "sec": { "type": "integer" }, "nsec": { "type": "integer" } },
@@ -199,12 +203,9 @@ impl Mcap {
                         "name": { "type": "string" },
                         "file": { "type": "string" },
                         "line": { "type": "integer" },
-                    });
-                    let channel =
-                        self.channel("/luna/log", "foxglove.Log", &properties, &BTreeMap::new())?;
-                    self.messages = Some(channel);
-                }
-                let thread = self.threads.get(&thread).map_or("", String::as_str);
+                    })
+                };
+                let thread = self.names.thread(thread).unwrap_or_default();
                 let content = json!({
                     "timestamp": { "sec": time / 1_000_000_000, "nsec": time % 1_000_000_000 },
                     "level": level_number(level),
@@ -213,10 +214,7 @@ impl Mcap {
                     "file": "",
                     "line": 0,
                 });
-                match &mut self.messages {
-                    Some(channel) => put(&mut self.writer, channel, time, &content),
-                    None => Ok(()),
-                }
+                self.put("/luna/log", "foxglove.Log", properties, time, &content)
             }
             Record::Losses { of, lost } => self.losses(of, lost),
             Record::Event(event) => self.event(&event),
@@ -234,28 +232,19 @@ impl Mcap {
             Losing::Events(thread) => format!("events of {}", self.thread(thread)),
             Losing::Blocks => "blocks on the way".to_owned(),
         };
-        if self.losses.is_none() {
-            let properties = json!({ "of": { "type": "string" }, "lost": { "type": "integer" } });
-            let channel =
-                self.channel("/luna/losses", "luna.Losses", &properties, &BTreeMap::new())?;
-            self.losses = Some(channel);
-        }
-        let time = self.last;
-        match &mut self.losses {
-            Some(channel) => put(
-                &mut self.writer,
-                channel,
-                time,
-                &json!({ "of": of, "lost": lost }),
-            ),
-            None => Ok(()),
-        }
+        let properties = || json!({ "of": { "type": "string" }, "lost": { "type": "integer" } });
+        let content = json!({ "of": of, "lost": lost });
+        self.put(
+            "/luna/losses",
+            "luna.Losses",
+            properties,
+            self.last,
+            &content,
+        )
     }
 
     fn thread(&self, number: u32) -> &str {
-        self.threads
-            .get(&number)
-            .map_or("other threads", String::as_str)
+        self.names.thread(number).unwrap_or("other threads")
     }
 
     fn time(&mut self, time: u64) -> u64 {
