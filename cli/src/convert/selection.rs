@@ -98,10 +98,7 @@ impl Filter {
         let is_in = |set: &Option<HashSet<u32>>, number| {
             set.as_ref().is_none_or(|set| set.contains(&number))
         };
-        let is_in_time = time(record).is_none_or(|time| {
-            self.from.is_none_or(|from| time >= from) && self.until.is_none_or(|until| time < until)
-        });
-        is_in_time
+        self.is_in_time(record)
             && match record {
                 Record::Signal(info) => is_in(&self.signals, info.number),
                 Record::Sample { signal, .. } => is_in(&self.signals, *signal),
