@@ -9,8 +9,8 @@ use std::{future::Future, time::Duration};
 use core_affinity::CoreId;
 use luna_benches::{
     channels::{AsyncChannel, Channel, Crossbeam, Flume, Kanal, SyncChannel, TokioMpsc},
-    cores::{on_core, on_cores, one_core, two_cores},
-    executors::{Executor, Smol, Threads, Tokio, TokioLocal},
+    cores::{on_cores, two_cores},
+    executors::{Executor, Smol, Threads, Tokio, TokioLocal, on_one_core},
     external,
     harness::{Case, run},
     ours::{Luna, LunaChannel, LunaThatSpins, LunaThreads, LunaThreadsThatSpin},
@@ -24,9 +24,7 @@ const TWO_CORES: &str = "buffer of 64, two cores";
 const UNIT: &str = "ns/message";
 
 fn one_core_stream<E: Executor, C: Channel>(messages: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (output, input) = C::buffered(CAPACITY);
         let producer = executor.spawn(producer(output));
         let consumer = executor.spawn(consumer(input, messages));

@@ -19,8 +19,7 @@ use std::{future::Future, time::Duration};
 
 use luna_benches::{
     channels::{AsyncChannel, Channel, Crossbeam, Flume, Kanal, TokioMpsc},
-    cores::{on_core, one_core},
-    executors::{Executor, Smol, Threads, Tokio, TokioLocal},
+    executors::{Executor, Smol, Threads, Tokio, TokioLocal, on_one_core},
     external,
     harness::{Case, Goal, run},
     ours::{self, Luna, LunaChannel, LunaThreads, LunaWithDeadlines},
@@ -41,9 +40,7 @@ fn network<E: Executor, C: Channel, D>(
 where
     D: Future<Output = ()> + Send + 'static,
 {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (a, from_prefix) = C::new_pair();
         let (b, to_successor) = C::new_pair();
         let (c, from_successor) = C::new_pair();
@@ -63,9 +60,7 @@ where
 }
 
 fn generated<E: Executor, C: Channel>(cycles: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         // The network's channels, as above, and those between the parts of each of its processes.
         let (a, from_prefix) = C::new_pair();
         let (b, to_successor) = C::new_pair();

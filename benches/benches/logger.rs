@@ -15,7 +15,7 @@ use std::{
 use luna_benches::{
     channels::Channel,
     cores::{on_core, one_core},
-    executors::Executor,
+    executors::{Executor, on_one_core},
     harness::{Case, Goal, run},
     ours::{Luna, LunaChannel},
     processes::{consumer, delta, prefix, successor, warm_up},
@@ -137,12 +137,10 @@ fn event(events: u64) -> Duration {
 
 /// Commstime with a sequential delta; `records` its events.
 fn commstime(cycles: u64, records: bool) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = Luna::new(core);
+    on_one_core(|executor: &Luna| {
         let path = file("commstime");
         if records {
-            record_events(&executor, Logging::to_file(&path), cycles);
+            record_events(executor, Logging::to_file(&path), cycles);
         }
         let (a, from_prefix) = LunaChannel::new_pair();
         let (b, to_successor) = LunaChannel::new_pair();

@@ -20,8 +20,8 @@ use luna_benches::{
     channels::{
         AsyncChannel, Channel, Crossbeam, Flume, Kanal, KanalBlocking, SyncChannel, TokioMpsc,
     },
-    cores::{on_core, on_cores, one_core, two_cores},
-    executors::{Executor, Smol, Threads, Tokio, TokioLocal},
+    cores::{on_cores, one_core, two_cores},
+    executors::{Executor, Smol, Threads, Tokio, TokioLocal, on_one_core},
     external,
     harness::{Case, Goal, run},
     ours::{Luna, LunaChannel, LunaThatSpins, LunaThreads, LunaThreadsThatSpin},
@@ -41,9 +41,7 @@ const PER_MESSAGE: &str = "ns/message";
 const PER_TRIP: &str = "ns/round trip";
 
 fn one_core_stream<E: Executor, C: Channel>(messages: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (output, input) = C::new_pair();
         let producer = executor.spawn(producer(output));
         let consumer = executor.spawn(consumer(input, messages));
