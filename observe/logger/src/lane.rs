@@ -9,7 +9,8 @@
 //! written completely or dropped. Samples and messages have separate rings, so that a burst of one
 //! does not cost the other.
 
-use crate::hub::{Hub, Losses, Rooms, Stamp};
+use crate::hub::{Hub, Rooms, Stamp};
+use crate::registry::Losses;
 use crate::sample::Sample;
 use luna_core::current;
 use rtrb::{Consumer, Producer, RingBuffer};
