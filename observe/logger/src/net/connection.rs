@@ -1,6 +1,7 @@
 //! TCP connections of senders, a thread each.
 
-use super::receive::{Known, LOOK, Office, Refusal, lock};
+use super::office::{Known, Office, Refusal, lock};
+use super::receive::LOOK;
 use super::timed;
 use super::wire::{
     Answer, HELLO, Hello, MAGIC, PREFIX, PeerError, ack_bytes, answer_bytes, check_prefix, u32_at,
