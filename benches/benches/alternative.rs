@@ -20,8 +20,7 @@ use std::{
 
 use luna_benches::{
     channels::{AsyncChannel, Channel, Crossbeam, Flume, Kanal, Receiving, Sending, TokioMpsc},
-    cores::{on_core, one_core},
-    executors::{Executor, Smol, Threads, Tokio, TokioLocal},
+    executors::{Executor, Smol, Threads, Tokio, TokioLocal, on_one_core},
     external,
     harness::{Case, Goal, is_quick, run},
     ours::{Luna, LunaChannel},
@@ -135,9 +134,7 @@ fn reading<E: Executor, C: Channel, F: Future<Output = Duration> + Send + 'stati
     stressed: bool,
     messages: u64,
 ) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (outputs, inputs) = channels::<C>(size);
         if stressed {
             for output in outputs {
@@ -158,9 +155,7 @@ fn writing<E: Executor, C: Channel, F: Future<Output = Duration> + Send + 'stati
     stressed: bool,
     messages: u64,
 ) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (outputs, inputs) = channels::<C>(size);
         if stressed {
             for input in inputs {

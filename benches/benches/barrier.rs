@@ -8,8 +8,7 @@ use std::{
 };
 
 use luna_benches::{
-    cores::{on_core, one_core},
-    executors::{Executor, Threads, Tokio},
+    executors::{Executor, Threads, Tokio, on_one_core},
     harness::{Case, is_quick, run},
     ours::Luna,
     primitives,
@@ -88,9 +87,7 @@ async fn party(meeting: impl Meeting, meetings: u64) -> Duration {
 }
 
 fn barrier<E: Executor, M: Meeting>(parties: u64, comings: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let meeting = M::new(parties as usize);
         let meetings = meetings(comings, parties);
         for _ in 1..parties {
@@ -107,9 +104,7 @@ fn barrier<E: Executor, M: Meeting>(parties: u64, comings: u64) -> Duration {
 /// The second level of LUNA's barrier, for processes of one executor, which is the only party of
 /// the barrier above.
 fn local(parties: u64, comings: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let luna = Luna::new(core);
+    on_one_core(|luna: &Luna| {
         let group = luna::Barrier::new(1).local(parties as usize);
         let meetings = meetings(comings, parties);
         let (elapsed, result) = std::sync::mpsc::channel();

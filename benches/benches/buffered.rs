@@ -4,18 +4,16 @@
 //! The producer waits when the buffer is full, the consumer when it is empty. A side that *spins*
 //! polls for a bounded time before it sleeps, as crossbeam's threads do too.
 
-use std::{future::Future, time::Duration};
-
 use core_affinity::CoreId;
 use luna_benches::{
     channels::{AsyncChannel, Channel, Crossbeam, Flume, Kanal, SyncChannel, TokioMpsc},
-    cores::{on_core, on_cores, one_core, two_cores},
+    cores::two_cores,
     executors::{Executor, Smol, Threads, Tokio, TokioLocal},
     external,
     harness::{Case, run},
+    networks::{one_core_stream, two_core_stream},
     ours::{Luna, LunaChannel, LunaThatSpins, LunaThreads, LunaThreadsThatSpin},
     primitives,
-    processes::{consumer, producer},
 };
 
 const CAPACITY: usize = 64;
@@ -23,45 +21,13 @@ const ONE_CORE: &str = "buffer of 64, one core";
 const TWO_CORES: &str = "buffer of 64, two cores";
 const UNIT: &str = "ns/message";
 
-fn one_core_stream<E: Executor, C: Channel>(messages: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
-        let (output, input) = C::buffered(CAPACITY);
-        let producer = executor.spawn(producer(output));
-        let consumer = executor.spawn(consumer(input, messages));
-        executor.block_on(async {
-            let elapsed = consumer.await;
-            producer.await;
-            elapsed
-        })
-    })
-}
-
-fn two_core_stream<E: Executor, C: Channel>(cores: [CoreId; 2], messages: u64) -> Duration {
-    fn alone<E: Executor, T: Send + 'static>(
-        core: CoreId,
-        process: impl Future<Output = T> + Send + 'static,
-    ) -> T {
-        let executor = E::new(core);
-        let process = executor.spawn(process);
-        executor.block_on(process)
-    }
-
-    let (output, input) = C::between_executors(C::buffered(CAPACITY));
-    on_cores(
-        cores,
-        || alone::<E, _>(cores[0], producer(output)),
-        || alone::<E, _>(cores[1], consumer(input, messages)),
-    )
-}
-
 fn on_one<E: Executor, C: Channel>(peer: &'static str) -> Case {
-    Case::new(ONE_CORE, peer, UNIT, one_core_stream::<E, C>)
+    let block = |messages| one_core_stream::<E, C>(|| C::buffered(CAPACITY), messages);
+    Case::new(ONE_CORE, peer, UNIT, block)
 }
 
 fn on_two<E: Executor, C: Channel>(cores: [CoreId; 2], peer: &'static str) -> Case {
-    let block = move |messages| two_core_stream::<E, C>(cores, messages);
+    let block = move |messages| two_core_stream::<E, E, C>(cores, C::buffered(CAPACITY), messages);
     Case::new(TWO_CORES, peer, UNIT, block)
 }
 

@@ -19,10 +19,10 @@ use std::{future::Future, time::Duration};
 
 use luna_benches::{
     channels::{AsyncChannel, Channel, Crossbeam, Flume, Kanal, TokioMpsc},
-    cores::{on_core, one_core},
-    executors::{Executor, Smol, Threads, Tokio, TokioLocal},
+    executors::{Executor, Smol, Threads, Tokio, TokioLocal, on_one_core},
     external,
     harness::{Case, Goal, run},
+    networks::commstime,
     ours::{self, Luna, LunaChannel, LunaThreads, LunaWithDeadlines},
     primitives,
     processes::{consumer, delta, parallel_delta, pong, prefix, successor},
@@ -34,38 +34,15 @@ const GENERATED: &str = "commstime, as generated";
 const UNIT: &str = "ns/cycle";
 
 /// The network with a delta of whatever kind.
-fn network<E: Executor, C: Channel, D>(
+fn network<E: Executor, C: Channel, D: Future<Output = ()> + Send + 'static>(
     delta: impl FnOnce(C::Receiver, C::Sender, C::Sender) -> D + Send,
     cycles: u64,
-) -> Duration
-where
-    D: Future<Output = ()> + Send + 'static,
-{
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
-        let (a, from_prefix) = C::new_pair();
-        let (b, to_successor) = C::new_pair();
-        let (c, from_successor) = C::new_pair();
-        let (d, to_consumer) = C::new_pair();
-        let prefix = executor.spawn(prefix(from_successor, a));
-        let delta = executor.spawn(delta(from_prefix, d, b));
-        let successor = executor.spawn(successor(to_successor, c));
-        let consumer = executor.spawn(consumer(to_consumer, cycles));
-        executor.block_on(async {
-            let elapsed = consumer.await;
-            prefix.await;
-            delta.await;
-            successor.await;
-            elapsed
-        })
-    })
+) -> Duration {
+    on_one_core(|executor: &E| commstime::<E, C, D>(executor, delta, cycles))
 }
 
 fn generated<E: Executor, C: Channel>(cycles: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         // The network's channels, as above, and those between the parts of each of its processes.
         let (a, from_prefix) = C::new_pair();
         let (b, to_successor) = C::new_pair();

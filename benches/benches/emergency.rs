@@ -6,9 +6,7 @@
 //! own. A block is a second; a figure is the median of the blocks' percentiles.
 
 use std::{
-    cell::Cell,
     panic,
-    rc::Rc,
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -17,7 +15,7 @@ use std::{
 };
 
 use luna::{Error, Instant, Policy, System};
-use luna_benches::harness::{Case, Goal, is_quick, run};
+use luna_benches::harness::{Case, Goal, is_quick, percentile, run};
 use luna_platform::thread::{self, Attributes, EMERGENCY_PRIORITY, Thread};
 
 const NAMES: [[&str; 2]; 2] = [
@@ -222,46 +220,29 @@ impl Drop for Load {
     }
 }
 
-/// Microseconds.
-fn percentile(nanos: &mut [u64], percent: usize) -> f64 {
-    nanos.sort_unstable();
-    nanos[(nanos.len() - 1) * percent / 100] as f64 / 1e3
-}
-
-/// The two cases of one measurement: a block of the second returns the result of the first's block
-/// before it.
+/// The two cases of one measurement.
 fn cases(
     names: [&'static str; 2],
     peer: &'static str,
     measure: impl Fn() -> Vec<u64> + 'static,
 ) -> [Case; 2] {
-    let measure = Rc::new(move || {
+    let cases = Case::of_one(peer, names.map(|name| (name, "µs")), move || {
         let mut samples = measure();
-        (percentile(&mut samples, 50), percentile(&mut samples, 99))
+        [50, 99].map(|percent| percentile(&mut samples, percent))
     });
-    let (found, again) = (Rc::new(Cell::new(None)), measure.clone());
-    let finds = found.clone();
-    let half = move || {
-        let (half, most) = measure();
-        finds.set(Some(most));
-        half
-    };
-    let most = move || found.take().unwrap_or_else(|| again().1);
-    let goal = |name| Goal::Times {
-        factor: FACTOR,
-        name,
-        peer: SLEEPER,
-        size: None,
-        of: "the sleeping thread's wake-up",
-    };
-    let with_goal = |case: Case, name| match peer {
+    cases.map(|case| match peer {
         SLEEPER => case,
-        _ => case.goal(goal(name)),
-    };
-    [
-        with_goal(Case::once(names[0], peer, "µs", half), names[0]),
-        with_goal(Case::once(names[1], peer, "µs", most), names[1]),
-    ]
+        _ => {
+            let goal = Goal::Times {
+                factor: FACTOR,
+                name: case.name,
+                peer: SLEEPER,
+                size: None,
+                of: "the sleeping thread's wake-up",
+            };
+            case.goal(goal)
+        }
+    })
 }
 
 fn main() {

@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use luna_benches::{
     channels::{AsyncChannel, Channel, Crossbeam, Flume, Kanal, TokioMpsc},
-    cores::{on_core, one_core},
-    executors::{Executor, Smol, Threads, Tokio, TokioLocal},
+    executors::{Executor, Smol, Threads, Tokio, TokioLocal, on_one_core},
     harness::{Case, is_quick, run},
     ours::{Luna, LunaChannel},
     primitives,
@@ -29,9 +28,7 @@ fn sizes() -> &'static [u64] {
 const MAX_THREADS: u64 = 64;
 
 fn fan_in<E: Executor, C: Channel>(senders: u64, messages: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (output, input) = C::new_pair();
         for _ in 1..senders {
             executor.start(producer(output.clone()));
@@ -46,9 +43,7 @@ fn fan_out<E: Executor, C: Channel>(receivers: u64, messages: u64) -> Duration
 where
     C::Receiver: Clone,
 {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (output, input) = C::new_pair();
         for _ in 1..receivers {
             executor.start(sink(input.clone()));

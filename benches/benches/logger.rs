@@ -13,12 +13,12 @@ use std::{
 };
 
 use luna_benches::{
-    channels::Channel,
     cores::{on_core, one_core},
-    executors::Executor,
+    executors::on_one_core,
     harness::{Case, Goal, run},
+    networks,
     ours::{Luna, LunaChannel},
-    processes::{consumer, delta, prefix, successor, warm_up},
+    processes::{delta, warm_up},
 };
 use luna_logger::{Hub, Level, Logging, Recorder, Signal, TracingSubscriber, message};
 use luna_platform::clock::{Counter, Instant as LunaInstant};
@@ -137,28 +137,12 @@ fn event(events: u64) -> Duration {
 
 /// Commstime with a sequential delta; `records` its events.
 fn commstime(cycles: u64, records: bool) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = Luna::new(core);
+    on_one_core(|executor: &Luna| {
         let path = file("commstime");
         if records {
-            record_events(&executor, Logging::to_file(&path), cycles);
+            record_events(executor, Logging::to_file(&path), cycles);
         }
-        let (a, from_prefix) = LunaChannel::new_pair();
-        let (b, to_successor) = LunaChannel::new_pair();
-        let (c, from_successor) = LunaChannel::new_pair();
-        let (d, to_consumer) = LunaChannel::new_pair();
-        let prefix = executor.spawn(prefix(from_successor, a));
-        let delta = executor.spawn(delta(from_prefix, d, b));
-        let successor = executor.spawn(successor(to_successor, c));
-        let consumer = executor.spawn(consumer(to_consumer, cycles));
-        let elapsed = executor.block_on(async {
-            let elapsed = consumer.await;
-            prefix.await;
-            delta.await;
-            successor.await;
-            elapsed
-        });
+        let elapsed = networks::commstime::<_, LunaChannel, _>(executor, delta, cycles);
         if records {
             let bytes = std::fs::metadata(&path).expect("it was made").len();
             std::fs::remove_file(path).expect("it was made");

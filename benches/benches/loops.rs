@@ -4,9 +4,7 @@
 //! Under SCHED_FIFO where permitted: as root, or with CAP_SYS_NICE.
 
 use std::{
-    cell::RefCell,
     collections::BTreeMap,
-    rc::Rc,
     sync::{Arc, Mutex, PoisonError},
     time::Duration,
 };
@@ -15,7 +13,7 @@ use luna::time::Timers;
 use luna::{Instant, Policy, System};
 use luna_benches::{
     cores::one_core,
-    harness::{Case, Goal, is_quick, run},
+    harness::{Case, Goal, is_quick, percentile, run},
 };
 
 const APART: &str = "six loops, the last behind the first";
@@ -34,15 +32,15 @@ fn ticks() -> u64 {
     if is_quick() { 60 } else { 300 }
 }
 
-/// What was seen of a run.
-#[derive(Debug, Clone, Copy)]
-struct Figures {
-    /// In microseconds, as all of them.
-    apart: f64,
-    apart_99: f64,
-    late: f64,
-    cost: f64,
-}
+/// The figures of a run, in the order of their tables.
+type Figures = [f64; 4];
+
+const ROWS: [(&str, &str); 4] = [
+    (APART, "us"),
+    (APART_99, "us"),
+    (LATE, "us"),
+    (COST, "us/tick"),
+];
 
 /// What the loops have noted.
 #[derive(Debug, Default)]
@@ -116,18 +114,12 @@ fn figures(logs: Vec<Notes>) -> Figures {
     else {
         unreachable!("it has two readings");
     };
-    Figures {
-        apart: percentile(&mut apart, 50),
-        apart_99: percentile(&mut apart, 99),
-        late: percentile(&mut late, 50),
-        cost: (until - from).as_secs_f64() * 1e6 / (last - first) as f64,
-    }
-}
-
-/// In microseconds.
-fn percentile(nanos: &mut [u64], percent: usize) -> f64 {
-    nanos.sort_unstable();
-    nanos[(nanos.len() - 1) * percent / 100] as f64 / 1e3
+    [
+        percentile(&mut apart, 50),
+        percentile(&mut apart, 99),
+        percentile(&mut late, 50),
+        (until - from).as_secs_f64() * 1e6 / (last - first) as f64,
+    ]
 }
 
 /// Where the loops are.
@@ -259,90 +251,42 @@ fn plain_loop(number: usize, origin: u64) -> Notes {
     log.0
 }
 
-/// The cases of a peer: one run returns all figures of a round.
-fn cases(
-    peer: &'static str,
-    goals: &[(&'static str, Goal)],
-    measure: fn() -> Figures,
-) -> Vec<Case> {
-    let last: Rc<RefCell<Vec<(&str, Figures)>>> = Rc::default();
-    let figure = |name: &'static str, of: fn(&Figures) -> f64| {
-        let last = last.clone();
-        let unit = if name == COST { "us/tick" } else { "us" };
-        let mut case = Case::once(name, peer, unit, move || {
-            let mut last = last.borrow_mut();
-            // The first case measures; the others use its results.
-            match last.iter().position(|(left, _)| *left == name) {
-                Some(place) => of(&last.swap_remove(place).1),
-                None => {
-                    let seen = measure();
-                    let others = [APART, APART_99, LATE, COST].into_iter();
-                    *last = others
-                        .filter(|&other| other != name)
-                        .map(|other| (other, seen))
-                        .collect();
-                    of(&seen)
-                }
-            }
-        });
-        for (_, goal) in goals.iter().filter(|(of, _)| *of == name) {
-            case = case.goal(goal.clone());
-        }
-        case
-    };
-    vec![
-        figure(APART, |seen| seen.apart),
-        figure(APART_99, |seen| seen.apart_99),
-        figure(LATE, |seen| seen.late),
-        figure(COST, |seen| seen.cost),
-    ]
-}
-
 const PLAIN: &str = "six threads, a timerfd each";
 
 fn main() {
-    let mut goals = vec![(APART, Goal::AtMost(10.0))];
-    if cfg!(target_os = "linux") {
-        goals.push((
-            COST,
-            Goal::Times {
-                factor: 1.0,
-                name: COST,
-                peer: PLAIN,
-                size: None,
-                of: "six threads with a timer each",
-            },
-        ));
-    }
-    let mut all = cases("LUNA, one executor", &goals, || {
+    let mut all = Vec::new();
+    let mut add = |peer, measure: fn() -> Figures| all.extend(Case::of_one(peer, ROWS, measure));
+    add("LUNA, one executor", || {
         ours(On::Executor, By::TheirThreads)
     });
-    all.extend(cases("LUNA, one executor, manager", &[], || {
+    add("LUNA, one executor, manager", || {
         ours(On::Executor, By::Manager)
-    }));
-    all.extend(cases(
-        "LUNA, one executor, manager on its core",
-        &[],
-        || ours(On::Executor, By::ManagerBeside),
-    ));
-    all.extend(cases("LUNA, six threads", &[], || {
-        ours(On::Threads, By::TheirThreads)
-    }));
-    all.extend(cases("LUNA, six threads, manager", &[], || {
-        ours(On::Threads, By::Manager)
-    }));
-    all.extend(cases(
-        "LUNA, six threads, manager on their core",
-        &[],
-        || ours(On::Threads, By::ManagerBeside),
-    ));
-    #[cfg(target_os = "linux")]
-    all.extend(cases(PLAIN, &[], plain_threads));
-    // A table for each figure.
-    all.sort_by_key(|case| {
-        [APART, APART_99, LATE, COST]
-            .iter()
-            .position(|&name| name == case.name)
     });
+    add("LUNA, one executor, manager on its core", || {
+        ours(On::Executor, By::ManagerBeside)
+    });
+    add("LUNA, six threads", || ours(On::Threads, By::TheirThreads));
+    add("LUNA, six threads, manager", || {
+        ours(On::Threads, By::Manager)
+    });
+    add("LUNA, six threads, manager on their core", || {
+        ours(On::Threads, By::ManagerBeside)
+    });
+    #[cfg(target_os = "linux")]
+    add(PLAIN, plain_threads);
+    let goal = |case: Case| match (case.peer, case.name) {
+        ("LUNA, one executor", APART) => case.goal(Goal::AtMost(10.0)),
+        ("LUNA, one executor", COST) if cfg!(target_os = "linux") => case.goal(Goal::Times {
+            factor: 1.0,
+            name: COST,
+            peer: PLAIN,
+            size: None,
+            of: "six threads with a timer each",
+        }),
+        _ => case,
+    };
+    let mut all: Vec<Case> = all.into_iter().map(goal).collect();
+    // A table for each figure.
+    all.sort_by_key(|case| ROWS.iter().position(|&(name, _)| name == case.name));
     run("loops", all);
 }

@@ -20,10 +20,11 @@ use luna_benches::{
     channels::{
         AsyncChannel, Channel, Crossbeam, Flume, Kanal, KanalBlocking, SyncChannel, TokioMpsc,
     },
-    cores::{on_core, on_cores, one_core, two_cores},
+    cores::{on_cores, one_core, two_cores},
     executors::{Executor, Smol, Threads, Tokio, TokioLocal},
     external,
     harness::{Case, Goal, run},
+    networks::{alone, one_core_stream, two_core_stream},
     ours::{Luna, LunaChannel, LunaThatSpins, LunaThreads, LunaThreadsThatSpin},
     primitives::{self, FUTEX, SPIN, ShortWakeUps},
     processes::{busy, consumer, ping, pong, producer},
@@ -39,31 +40,6 @@ const PING_PONG_SHORT: &str = "ping-pong, two cores, asleep, cpu_dma_latency 0";
 
 const PER_MESSAGE: &str = "ns/message";
 const PER_TRIP: &str = "ns/round trip";
-
-fn one_core_stream<E: Executor, C: Channel>(messages: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
-        let (output, input) = C::new_pair();
-        let producer = executor.spawn(producer(output));
-        let consumer = executor.spawn(consumer(input, messages));
-        executor.block_on(async {
-            let elapsed = consumer.await;
-            producer.await;
-            elapsed
-        })
-    })
-}
-
-/// The producer's side and the consumer's may be of different kinds, and the cores may be one.
-fn stream<P: Executor, E: Executor, C: Channel>(cores: [CoreId; 2], messages: u64) -> Duration {
-    let (output, input) = C::between_executors(C::new_pair());
-    on_cores(
-        cores,
-        || alone::<P, _>(cores[0], producer(output)),
-        || alone::<E, _>(cores[1], consumer(input, messages)),
-    )
-}
 
 fn ping_pong<P: Executor, E: Executor, C: Channel>(
     cores: [CoreId; 2],
@@ -89,16 +65,6 @@ fn awake<E: Executor, C: Channel>(cores: [CoreId; 2], messages: u64) -> Duration
     )
 }
 
-/// Runs one process on an executor of its own.
-fn alone<E: Executor, T: Send + 'static>(
-    core: CoreId,
-    process: impl Future<Output = T> + Send + 'static,
-) -> T {
-    let executor = E::new(core);
-    let process = executor.spawn(process);
-    executor.block_on(process)
-}
-
 /// Runs one process on an executor with a second one that is always running, until it is `over` on
 /// either side.
 fn beside_busy<E: Executor, T: Send + 'static>(
@@ -122,11 +88,12 @@ fn beside_busy<E: Executor, T: Send + 'static>(
 }
 
 fn on_one<E: Executor, C: Channel>(peer: &'static str) -> Case {
-    Case::new(ONE_CORE, peer, PER_MESSAGE, one_core_stream::<E, C>)
+    let block = |messages| one_core_stream::<E, C>(C::new_pair, messages);
+    Case::new(ONE_CORE, peer, PER_MESSAGE, block)
 }
 
 fn on_two<P: Executor, E: Executor, C: Channel>(cores: [CoreId; 2], peer: &'static str) -> Case {
-    let block = move |messages| stream::<P, E, C>(cores, messages);
+    let block = move |messages| two_core_stream::<P, E, C>(cores, C::new_pair(), messages);
     Case::new(TWO_CORES, peer, PER_MESSAGE, block)
 }
 
@@ -137,7 +104,7 @@ fn both_awake<E: Executor, C: Channel>(cores: [CoreId; 2], peer: &'static str) -
 
 /// Awake since both look for each other before they sleep.
 fn both_spin<E: Executor, C: Channel>(cores: [CoreId; 2], peer: &'static str) -> Case {
-    let block = move |messages| stream::<E, E, C>(cores, messages);
+    let block = move |messages| two_core_stream::<E, E, C>(cores, C::new_pair(), messages);
     Case::new(AWAKE, peer, PER_MESSAGE, block)
 }
 
@@ -190,7 +157,10 @@ fn one_core_cases() -> Vec<Case> {
             ONE_CORE,
             "LUNA, executor to OS thread",
             PER_MESSAGE,
-            move |messages| stream::<Luna, LunaThreads, LunaChannel>([core; 2], messages),
+            move |messages| {
+                let channel = LunaChannel::new_pair();
+                two_core_stream::<Luna, LunaThreads, LunaChannel>([core; 2], channel, messages)
+            },
         ),
         on_one::<Tokio, TokioMpsc>(TOKIO),
         on_one::<TokioLocal, Flume>(FLUME),

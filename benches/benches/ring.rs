@@ -10,8 +10,7 @@ use std::time::Duration;
 
 use luna_benches::{
     channels::{AsyncChannel, Channel, Flume, Kanal, TokioMpsc},
-    cores::{on_core, one_core},
-    executors::{Executor, Smol, Tokio, TokioLocal},
+    executors::{Executor, Smol, Tokio, TokioLocal, on_one_core},
     external,
     harness::{Case, Goal, finish, is_quick, run},
     ours::{Luna, LunaChannel},
@@ -39,9 +38,7 @@ fn ring<E: Executor, C: Channel>(size: u64, shuffled: bool, hops: u64) -> Durati
     let laps = hops.div_ceil(size);
     // As long as that many hops take, which are perhaps no whole laps.
     let scale = hops as f64 / (laps * size) as f64;
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let mut order: Vec<usize> = (0..size as usize).collect();
         if shuffled {
             shuffle(&mut order);

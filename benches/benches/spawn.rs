@@ -7,8 +7,7 @@
 use std::time::{Duration, Instant};
 
 use luna_benches::{
-    cores::{on_core, one_core},
-    executors::{Executor, Smol, Threads, Tokio},
+    executors::{Executor, Smol, Threads, Tokio, on_one_core},
     external,
     harness::{Case, Goal, run},
     ours::Luna,
@@ -37,9 +36,7 @@ fn luna_by(
     processes: u64,
     child: impl AsyncFn(&luna::Executor, u64) -> luna::Exit + Send + 'static,
 ) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let luna = Luna::new(core);
+    on_one_core(|luna: &Luna| {
         let executor = luna.executor().clone();
         let (result, elapsed) = std::sync::mpsc::channel();
         let spawned = luna.process().spawn(move || async move {
@@ -74,9 +71,7 @@ fn luna_with_name(processes: u64) -> Duration {
 
 /// Two branches in each construct, of which the parent runs none itself.
 fn luna_par(branches: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let luna = Luna::new(core);
+    on_one_core(|luna: &Luna| {
         let process = luna.spawn(async move {
             let start = Instant::now();
             for _ in 0..branches.div_ceil(2) {
@@ -92,9 +87,7 @@ fn luna_par(branches: u64) -> Duration {
 /// A collection of branches in one allocation.
 fn luna_par_for(branches: u64) -> Duration {
     const AT_ONCE: u64 = 1_000;
-    let core = one_core();
-    on_core(core, || {
-        let luna = Luna::new(core);
+    on_one_core(|luna: &Luna| {
         let process = luna.spawn(async move {
             let rounds = branches.div_ceil(AT_ONCE);
             let start = Instant::now();
@@ -111,9 +104,7 @@ fn luna_par_for(branches: u64) -> Duration {
 }
 
 fn tokio(processes: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = Tokio::new(core);
+    on_one_core(|executor: &Tokio| {
         let process = executor.spawn(timed(processes, async |_| {
             tokio::spawn(async {}).await.expect("it does not panic");
         }));
@@ -124,17 +115,13 @@ fn tokio(processes: u64) -> Duration {
 /// Its `LocalExecutor` cannot be reached from a process, so the parent is the future that it blocks
 /// on.
 fn smol(processes: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = Smol::new(core);
+    on_one_core(|executor: &Smol| {
         executor.block_on(timed(processes, async |_| executor.spawn(async {}).await))
     })
 }
 
 fn threads(processes: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = Threads::new(core);
+    on_one_core(|executor: &Threads| {
         executor.block_on(timed(processes, async |_| executor.spawn(async {}).await))
     })
 }

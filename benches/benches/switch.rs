@@ -14,7 +14,7 @@ use std::{
 
 use luna_benches::{
     cores::{on_core, one_core},
-    executors::{Executor, Smol, Tokio},
+    executors::{Executor, Smol, Tokio, on_one_core},
     external,
     harness::{Case, Goal, run},
     ours::Luna,
@@ -26,9 +26,7 @@ fn switch<E: Executor, Y: Future + Send + 'static>(
     yield_now: impl Fn() -> Y + Copy + Send + Sync + 'static,
     switches: u64,
 ) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let counts: [Arc<AtomicU64>; 2] = Default::default();
         let [one, other] = counts;
         let first = executor.spawn(yielding(yield_now, one.clone(), other.clone(), switches));
@@ -73,9 +71,7 @@ fn alone<E: Executor, Y: Future + Send + 'static>(
     again: impl Fn() -> Y + Copy + Send + Sync + 'static,
     runs: u64,
 ) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let process = executor.spawn(async move {
             for _ in 0..warm_up(runs) {
                 again().await;

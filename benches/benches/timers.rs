@@ -13,8 +13,8 @@ use std::{
 
 use futures_lite::future::poll_once;
 use luna_benches::{
-    cores::{on_core, one_core},
-    executors::Executor,
+    cores::one_core,
+    executors::{Executor, on_one_core},
     harness::{Case, is_quick, run},
     ours::Luna,
     primitives,
@@ -113,9 +113,7 @@ const FAR: Duration = Duration::from_secs(3_600);
 const BETWEEN_YIELDS: u64 = 64;
 
 fn set_and_taken_back<E: Timers>(others: u64, operations: u64) -> Duration {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let (listed, over): (Arc<AtomicBool>, Arc<AtomicBool>) = Default::default();
         let (lists, holds) = (listed.clone(), over.clone());
         // One process has all the others, so that only the queue is measured; in random order of
@@ -183,9 +181,7 @@ fn amidst<M>(from_now: impl Fn(Duration) -> M) -> Vec<M> {
 /// sleep, which comes before, has another bench. Includes reading the clock in each process, and a
 /// lock.
 fn expired<E: Timers>(size: u64) -> f64 {
-    let core = one_core();
-    on_core(core, || {
-        let executor = E::new(core);
+    on_one_core(|executor: &E| {
         let deadline: Arc<OnceLock<E::Moment>> = Arc::default();
         let woken: Arc<Mutex<Woken<E::Moment>>> = Arc::new(Mutex::new(Woken {
             first: None,

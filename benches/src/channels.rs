@@ -12,8 +12,13 @@ pub trait Channel: 'static {
     /// The end that is read from.
     type Receiver: Receiving + Send + 'static;
 
-    /// Creates a channel with the smallest possible buffer, 0 if it can be.
-    fn new_pair() -> (Self::Sender, Self::Receiver);
+    /// The capacity of the smallest possible buffer.
+    const SMALLEST: usize = 0;
+
+    /// Creates a channel with the smallest possible buffer.
+    fn new_pair() -> (Self::Sender, Self::Receiver) {
+        Self::buffered(Self::SMALLEST)
+    }
 
     /// Makes a channel with room for `capacity` values.
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver);
@@ -63,9 +68,7 @@ impl Channel for TokioMpsc {
     type Sender = tokio::sync::mpsc::Sender<u64>;
     type Receiver = tokio::sync::mpsc::Receiver<u64>;
 
-    fn new_pair() -> (Self::Sender, Self::Receiver) {
-        tokio::sync::mpsc::channel(1)
-    }
+    const SMALLEST: usize = 1;
 
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
         tokio::sync::mpsc::channel(capacity)
@@ -92,9 +95,7 @@ impl Channel for AsyncChannel {
     type Sender = async_channel::Sender<u64>;
     type Receiver = async_channel::Receiver<u64>;
 
-    fn new_pair() -> (Self::Sender, Self::Receiver) {
-        async_channel::bounded(1)
-    }
+    const SMALLEST: usize = 1;
 
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
         async_channel::bounded(capacity)
@@ -121,10 +122,6 @@ impl Channel for Flume {
     type Sender = flume::Sender<u64>;
     type Receiver = flume::Receiver<u64>;
 
-    fn new_pair() -> (Self::Sender, Self::Receiver) {
-        flume::bounded(0)
-    }
-
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
         flume::bounded(capacity)
     }
@@ -149,10 +146,6 @@ pub struct Kanal;
 impl Channel for Kanal {
     type Sender = kanal::AsyncSender<u64>;
     type Receiver = kanal::AsyncReceiver<u64>;
-
-    fn new_pair() -> (Self::Sender, Self::Receiver) {
-        kanal::bounded_async(0)
-    }
 
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
         kanal::bounded_async(capacity)
@@ -182,10 +175,6 @@ impl Channel for KanalBlocking {
     type Sender = kanal::Sender<u64>;
     type Receiver = kanal::Receiver<u64>;
 
-    fn new_pair() -> (Self::Sender, Self::Receiver) {
-        kanal::bounded(0)
-    }
-
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
         kanal::bounded(capacity)
     }
@@ -211,10 +200,6 @@ impl Channel for Crossbeam {
     type Sender = crossbeam_channel::Sender<u64>;
     type Receiver = crossbeam_channel::Receiver<u64>;
 
-    fn new_pair() -> (Self::Sender, Self::Receiver) {
-        crossbeam_channel::bounded(0)
-    }
-
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
         crossbeam_channel::bounded(capacity)
     }
@@ -239,10 +224,6 @@ pub struct SyncChannel;
 impl Channel for SyncChannel {
     type Sender = std::sync::mpsc::SyncSender<u64>;
     type Receiver = std::sync::mpsc::Receiver<u64>;
-
-    fn new_pair() -> (Self::Sender, Self::Receiver) {
-        std::sync::mpsc::sync_channel(0)
-    }
 
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
         std::sync::mpsc::sync_channel(capacity)

@@ -7,6 +7,8 @@ use core_affinity::CoreId;
 use futures_lite::future;
 use tokio::{runtime, task};
 
+use crate::cores::{on_core, one_core};
+
 /// Runs processes.
 pub trait Executor: 'static {
     /// Makes an executor for `core`, to which the calling thread is pinned.
@@ -31,6 +33,16 @@ pub trait Executor: 'static {
 
     /// Runs the processes until `future` ends.
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T;
+}
+
+/// Runs `work` with an executor for the first core, on a thread that is pinned to it.
+///
+/// # Panics
+///
+/// As [`on_core`].
+pub fn on_one_core<E: Executor, T: Send>(work: impl FnOnce(&E) -> T + Send) -> T {
+    let core = one_core();
+    on_core(core, || work(&E::new(core)))
 }
 
 const ENDED_WELL: &str = "a process of a bench panics when its check fails";

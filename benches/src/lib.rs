@@ -21,6 +21,7 @@ pub mod executors;
 pub mod external;
 pub mod harness;
 pub mod machine;
+pub mod networks;
 pub mod ours;
 pub mod page;
 pub mod primitives;

@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path, process::Command, time::Duration};
 
+use luna_platform::facts::cpu_time::cpu_time;
+
 /// The peers, as `Cargo.lock` names them.
 const PEERS: [&str; 7] = [
     "async-channel",
@@ -35,14 +37,9 @@ pub fn facts() -> [(&'static str, String); 7] {
 
 /// CPU time that a virtual machine's host gave to others since the machine's start.
 pub fn stolen() -> Option<Duration> {
-    stolen_in(&fs::read_to_string("/proc/stat").ok()?)
-}
-
-/// The first line is `cpu user nice system idle iowait irq softirq steal …`, in hundredths of a
-/// second.
-fn stolen_in(stat: &str) -> Option<Duration> {
-    let ticks: u64 = stat.split_whitespace().nth(8)?.parse().ok()?;
-    Some(Duration::from_millis(10 * ticks))
+    let time = cpu_time(&fs::read_to_string("/proc/stat").ok()?)?;
+    // Ticks are hundredths of a second.
+    Some(Duration::from_millis(10 * time.stolen))
 }
 
 /// The folder of the workspace.
@@ -145,12 +142,6 @@ mod tests {
         assert_eq!(policy_in(&stat("1")), Some("SCHED_FIFO"));
         assert_eq!(policy_in(&stat("0")), Some("SCHED_OTHER"));
         assert_eq!(policy_in(""), None);
-    }
-
-    #[test]
-    fn stolen_is_the_eighth_figure() {
-        let stolen = stolen_in("cpu  1 2 3 4 5 6 7 250 9 10\ncpu0 1 2");
-        assert_eq!(stolen, Some(Duration::from_millis(2500)));
     }
 
     #[test]

@@ -51,29 +51,42 @@ impl Receiving for luna::Receiver<u64> {
 }
 
 /// A system with one executor on the bench's core, without a real-time policy, like its peers.
-pub type Luna = LunaSystem<true>;
+pub type Luna = LunaSystem<false, true, false>;
 
 /// The same without room for the statistics of periodic loops, which is 0.8 MB by default.
-pub type LunaWithoutLoops = LunaSystem<false>;
+pub type LunaWithoutLoops = LunaSystem<false, false, false>;
 
 /// As [`Luna`], with an executor that polls for work for a while before it sleeps.
-pub type LunaThatSpins = LunaSystem<true, true>;
+pub type LunaThatSpins = LunaSystem<false, true, true>;
+
+/// A system of OS-thread processes on the bench's core, without a real-time policy.
+pub type LunaThreads = LunaSystem<true, true, false>;
+
+/// As [`LunaThreads`], with threads that poll for a wake-up for a while before they sleep.
+pub type LunaThreadsThatSpin = LunaSystem<true, true, true>;
 
 /// How long they look: longer than a partner that is awake takes.
 const SPIN: Duration = Duration::from_micros(50);
 
-/// See [`Luna`], [`LunaWithoutLoops`] and [`LunaThatSpins`].
+/// See [`Luna`], [`LunaWithoutLoops`], [`LunaThatSpins`], [`LunaThreads`] and
+/// [`LunaThreadsThatSpin`].
 #[derive(Debug)]
-pub struct LunaSystem<const LOOPS: bool, const SPINS: bool = false> {
+pub struct LunaSystem<const THREADS: bool, const LOOPS: bool, const SPINS: bool> {
     system: RefCell<System>,
-    executor: luna::Executor,
+    core: CoreId,
+    /// None if each process has a thread.
+    executor: Option<luna::Executor>,
     spawned: Cell<u32>,
 }
 
-impl<const LOOPS: bool, const SPINS: bool> LunaSystem<LOOPS, SPINS> {
+impl<const THREADS: bool, const LOOPS: bool, const SPINS: bool> LunaSystem<THREADS, LOOPS, SPINS> {
     /// The executor, to spawn processes of LUNA's own kinds on.
+    ///
+    /// # Panics
+    ///
+    /// Each process has a thread.
     pub fn executor(&self) -> &luna::Executor {
-        &self.executor
+        self.executor.as_ref().expect("the processes share one")
     }
 
     /// The system, to configure it before it runs, or for its report.
@@ -83,23 +96,37 @@ impl<const LOOPS: bool, const SPINS: bool> LunaSystem<LOOPS, SPINS> {
 
     /// A process to be, with a name that no other one has.
     pub fn process(&self) -> ProcessBuilder {
-        self.executor.process(next_name(&self.spawned))
+        let name = self.spawned.replace(self.spawned.get() + 1).to_string();
+        if let Some(executor) = &self.executor {
+            return executor.process(name);
+        }
+        let mut thread = self.system().thread(&name).core(self.core.id);
+        if SPINS {
+            thread = thread.spin_before_sleep(SPIN);
+        }
+        thread.process(&name)
     }
 }
 
-impl<const LOOPS: bool, const SPINS: bool> Executor for LunaSystem<LOOPS, SPINS> {
+impl<const THREADS: bool, const LOOPS: bool, const SPINS: bool> Executor
+    for LunaSystem<THREADS, LOOPS, SPINS>
+{
     fn new(core: CoreId) -> Self {
         let mut system = System::new("bench");
         if !LOOPS {
             system.max_loops(0);
         }
-        let mut executor = system.executor("bench").core(core.id);
-        if SPINS {
-            executor = executor.spin_before_sleep(SPIN);
-        }
+        let executor = (!THREADS).then(|| {
+            let mut executor = system.executor("bench").core(core.id);
+            if SPINS {
+                executor = executor.spin_before_sleep(SPIN);
+            }
+            executor.build().expect("the core is one of the machine's")
+        });
         LunaSystem {
-            executor: executor.build().expect(OUR_CORE),
             system: RefCell::new(system),
+            core,
+            executor,
             spawned: Cell::new(0),
         }
     }
@@ -108,11 +135,21 @@ impl<const LOOPS: bool, const SPINS: bool> Executor for LunaSystem<LOOPS, SPINS>
         &self,
         process: impl Future<Output = T> + Send + 'static,
     ) -> impl Future<Output = T> {
-        spawn_as(self.process(), process)
+        let result = Arc::new(Mutex::new(None));
+        let place = result.clone();
+        self.start(async move {
+            let value = process.await;
+            *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(value);
+        });
+        async move {
+            let value = result.lock().unwrap_or_else(PoisonError::into_inner).take();
+            value.expect("the system has been run")
+        }
     }
 
     fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
-        start_as(self.process(), process);
+        let spawned = self.process().spawn(EndsWell(process));
+        spawned.expect("the names differ");
     }
 
     fn yield_now() -> impl Future<Output = ()> + Send + 'static {
@@ -120,7 +157,10 @@ impl<const LOOPS: bool, const SPINS: bool> Executor for LunaSystem<LOOPS, SPINS>
     }
 
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
-        run_to_end(&self.system, future)
+        let ended = self.system().run();
+        ended.expect("a process of a bench panics when its check fails");
+        // All processes have ended, so nothing is left to wait for.
+        futures_lite::future::block_on(future)
     }
 }
 
@@ -206,86 +246,6 @@ impl Executor for LunaWithDeadlines {
     }
 }
 
-/// A system of OS-thread processes on the bench's core, without a real-time policy.
-pub type LunaThreads = LunaThreadSystem<false>;
-
-/// As [`LunaThreads`], with threads that poll for a wake-up for a while before they sleep.
-pub type LunaThreadsThatSpin = LunaThreadSystem<true>;
-
-/// See [`LunaThreads`] and [`LunaThreadsThatSpin`].
-#[derive(Debug)]
-pub struct LunaThreadSystem<const SPINS: bool> {
-    system: RefCell<System>,
-    core: CoreId,
-    spawned: Cell<u32>,
-}
-
-impl<const SPINS: bool> LunaThreadSystem<SPINS> {
-    fn process(&self) -> ProcessBuilder {
-        let name = next_name(&self.spawned);
-        let mut thread = self.system.borrow_mut().thread(&name).core(self.core.id);
-        if SPINS {
-            thread = thread.spin_before_sleep(SPIN);
-        }
-        thread.process(&name)
-    }
-}
-
-impl<const SPINS: bool> Executor for LunaThreadSystem<SPINS> {
-    fn new(core: CoreId) -> Self {
-        LunaThreadSystem {
-            system: RefCell::new(System::new("bench")),
-            core,
-            spawned: Cell::new(0),
-        }
-    }
-
-    fn spawn<T: Send + 'static>(
-        &self,
-        process: impl Future<Output = T> + Send + 'static,
-    ) -> impl Future<Output = T> {
-        spawn_as(self.process(), process)
-    }
-
-    fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
-        start_as(self.process(), process);
-    }
-
-    fn yield_now() -> impl Future<Output = ()> + Send + 'static {
-        luna::yield_now()
-    }
-
-    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
-        run_to_end(&self.system, future)
-    }
-}
-
-const OUR_CORE: &str = "the core is one of the machine's";
-
-fn next_name(spawned: &Cell<u32>) -> String {
-    spawned.replace(spawned.get() + 1).to_string()
-}
-
-fn spawn_as<T: Send + 'static>(
-    builder: ProcessBuilder,
-    process: impl Future<Output = T> + Send + 'static,
-) -> impl Future<Output = T> {
-    let result = Arc::new(Mutex::new(None));
-    let place = result.clone();
-    start_as(builder, async move {
-        let value = process.await;
-        *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(value);
-    });
-    async move {
-        let value = result.lock().unwrap_or_else(PoisonError::into_inner).take();
-        value.expect("the system has been run")
-    }
-}
-
-fn start_as(builder: ProcessBuilder, process: impl Future<Output = ()> + Send + 'static) {
-    builder.spawn(EndsWell(process)).expect("the names differ");
-}
-
 /// A peer's process as one of LUNA's, with a result. Not an async block around it: that would hold
 /// the process twice, as its argument and while it waits for it.
 struct EndsWell<F>(F);
@@ -298,13 +258,6 @@ impl<F: Future<Output = ()>> Future for EndsWell<F> {
         let process = unsafe { self.map_unchecked_mut(|this| &mut this.0) };
         process.poll(cx).map(Ok)
     }
-}
-
-fn run_to_end<T>(system: &RefCell<System>, future: impl Future<Output = T>) -> T {
-    let ended = system.borrow_mut().run();
-    ended.expect("a process of a bench panics when its check fails");
-    // All processes have ended, so nothing is left to wait for.
-    futures_lite::future::block_on(future)
 }
 
 /// [`delta`](crate::processes::delta) with both outputs at once, by `par!`.

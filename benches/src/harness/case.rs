@@ -1,6 +1,6 @@
 //! A measured case.
 
-use std::{fmt, time::Duration};
+use std::{cell::Cell, fmt, rc::Rc, time::Duration};
 
 use super::goal::Goal;
 
@@ -56,6 +56,30 @@ impl Case {
         block: impl FnMut() -> f64 + 'static,
     ) -> Self {
         Self::with(name, peer, unit, Block::Once(Box::new(block)))
+    }
+
+    /// A case for each row, a name and a unit, of a measurement of several figures: the first case
+    /// in a round measures, and the others use its figures.
+    pub fn of_one<const ROWS: usize>(
+        peer: &'static str,
+        rows: [(&'static str, &'static str); ROWS],
+        measure: impl Fn() -> [f64; ROWS] + 'static,
+    ) -> [Self; ROWS] {
+        let measured = Rc::new((measure, Cell::new([None; ROWS])));
+        let mut places = 0..ROWS;
+        rows.map(|(name, unit)| {
+            let (measured, place) = (measured.clone(), places.next().unwrap_or_default());
+            Self::once(name, peer, unit, move || {
+                let (measure, left) = &*measured;
+                let mut figures = left.get();
+                if figures[place].is_none() {
+                    figures = measure().map(Some);
+                }
+                let figure = figures[place].take();
+                left.set(figures);
+                figure.expect("it was measured")
+            })
+        })
     }
 
     fn with(name: &'static str, peer: &'static str, unit: &'static str, block: Block) -> Self {

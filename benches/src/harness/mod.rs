@@ -30,6 +30,12 @@ use crate::machine;
 /// The peer that others are compared with: cases with this prefix in `peer`.
 pub const LUNA: &str = "LUNA";
 
+/// The percentile of some nanoseconds, in microseconds.
+pub fn percentile(nanos: &mut [u64], percent: usize) -> f64 {
+    nanos.sort_unstable();
+    nanos[(nanos.len() - 1) * percent / 100] as f64 / 1e3
+}
+
 /// No block takes this long: a block that does hangs.
 const HUNG: Duration = Duration::from_secs(60);
 

@@ -3,8 +3,9 @@
 
 use super::perfetto::{INSTANT, PROCESS, THREADS, track};
 use super::protobuf::Message;
+use crate::failure::Failure;
 use luna_core::events::code;
-use luna_logger::format::{Event, Names, Subject};
+use luna_logger::format::{Event, Names, Subject, Words};
 use std::collections::{HashMap, HashSet};
 
 /// Tracks of executors, those of processes, and those of sub-processes are numbered from here.
@@ -16,19 +17,12 @@ const SUB_PROCESSES: u64 = 1 << 42;
 const BEGIN: u64 = 1;
 const END: u64 = 2;
 
-/// What a process does.
-#[derive(Clone, Copy, PartialEq)]
-enum State {
-    Running,
-    Ready,
-    Waiting,
-}
-
 /// The open slices of the tracks.
 #[derive(Default)]
 pub(super) struct Activity {
     described: HashSet<u64>,
-    processes: HashMap<u32, State>,
+    /// Whether a process waits; it has an open slice.
+    processes: HashMap<u32, bool>,
     /// The process with an open slice on an executor's track; 0 while the executor sleeps.
     executors: HashMap<u32, u32>,
     /// The tracks of running sub-processes, and whether a slice is open there.
@@ -43,41 +37,207 @@ pub(super) struct Activity {
 /// again has one track.
 type Position = (u64, String);
 
+impl Activity {
+    /// Adds an event to the trace.
+    pub(super) fn put(
+        &mut self,
+        names: &Names,
+        event: &Event,
+        put: &mut dyn FnMut(Message) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let mut packets = Packets {
+            activity: self,
+            put,
+            names,
+            time: event.time,
+        };
+        packets.event(event, &names.words(event))
+    }
+}
+
 /// The packets of one event, in their order.
-struct Packets<'a, P> {
-    put: P,
+struct Packets<'a> {
+    activity: &'a mut Activity,
+    put: &'a mut dyn FnMut(Message) -> Result<(), Failure>,
     names: &'a Names,
-    described: &'a mut HashSet<u64>,
     time: u64,
 }
 
-impl<E, P: FnMut(Message) -> Result<(), E>> Packets<'_, P> {
-    fn event(&mut self, event: &Message) -> Result<(), E> {
-        let packet = Message::default().number(8, self.time);
-        (self.put)(packet.message(11, event))
+impl Packets<'_> {
+    fn event(&mut self, event: &Event, words: &Words) -> Result<(), Failure> {
+        let process = event.subject;
+        let [a, b] = event.arguments;
+        match event.code {
+            code::READY => {
+                // A process that is woken while it runs, or once more, keeps its state.
+                let waits = self.activity.processes.get(&process);
+                if waits.copied().unwrap_or(true) {
+                    self.turn(process, false, "ready")?;
+                }
+            }
+            code::RUNNING => {
+                self.turn(process, false, "running")?;
+                self.occupy(event.thread, process, &words.subject)?;
+            }
+            code::WAITING => {
+                match a {
+                    code::STILL_READY => self.turn(process, false, "ready")?,
+                    _ => self.turn(process, true, &waiting(&words.first))?,
+                }
+                self.leave(event.thread)?;
+            }
+            code::DONE => {
+                let track = self.track(Subject::Process, process)?;
+                if self.activity.processes.remove(&process).is_some() {
+                    self.end(track)?;
+                }
+                self.instant(track, &format!("done: {}", words.first), |event| event)?;
+                if self.activity.executors.get(&event.thread) == Some(&process) {
+                    self.leave(event.thread)?;
+                }
+            }
+            code::ASLEEP => self.occupy(event.subject, 0, "asleep")?,
+            code::AWAKE => self.leave(event.subject)?,
+            code::SUB_RUNNING => {
+                if !self.activity.sub_processes.contains_key(&process) {
+                    self.begin_sub_process(process, [a, b], &words.subject)?;
+                }
+                self.sub_turn(process, Some("running"))?;
+            }
+            code::SUB_WAITING => self.sub_turn(process, Some(&waiting(&words.first)))?,
+            code::SUB_DONE => {
+                self.sub_turn(process, None)?;
+                if let Some((place, track, _)) = self.activity.sub_processes.remove(&process) {
+                    self.activity.free.entry(place).or_default().push(track);
+                }
+            }
+            code::COMMUNICATION => {
+                self.activity.flows += 1;
+                let flow = self.activity.flows;
+                // `flow_ids`, and where it ends `terminating_flow_ids`; only from one to another.
+                for (process, does, field) in [(a, "send", 47), (b, "receive", 48)] {
+                    let Some(process) = u32::try_from(process).ok().filter(|one| *one != 0) else {
+                        continue;
+                    };
+                    let track = self.track(Subject::Process, process)?;
+                    let name = format!("{does} {}", words.subject);
+                    self.instant(track, &name, |event| match (a, b) {
+                        (0, _) | (_, 0) => event,
+                        _ => event.fixed(field, flow),
+                    })?;
+                }
+            }
+            _ => {
+                let owner = match event.code {
+                    code::SLOT | code::LATE => self.names.process_of_loop(event.subject),
+                    code::SPAWNED => u32::try_from(a).unwrap_or_default(),
+                    code::ALTERNATIVE | code::PRIORITY | code::EMERGENCY => process,
+                    _ => 0,
+                };
+                let track = match owner {
+                    0 => THREADS + u64::from(event.thread),
+                    owner => self.track(Subject::Process, owner)?,
+                };
+                let note = |name: &str, text: &str| Message::default().text(10, name).text(6, text);
+                let name = format!("{} {}", words.what, words.subject);
+                self.instant(track, &name, |event| {
+                    event
+                        .message(4, &note("first", &words.first))
+                        .message(4, &note("second", &words.second))
+                })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A process does something else now.
+    fn turn(&mut self, process: u32, waits: bool, name: &str) -> Result<(), Failure> {
+        let track = self.track(Subject::Process, process)?;
+        if self.activity.processes.insert(process, waits).is_some() {
+            self.end(track)?;
+        }
+        self.begin(track, name)
+    }
+
+    /// An executor runs a process now, or sleeps.
+    fn occupy(&mut self, executor: u32, process: u32, name: &str) -> Result<(), Failure> {
+        let track = self.track(Subject::Executor, executor)?;
+        if self.activity.executors.insert(executor, process).is_some() {
+            self.end(track)?;
+        }
+        self.begin(track, name)
+    }
+
+    /// An executor runs no process now, or has woken.
+    fn leave(&mut self, executor: u32) -> Result<(), Failure> {
+        if self.activity.executors.remove(&executor).is_some() {
+            let track = self.track(Subject::Executor, executor)?;
+            self.end(track)?;
+        }
+        Ok(())
+    }
+
+    /// Gives a sub-process a track: one of an ended one at the same place, or a new one.
+    fn begin_sub_process(
+        &mut self,
+        one: u32,
+        [process, around]: [u64; 2],
+        name: &str,
+    ) -> Result<(), Failure> {
+        let around = u32::try_from(around).ok();
+        let around = around.and_then(|around| self.activity.sub_processes.get(&around));
+        let below = match around {
+            Some((_, track, _)) => *track,
+            None => self.track(Subject::Process, process as u32)?,
+        };
+        let place = (below, name.to_owned());
+        let track = match self.activity.free.get_mut(&place).and_then(Vec::pop) {
+            Some(track) => track,
+            None => {
+                self.activity.places += 1;
+                let uuid = SUB_PROCESSES + self.activity.places;
+                (self.put)(track(uuid, Some(below), |track| track.text(2, name)))?;
+                uuid
+            }
+        };
+        let sub_process = (place, track, false);
+        self.activity.sub_processes.insert(one, sub_process);
+        Ok(())
+    }
+
+    /// A sub-process does something else now, or has ended. If its begin was lost, nothing is known
+    /// of it.
+    fn sub_turn(&mut self, one: u32, does: Option<&str>) -> Result<(), Failure> {
+        let Some((_, track, is_open)) = self.activity.sub_processes.get_mut(&one) else {
+            return Ok(());
+        };
+        let (track, was_open) = (*track, std::mem::replace(is_open, does.is_some()));
+        if was_open {
+            self.end(track)?;
+        }
+        does.map_or(Ok(()), |name| self.begin(track, name))
     }
 
     /// The track of a process or executor, which is described the first time.
-    fn track(&mut self, of: Subject, number: u32) -> Result<u64, E> {
+    fn track(&mut self, of: Subject, number: u32) -> Result<u64, Failure> {
         let (first, kind) = match of {
             Subject::Executor => (EXECUTORS, "executor "),
             _ => (PROCESSES, ""),
         };
         let uuid = first + u64::from(number);
-        if self.described.insert(uuid) {
+        if self.activity.described.insert(uuid) {
             let name = format!("{kind}{}", self.names.of(of, number.into()));
             (self.put)(track(uuid, Some(PROCESS), |track| track.text(2, &name)))?;
         }
         Ok(uuid)
     }
 
-    fn begin(&mut self, track: u64, name: &str) -> Result<(), E> {
-        let event = Message::default().number(9, BEGIN).number(11, track);
-        self.event(&event.text(23, name))
+    fn begin(&mut self, track: u64, name: &str) -> Result<(), Failure> {
+        self.packet(BEGIN, track, |event| event.text(23, name))
     }
 
-    fn end(&mut self, track: u64) -> Result<(), E> {
-        self.event(&Message::default().number(9, END).number(11, track))
+    fn end(&mut self, track: u64) -> Result<(), Failure> {
+        self.packet(END, track, |event| event)
     }
 
     fn instant(
@@ -85,178 +245,19 @@ impl<E, P: FnMut(Message) -> Result<(), E>> Packets<'_, P> {
         track: u64,
         name: &str,
         more: impl FnOnce(Message) -> Message,
-    ) -> Result<(), E> {
-        let event = Message::default().number(9, INSTANT).number(11, track);
-        self.event(&more(event.text(23, name)))
+    ) -> Result<(), Failure> {
+        self.packet(INSTANT, track, |event| more(event.text(23, name)))
     }
-}
 
-impl Activity {
-    /// Adds an event to the trace.
-    pub(super) fn put<E>(
+    fn packet(
         &mut self,
-        names: &Names,
-        event: &Event,
-        put: impl FnMut(Message) -> Result<(), E>,
-    ) -> Result<(), E> {
-        let mut packets = Packets {
-            put,
-            names,
-            described: &mut self.described,
-            time: event.time,
-        };
-        let process = event.subject;
-        let [a, b] = event.arguments;
-        let words = names.words(event);
-        match event.code {
-            code::READY => {
-                // A process that is woken while it runs, or once more, keeps its state.
-                let state = self.processes.get(&process);
-                if matches!(state, None | Some(State::Waiting)) {
-                    turn(
-                        &mut self.processes,
-                        &mut packets,
-                        process,
-                        State::Ready,
-                        "ready",
-                    )?;
-                }
-            }
-            code::RUNNING => {
-                turn(
-                    &mut self.processes,
-                    &mut packets,
-                    process,
-                    State::Running,
-                    "running",
-                )?;
-                let track = packets.track(Subject::Executor, event.thread)?;
-                if self.executors.insert(event.thread, process).is_some() {
-                    packets.end(track)?;
-                }
-                packets.begin(track, &words.subject)?;
-            }
-            code::WAITING => {
-                if a == code::STILL_READY {
-                    turn(
-                        &mut self.processes,
-                        &mut packets,
-                        process,
-                        State::Ready,
-                        "ready",
-                    )?;
-                } else {
-                    let name = waiting(&words.first);
-                    turn(
-                        &mut self.processes,
-                        &mut packets,
-                        process,
-                        State::Waiting,
-                        &name,
-                    )?;
-                }
-                leave(&mut self.executors, &mut packets, event.thread)?;
-            }
-            code::DONE => {
-                let track = packets.track(Subject::Process, process)?;
-                if self.processes.remove(&process).is_some() {
-                    packets.end(track)?;
-                }
-                packets.instant(track, &format!("done: {}", words.first), |event| event)?;
-                if self.executors.get(&event.thread) == Some(&process) {
-                    leave(&mut self.executors, &mut packets, event.thread)?;
-                }
-            }
-            code::ASLEEP => {
-                let track = packets.track(Subject::Executor, event.subject)?;
-                if self.executors.insert(event.subject, 0).is_some() {
-                    packets.end(track)?;
-                }
-                packets.begin(track, "asleep")?;
-            }
-            code::AWAKE => leave(&mut self.executors, &mut packets, event.subject)?,
-            code::SUB_RUNNING => {
-                if !self.sub_processes.contains_key(&process) {
-                    let around = u32::try_from(b).ok();
-                    let around = around.and_then(|around| self.sub_processes.get(&around));
-                    let below = match around {
-                        Some((_, track, _)) => *track,
-                        None => packets.track(Subject::Process, a as u32)?,
-                    };
-                    let place = (below, words.subject.clone());
-                    let track = match self.free.get_mut(&place).and_then(Vec::pop) {
-                        Some(track) => track,
-                        None => {
-                            self.places += 1;
-                            let uuid = SUB_PROCESSES + self.places;
-                            let described =
-                                track(uuid, Some(below), |track| track.text(2, &words.subject));
-                            (packets.put)(described)?;
-                            uuid
-                        }
-                    };
-                    self.sub_processes.insert(process, (place, track, false));
-                }
-                sub_turn(
-                    &mut self.sub_processes,
-                    &mut packets,
-                    process,
-                    Some("running"),
-                )?;
-            }
-            code::SUB_WAITING => {
-                let name = waiting(&words.first);
-                sub_turn(&mut self.sub_processes, &mut packets, process, Some(&name))?;
-            }
-            code::SUB_DONE => {
-                sub_turn(&mut self.sub_processes, &mut packets, process, None)?;
-                if let Some((place, track, _)) = self.sub_processes.remove(&process) {
-                    self.free.entry(place).or_default().push(track);
-                }
-            }
-            code::COMMUNICATION => {
-                let ends = [(a, "send"), (b, "receive")];
-                self.flows += 1;
-                let flow = self.flows;
-                for (index, (process, does)) in ends.into_iter().enumerate() {
-                    let Some(process) = u32::try_from(process).ok().filter(|one| *one != 0) else {
-                        continue;
-                    };
-                    let track = packets.track(Subject::Process, process)?;
-                    let name = format!("{does} {}", words.subject);
-                    // `flow_ids`, and where it ends `terminating_flow_ids`; only from one to
-                    // another.
-                    packets.instant(track, &name, |event| match (a, b) {
-                        (0, _) | (_, 0) => event,
-                        _ if index == 0 => event.fixed(47, flow),
-                        _ => event.fixed(48, flow),
-                    })?;
-                }
-            }
-            _ => {
-                let owner = match event.code {
-                    code::SLOT | code::LATE => names.process_of_loop(event.subject),
-                    code::SPAWNED => u32::try_from(a).unwrap_or_default(),
-                    code::ALTERNATIVE | code::PRIORITY | code::EMERGENCY => process,
-                    _ => 0,
-                };
-                let track = match owner {
-                    0 => THREADS + u64::from(event.thread),
-                    owner => packets.track(Subject::Process, owner)?,
-                };
-                let note = |name: &str, text: &str| Message::default().text(10, name).text(6, text);
-                packets.instant(
-                    track,
-                    &format!("{} {}", words.what, words.subject),
-                    |event| {
-                        event
-                            .message(4, &note("first", &words.first))
-                            .message(4, &note("second", &words.second))
-                    },
-                )?;
-            }
-        }
-        Ok(())
+        kind: u64,
+        track: u64,
+        more: impl FnOnce(Message) -> Message,
+    ) -> Result<(), Failure> {
+        let event = Message::default().number(9, kind).number(11, track);
+        let packet = Message::default().number(8, self.time);
+        (self.put)(packet.message(11, &more(event)))
     }
 }
 
@@ -265,49 +266,4 @@ fn waiting(awaited: &str) -> String {
         "" => "waiting".to_owned(),
         awaited => format!("waiting for {awaited}"),
     }
-}
-
-/// A sub-process does something else now, or has ended. If its begin was lost, nothing is known of
-/// it.
-fn sub_turn<E, P: FnMut(Message) -> Result<(), E>>(
-    sub_processes: &mut HashMap<u32, (Position, u64, bool)>,
-    packets: &mut Packets<'_, P>,
-    one: u32,
-    does: Option<&str>,
-) -> Result<(), E> {
-    let Some((_, track, is_open)) = sub_processes.get_mut(&one) else {
-        return Ok(());
-    };
-    if std::mem::replace(is_open, does.is_some()) {
-        packets.end(*track)?;
-    }
-    does.map_or(Ok(()), |name| packets.begin(*track, name))
-}
-
-/// A process does something else now.
-fn turn<E, P: FnMut(Message) -> Result<(), E>>(
-    processes: &mut HashMap<u32, State>,
-    packets: &mut Packets<'_, P>,
-    process: u32,
-    state: State,
-    name: &str,
-) -> Result<(), E> {
-    let track = packets.track(Subject::Process, process)?;
-    if processes.insert(process, state).is_some() {
-        packets.end(track)?;
-    }
-    packets.begin(track, name)
-}
-
-/// An executor runs no process now, or has woken.
-fn leave<E, P: FnMut(Message) -> Result<(), E>>(
-    executors: &mut HashMap<u32, u32>,
-    packets: &mut Packets<'_, P>,
-    executor: u32,
-) -> Result<(), E> {
-    if executors.remove(&executor).is_some() {
-        let track = packets.track(Subject::Executor, executor)?;
-        packets.end(track)?;
-    }
-    Ok(())
 }

@@ -11,10 +11,11 @@ use super::selection::Filter;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
 use luna_logger::format::{Names, Record, Value, Words};
-use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap};
-use std::io::{self, Write};
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
 
 /// How many samples are held back to put them in order: a recording is in order but for what a
 /// thread was interrupted in.
@@ -64,12 +65,14 @@ pub(super) fn write(
     let failed = broken(output);
     table.head(&signals).map_err(&failed)?;
 
-    let beside = output.with_extension("messages.csv");
-    let mut messages = None;
-    let beside_events = output.with_extension("events.csv");
-    let mut events = None;
+    let heading = "time,level,thread,process,target,text";
+    let mut messages = Beside::new(output.with_extension("messages.csv"), heading);
+    let heading = "time,event,thread,subject,first,second";
+    let mut events = Beside::new(output.with_extension("events.csv"), heading);
     let mut names = Names::default();
-    let mut waiting: BinaryHeap<Reverse<Entry>> = BinaryHeap::new();
+    // By time, begins of cycles before samples, and place in the recording: on a virtual clock all of
+    // a cycle has one time.
+    let mut waiting: BTreeMap<(u64, bool, u64), Entry> = BTreeMap::new();
     let mut number = 0;
     let converted = each(input, filter, |record| {
         names.take(record);
@@ -84,36 +87,22 @@ pub(super) fn write(
         };
         if let Some((time, signal, values)) = entry {
             number += 1;
-            waiting.push(Reverse((
-                time,
-                signal.is_some(),
-                number,
-                signal,
-                Cells(values),
-            )));
-            if waiting.len() > WINDOW {
-                table.take(&signals, waiting.pop()).map_err(&failed)?;
+            waiting.insert((time, signal.is_some(), number), (signal, values));
+            if waiting.len() > WINDOW
+                && let Some(((time, ..), entry)) = waiting.pop_first()
+            {
+                table.take(&signals, time, entry).map_err(&failed)?;
             }
         }
         match record {
             Record::Event(event) if filter.takes(record) => {
-                let file = match &mut events {
-                    Some(file) => file,
-                    none => {
-                        let mut file = create(&beside_events)?;
-                        writeln!(file, "time,event,thread,subject,first,second")
-                            .map_err(broken(&beside_events))?;
-                        none.insert(file)
-                    }
-                };
                 let Words {
                     what,
                     subject,
                     first,
                     second,
                 } = names.words(event);
-                writeln!(
-                    file,
+                events.line(format_args!(
                     "{},{},{},{},{},{}",
                     Seconds::between(start, event.time),
                     Text(&what),
@@ -121,8 +110,7 @@ pub(super) fn write(
                     Text(&subject),
                     Text(&first),
                     Text(&second)
-                )
-                .map_err(broken(&beside_events))?;
+                ))?;
             }
             Record::Message {
                 thread,
@@ -133,68 +121,66 @@ pub(super) fn write(
                 text,
                 ..
             } => {
-                let file = match &mut messages {
-                    Some(file) => file,
-                    none => {
-                        let mut file = create(&beside)?;
-                        writeln!(file, "time,level,thread,process,target,text")
-                            .map_err(broken(&beside))?;
-                        none.insert(file)
-                    }
-                };
                 let thread = names.thread(*thread);
-                writeln!(
-                    file,
+                messages.line(format_args!(
                     "{},{level},{},{},{},{}",
                     Seconds::between(start, *time),
                     Text(&thread),
                     Text(&names.process((*process).into())),
                     Text(target),
                     Text(text)
-                )
-                .map_err(broken(&beside))?;
+                ))?;
             }
             _ => {}
         }
         Ok(())
     })?;
-    while let Some(next) = waiting.pop() {
-        table.take(&signals, Some(next)).map_err(&failed)?;
+    for ((time, ..), entry) in waiting {
+        table.take(&signals, time, entry).map_err(&failed)?;
     }
     table.end().map_err(&failed)?;
-    if let Some(mut file) = messages {
-        file.flush().map_err(broken(&beside))?;
-    }
-    if let Some(mut file) = events {
-        file.flush().map_err(broken(&beside_events))?;
-    }
+    messages.end()?;
+    events.end()?;
     Ok(converted)
 }
 
-/// A sample of a signal, or, without one, the begin of a cycle: its time, whether it is a sample,
-/// its place in the recording, its signal, and its values. The begin of a cycle comes before the
-/// samples of its instant: on a virtual clock all of a cycle has one time.
-type Entry = (u64, bool, u64, Option<u32>, Cells);
+/// A file beside the table. Its first line makes it.
+struct Beside {
+    path: PathBuf,
+    heading: &'static str,
+    file: Option<BufWriter<File>>,
+}
 
-/// Values without an order: the columns before them decide.
-struct Cells(Vec<Value>);
+impl Beside {
+    fn new(path: PathBuf, heading: &'static str) -> Self {
+        Self {
+            path,
+            heading,
+            file: None,
+        }
+    }
 
-impl PartialEq for Cells {
-    fn eq(&self, _: &Self) -> bool {
-        true
+    fn line(&mut self, line: fmt::Arguments<'_>) -> Result<(), Failure> {
+        let failed = broken(&self.path);
+        let file = match &mut self.file {
+            Some(file) => file,
+            none => {
+                let mut file = create(&self.path)?;
+                writeln!(file, "{}", self.heading).map_err(&failed)?;
+                none.insert(file)
+            }
+        };
+        writeln!(file, "{line}").map_err(&failed)
+    }
+
+    fn end(self) -> Result<(), Failure> {
+        let flushed = self.file.map_or(Ok(()), |mut file| file.flush());
+        flushed.map_err(broken(&self.path))
     }
 }
-impl Eq for Cells {}
-impl PartialOrd for Cells {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Cells {
-    fn cmp(&self, _: &Self) -> std::cmp::Ordering {
-        std::cmp::Ordering::Equal
-    }
-}
+
+/// The values of a signal's sample; without a signal, the begin of a cycle.
+type Entry = (Option<u32>, Vec<Value>);
 
 /// The rows as they are written.
 struct Table<W> {
@@ -228,11 +214,9 @@ impl<W: Write> Table<W> {
     fn take(
         &mut self,
         signals: &BTreeMap<u32, Columns>,
-        entry: Option<Reverse<Entry>>,
+        time: u64,
+        (signal, values): Entry,
     ) -> io::Result<()> {
-        let Some(Reverse((time, _, _, signal, Cells(values)))) = entry else {
-            return Ok(());
-        };
         let Some(signal) = signal else {
             self.end_row()?;
             self.at = Some(time);
@@ -294,8 +278,8 @@ impl Seconds {
     }
 }
 
-impl std::fmt::Display for Seconds {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl fmt::Display for Seconds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Seconds(nanos) = self;
         let sign = if *nanos < 0 { "-" } else { "" };
         let nanos = nanos.unsigned_abs();
@@ -311,8 +295,8 @@ impl std::fmt::Display for Seconds {
 /// A text as a cell: in quotes where it has to be.
 struct Text<'a>(&'a str);
 
-impl std::fmt::Display for Text<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl fmt::Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.0.contains([',', '"', '\n', '\r']) {
             write!(f, "\"{}\"", self.0.replace('"', "\"\""))
         } else {

@@ -127,7 +127,7 @@ pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Conv
                     .message(59, &defaults)
                     .message(6, &clocks))
             }
-            Record::Event(event) => activity.put(&names, event, put),
+            Record::Event(event) => activity.put(&names, event, &mut put),
             _ => Ok(()),
         }
     })?;

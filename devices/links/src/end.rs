@@ -1,10 +1,14 @@
 //! How a link ends.
 
-use luna::Error;
 use luna::channel::ChannelEnd;
 use luna::devices::Device;
 use luna::external::{BadRecord, LinkError};
+use luna::{Error, RecvError, SendError};
+use std::convert::Infallible;
 use std::time::Duration;
+
+/// What a loop returns that only a [`Stop`] ends.
+pub(crate) type UntilStopped = Result<Infallible, Stop>;
 
 /// Why a link stops.
 #[derive(Debug)]
@@ -24,6 +28,30 @@ pub(crate) enum Stop {
 impl From<LinkError> for Stop {
     fn from(error: LinkError) -> Self {
         Stop::Failed(error)
+    }
+}
+
+impl From<BadRecord> for Stop {
+    fn from(bad: BadRecord) -> Self {
+        Stop::Record(bad)
+    }
+}
+
+impl<T> From<SendError<T>> for Stop {
+    fn from(error: SendError<T>) -> Self {
+        match error.is_closed() {
+            true => Stop::Closed,
+            false => Stop::Poisoned,
+        }
+    }
+}
+
+impl From<RecvError> for Stop {
+    fn from(error: RecvError) -> Self {
+        match error.is_closed() {
+            true => Stop::Closed,
+            false => Stop::Poisoned,
+        }
     }
 }
 

@@ -1,10 +1,11 @@
 //! The loops of a link: from a wire to a channel, and from a channel to a wire.
 
 use crate::Counts;
-use crate::end::Stop;
+use crate::end::{Stop, UntilStopped};
 use crate::wire::Wire;
 use luna::external::{Fault, FromBytes, LinkError, Packer, Splitter, ToBytes};
 use luna::{Receiver, Sender};
+use std::io::ErrorKind;
 use std::pin::pin;
 use std::time::Duration;
 
@@ -40,7 +41,7 @@ pub(crate) async fn pump_in<T: FromBytes + Send>(
     kind: Kind,
     on_bad: OnBad,
     counts: &Counts,
-) -> Stop {
+) -> UntilStopped {
     let mut ended = pin!(sender.ended());
     let mut is_at_end = false;
     loop {
@@ -52,17 +53,13 @@ pub(crate) async fn pump_in<T: FromBytes + Send>(
         let decoded = match record {
             Some(Ok(bytes)) => T::from_bytes(bytes).map_err(Fault::Malformed),
             Some(Err(bad)) => Err(bad.fault),
-            None if is_at_end => return Stop::HungUp,
+            None if is_at_end => return Err(Stop::HungUp),
             None => {
                 match wire.read(splitter.room(), ended.as_mut()).await {
                     Ok(0) if kind == Kind::Packets => counts.one_bad(),
                     Ok(0) => is_at_end = true,
                     Ok(count) => splitter.filled(count),
-                    Err(stop) => {
-                        if let Some(stop) = unless_refused(stop, kind, counts) {
-                            return stop;
-                        }
-                    }
+                    Err(stop) => unless_refused(stop, kind, counts)?,
                 }
                 continue;
             }
@@ -79,15 +76,11 @@ pub(crate) async fn pump_in<T: FromBytes + Send>(
                     // A record that was cut off by hanging up: the hang-up is the cause.
                     (Err(_), _) if is_at_end => continue,
                     (Err(_), OnBad::Drop) => continue,
-                    (Err(bad), OnBad::End) => return Stop::Record(bad),
+                    (Err(bad), OnBad::End) => return Err(bad.into()),
                 }
             }
         };
-        match sender.send(value).await {
-            Ok(()) => {}
-            Err(error) if error.is_closed() => return Stop::Closed,
-            Err(_) => return Stop::Poisoned,
-        }
+        sender.send(value).await?;
     }
 }
 
@@ -101,44 +94,32 @@ pub(crate) async fn pump_out<T: ToBytes + Send>(
     kind: Kind,
     patience: Option<Duration>,
     counts: &Counts,
-) -> Stop {
+) -> UntilStopped {
     let mut poisoned = pin!(receiver.poisoned());
     loop {
         if !*is_unsent {
-            let value = match receiver.recv().await {
-                Ok(value) => value,
-                Err(error) if error.is_closed() => return Stop::Closed,
-                Err(_) => return Stop::Poisoned,
-            };
-            if let Err(bad) = packer.pack(&value) {
-                return Stop::Record(bad);
-            }
+            packer.pack(&receiver.recv().await?)?;
             *is_unsent = true;
         }
         let number = counts.records() + 1;
         let written = wire.write(packer.packed(), number, poisoned.as_mut(), patience);
         match written.await {
             Ok(()) => counts.record(),
-            Err(stop) => {
-                if let Some(stop) = unless_refused(stop, kind, counts) {
-                    return stop;
-                }
-            }
+            Err(stop) => unless_refused(stop, kind, counts)?,
         }
         *is_unsent = false;
     }
 }
 
-/// None if a packet was refused because no program listens: that does not end the link.
-fn unless_refused(stop: Stop, kind: Kind, counts: &Counts) -> Option<Stop> {
-    let (Stop::Failed(LinkError::Read(error)) | Stop::Failed(LinkError::Write { error, .. })) =
-        &stop
-    else {
-        return Some(stop);
-    };
-    if kind == Kind::Packets && error.kind() == std::io::ErrorKind::ConnectionRefused {
-        counts.one_refused();
-        return None;
+/// A packet that was refused because no program listens does not end the link.
+fn unless_refused(stop: Stop, kind: Kind, counts: &Counts) -> Result<(), Stop> {
+    match &stop {
+        Stop::Failed(LinkError::Read(error) | LinkError::Write { error, .. })
+            if kind == Kind::Packets && error.kind() == ErrorKind::ConnectionRefused =>
+        {
+            counts.one_refused();
+            Ok(())
+        }
+        _ => Err(stop),
     }
-    Some(stop)
 }

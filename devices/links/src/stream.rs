@@ -1,7 +1,7 @@
 //! Links to files.
 
 use crate::Counts;
-use crate::end::{Lose, Stop};
+use crate::end::Lose;
 use crate::pump::{Kind, OnBad, pump_in, pump_out};
 use crate::wire::Wire;
 use luna::devices::Device;
@@ -224,7 +224,7 @@ impl<T: FromBytes + Send> Process for Reader<T> {
                 counts,
                 ..
             } = self;
-            let stop = pump_in(wire, splitter, &sender, *kind, *on_bad, counts).await;
+            let Err(stop) = pump_in(wire, splitter, &sender, *kind, *on_bad, counts).await;
             stop.end(&**device)
         }
     }
@@ -291,7 +291,7 @@ impl<T: ToBytes + Send> Process for Writer<T> {
                 ..
             } = self;
             let mut is_unsent = false;
-            let stop: Stop = pump_out(
+            let Err(stop) = pump_out(
                 wire,
                 packer,
                 &mut is_unsent,

@@ -1,25 +1,20 @@
 //! What the threads, the signals and the recorder of one system share.
 
-use crate::format::{ClockBase, MAX_SIGNALS, Type};
+#[cfg(feature = "events")]
+mod events;
+
+use crate::format::ClockBase;
 use crate::lane::{self, Inlet};
-#[cfg(feature = "events")]
-use luna_core::{current, events};
+use crate::registry::{Declared, Losses, RegisterError, Signals};
 use luna_platform::clock::{Counter, Instant};
-#[cfg(feature = "events")]
-use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};
-use std::collections::HashMap;
 use std::fmt;
 use std::ptr;
-#[cfg(feature = "events")]
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-/// The most bytes of a signal's name, unit and description.
-const MAX_NAME: usize = 255;
-const MAX_UNIT: usize = 63;
-const MAX_DESCRIPTION: usize = 1023;
+#[cfg(feature = "events")]
+pub(crate) use events::EventInlet;
 
 /// What the time stamps of a system come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -45,34 +40,14 @@ pub struct Hub {
     /// Messages lost on threads that have no ring.
     pub(crate) lost_messages: AtomicU64,
     registry: Mutex<Registry>,
-    /// The names of subjects, for a recorder of events. The recorder owns them while it records.
     #[cfg(feature = "events")]
-    names: OnceLock<Heard>,
-    /// The log for the rare events of threads without a ring of their own.
-    #[cfg(feature = "events")]
-    others: PiLock<Option<events::Writer>>,
-}
-
-/// The recorder's collection of names. Only the recorder holds it, so that no names are collected
-/// after its end.
-#[cfg(feature = "events")]
-struct Heard {
-    id: u64,
-    names: Weak<events::Names>,
+    events: events::Events,
 }
 
 /// What a recording needs that has begun.
 pub(crate) struct Begun {
     #[cfg(feature = "events")]
-    pub(crate) names: Option<Arc<events::Names>>,
-}
-
-/// The reading end of a ring of events.
-#[cfg(feature = "events")]
-pub(crate) struct EventInlet {
-    /// Of a thread that is not known by a lane of its own.
-    pub(crate) name: Option<String>,
-    pub(crate) events: events::Reader,
+    pub(crate) names: Option<Arc<luna_core::events::Names>>,
 }
 
 /// What time stamps are read from.
@@ -104,76 +79,9 @@ pub(crate) struct Rooms {
     pub(crate) events: usize,
 }
 
-/// What a signal is, for the recorder.
-#[derive(Debug, Clone)]
-pub(crate) struct Declared {
-    pub(crate) name: Arc<str>,
-    pub(crate) unit: Arc<str>,
-    pub(crate) description: Arc<str>,
-    pub(crate) element_type: Type,
-    pub(crate) elements: u8,
-    pub(crate) losses: Arc<Losses>,
-}
-
-impl Declared {
-    /// Whether its texts can be recorded.
-    pub(crate) fn check(&self) -> Result<(), RegisterError> {
-        for (what, text, most) in [
-            ("name", &self.name, MAX_NAME),
-            ("unit", &self.unit, MAX_UNIT),
-            ("description", &self.description, MAX_DESCRIPTION),
-        ] {
-            if text.len() > most {
-                return Err(RegisterError::TooLong {
-                    signal: self.name.to_string(),
-                    what,
-                    most,
-                });
-            }
-        }
-        if self.name.is_empty() {
-            return Err(RegisterError::NoName);
-        }
-        Ok(())
-    }
-}
-
-/// How many samples of a signal were dropped before they reached the recorder, and how many handles
-/// use it.
-#[derive(Debug, Default)]
-pub(crate) struct Losses {
-    lost: AtomicU64,
-    users: AtomicU32,
-}
-
-impl Losses {
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn count(&self) {
-        self.lost.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn get(&self) -> u64 {
-        self.lost.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn join(&self) {
-        self.users.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn leave(&self) {
-        self.users.fetch_sub(1, Ordering::Relaxed);
-    }
-
-    fn is_used(&self) -> bool {
-        self.users.load(Ordering::Relaxed) > 0
-    }
-}
-
 #[derive(Default)]
 struct Registry {
-    signals: Vec<Declared>,
-    numbers: HashMap<Arc<str>, u32>,
+    signals: Signals,
     /// Rings that the recorder has not taken yet.
     inlets: Vec<Inlet>,
     #[cfg(feature = "events")]
@@ -212,9 +120,7 @@ impl Hub {
             lost_messages: AtomicU64::new(0),
             registry: Mutex::default(),
             #[cfg(feature = "events")]
-            names: OnceLock::new(),
-            #[cfg(feature = "events")]
-            others: PiLock::new(None),
+            events: events::Events::default(),
         })
     }
 
@@ -255,121 +161,11 @@ impl Hub {
         #[cfg(feature = "events")]
         if is_new {
             // They were another's.
-            events::detach();
+            luna_core::events::detach();
         }
         if is_new && self.is_recording() {
             lane::prepare(self);
         }
-    }
-
-    /// Creates the ring of the executor that the calling thread is now, if events are recorded and
-    /// it has none. Call it before a process runs there. Several executors may share a thread
-    /// ([`TimeBase::OfThread`]). Not for the real-time path: it allocates, once.
-    ///
-    /// ```
-    /// use luna_logger::{Hub, Logging, Recorder};
-    /// use luna_core::events::{self, code};
-    ///
-    /// let file = std::env::temp_dir().join(format!("luna-events-{}.luna", std::process::id()));
-    /// let hub = Hub::new("bench", Default::default());
-    /// let recorder = Recorder::start(&hub, Logging::to_file(&file).events()).unwrap();
-    /// hub.enter_thread();
-    /// hub.enter_executor();
-    /// events::report(code::DONE, 7, || [code::ended::OK, 0]);
-    /// let report = recorder.finish();
-    /// assert_eq!((report.events.recorded, report.events.lost), (1, 0));
-    /// # std::fs::remove_file(file).unwrap();
-    /// ```
-    #[cfg(feature = "events")]
-    #[inline]
-    pub fn enter_executor(self: &Arc<Self>) {
-        if let Some(heard) = self.names.get()
-            && !events::is_for(heard.id)
-        {
-            self.make_events(heard);
-        }
-    }
-
-    /// Records an event, also on a thread without a ring for this hub. There it takes a lock, so it
-    /// is for rare events. Does not allocate.
-    #[cfg(feature = "events")]
-    pub fn report(&self, of: u16, subject: u32, arguments: [u64; 2]) {
-        let is_here = |heard: &Heard| events::is_for(heard.id);
-        if self.names.get().is_some_and(is_here) {
-            events::report(of, subject, || arguments);
-        } else if let Some(others) = &mut *self.others.lock() {
-            others.put(of, subject, arguments);
-        }
-    }
-
-    #[cfg(feature = "events")]
-    #[cold]
-    fn make_events(self: &Arc<Self>, heard: &Heard) {
-        if !self.is_recording() || current::on_path() {
-            return;
-        }
-        let Some(names) = heard.names.upgrade() else {
-            return;
-        };
-        // Executors that share a thread are distinguished; otherwise the thread is known by its
-        // samples and messages.
-        let known = match self.base {
-            TimeBase::Machine => lane::number(self),
-            TimeBase::OfThread => None,
-        };
-        let Some(rooms) = self.registry().rooms else {
-            return;
-        };
-        let (number, writer) = self.add_events(&names, known, rooms.events, lane::thread_name);
-        names.name(events::Kind::Executor, number, lane::thread_name(number));
-        events::attach(writer);
-    }
-
-    /// Creates a ring for the thread with this number, or else gives it a number and this name.
-    #[cfg(feature = "events")]
-    fn add_events(
-        &self,
-        names: &events::Names,
-        known: Option<u32>,
-        room: usize,
-        name: impl FnOnce(u32) -> String,
-    ) -> (u32, events::Writer) {
-        let counter = match self.stamp {
-            Stamp::Counter(counter) => Some(counter),
-            Stamp::Clock => None,
-        };
-        let mut registry = self.registry();
-        let number = known.unwrap_or_else(|| {
-            let next = registry.threads;
-            registry.threads += 1;
-            next
-        });
-        let (writer, events) = names.ring(room, number, counter);
-        registry.events.push(EventInlet {
-            name: known.is_none().then(|| name(number)),
-            events,
-        });
-        (number, writer)
-    }
-
-    /// Names a subject that existed before the recording: its kind and number. Allocates.
-    #[cfg(feature = "events")]
-    pub fn name(&self, kind: events::Kind, number: u32, name: String) {
-        if let Some(names) = self.names.get().and_then(|heard| heard.names.upgrade()) {
-            names.name(kind, number, name);
-        }
-    }
-
-    /// Whether events are recorded.
-    #[cfg(feature = "events")]
-    pub fn records_events(&self) -> bool {
-        self.names.get().is_some()
-    }
-
-    /// Takes the rings of events that are new.
-    #[cfg(feature = "events")]
-    pub(crate) fn take_events(&self) -> Vec<EventInlet> {
-        std::mem::take(&mut self.registry().events)
     }
 
     /// Whether samples and messages are kept.
@@ -415,20 +211,6 @@ impl Hub {
         }
         *latest = Arc::downgrade(self);
         Some(begun)
-    }
-
-    #[cfg(feature = "events")]
-    fn listen(&self) -> Arc<events::Names> {
-        let names = events::listen();
-        // It is recorded once.
-        let _ = self.names.set(Heard {
-            id: names.id(),
-            names: Arc::downgrade(&names),
-        });
-        const FEW: usize = 64;
-        let (_, others) = self.add_events(&names, None, FEW, |_| "other threads".to_owned());
-        *self.others.lock() = Some(others);
-        names
     }
 
     /// Counts a message lost on the path by a thread without rings. Wait-free, no allocation.
@@ -488,7 +270,7 @@ impl Hub {
     pub(crate) fn take_news(&self, inlets: &mut Vec<Inlet>, signals: &mut Vec<Declared>) {
         let mut registry = self.registry();
         inlets.append(&mut registry.inlets);
-        signals.extend_from_slice(&registry.signals[signals.len()..]);
+        signals.extend_from_slice(registry.signals.since(signals.len()));
     }
 
     /// Puts rings back that were taken too early.
@@ -500,32 +282,7 @@ impl Hub {
 
     /// Assigns a number to a signal.
     pub(crate) fn declare(&self, declared: Declared) -> Result<(u32, Arc<Losses>), RegisterError> {
-        declared.check()?;
-        let name = || declared.name.to_string();
-        let mut registry = self.registry();
-        if let Some(&number) = registry.numbers.get(&declared.name) {
-            let there = &registry.signals[number as usize];
-            let is_same = there.element_type == declared.element_type
-                && there.elements == declared.elements
-                && there.unit == declared.unit;
-            // All handles are gone: a process that is started again continues its signal.
-            if there.losses.is_used() || !is_same {
-                return Err(RegisterError::Duplicate { signal: name() });
-            }
-            there.losses.join();
-            return Ok((number, there.losses.clone()));
-        }
-        let number = registry.signals.len();
-        if number >= MAX_SIGNALS {
-            return Err(RegisterError::TooMany { signal: name() });
-        }
-        let losses = declared.losses.clone();
-        losses.join();
-        registry
-            .numbers
-            .insert(declared.name.clone(), number as u32);
-        registry.signals.push(declared);
-        Ok((number as u32, losses))
+        self.registry().signals.declare(declared)
     }
 
     fn registry(&self) -> MutexGuard<'_, Registry> {
@@ -561,47 +318,4 @@ impl Drop for Entered {
         // Nothing is to be restored on a thread that ends.
         let _ = HUB.try_with(|hub| *hub.borrow_mut() = before);
     }
-}
-
-/// Why a signal cannot be registered.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum RegisterError {
-    /// It was not registered in `pre_run` of a process.
-    #[error(
-        "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
-    )]
-    NotInPreRun {
-        /// The signal's name.
-        signal: String,
-    },
-    /// Another signal has the name.
-    #[error(
-        "the name `{signal}` is taken: another signal of the system has it, or had it with another type or unit; name signals with what they are of, such as \"pump/flow\""
-    )]
-    Duplicate {
-        /// The name.
-        signal: String,
-    },
-    /// Its name is empty.
-    #[error("a signal has an empty name; give it one")]
-    NoName,
-    /// One of its texts is too long.
-    #[error("the {what} of signal `{signal}` has more than {most} bytes; use a shorter one")]
-    TooLong {
-        /// The signal's name.
-        signal: String,
-        /// Which of its texts.
-        what: &'static str,
-        /// How many bytes it may have.
-        most: usize,
-    },
-    /// There are as many signals as a recording may have.
-    #[error(
-        "signal `{signal}` is one more than the {MAX_SIGNALS} that a recording may have; record arrays"
-    )]
-    TooMany {
-        /// The signal's name.
-        signal: String,
-    },
 }

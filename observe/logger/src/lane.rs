@@ -9,7 +9,8 @@
 //! written completely or dropped. Samples and messages have separate rings, so that a burst of one
 //! does not cost the other.
 
-use crate::hub::{Hub, Losses, Rooms, Stamp};
+use crate::hub::{Hub, Rooms, Stamp};
+use crate::registry::Losses;
 use crate::sample::Sample;
 use luna_core::current;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -64,7 +65,7 @@ pub(crate) struct Lane {
     stamp: Stamp,
     samples: Ring,
     messages: Ring,
-    counts: Arc<Counts>,
+    lost_messages: Arc<AtomicU64>,
 }
 
 /// A ring's writing end.
@@ -94,19 +95,13 @@ impl Ring {
     }
 }
 
-/// What a thread counts.
-#[derive(Debug, Default)]
-pub(crate) struct Counts {
-    pub(crate) lost_messages: AtomicU64,
-}
-
 /// The reading end of a thread's rings, for the recorder.
 pub(crate) struct Inlet {
     pub(crate) number: u32,
     pub(crate) name: String,
     pub(crate) samples: Consumer<u64>,
     pub(crate) messages: Consumer<u64>,
-    pub(crate) counts: Arc<Counts>,
+    pub(crate) lost_messages: Arc<AtomicU64>,
 }
 
 /// What the calling thread is called, which has this number.
@@ -155,7 +150,7 @@ impl Lane {
              }| {
                 let (samples, samples_out) = Self::ring(samples);
                 let (messages, messages_out) = Self::ring(messages);
-                let counts = Arc::new(Counts::default());
+                let lost_messages = Arc::<AtomicU64>::default();
                 made = Some(Box::new(Lane {
                     hub: hub.clone(),
                     #[cfg(feature = "events")]
@@ -163,7 +158,7 @@ impl Lane {
                     stamp: hub.stamp,
                     samples: Ring(UnsafeCell::new(samples)),
                     messages: Ring(UnsafeCell::new(messages)),
-                    counts: counts.clone(),
+                    lost_messages: lost_messages.clone(),
                 }));
                 let name = thread_name(number);
                 Inlet {
@@ -171,7 +166,7 @@ impl Lane {
                     name,
                     samples: samples_out,
                     messages: messages_out,
-                    counts,
+                    lost_messages,
                 }
             },
         );
@@ -243,7 +238,7 @@ pub(crate) fn message<'a>(hub: &Arc<Hub>, fill: impl FnOnce(u64) -> &'a [u64]) {
     let push = |lane: &Lane| {
         let entry = fill(lane.stamp.now());
         if !lane.messages.push(entry) {
-            lane.counts.lost_messages.fetch_add(1, Ordering::Relaxed);
+            lane.lost_messages.fetch_add(1, Ordering::Relaxed);
         }
     };
     if with_lane(hub, push).is_none() {

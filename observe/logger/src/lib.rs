@@ -45,16 +45,19 @@ pub mod format;
 mod hub;
 mod lane;
 mod message;
+mod monitor;
 mod net;
 mod recorder;
+mod registry;
 mod sample;
 mod signal;
+mod thread;
 
 #[cfg(feature = "tracing")]
 pub use facade::TracingSubscriber;
 pub use facade::install;
 pub use format::Level;
-pub use hub::{Entered, Hub, RegisterError, TimeBase};
+pub use hub::{Entered, Hub, TimeBase};
 pub use message::message;
 pub use net::{Departure, Handler, Peer, PeerError, Receiver, Receiving, TcpSink, UdpSink};
 #[cfg(feature = "events")]
@@ -63,5 +66,6 @@ pub use recorder::{
     FileSink, Logging, LoggingReport, MessagesReport, Recorder, SignalReport, Sink, StartError,
     Tee, WriterSink,
 };
+pub use registry::RegisterError;
 pub use sample::{Element, Sample};
 pub use signal::{Signal, SignalBuilder};

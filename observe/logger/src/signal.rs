@@ -1,7 +1,8 @@
 //! Signals: numbers over time.
 
-use crate::hub::{Declared, Hub, Losses, RegisterError};
+use crate::hub::Hub;
 use crate::lane::{self, Head};
+use crate::registry::{Declared, Losses, RegisterError};
 use crate::sample::Sample;
 use std::fmt;
 use std::marker::PhantomData;

@@ -88,25 +88,14 @@ impl Shared {
 
     /// Waits. Returns whether the scope was closed meanwhile.
     pub(crate) fn closes_within(&self, time: Duration) -> bool {
-        let goes_on = |control: &mut Control| !control.is_closed;
-        let waited = self
-            .changed
-            .wait_timeout_while(self.control(), time, goes_on);
-        waited.unwrap_or_else(PoisonError::into_inner).0.is_closed
+        self.wait(time, |control| !control.is_closed).is_closed
     }
 
     /// Waits until a viewer seeks in the file that is played. Returns the range, which is then
     /// taken, or nothing after this time, or when the scope is closed.
     pub(crate) fn sought_within(&self, time: Duration) -> Option<Range> {
         let goes_on = |control: &mut Control| !control.is_closed && control.sought.is_none();
-        let waited = self
-            .changed
-            .wait_timeout_while(self.control(), time, goes_on);
-        waited
-            .unwrap_or_else(PoisonError::into_inner)
-            .0
-            .sought
-            .take()
+        self.wait(time, goes_on).sought.take()
     }
 
     pub(crate) fn seek(&self, range: Range) {
@@ -146,11 +135,20 @@ impl Shared {
         self.changed.notify_all();
     }
 
-    fn wait_at_most(&self, time: Duration, mut goes_on: impl FnMut() -> bool) {
+    /// Waits for changes while `goes_on`, at most for this time.
+    fn wait(
+        &self,
+        time: Duration,
+        goes_on: impl FnMut(&mut Control) -> bool,
+    ) -> MutexGuard<'_, Control> {
         let waited = self
             .changed
-            .wait_timeout_while(self.control(), time, |_| goes_on());
-        drop(waited.unwrap_or_else(PoisonError::into_inner));
+            .wait_timeout_while(self.control(), time, goes_on);
+        waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    fn wait_at_most(&self, time: Duration, mut goes_on: impl FnMut() -> bool) {
+        drop(self.wait(time, |_| goes_on()));
     }
 
     /// Viewers get the rest of the recording, and then their connections end.

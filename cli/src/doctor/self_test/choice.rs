@@ -79,8 +79,7 @@ fn prioritized() -> Outcome {
                 };
             }
             same("the order", taken, [1, 2, 3])
-        })?;
-        Ok(())
+        })
     })?;
     Ok("3 choices".to_owned())
 }

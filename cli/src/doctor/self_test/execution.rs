@@ -140,8 +140,7 @@ fn parallel() -> Outcome {
             )
             .await?;
             same("the sum", sum, 5050)
-        })?;
-        Ok(())
+        })
     })?;
     Ok("2 branches".to_owned())
 }
@@ -156,8 +155,7 @@ fn spawn() -> Outcome {
                 Ok(())
             })?;
             same("the child's word", receiver.recv().await?, 42)
-        })?;
-        Ok(())
+        })
     })?;
     same("processes in the report", report.processes.len(), 2)?;
     Ok("1 child".to_owned())
@@ -179,8 +177,7 @@ fn blocking() -> Outcome {
         executor.process("other").priority(10).spawn(async move {
             begun.recv().await?;
             release.send(()).map_err(luna::Error::other)
-        })?;
-        Ok(())
+        })
     })?;
     Ok("1 call".to_owned())
 }

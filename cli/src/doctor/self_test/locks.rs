@@ -94,8 +94,7 @@ fn mutex_of_the_dead() -> Outcome {
             ensure(state.try_lock().is_ok(), "it goes on after that")?;
             report.store(true, Ordering::Relaxed);
             Ok(())
-        })?;
-        Ok(())
+        })
     })?;
     ensure(
         reported.load(Ordering::Relaxed),

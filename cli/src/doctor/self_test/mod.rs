@@ -137,8 +137,8 @@ fn ensure(is_so: bool, what: &str) -> luna::Result<()> {
 }
 
 /// Runs a system of one executor.
-fn on_one_executor(
-    build: impl FnOnce(&luna::Executor) -> luna::Result<()>,
+fn on_one_executor<T>(
+    build: impl FnOnce(&luna::Executor) -> luna::Result<T>,
 ) -> luna::Result<luna::Report> {
     let mut system = System::new("self-test");
     build(&system.executor("main").build()?)?;

@@ -44,8 +44,7 @@ fn watchdog() -> Outcome {
             watchdog.reset();
             watchdog.feed();
             Ok(())
-        })?;
-        Ok(())
+        })
     })?;
     Ok("1 expiry".to_owned())
 }

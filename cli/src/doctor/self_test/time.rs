@@ -64,8 +64,7 @@ fn delay() -> Outcome {
         executor.process("order").spawn(async move {
             let both = [order.recv().await?, order.recv().await?];
             same("the order", both, ["short", "long"])
-        })?;
-        Ok(())
+        })
     })?;
     Ok("2 delays".to_owned())
 }
@@ -82,8 +81,7 @@ fn ticks() -> Outcome {
                 ensure(luna::now() >= tick.slot, "not before its slot")?;
             }
             Ok(())
-        })?;
-        Ok(())
+        })
     })?;
     Ok("5 ticks".to_owned())
 }
@@ -103,8 +101,7 @@ fn timeout() -> Outcome {
             luna::after(5 * MILLISECOND).await;
             sender.send(7).await?;
             Ok(())
-        })?;
-        Ok(())
+        })
     })?;
     Ok("1 timeout, 1 value".to_owned())
 }
@@ -123,8 +120,7 @@ fn periodic() -> Outcome {
                 tick.next().await;
             }
             Ok(())
-        })?;
-        Ok(())
+        })
     })?;
     let kept = report.loops.remove("loop");
     let kept = kept.map(|one| (one.cycles, one.cycles + one.missed == one.slots_elapsed));
@@ -197,8 +193,7 @@ fn phased() -> Outcome {
             let second = tick.next().await;
             let moved = (second.deadline - first.deadline).as_nanos() % period.as_nanos();
             same("the slots moved by", moved, 1_000)
-        })?;
-        Ok(())
+        })
     })?;
     Ok("2 loops".to_owned())
 }

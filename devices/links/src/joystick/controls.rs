@@ -3,7 +3,7 @@
 use super::state::{Meaning, State};
 use super::{Control, Controller, Event, FRAMING};
 use crate::Counts;
-use crate::end::Stop;
+use crate::end::{Stop, UntilStopped};
 use crate::wire::Wire;
 use luna::devices::Device;
 use luna::external::{FromBytes, LinkError, Splitter};
@@ -73,7 +73,7 @@ impl<D: Controller> Process for Controls<D> {
                 return Err(LinkError::NotPrepared.into());
             };
             let (state, splitter, counts) = (&mut self.state, &mut self.splitter, &self.counts);
-            let stop = report(wire, splitter, state, device, &sender, counts).await;
+            let Err(stop) = report(wire, splitter, state, device, &sender, counts).await;
             stop.end(device)
         }
     }
@@ -93,47 +93,30 @@ async fn report<D: Controller>(
     device: &Device<D>,
     sender: &Sender<Control>,
     counts: &Counts,
-) -> Stop {
+) -> UntilStopped {
     let mut ended = pin!(sender.ended());
     let mut meaning = Meaning::Ask;
     loop {
         match meaning {
             Meaning::Nothing => {}
             Meaning::Control(control) => {
-                if let Some(stop) = send(sender, control).await {
-                    return stop;
-                }
+                sender.send(control).await?;
             }
             Meaning::Ask => {
-                let now = match path::expected(Call::File, || device.snapshot()) {
-                    Ok(now) => now,
-                    Err(error) => return LinkError::Read(error.into()).into(),
-                };
+                let now = path::expected(Call::File, || device.snapshot())
+                    .map_err(|error| LinkError::Read(error.into()))?;
                 let mut place = 0;
                 while let Some(control) = state.compare(&now, &mut place) {
-                    if let Some(stop) = send(sender, control).await {
-                        return stop;
-                    }
+                    sender.send(control).await?;
                 }
             }
         }
-        let event = match next(wire, splitter, ended.as_mut()).await {
-            Ok(event) => event,
-            Err(stop) => return stop,
-        };
+        let event = next(wire, splitter, ended.as_mut()).await?;
         counts.record();
         meaning = state.take(event);
         if meaning == Meaning::Ask {
             counts.one_bad();
         }
-    }
-}
-
-async fn send(sender: &Sender<Control>, control: Control) -> Option<Stop> {
-    match sender.send(control).await {
-        Ok(()) => None,
-        Err(error) if error.is_closed() => Some(Stop::Closed),
-        Err(_) => Some(Stop::Poisoned),
     }
 }
 

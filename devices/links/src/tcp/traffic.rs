@@ -132,7 +132,7 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
                         )
                         .await
                     }
-                    None => Stop::Closed,
+                    None => Err(Stop::Closed),
                 }
             });
             let mut come = pin!(async {
@@ -148,12 +148,12 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
                         )
                         .await
                     }
-                    None => Stop::Closed,
+                    None => Err(Stop::Closed),
                 }
             });
             poll_fn(|cx| {
                 if out_stop.is_none()
-                    && let Poll::Ready(stop) = out.as_mut().poll(cx)
+                    && let Poll::Ready(Err(stop)) = out.as_mut().poll(cx)
                 {
                     // After a connection breaks, data that came before is still read; then reading
                     // ends by itself.
@@ -169,7 +169,7 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
                     }
                 }
                 if in_stop.is_none()
-                    && let Poll::Ready(stop) = come.as_mut().poll(cx)
+                    && let Poll::Ready(Err(stop)) = come.as_mut().poll(cx)
                 {
                     let goes_on = matches!(stop, Stop::Closed);
                     in_stop = Some(stop);

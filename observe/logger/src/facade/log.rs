@@ -32,13 +32,7 @@ impl Log for Facade {
 pub(super) fn install(most: Level) -> bool {
     let is_first = log::set_logger(&Facade).is_ok();
     if is_first {
-        log::set_max_level(match most {
-            Level::Error => LevelFilter::Error,
-            Level::Warn => LevelFilter::Warn,
-            Level::Info => LevelFilter::Info,
-            Level::Debug => LevelFilter::Debug,
-            Level::Trace => LevelFilter::Trace,
-        });
+        log::set_max_level(most.name().parse().unwrap_or(LevelFilter::Trace));
     }
     is_first
 }

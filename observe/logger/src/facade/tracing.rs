@@ -26,13 +26,7 @@ impl TracingSubscriber {
     /// For events of level `most` and what matters more.
     pub fn new(most: Level) -> Self {
         Self {
-            most: match most {
-                Level::Error => LevelFilter::ERROR,
-                Level::Warn => LevelFilter::WARN,
-                Level::Info => LevelFilter::INFO,
-                Level::Debug => LevelFilter::DEBUG,
-                Level::Trace => LevelFilter::TRACE,
-            },
+            most: most.name().parse().unwrap_or(LevelFilter::TRACE),
         }
     }
 }

@@ -32,49 +32,34 @@ pub enum Type {
 }
 
 impl Type {
-    const ALL: [Type; 11] = [
-        Type::Bool,
-        Type::I8,
-        Type::I16,
-        Type::I32,
-        Type::I64,
-        Type::U8,
-        Type::U16,
-        Type::U32,
-        Type::U64,
-        Type::F32,
-        Type::F64,
+    /// All of them in the order of their numbers, with the name and the size.
+    const ALL: [(Type, &'static str, usize); 11] = [
+        (Type::Bool, "bool", 1),
+        (Type::I8, "i8", 1),
+        (Type::I16, "i16", 2),
+        (Type::I32, "i32", 4),
+        (Type::I64, "i64", 8),
+        (Type::U8, "u8", 1),
+        (Type::U16, "u16", 2),
+        (Type::U32, "u32", 4),
+        (Type::U64, "u64", 8),
+        (Type::F32, "f32", 4),
+        (Type::F64, "f64", 8),
     ];
 
     pub(crate) fn from_byte(byte: u8) -> Option<Type> {
-        Self::ALL.into_iter().find(|one| *one as u8 == byte)
+        let index = usize::from(byte).checked_sub(1)?;
+        Self::ALL.get(index).map(|(one, ..)| *one)
     }
 
     /// How many bytes an element takes in a recording.
     pub fn size(self) -> usize {
-        match self {
-            Type::Bool | Type::I8 | Type::U8 => 1,
-            Type::I16 | Type::U16 => 2,
-            Type::I32 | Type::U32 | Type::F32 => 4,
-            Type::I64 | Type::U64 | Type::F64 => 8,
-        }
+        Self::ALL[self as usize - 1].2
     }
 
     /// Its name, as Rust has it.
     pub fn name(self) -> &'static str {
-        match self {
-            Type::Bool => "bool",
-            Type::I8 => "i8",
-            Type::I16 => "i16",
-            Type::I32 => "i32",
-            Type::I64 => "i64",
-            Type::U8 => "u8",
-            Type::U16 => "u16",
-            Type::U32 => "u32",
-            Type::U64 => "u64",
-            Type::F32 => "f32",
-            Type::F64 => "f64",
-        }
+        Self::ALL[self as usize - 1].1
     }
 
     /// The value in the lowest bytes of `word`; the other bytes are ignored.
@@ -206,27 +191,23 @@ pub enum Level {
 }
 
 impl Level {
+    /// All of them in the order of their numbers, with the name.
+    const ALL: [(Level, &'static str); 5] = [
+        (Level::Error, "ERROR"),
+        (Level::Warn, "WARN"),
+        (Level::Info, "INFO"),
+        (Level::Debug, "DEBUG"),
+        (Level::Trace, "TRACE"),
+    ];
+
     pub(crate) fn from_byte(byte: u8) -> Option<Level> {
-        [
-            Level::Error,
-            Level::Warn,
-            Level::Info,
-            Level::Debug,
-            Level::Trace,
-        ]
-        .into_iter()
-        .find(|one| *one as u8 == byte)
+        let index = usize::from(byte).checked_sub(1)?;
+        Self::ALL.get(index).map(|(one, _)| *one)
     }
 
     /// Its name in capitals.
     pub fn name(self) -> &'static str {
-        match self {
-            Level::Error => "ERROR",
-            Level::Warn => "WARN",
-            Level::Info => "INFO",
-            Level::Debug => "DEBUG",
-            Level::Trace => "TRACE",
-        }
+        Self::ALL[self as usize - 1].1
     }
 }
 

@@ -1,13 +1,15 @@
 //! TCP connections of senders, a thread each.
 
-use super::receive::{Known, LOOK, Office, Refusal, lock};
+use super::office::{Known, Office, Refusal, lock};
+use super::receive::LOOK;
+use super::timed;
 use super::wire::{
     Answer, HELLO, Hello, MAGIC, PREFIX, PeerError, ack_bytes, answer_bytes, check_prefix, u32_at,
 };
 use crate::format::{BLOCK_MAGIC, BLOCK_START, MAX_IN_BLOCK, checksum};
-use luna_platform::thread::{Attributes, Policy, Thread, spawn};
-use std::convert::Infallible;
-use std::io::{self, ErrorKind, Read, Write};
+use crate::thread::start;
+use luna_platform::thread::Thread;
+use std::io::{self, ErrorKind, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -40,12 +42,9 @@ pub(super) fn accept(listener: &TcpListener, office: &Arc<Office>) {
             continue;
         }
         let inside = office.clone();
-        let thread = spawn(
-            Attributes::framework("luna-receiver-tcp", Policy::Other),
-            move |_| Ok::<_, Infallible>(()),
-            move |()| serve(&inside, stream, address),
-        );
-        threads.extend(thread);
+        threads.extend(start("luna-receiver-tcp", move || {
+            serve(&inside, stream, address);
+        }));
     }
     for thread in threads {
         let _ = thread.join();
@@ -116,6 +115,7 @@ impl Stream<'_> {
 
     /// Takes blocks until the sender goes.
     fn blocks(&self, visit: u64, known: &Mutex<Known>) -> io::Result<()> {
+        let damaged = |what| io::Error::other(PeerError::Damaged(what));
         let next: Answer = Ok(lock(known).next);
         self.write(&answer_bytes(next))?;
         let mut block = vec![0; BLOCK_START];
@@ -126,28 +126,22 @@ impl Stream<'_> {
             }
             let (number, length) = (u32_at(&block, 4), u32_at(&block, 8) as usize);
             if block[..4] != BLOCK_MAGIC || length > MAX_IN_BLOCK {
-                return Err(io::Error::other(PeerError::Damaged("it is no block")));
+                return Err(damaged("it is no block"));
             }
             block.resize(BLOCK_START + length, 0);
             if !self.read(&mut block[BLOCK_START..], SILENT)? {
-                return Err(io::Error::new(
-                    ErrorKind::UnexpectedEof,
-                    "it ends in a block",
-                ));
+                let what = "it ends in a block";
+                return Err(io::Error::new(ErrorKind::UnexpectedEof, what));
             }
             if checksum(&block) != u32_at(&block, 12) {
-                return Err(io::Error::other(PeerError::Damaged(
-                    "a block's checksum is wrong",
-                )));
+                return Err(damaged("a block's checksum is wrong"));
             }
             let mut known = lock(known);
             if !known.is_of(visit) {
                 return Err(io::Error::other("it has come again by another connection"));
             }
             if number != known.next {
-                return Err(io::Error::other(PeerError::Damaged(
-                    "a block is not the next one",
-                )));
+                return Err(damaged("a block is not the next one"));
             }
             known.block(&mut block)?;
             known.next = known.next.wrapping_add(1);
@@ -159,52 +153,14 @@ impl Stream<'_> {
 
     /// Reads all; false if the peer has gone before the first byte.
     fn read(&self, bytes: &mut [u8], within: Duration) -> io::Result<bool> {
-        let mut at = 0;
-        self.go_on(within, |mut stream| {
-            stream.set_read_timeout(Some(LOOK))?;
-            match stream.read(&mut bytes[at..])? {
-                0 if at == 0 => return Ok(Some(false)),
-                0 => return Err(ErrorKind::UnexpectedEof.into()),
-                got => at += got,
-            }
-            Ok((at == bytes.len()).then_some(true))
-        })
+        timed::read(&self.stream, bytes, within, || self.office.is_over())?.ok_or_else(stopped)
     }
 
     fn write(&self, bytes: &[u8]) -> io::Result<()> {
-        let mut rest = bytes;
-        self.go_on(ACK_WITHIN, |mut stream| {
-            stream.set_write_timeout(Some(LOOK))?;
-            let written = stream.write(rest)?;
-            rest = &rest[written..];
-            Ok(rest.is_empty().then_some(()))
-        })
+        timed::write(&self.stream, bytes, ACK_WITHIN, || self.office.is_over())?.ok_or_else(stopped)
     }
+}
 
-    /// Calls `step` until it is done, or the limit has passed.
-    fn go_on<T>(
-        &self,
-        within: Duration,
-        mut step: impl FnMut(&TcpStream) -> io::Result<Option<T>>,
-    ) -> io::Result<T> {
-        let begin = Instant::now();
-        loop {
-            if self.office.is_over() {
-                return Err(io::Error::other("the recorder was stopped"));
-            }
-            match step(&self.stream) {
-                Ok(Some(done)) => return Ok(done),
-                Ok(None) => {}
-                Err(error)
-                    if matches!(
-                        error.kind(),
-                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                    ) => {}
-                Err(error) => return Err(error),
-            }
-            if begin.elapsed() >= within {
-                return Err(io::Error::new(ErrorKind::TimedOut, PeerError::Silent));
-            }
-        }
-    }
+fn stopped() -> io::Error {
+    io::Error::other("the recorder was stopped")
 }

@@ -1,6 +1,7 @@
 //! Datagrams of senders, all on one thread.
 
-use super::receive::{Known, LOOK, Office, lock};
+use super::office::{Known, Office, lock};
+use super::receive::LOOK;
 use super::wire::{Answer, DATAGRAM, Datagram, Hello, Key, PeerError, answer_bytes, u32_at};
 use crate::format::{BLOCK_MAGIC, BLOCK_START, Encoder, Reader, Record, checksum, seal};
 use std::collections::{HashMap, HashSet, VecDeque};

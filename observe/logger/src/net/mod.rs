@@ -7,13 +7,16 @@
 //! ```
 //!
 //! `wire` defines the protocol, `tcp` and `udp` are the sending side, `receive` is the receiving
-//! side with `connection` (TCP) and `datagrams` (UDP). `search` resolves host names.
+//! side with `connection` (TCP) and `datagrams` (UDP), `office` its senders. `search` resolves host
+//! names.
 
 mod connection;
 mod datagrams;
+mod office;
 mod receive;
 mod search;
 mod tcp;
+mod timed;
 mod udp;
 mod wire;
 

@@ -1,7 +1,6 @@
 //! Resolves a host name on a detached thread, since a resolver may take half a minute to fail.
 
-use luna_platform::thread::{Attributes, Policy, spawn};
-use std::convert::Infallible;
+use crate::thread::start;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -26,15 +25,10 @@ impl Search {
         find: impl FnOnce() -> io::Result<SocketAddr> + Send + 'static,
     ) -> io::Result<Self> {
         let (answers, answer) = channel();
-        let started = spawn(
-            Attributes::framework("luna-find-host", Policy::Other),
-            move |_| Ok::<_, Infallible>((answers, find)),
-            |(answers, find)| {
-                // The receiver may be gone.
-                let _ = answers.send(find());
-            },
-        );
-        started.map_err(|error| io::Error::other(error.to_string()))?;
+        start("luna-find-host", move || {
+            // The receiver may be gone.
+            let _ = answers.send(find());
+        })?;
         Ok(Self {
             answer,
             begun: Instant::now(),

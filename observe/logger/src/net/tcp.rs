@@ -1,17 +1,17 @@
 //! The sending side over TCP.
 
+use super::timed;
 use super::wire::{
     ACK, ANSWER, Hello, Key, MAGIC, PREFIX, PeerError, check_prefix, now, read_ack, read_answer,
 };
 use crate::format::{Encoder, Tally, seal};
+use crate::monitor::Monitor;
 use crate::recorder::{Sink, TCP};
-use luna_platform::thread::{Attributes, Policy, spawn};
+use crate::thread::start;
 use std::collections::{HashSet, VecDeque};
-use std::convert::Infallible;
-use std::fmt;
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Write};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// The limit of the bytes of waiting blocks.
@@ -60,11 +60,7 @@ pub struct TcpSink {
     system: String,
 }
 
-#[derive(Debug, Default)]
-struct Shared {
-    state: Mutex<State>,
-    changes: Condvar,
-}
+type Shared = Monitor<State>;
 
 #[derive(Debug, Default)]
 struct State {
@@ -123,18 +119,6 @@ impl State {
     }
 }
 
-impl Shared {
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Waits for a change, or until `most` has passed.
-    fn wait<'a>(&self, state: MutexGuard<'a, State>, most: Duration) -> MutexGuard<'a, State> {
-        let waited = self.changes.wait_timeout(state, most);
-        waited.unwrap_or_else(PoisonError::into_inner).0
-    }
-}
-
 impl TcpSink {
     /// Creates a sink for `address`, `HOST:PORT`. It does not connect yet.
     pub fn new(address: impl Into<String>) -> Self {
@@ -153,7 +137,7 @@ impl Sink for TcpSink {
 
     fn begin(&mut self, _head: &[u8]) -> io::Result<()> {
         check_address(&self.address)?;
-        let link = Link {
+        let mut link = Link {
             address: self.address.clone(),
             shared: self.shared.clone(),
             key: Key::new(),
@@ -161,18 +145,11 @@ impl Sink for TcpSink {
             system: self.system.clone(),
             said: HashSet::new(),
         };
-        let started = spawn(
-            Attributes::framework("luna-record-tcp", Policy::Other),
-            move |_| Ok::<_, Infallible>(link),
-            |mut link| link.run(),
-        );
-        started
-            .map(drop)
-            .map_err(|error| io::Error::other(error.to_string()))
+        start("luna-record-tcp", move || link.run()).map(drop)
     }
 
     fn block(&mut self, block: &[u8]) -> io::Result<()> {
-        let mut state = self.shared.state();
+        let mut state = self.shared.lock();
         if state.begins_anew && !Encoder::is_session(block) {
             return Err(io::Error::other(
                 "the recorder was restarted: everything is declared again",
@@ -190,7 +167,7 @@ impl Sink for TcpSink {
         state.bytes += block.len();
         state.blocks.push_back(Arc::new(block));
         drop(state);
-        self.shared.changes.notify_all();
+        self.shared.wake();
         Ok(())
     }
 
@@ -199,18 +176,18 @@ impl Sink for TcpSink {
     }
 
     fn wants_declarations(&mut self) -> bool {
-        std::mem::take(&mut self.shared.state().wants_declarations)
+        std::mem::take(&mut self.shared.lock().wants_declarations)
     }
 
     fn take_lost(&mut self) -> Tally {
-        std::mem::take(&mut self.shared.state().lost)
+        std::mem::take(&mut self.shared.lock().lost)
     }
 
     fn end(&mut self, limit: Duration) -> io::Result<()> {
         let begin = Instant::now();
-        let mut state = self.shared.state();
+        let mut state = self.shared.lock();
         state.is_ending = true;
-        self.shared.changes.notify_all();
+        self.shared.wake();
         while !state.is_gone {
             let left = limit.saturating_sub(begin.elapsed());
             if left.is_zero() {
@@ -219,7 +196,7 @@ impl Sink for TcpSink {
             state = self.shared.wait(state, left);
         }
         state.is_left_alone = true;
-        self.shared.changes.notify_all();
+        self.shared.wake();
         if state.blocks.is_empty() {
             return Ok(());
         }
@@ -233,8 +210,7 @@ impl Sink for TcpSink {
 
 impl Drop for TcpSink {
     fn drop(&mut self) {
-        self.shared.state().is_left_alone = true;
-        self.shared.changes.notify_all();
+        self.shared.change(|state| state.is_left_alone = true);
     }
 }
 
@@ -263,6 +239,7 @@ struct Link {
 }
 
 /// Why a connection is over.
+#[derive(Debug)]
 enum Over {
     /// All was sent and the recording has ended, or the thread is detached.
     Done,
@@ -283,8 +260,7 @@ impl From<PeerError> for Over {
 
 impl Drop for Link {
     fn drop(&mut self) {
-        self.shared.state().is_gone = true;
-        self.shared.changes.notify_all();
+        self.shared.change(|state| state.is_gone = true);
     }
 }
 
@@ -297,7 +273,7 @@ impl Link {
                 Over::Broken(error) => self.note(&error),
             };
             let begin = Instant::now();
-            let mut state = self.shared.state();
+            let mut state = self.shared.lock();
             loop {
                 // The thread that waits for the end has a limit of its own.
                 if state.is_left_alone || state.is_ending && state.blocks.is_empty() {
@@ -328,7 +304,7 @@ impl Link {
             // Standard error may be closed.
             let _ = writeln!(io::stderr().lock(), "luna: recording to {text}");
         }
-        self.shared.state().error = Some(text);
+        self.shared.lock().error = Some(text);
         (peer == Some(&PeerError::NoRoom)).then_some(NO_ROOM)
     }
 
@@ -336,10 +312,10 @@ impl Link {
     /// progress: a receiver that accepts connections but takes no blocks (its disk is full) is not
     /// asked again at once for ever.
     fn connection(&mut self, pause: &mut Duration) -> Over {
-        let outcome = self.connect().and_then(|mut stream| {
-            self.greet(&mut stream, pause)?;
-            self.shared.state().error = None;
-            self.send(&mut stream, pause)
+        let outcome = self.connect().and_then(|stream| {
+            self.greet(&stream, pause)?;
+            self.shared.lock().error = None;
+            self.send(&stream, pause)
         });
         outcome.err().unwrap_or(Over::Done)
     }
@@ -347,7 +323,7 @@ impl Link {
     fn connect(&self) -> Result<TcpStream, Over> {
         let mut last = io::Error::new(ErrorKind::NotFound, "the host has no address");
         for address in self.address.to_socket_addrs()? {
-            if self.shared.state().is_left_alone {
+            if self.is_left_alone() {
                 return Err(Over::Done);
             }
             match TcpStream::connect_timeout(&address, CONNECT) {
@@ -362,9 +338,9 @@ impl Link {
     }
 
     /// Sends the hello, and reads how much the recorder has.
-    fn greet(&self, stream: &mut TcpStream, pause: &mut Duration) -> Result<(), Over> {
+    fn greet(&self, stream: &TcpStream, pause: &mut Duration) -> Result<(), Over> {
         let hello = {
-            let state = self.shared.state();
+            let state = self.shared.lock();
             Hello {
                 key: Key {
                     part: state.part,
@@ -387,7 +363,7 @@ impl Link {
         check_prefix(&answer)?;
         self.read(stream, &mut answer[PREFIX..])?;
         let next = read_answer(&answer)?;
-        let mut state = self.shared.state();
+        let mut state = self.shared.lock();
         let Some(is_on) = state.acknowledge(next) else {
             // It does not know the recording, or knows another one.
             state.begin_again();
@@ -402,11 +378,11 @@ impl Link {
     }
 
     /// Sends all blocks, and waits for more.
-    fn send(&self, stream: &mut TcpStream, pause: &mut Duration) -> Result<(), Over> {
+    fn send(&self, stream: &TcpStream, pause: &mut Duration) -> Result<(), Over> {
         loop {
             // The lock is not held while waiting for the network.
             let ahead: Vec<Arc<Vec<u8>>> = {
-                let mut state = self.shared.state();
+                let mut state = self.shared.lock();
                 loop {
                     if state.is_left_alone || state.is_ending && state.blocks.is_empty() {
                         let _ = stream.shutdown(Shutdown::Write);
@@ -424,7 +400,7 @@ impl Link {
             for _ in &ahead {
                 let mut ack = [0; ACK];
                 self.read(stream, &mut ack)?;
-                match self.shared.state().acknowledge(read_ack(&ack)?) {
+                match self.shared.lock().acknowledge(read_ack(&ack)?) {
                     Some(true) => *pause = BACK_OFF.0,
                     Some(false) => {}
                     None => {
@@ -436,61 +412,21 @@ impl Link {
     }
 
     /// Writes all bytes within the limit for a stalled connection.
-    fn write(&self, stream: &mut TcpStream, bytes: &[u8]) -> Result<(), Over> {
-        let mut rest = bytes;
-        self.within(|left| {
-            stream.set_write_timeout(Some(left))?;
-            let written = stream.write(rest)?;
-            rest = &rest[written..];
-            Ok(rest.is_empty())
-        })
+    fn write(&self, stream: &TcpStream, bytes: &[u8]) -> Result<(), Over> {
+        timed::write(stream, bytes, STANDS, || self.is_left_alone())?.ok_or(Over::Done)
     }
 
     /// Fills `bytes` within the limit for a stalled connection.
-    fn read(&self, stream: &mut TcpStream, bytes: &mut [u8]) -> Result<(), Over> {
-        let mut at = 0;
-        self.within(|left| {
-            stream.set_read_timeout(Some(left))?;
-            let got = stream.read(&mut bytes[at..])?;
-            if got == 0 {
-                return Err(ErrorKind::UnexpectedEof.into());
-            }
-            at += got;
-            Ok(at == bytes.len())
-        })
-    }
-
-    /// Calls `go_on` until it is done, or the limit has passed.
-    fn within(&self, mut go_on: impl FnMut(Duration) -> io::Result<bool>) -> Result<(), Over> {
-        let begin = Instant::now();
-        loop {
-            let left = STANDS.saturating_sub(begin.elapsed());
-            if left.is_zero() {
-                return Err(PeerError::Silent.into());
-            }
-            if self.shared.state().is_left_alone {
-                return Err(Over::Done);
-            }
-            match go_on(left.min(Duration::from_millis(100))) {
-                Ok(true) => return Ok(()),
-                Ok(false) => {}
-                Err(error)
-                    if matches!(
-                        error.kind(),
-                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                    ) => {}
-                Err(error) => return Err(error.into()),
-            }
+    fn read(&self, stream: &TcpStream, bytes: &mut [u8]) -> Result<(), Over> {
+        match timed::read(stream, bytes, STANDS, || self.is_left_alone())? {
+            Some(true) => Ok(()),
+            Some(false) => Err(io::Error::from(ErrorKind::UnexpectedEof).into()),
+            None => Err(Over::Done),
         }
     }
-}
 
-impl fmt::Debug for Over {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Over::Done => f.write_str("Done"),
-            Over::Broken(error) => error.fmt(f),
-        }
+    fn is_left_alone(&self) -> bool {
+        self.shared.lock().is_left_alone
     }
 }
 

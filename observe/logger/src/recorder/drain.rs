@@ -7,9 +7,9 @@ use super::show::Show;
 use super::timeline::Timeline;
 use crate::format::{Level, Losing};
 use crate::hub::Hub;
-use crate::lane::{Counts, Inlet};
+use crate::lane::Inlet;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// How often the sink is polled for its reports.
@@ -20,7 +20,8 @@ pub(super) struct Drain {
     hub: Arc<Hub>,
     timeline: Timeline,
     queues: Vec<Queue>,
-    threads: Vec<(u32, Arc<Counts>)>,
+    /// The number of messages that each thread has lost.
+    threads: Vec<(u32, Arc<AtomicU64>)>,
     output: Output,
     /// Messages that threads which have ended have lost, by those that did.
     lost_before: Vec<(u32, u64)>,
@@ -90,12 +91,8 @@ impl Drain {
     fn record_losses(&mut self) {
         self.hub.take_homeless();
         let output = &mut self.output;
-        for (thread, lost) in &self.lost_before {
-            output.record_losses(Losing::Messages(*thread), *lost);
-        }
-        for (thread, counts) in &self.threads {
-            let lost = counts.lost_messages.load(Ordering::Relaxed);
-            output.record_losses(Losing::Messages(*thread), lost);
+        for (thread, lost) in lost(&self.lost_before, &self.threads) {
+            output.record_losses(Losing::Messages(thread), lost);
         }
         #[cfg(feature = "events")]
         output.record_losses_of_events();
@@ -123,24 +120,19 @@ impl Drain {
                 name,
                 samples,
                 messages,
-                counts,
+                lost_messages,
             } = inlet;
             self.output.add_thread(number, name);
             self.queues.push(Queue::new(number, samples));
             self.queues.push(Queue::new(number, messages));
-            self.threads.push((number, counts));
+            self.threads.push((number, lost_messages));
         }
     }
 
     /// Messages that were lost on their way here.
     fn lost(&self) -> u64 {
-        let of_threads: u64 = self
-            .threads
-            .iter()
-            .map(|(_, counts)| counts.lost_messages.load(Ordering::Relaxed))
-            .sum();
-        let of_ended: u64 = self.lost_before.iter().map(|(_, lost)| lost).sum();
-        of_ended + of_threads + self.hub.lost_messages.load(Ordering::Relaxed)
+        let by_threads = lost(&self.lost_before, &self.threads).map(|(_, lost)| lost);
+        by_threads.sum::<u64>() + self.hub.lost_messages.load(Ordering::Relaxed)
     }
 
     /// Lets go of the rings of threads that have ended.
@@ -151,10 +143,10 @@ impl Drain {
         self.queues.retain(|queue| !queue.is_over());
         let queues = &self.queues;
         let lost_before = &mut self.lost_before;
-        self.threads.retain(|(number, counts)| {
+        self.threads.retain(|(number, lost)| {
             let lives = queues.iter().any(|queue| queue.thread == *number);
             if !lives {
-                let lost = counts.lost_messages.load(Ordering::Relaxed);
+                let lost = lost.load(Ordering::Relaxed);
                 if lost > 0 {
                     lost_before.push((*number, lost));
                 }
@@ -162,4 +154,14 @@ impl Drain {
             lives
         });
     }
+}
+
+/// The messages that each thread has lost, those that have ended first.
+fn lost(
+    ended: &[(u32, u64)],
+    threads: &[(u32, Arc<AtomicU64>)],
+) -> impl Iterator<Item = (u32, u64)> {
+    let threads = threads.iter();
+    let living = threads.map(|(thread, lost)| (*thread, lost.load(Ordering::Relaxed)));
+    ended.iter().copied().chain(living)
 }

@@ -6,8 +6,8 @@
 use crate::format::{Event, Record, RunsOn, Subject};
 use crate::lane::Head;
 use luna_core::events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
-use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
-use std::hash::{BuildHasherDefault, Hasher};
+use rustc_hash::{FxHashMap, FxHashSet};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
 
 /// Identifies a named subject: its kind and its number.
@@ -17,31 +17,8 @@ fn key(kind: Kind, number: u64) -> Key {
     (kind as u64) << 32 | number & u64::from(u32::MAX)
 }
 
-/// A cheap hash: keys are assigned by the program, not chosen by an attacker.
-#[derive(Default)]
-struct Spread(u64);
-
-impl Hasher for Spread {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.write_u64(u64::from(*byte) ^ self.0);
-        }
-    }
-
-    fn write_u64(&mut self, key: u64) {
-        let spread = key.wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        self.0 = spread ^ spread >> 32;
-    }
-}
-
 /// How many names of processes of other systems are kept.
 const MAX_STRANGERS: usize = 4096;
-
-type Build = BuildHasherDefault<Spread>;
 
 /// The events of a recording.
 #[derive(Default)]
@@ -49,9 +26,9 @@ pub(super) struct Events {
     /// The source of names; none if no events are recorded. This is the only lasting reference:
     /// when it is dropped, no names are collected.
     names: Option<Arc<Names>>,
-    known: HashMap<Key, Name, Build>,
+    known: FxHashMap<Key, Name>,
     /// Subjects with recorded names, and those without a name.
-    declared: HashSet<Key, Build>,
+    declared: FxHashSet<Key>,
     are_codes_declared: bool,
     /// A name that comes in parts, by thread.
     parts: HashMap<u32, Parts>,
@@ -59,8 +36,8 @@ pub(super) struct Events {
     ended: Vec<Key>,
     /// Processes of other systems, the most recently named: their ends are not reported here.
     strangers: VecDeque<Key>,
-    in_block: HashMap<u32, u64, Build>,
-    refused: HashMap<u32, u64, Build>,
+    in_block: FxHashMap<u32, u64>,
+    refused: FxHashMap<u32, u64>,
     losses: Vec<(u32, Losses)>,
     recorded: u64,
 }
@@ -198,17 +175,12 @@ impl Events {
             self.take_names();
         }
         self.declared.insert(key);
-        let Some(name) = self.known.get(&key) else {
+        // A subject's number in recordings is that of its kind.
+        let known = self.known.get(&key);
+        let Some((name, subject)) =
+            known.and_then(|name| Some((name, Subject::from_byte(name.kind as u8)?)))
+        else {
             return;
-        };
-        let subject = match name.kind {
-            Kind::Process => Subject::Process,
-            Kind::Executor => Subject::Executor,
-            Kind::Channel => Subject::Channel,
-            Kind::Barrier => Subject::Barrier,
-            Kind::Lock => Subject::Lock,
-            Kind::Loop => Subject::Loop,
-            Kind::SubProcess => Subject::SubProcess,
         };
         let runs_on = name
             .runs_on

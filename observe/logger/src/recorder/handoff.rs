@@ -6,12 +6,12 @@
 //! as refused, and the sink's thread is detached. A sink that panics is ended at once, so that it
 //! can report the losses among what it had taken; a sink that never returns cannot.
 
-use super::monitor::Monitor;
 use super::sink::Sink;
 use crate::format::Tally;
-use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use crate::monitor::Monitor;
+use crate::thread::start;
+use luna_platform::thread::Thread;
 use std::collections::VecDeque;
-use std::convert::Infallible;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
@@ -122,30 +122,26 @@ fn deadline(limit: Instant, asked_to_end: Option<Instant>) -> Instant {
 
 impl Handoff {
     /// Starts a thread for `sink`.
-    pub(super) fn start(sink: Box<dyn Sink>) -> Result<Self, String> {
+    pub(super) fn start(sink: Box<dyn Sink>) -> io::Result<Self> {
         let shared = Arc::<Shared>::default();
         let theirs = shared.clone();
-        let thread = spawn(
-            Attributes::framework("luna-recording", Policy::Other),
-            move |_| Ok::<_, Infallible>((theirs, sink)),
-            |(shared, mut sink)| {
-                // Dropped last, after everything that the sink closes.
-                let gone = Gone(shared);
-                let served = catch_unwind(AssertUnwindSafe(|| serve(&gone.0, &mut *sink)));
-                if let Err(panic) = served {
-                    // The sink may hold blocks that it has taken but not kept for good.
-                    let ended = AssertUnwindSafe(|| sink.end(Duration::ZERO));
-                    let _ = catch_unwind(ended);
-                    let lost = catch_unwind(AssertUnwindSafe(|| sink.take_lost()));
-                    gone.0.lock().news.add(lost.unwrap_or_default());
-                    resume_unwind(panic);
-                }
-                drop(sink);
-            },
-        );
+        let thread = start("luna-recording", move || {
+            // Dropped last, after everything that the sink closes.
+            let gone = Gone(theirs);
+            let mut sink = sink;
+            let served = catch_unwind(AssertUnwindSafe(|| serve(&gone.0, &mut *sink)));
+            if let Err(panic) = served {
+                // The sink may hold blocks that it has taken but not kept for good.
+                let ended = AssertUnwindSafe(|| sink.end(Duration::ZERO));
+                let _ = catch_unwind(ended);
+                let lost = catch_unwind(AssertUnwindSafe(|| sink.take_lost()));
+                gone.0.lock().news.add(lost.unwrap_or_default());
+                resume_unwind(panic);
+            }
+        })?;
         Ok(Self {
             shared,
-            thread: Some(thread.map_err(|error| error.to_string())?),
+            thread: Some(thread),
             news: News::default(),
         })
     }

@@ -15,7 +15,6 @@ mod drain;
 #[cfg(feature = "events")]
 mod events;
 mod handoff;
-mod monitor;
 mod output;
 mod queue;
 mod report;
@@ -33,14 +32,15 @@ pub use tee::Tee;
 use crate::format::{Encoder, Level};
 use crate::hub::{Hub, Rooms};
 use crate::net::{TcpSink, UdpSink};
+use crate::thread::start;
 use drain::Drain;
 use handoff::{Handoff, Limiter};
-use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use luna_platform::thread::Thread;
 use output::Way;
 use show::Show;
-use std::convert::Infallible;
 use std::ffi::OsStr;
 use std::fmt;
+use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -282,19 +282,17 @@ impl Recorder {
         } = recording;
         let (to, sink) = match target {
             Target::File(path) => {
-                let to = path.display().to_string();
-                (
-                    to,
-                    FileSink::create(&path).map(|sink| {
-                        Box::new(match sync {
-                            Some(period) => sink.sync_every(period),
-                            None => sink,
-                        }) as Box<dyn Sink>
-                    }),
-                )
+                let sink = FileSink::create(&path).map(|sink| -> Box<dyn Sink> {
+                    Box::new(match sync {
+                        Some(period) => sink.sync_every(period),
+                        None => sink,
+                    })
+                });
+                (path.display().to_string(), sink)
             }
             Target::Sink(sink) => (sink.place(), Ok(sink)),
         };
+        let no_thread = |error: io::Error| StartError::Thread(error.to_string());
         let sink = sink
             .and_then(|mut sink| {
                 sink.is_of(&hub.system);
@@ -305,14 +303,14 @@ impl Recorder {
                 error: error.to_string(),
             })?;
         let show = match show {
-            Some(most) => Some((most, Show::start().map_err(StartError::Thread)?)),
+            Some(most) => Some((most, Show::start().map_err(no_thread)?)),
             None => None,
         };
         let begun = hub.begin_recording(rooms).ok_or(StartError::Twice)?;
         let block_size = sink.block_size();
         let sink = Handoff::start(sink).map_err(|error| {
             hub.end_recording();
-            StartError::Thread(error)
+            no_thread(error)
         })?;
         let limiter = sink.limiter();
         // The thread ends when the sender is dropped.
@@ -323,27 +321,19 @@ impl Recorder {
             begun,
         };
         let drain = Drain::new(hub.clone(), to.clone(), way, show);
-        let started = spawn(
-            Attributes::framework("luna-recorder", Policy::Other),
-            move |_| Ok::<_, Infallible>(drain),
-            move |drain| {
-                drain.run(|| stopped.recv_timeout(period) == Err(RecvTimeoutError::Disconnected))
-            },
-        );
-        match started {
-            Ok(thread) => Ok(Recorder {
-                hub: hub.clone(),
-                to,
-                thread: Some(thread),
-                running: Some(running),
-                limiter,
-                end_within,
-            }),
-            Err(error) => {
-                hub.end_recording();
-                Err(StartError::Thread(error.to_string()))
-            }
-        }
+        let wait = move || stopped.recv_timeout(period) == Err(RecvTimeoutError::Disconnected);
+        let thread = start("luna-recorder", move || drain.run(wait)).map_err(|error| {
+            hub.end_recording();
+            no_thread(error)
+        })?;
+        Ok(Recorder {
+            hub: hub.clone(),
+            to,
+            thread: Some(thread),
+            running: Some(running),
+            limiter,
+            end_within,
+        })
     }
 
     /// Ends the recording: writes the rest of the rings, and reports what became of all samples and

@@ -4,7 +4,7 @@ use std::fmt;
 
 /// The outcome of a recording. Every sample recorded meanwhile is counted once: as recorded or as
 /// lost. Its `Display` is one line, and one more for each signal that lost samples.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct LoggingReport {
     /// Where it went.
@@ -64,12 +64,8 @@ impl LoggingReport {
     pub(super) fn broken(to: String) -> Self {
         Self {
             to,
-            bytes: 0,
-            signals: Vec::new(),
-            messages: MessagesReport::default(),
-            #[cfg(feature = "events")]
-            events: EventsReport::default(),
             error: Some("the recorder's thread panicked".to_owned()),
+            ..Self::default()
         }
     }
 

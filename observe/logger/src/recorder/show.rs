@@ -1,8 +1,7 @@
 //! Shows messages on standard error, from a detached thread, since its reader may be slow.
 
-use super::monitor::Monitor;
-use luna_platform::thread::{Attributes, Policy, spawn};
-use std::convert::Infallible;
+use crate::monitor::Monitor;
+use crate::thread::start;
 use std::fmt;
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -37,31 +36,24 @@ impl State {
 
 impl Show {
     /// On standard error.
-    pub(super) fn start() -> Result<Self, String> {
+    pub(super) fn start() -> io::Result<Self> {
         Self::on(|lines| io::stderr().lock().write_all(lines))
     }
 
     /// By `write`, which gets whole lines.
-    fn on(mut write: impl FnMut(&[u8]) -> io::Result<()> + Send + 'static) -> Result<Self, String> {
+    fn on(mut write: impl FnMut(&[u8]) -> io::Result<()> + Send + 'static) -> io::Result<Self> {
         let shared = Arc::<Monitor<State>>::default();
         let theirs = shared.clone();
-        let thread = spawn(
-            Attributes::framework("luna-messages", Policy::Other),
-            move |_| Ok::<_, Infallible>(theirs),
-            move |shared| {
-                let mut lines = Vec::new();
-                while take(&shared, &mut lines) {
-                    // Standard error may be closed. Recording continues.
-                    let _ = write(&lines);
-                    shared.change(|state| state.is_writing = false);
-                }
-            },
-        );
-        match thread {
-            // The thread is detached: it may block in a write for ever.
-            Ok(_) => Ok(Self { shared }),
-            Err(error) => Err(error.to_string()),
-        }
+        // The thread is detached: it may block in a write for ever.
+        start("luna-messages", move || {
+            let mut lines = Vec::new();
+            while take(&theirs, &mut lines) {
+                // Standard error may be closed. Recording continues.
+                let _ = write(&lines);
+                theirs.change(|state| state.is_writing = false);
+            }
+        })?;
+        Ok(Self { shared })
     }
 
     /// Shows a line, if there is room; otherwise counts it, and shows the count later. Never waits

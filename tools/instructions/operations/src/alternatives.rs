@@ -32,10 +32,8 @@ pub(crate) fn alt_2(steps: u64) -> luna::Result<()> {
                 };
                 assert_eq!(got, Ok(expected));
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 
@@ -60,10 +58,8 @@ pub(crate) fn alt_8(steps: u64) -> luna::Result<()> {
                 };
                 assert_eq!(got, Ok(expected));
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 
@@ -77,9 +73,7 @@ pub(crate) fn registered<const N: usize>(steps: u64) -> luna::Result<()> {
                 let (index, got) = alternative.recv().await;
                 assert_eq!((index as u64, got), (expected % N as u64, Ok(expected)));
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }

@@ -26,7 +26,7 @@ pub(crate) fn rendezvous_in_time(steps: u64) -> luna::Result<()> {
             laps(steps, async |expected| {
                 assert_eq!(input.recv_timeout(SOON).await, Ok(expected));
             })
-            .await;
+            .await?;
             drop(end);
             Ok(())
         })?;
@@ -36,8 +36,7 @@ pub(crate) fn rendezvous_in_time(steps: u64) -> luna::Result<()> {
                 number += 1;
             }
             Ok(())
-        })?;
-        Ok(())
+        })
     })
 }
 
@@ -55,11 +54,10 @@ fn rendezvous_beside(beside: Beside, steps: u64) -> luna::Result<()> {
             laps(steps, async |expected| {
                 assert_eq!(input.recv().await, Ok(expected));
             })
-            .await;
+            .await?;
             drop(end);
             Ok(())
-        })?;
-        Ok(())
+        })
     })
 }
 
@@ -72,10 +70,8 @@ pub(crate) fn buffered(steps: u64) -> luna::Result<()> {
                 assert_eq!(output.send(number).await, Ok(()));
                 assert_eq!(input.recv().await, Ok(number));
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 
@@ -88,10 +84,8 @@ pub(crate) fn buffered_in_time(steps: u64) -> luna::Result<()> {
                 assert_eq!(output.send_timeout(number, SOON).await, Ok(()));
                 assert_eq!(input.recv_timeout(SOON).await, Ok(number));
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 
@@ -105,10 +99,8 @@ pub(crate) fn buffered_until(steps: u64) -> luna::Result<()> {
                 assert_eq!(output.send_deadline(number, deadline).await, Ok(()));
                 assert_eq!(input.recv_deadline(deadline).await, Ok(number));
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 

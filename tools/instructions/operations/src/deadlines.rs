@@ -22,10 +22,10 @@ const TIMEOUTS: u64 = 100;
 const FAR: Duration = Duration::from_secs(1000);
 
 /// As [`on_one_executor`]. What is given to `spawn` is to be dropped when the operation has ended.
-pub(crate) fn on_one_executor_beside(
+pub(crate) fn on_one_executor_beside<T>(
     name: &str,
     beside: Beside,
-    spawn: impl FnOnce(&luna::Executor, Option<Sender<()>>) -> luna::Result<()>,
+    spawn: impl FnOnce(&luna::Executor, Option<Sender<()>>) -> luna::Result<T>,
 ) -> luna::Result<()> {
     on_one_executor(name, |executor| {
         let Beside::Deadlines = beside else {

@@ -164,9 +164,9 @@ fn c_library() -> String {
 }
 
 /// Runs what `spawn` puts on a system's one executor.
-fn on_one_executor(
+fn on_one_executor<T>(
     name: &str,
-    spawn: impl FnOnce(&luna::Executor) -> luna::Result<()>,
+    spawn: impl FnOnce(&luna::Executor) -> luna::Result<T>,
 ) -> luna::Result<()> {
     let mut system = System::new(name);
     let executor = system.executor("executor").build()?;

@@ -73,8 +73,7 @@ where
             consumer(steps, to_consumer).await?;
             drop(end);
             Ok(())
-        })?;
-        Ok(())
+        })
     })
 }
 
@@ -82,8 +81,7 @@ async fn consumer(steps: u64, input: Receiver<u64>) -> luna::Result<()> {
     laps(steps, async |expected| {
         assert_eq!(input.recv().await, Ok(expected));
     })
-    .await;
-    Ok(())
+    .await
 }
 
 pub(crate) fn commstime_sequential(steps: u64) -> luna::Result<()> {
@@ -123,9 +121,7 @@ pub(crate) fn ring(steps: u64) -> luna::Result<()> {
                 assert_eq!(first.send(1).await, Ok(()));
                 assert_eq!(pipe.recv().await, Ok(RING));
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }

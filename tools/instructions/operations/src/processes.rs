@@ -24,7 +24,7 @@ fn switch_beside(beside: Beside, steps: u64) -> luna::Result<()> {
         let is_over = Arc::new(AtomicBool::new(false));
         let over = is_over.clone();
         executor.process("one").spawn(move || async move {
-            laps(steps, async |_| luna::yield_now().await).await;
+            laps(steps, async |_| luna::yield_now().await).await?;
             over.store(true, Ordering::Relaxed);
             drop(end);
             Ok(())
@@ -34,8 +34,7 @@ fn switch_beside(beside: Beside, steps: u64) -> luna::Result<()> {
                 luna::yield_now().await;
             }
             Ok(())
-        })?;
-        Ok(())
+        })
     })
 }
 
@@ -55,10 +54,8 @@ pub(crate) fn wake_itself(steps: u64) -> luna::Result<()> {
                 })
                 .await;
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 
@@ -74,10 +71,8 @@ pub(crate) fn spawn_and_join(steps: u64) -> luna::Result<()> {
                 let child = place.process_handle(child).expect("it was spawned");
                 assert_eq!(child.join().await, luna::Exit::Completed);
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 
@@ -91,10 +86,8 @@ pub(crate) fn start_and_join(steps: u64) -> luna::Result<()> {
                 let child = child.start(async { Ok(()) }).expect("the system runs");
                 assert_eq!(child.join().await, luna::Exit::Completed);
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }
 
@@ -111,11 +104,10 @@ pub(crate) fn timeout(steps: u64) -> luna::Result<()> {
                 })
                 .await;
             })
-            .await;
+            .await?;
             drop(end);
             Ok(())
-        })?;
-        Ok(())
+        })
     })
 }
 
@@ -147,9 +139,7 @@ pub(crate) fn timer(steps: u64) -> luna::Result<()> {
                 luna::after(DELAY).await;
                 be_remembered();
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }

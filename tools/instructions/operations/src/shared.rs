@@ -32,12 +32,11 @@ pub(crate) fn barrier(steps: u64) -> luna::Result<()> {
             laps(steps, async |_| {
                 barrier.sync().await;
             })
-            .await;
+            .await?;
             is_over.store(true, Ordering::Relaxed);
             barrier.resign();
             Ok(())
-        })?;
-        Ok(())
+        })
     })
 }
 
@@ -51,9 +50,7 @@ pub(crate) fn mutex(steps: u64) -> luna::Result<()> {
                 assert_eq!(*count, number);
                 *count += 1;
             })
-            .await;
-            Ok(())
-        })?;
-        Ok(())
+            .await
+        })
     })
 }

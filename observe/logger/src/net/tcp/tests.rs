@@ -1,6 +1,7 @@
 use super::super::wire::{HELLO, ack_bytes, answer_bytes};
 use super::*;
 use crate::format::Record;
+use std::io::Read;
 use std::net::TcpListener;
 
 const SYSTEM: &str = "test";
@@ -48,9 +49,9 @@ fn only_a_receiver_that_gets_on_is_soon_asked_again() {
     let long = 20 * BACK_OFF.0;
     let mut pause = long;
     assert!(matches!(link.connection(&mut pause), Over::Broken(_)));
-    assert_eq!((pause, link.shared.state().first), (long, 0));
+    assert_eq!((pause, link.shared.lock().first), (long, 0));
     assert!(matches!(link.connection(&mut pause), Over::Broken(_)));
-    assert_eq!((pause, link.shared.state().first), (BACK_OFF.0, 1));
+    assert_eq!((pause, link.shared.lock().first), (BACK_OFF.0, 1));
     receiver.join().unwrap();
 }
 
@@ -90,7 +91,7 @@ fn a_recording_that_ends_asks_once_more_whether_there_is_room() {
             }
         }
     });
-    while shared.state().error.is_none() {
+    while shared.lock().error.is_none() {
         std::thread::yield_now();
     }
     // Before the pause for room is over.

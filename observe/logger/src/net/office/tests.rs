@@ -58,12 +58,8 @@ impl Handler for Said {
 
 fn office(said: &Arc<Said>) -> Office {
     Office {
-        handler: said.clone(),
-        known: Mutex::default(),
-        turned_away: Mutex::default(),
         keeps_out: LONG,
-        is_over: AtomicBool::new(false),
-        visits: AtomicU64::new(0),
+        ..Office::new(said.clone())
     }
 }
 

@@ -5,31 +5,37 @@ use std::time::Duration;
 
 /// A state under a lock, with a condition for its changes. No user code runs under the lock, so a
 /// panic leaves the state consistent.
-#[derive(Default)]
-pub(super) struct Monitor<T> {
+#[derive(Debug, Default)]
+pub(crate) struct Monitor<T> {
     state: Mutex<T>,
     changes: Condvar,
 }
 
 impl<T> Monitor<T> {
-    pub(super) fn lock(&self) -> MutexGuard<'_, T> {
+    pub(crate) fn lock(&self) -> MutexGuard<'_, T> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Changes the state, and wakes the waiting threads.
-    pub(super) fn change<R>(&self, change: impl FnOnce(&mut T) -> R) -> R {
+    pub(crate) fn change<R>(&self, change: impl FnOnce(&mut T) -> R) -> R {
         let result = change(&mut self.lock());
         self.wake();
         result
     }
 
     /// Wakes the waiting threads, after a change under the lock.
-    pub(super) fn wake(&self) {
+    pub(crate) fn wake(&self) {
         self.changes.notify_all();
     }
 
+    /// Waits for a change, or until `most` has passed.
+    pub(crate) fn wait<'a>(&self, state: MutexGuard<'a, T>, most: Duration) -> MutexGuard<'a, T> {
+        let waited = self.changes.wait_timeout(state, most);
+        waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+
     /// Waits while the state is so.
-    pub(super) fn wait_while<'a>(
+    pub(crate) fn wait_while<'a>(
         &self,
         state: MutexGuard<'a, T>,
         is_so: impl FnMut(&mut T) -> bool,
@@ -39,7 +45,7 @@ impl<T> Monitor<T> {
     }
 
     /// Waits while the condition holds, at most `limit`.
-    pub(super) fn wait_while_within<'a>(
+    pub(crate) fn wait_while_within<'a>(
         &self,
         state: MutexGuard<'a, T>,
         limit: Duration,
