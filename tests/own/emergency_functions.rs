@@ -410,9 +410,9 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
         own.note("body");
         Ok(())
     });
-    let trigger = system.emergency_trigger();
+    let trigger = system.safety();
     trigger.raise(Error::other("lost before"));
-    assert_eq!(trigger.safety().degree(), Degree::Emergency);
+    assert_eq!(trigger.degree(), Degree::Emergency);
     assert_eq!(system.run().unwrap_err().to_string(), "lost before");
     assert_eq!(log.all(), ["neutral"]);
 
@@ -421,7 +421,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     let mut system = System::new("during");
     system.on_emergency("neutral", log.noter("neutral"));
     let has_begun = wait_in(&mut system);
-    let trigger = system.emergency_trigger();
+    let trigger = system.safety();
     let driver = std::thread::spawn(move || {
         has_begun.recv().unwrap();
         trigger.raise(Error::other("lost"));
@@ -435,7 +435,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     // After: the state stays.
     trigger.raise(Error::other("lost after"));
     assert_eq!(
-        trigger.safety().state().latched.unwrap().to_string(),
+        trigger.state().latched.unwrap().to_string(),
         "emergency: lost"
     );
     let log = Log::default();
@@ -443,7 +443,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     system.on_emergency("neutral", log.noter("neutral"));
     system.run().unwrap();
     let safety = system.safety();
-    system.emergency_trigger().raise(Error::other("too late"));
+    system.safety().raise(Error::other("too late"));
     assert_eq!((safety.degree(), log.all().len()), (Degree::Normal, 0));
 }
 
@@ -458,7 +458,7 @@ fn a_second_run_takes_nothing_from_the_first() {
         let first = scope.spawn(|| system.run());
         has_begun.recv().unwrap();
         assert!(system.run().unwrap_err().to_string().contains("twice"));
-        system.emergency_trigger().raise(Error::other("now"));
+        system.safety().raise(Error::other("now"));
         assert_eq!(first.join().unwrap().unwrap_err().to_string(), "now");
     });
     assert_eq!(log.all(), ["neutral"]);

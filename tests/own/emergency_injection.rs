@@ -148,7 +148,7 @@ fn add(
             process.on_overrun(OnOverrun::Emergency).spawn_ok(body);
         }
         Kind::Watchdog => {
-            let trigger = system.emergency_trigger();
+            let trigger = system.safety();
             let watchdog = Watchdog::new(delay);
             watchdog.feed();
             let expiries = watchdog.process(move || {
@@ -158,7 +158,7 @@ fn add(
             process(system).spawn_ok(expiries);
         }
         Kind::Device => {
-            let trigger = system.emergency_trigger();
+            let trigger = system.safety();
             let delay = micros(random, 2500);
             return Some(Box::new(move || {
                 std::thread::sleep(delay);
