@@ -6,7 +6,7 @@
 #[path = "../shared/spawn.rs"]
 mod spawn;
 
-pub(crate) use crate::shared::{Random, say, seed, skip, watchdog};
+pub(crate) use crate::shared::{Random, Watchdog, say, seed, skip, watchdog};
 use luna::error::SetupError;
 use luna::system::ProcessBuilder;
 use luna::{Error, Policy, System};
@@ -324,10 +324,19 @@ pub(crate) fn end_by(part: &str, signal: i32) -> Ended {
     program.end()
 }
 
-/// Whether there are no signals here; says so for the calling test.
-pub(crate) fn has_no_signals() -> bool {
+/// A watchdog for a test that waits for files; none where the platform cannot, which is said.
+pub(crate) fn with_files() -> Option<Watchdog> {
+    watchdog_if_complete("the portable layer cannot wait for files")
+}
+
+/// A watchdog for a test of signals; none where there are none, which is said.
+pub(crate) fn with_signals() -> Option<Watchdog> {
+    watchdog_if_complete("the portable layer has no signals")
+}
+
+fn watchdog_if_complete(why_not: &str) -> Option<Watchdog> {
     if !COMPLETE {
-        skip("the portable layer has no signals");
+        skip(why_not);
     }
-    !COMPLETE
+    COMPLETE.then(watchdog)
 }

@@ -3,19 +3,12 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, SpawnOk, skip, watchdog};
+use common::{PLACEMENTS, SpawnOk, with_files};
 use luna::external::{Frame, Framing, FromBytes, Malformed, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::{Buffer, Error};
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixDatagram, UnixStream};
-
-fn cannot_wait() -> bool {
-    if !COMPLETE {
-        skip("the portable layer cannot wait for files");
-    }
-    !COMPLETE
-}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Pose {
@@ -57,10 +50,7 @@ impl ToBytes for Pose {
 /// around, with links at each place.
 #[test]
 fn typed_values_go_out_and_come_in() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     const COUNT: u32 = 2000;
     for out_place in PLACEMENTS {
         for in_place in PLACEMENTS {
@@ -99,10 +89,7 @@ fn typed_values_go_out_and_come_in() {
 /// Records longer than what the file takes or gives at once: each write and each read is partial.
 #[test]
 fn records_longer_than_the_pipe() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     // A pipe takes 64 KiB.
     const SIZE: usize = 150_000;
     struct Pattern(u8);
@@ -163,10 +150,7 @@ fn records_longer_than_the_pipe() {
 
 #[test]
 fn bytes_that_come_one_by_one() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = std::io::pipe().unwrap();
         let (sender, lines) = luna::channel::<Frame<8>>();
@@ -204,10 +188,7 @@ fn bytes_that_come_one_by_one() {
 
 #[test]
 fn chunks_are_all_the_bytes() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let text: Vec<u8> = (0..100_000_u32)
         .map(|n| (n.wrapping_mul(n) % 251) as u8)
         .collect();
@@ -235,10 +216,7 @@ fn chunks_are_all_the_bytes() {
 
 #[test]
 fn packets_stay_apart() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     type Got = Result<Frame<4>, luna::external::BadRecord>;
     let (near, far) = UnixDatagram::pair().unwrap();
     for packet in [&b"a"[..], b"bcde", b"too long", b"f"] {
@@ -267,10 +245,7 @@ fn packets_stay_apart() {
 /// A device is read and written at once, by two links with clones of the file.
 #[test]
 fn both_directions_of_one_socket() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, mut far) = UnixStream::pair().unwrap();
     let echo = std::thread::spawn(move || {
         let mut byte = [0];
@@ -305,10 +280,7 @@ fn both_directions_of_one_socket() {
 /// The channel of a link is one as any: a guard among others, at both of its ends.
 #[test]
 fn external_channels_are_guards() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (reading, writing) = std::io::pipe().unwrap();
     let (source, outgoing) = luna::channel::<[u8; 1]>();
     let (incoming, drain) = luna::channel::<[u8; 1]>();

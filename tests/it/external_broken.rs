@@ -3,18 +3,11 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, Random, SpawnOk, skip, watchdog};
+use common::{PLACEMENTS, Random, SpawnOk, with_files};
 use luna::Error;
 use luna::external::{BadRecord, Fault, Frame, Framing, FromBytes, LinkError, Malformed, Prefix};
 use luna::prelude::*;
 use std::io::Write;
-
-fn cannot_wait() -> bool {
-    if !COMPLETE {
-        skip("the portable layer cannot wait for files");
-    }
-    !COMPLETE
-}
 
 /// A digit.
 #[derive(Debug, PartialEq, Clone, Copy)]
@@ -84,10 +77,7 @@ fn assert_bad(outcome: luna::Result<()>, number: u64, fault: Fault) {
 
 #[test]
 fn a_plain_channel_ends_at_the_first_broken_record() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let malformed = Fault::Malformed(Malformed("it is no digit"));
     for place in PLACEMENTS {
         for (bytes, framing, good, number, fault) in [
@@ -128,10 +118,7 @@ fn a_plain_channel_ends_at_the_first_broken_record() {
 
 #[test]
 fn a_channel_of_results_goes_on() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (got, outcome) = read::<Result<Digit, BadRecord>>(
             place,
@@ -167,10 +154,7 @@ fn a_channel_of_results_goes_on() {
 
 #[test]
 fn a_record_that_no_frame_holds() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (got, outcome) = read::<Frame<2>>(PLACEMENTS[0], b"ab\nabc\n", Framing::lines(3));
     assert_eq!(got, [Frame::new(b"ab").unwrap()]);
     let fault = Fault::Malformed(Malformed("it does not fit in its `Frame`"));
@@ -181,10 +165,7 @@ fn a_record_that_no_frame_holds() {
 /// reported as broken.
 #[test]
 fn no_byte_is_lost_in_silence() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let mut random = Random::seeded();
     for _ in 0..20 {
         let length = random.below(20_000) as usize;
@@ -212,10 +193,7 @@ fn no_byte_is_lost_in_silence() {
 
 #[test]
 fn a_value_that_no_reader_would_understand() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (source, outgoing) = luna::channel::<Frame<8>>();

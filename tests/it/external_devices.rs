@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, SpawnOk, skip, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog, with_files};
 use futures_lite::future;
 use luna::Buffer;
 use luna::external::{BadRecord, Frame, Framing};
@@ -25,10 +25,7 @@ fn terminal() -> (File, File) {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_terminal_in_both_directions_until_it_hangs_up() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = terminal();
         let (sender, commands) = luna::channel::<Frame<16>>();

@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, SpawnOk, has_no_signals, watchdog};
+use common::{Program, SpawnOk, watchdog, with_signals};
 use luna::prelude::*;
 use luna::replay::{self, Recording};
 use luna::{Buffer, End};
@@ -185,10 +185,7 @@ fn start(name: &str, file: &Path) -> Program {
 /// and is ended then.
 #[track_caller]
 fn check(name: &str) {
-    if has_no_signals() {
-        return;
-    }
-    let _watch = watchdog();
+    let Some(_watch) = with_signals() else { return };
     let file = TempFile::new(&name.replace(' ', "-"));
     let mut program = start(name, &file.0);
     let recorded = program.wait_for("recorded");

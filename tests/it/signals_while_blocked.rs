@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{SpawnOk, end_by, has_no_signals, watchdog};
+use common::{SpawnOk, end_by, watchdog, with_signals};
 use luna::prelude::*;
 use luna::{End, Exit, Report};
 use std::time::Duration;
@@ -83,9 +83,7 @@ fn part() {
 
 #[test]
 fn a_blocked_process_is_left_behind_and_named() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let ended = end_by("blocked", TERMINATE);
     assert_eq!(ended.status.code(), Some(70 + TERMINATE), "{ended:?}");
     for part in ["`console` did not end", "`operator`"] {
@@ -110,9 +108,7 @@ fn a_blocked_process_is_left_behind_and_named() {
 
 #[test]
 fn a_blocking_call_of_a_process_holds_up_nobody() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let ended = end_by("blocked at a buddy", INTERRUPT);
     assert_eq!(ended.status.code(), Some(70 + INTERRUPT), "{ended:?}");
     assert!(!ended.errors.contains("did not end"), "{ended:?}");
