@@ -5,6 +5,7 @@
 
 #[path = "../shared/spawn.rs"]
 mod spawn;
+mod temp_file;
 
 pub(crate) use crate::shared::{Random, Watchdog, say, seed, skip, watchdog};
 use luna::error::SetupError;
@@ -13,6 +14,7 @@ use luna::{Error, Policy, System};
 pub(crate) use spawn::SpawnOk;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+pub(crate) use temp_file::TempFile;
 
 /// Whether the complete platform layer is below: policies, cores and signals.
 pub(crate) const COMPLETE: bool = cfg!(all(target_os = "linux", not(luna_portable)));

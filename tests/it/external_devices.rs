@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{PLACEMENTS, SpawnOk, watchdog, with_files};
+use common::{PLACEMENTS, SpawnOk, TempFile, watchdog, with_files};
 use futures_lite::future;
 use luna::Buffer;
 use luna::external::{BadRecord, Frame, Framing};
@@ -69,19 +69,10 @@ fn a_terminal_in_both_directions_until_it_hangs_up() {
 
 /// A file without a name.
 fn scratch() -> File {
-    let path = std::env::temp_dir().join(format!(
-        "luna-external-{}-{:?}",
-        std::process::id(),
-        std::thread::current().id()
-    ));
-    let file = File::options()
-        .read(true)
-        .write(true)
-        .create_new(true)
-        .open(&path)
-        .unwrap();
-    std::fs::remove_file(path).unwrap();
-    file
+    let path = TempFile::new("external");
+    let mut options = File::options();
+    options.read(true).write(true).create_new(true);
+    options.open(&path.0).unwrap()
 }
 
 /// The kernel refuses to wait for plain files, so they are never waited for. So this works wherever

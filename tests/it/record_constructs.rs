@@ -2,30 +2,14 @@
 //! constructs that are refused by name.
 
 use crate::common;
-use common::{SpawnOk, watchdog};
+use common::{SpawnOk, TempFile, watchdog};
 use luna::prelude::*;
 use luna::replay::{self, RecordError, Recording};
 use luna::sync::{Condvar, Mutex, Semaphore};
 use luna::{Alternative, Buffer, Error, Executor};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-
-/// A file that goes with the test.
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str) -> Self {
-        Self(std::env::temp_dir().join(format!("luna-construct-{name}-{}", std::process::id())))
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 type Outputs = Arc<std::sync::Mutex<Vec<(&'static str, u64)>>>;
 

@@ -4,33 +4,18 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, SpawnOk, watchdog, with_signals};
+use common::{Program, SpawnOk, TempFile, watchdog, with_signals};
 use luna::prelude::*;
 use luna::replay::{self, Recording};
 use luna::{Buffer, End};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 const FILE: &str = "LUNA_TEST_RECORDING";
 const KILLED: i32 = Signal::SIGKILL as i32;
-
-/// A file that goes with the test.
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str) -> Self {
-        Self(std::env::temp_dir().join(format!("luna-cut-{name}-{}", std::process::id())))
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 type Outputs = Arc<Mutex<Vec<(&'static str, u64)>>>;
 

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, SpawnOk, part_of_caller, with_files};
+use common::{Program, SpawnOk, TempFile, part_of_caller, with_files};
 use luna::Exit;
 use luna::external::{self, Frame, Framing};
 use luna::prelude::*;
@@ -152,12 +152,7 @@ fn pipes_files_and_what_is_empty_are_read_to_their_end() {
 }
 
 fn tempfile(text: &str) -> File {
-    let name = format!("luna-standard-input-{}", std::process::id());
-    let path = std::env::temp_dir().join(name);
-    std::fs::write(&path, text).unwrap();
-    let file = File::open(&path).unwrap();
-    std::fs::remove_file(&path).unwrap();
-    file
+    File::open(&TempFile::with("input", text).0).unwrap()
 }
 
 /// Whether the open file, which others have too, is in non-blocking mode.
