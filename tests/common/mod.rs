@@ -3,11 +3,13 @@
 
 #![allow(dead_code, unused_imports, reason = "each test file uses some of it")]
 
+mod log;
 #[path = "../shared/spawn.rs"]
 mod spawn;
 mod temp_file;
 
 pub(crate) use crate::shared::{Random, Watchdog, say, seed, skip, watchdog};
+pub(crate) use log::Log;
 use luna::error::SetupError;
 use luna::system::ProcessBuilder;
 use luna::{Error, Policy, System};
@@ -55,6 +57,13 @@ impl Placement {
             Placement::Executor => system.executor(on).build().unwrap().process(name),
             Placement::Thread => system.thread(on).process(name),
         }
+    }
+}
+
+pub(crate) fn panicked(process: &str, message: &str) -> Error {
+    Error::Process {
+        name: process.to_owned(),
+        source: Box::new(Error::Panicked(message.to_owned())),
     }
 }
 

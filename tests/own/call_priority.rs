@@ -3,8 +3,8 @@
 
 use crate::common;
 use crate::levels;
-use common::{SpawnOk, real_time_core};
-use levels::{Log, burner, level, on_one_executor};
+use common::{Log, SpawnOk, real_time_core};
+use levels::{burner, level, on_one_executor};
 use luna::channel::{Call, Server, call_channel};
 use luna::prelude::*;
 use luna::system::ProcessBuilder;
@@ -128,7 +128,7 @@ fn a_server_that_comes_second_inherits_before_others_run() {
                 Ok(())
             });
         });
-        assert!(!log.between("accept", "answer").contains(&"burn"));
+        assert!(!log.between("accept", "answer").contains(&"burn".into()));
     }
 }
 

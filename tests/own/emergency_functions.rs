@@ -2,32 +2,14 @@
 //! set-up, by drivers, and late.
 
 use crate::common;
-use common::{SpawnOk, burn_until, has_real_time, skip, watchdog};
+use common::{Log, SpawnOk, burn_until, has_real_time, skip, watchdog};
 use luna::prelude::*;
 use luna::report::{FunctionOutcome, SafetyReport};
 use luna::safety::{Cause, Degree};
 use luna::{End, Error, Instant};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
-
-#[derive(Default, Clone)]
-struct Log(Arc<Mutex<Vec<String>>>);
-
-impl Log {
-    fn note(&self, what: &str) {
-        self.0.lock().unwrap().push(what.to_owned());
-    }
-
-    fn noter(&self, what: &str) -> impl FnMut() + Send + 'static {
-        let (log, what) = (self.clone(), what.to_owned());
-        move || log.note(&what)
-    }
-
-    fn all(&self) -> Vec<String> {
-        self.0.lock().unwrap().clone()
-    }
-}
 
 /// Long enough for a loaded machine. A test that waits for it waits no longer than a person would.
 const SHORT: Duration = Duration::from_millis(40);
@@ -353,7 +335,7 @@ fn drivers_functions_run_in_the_order_of_registration() {
             // Where devices are opened.
             let safety = luna::safety::current();
             assert!(safety.is_none(), "no process' body runs yet");
-            self.0.note("opened");
+            self.0.add("opened");
             Ok(())
         }
         async fn run(&mut self) -> luna::Result<()> {
@@ -387,7 +369,7 @@ fn one_that_is_registered_while_others_run_runs_behind_them() {
     let safety = system.safety();
     let own = log.clone();
     system.on_emergency("first", move || {
-        own.note("first");
+        own.add("first");
         safety
             .on_emergency("of first", LONG, own.noter("of first"))
             .unwrap();
@@ -407,7 +389,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     let main = system.executor("main").build().unwrap();
     let own = log.clone();
     main.process("body").spawn_ok(async move {
-        own.note("body");
+        own.add("body");
         Ok(())
     });
     let trigger = system.safety();
@@ -610,7 +592,7 @@ fn functions_whose_drop_panics_are_dropped_and_the_run_ends_as_it_does() {
     struct Held(Log, bool);
     impl Drop for Held {
         fn drop(&mut self) {
-            self.0.note("dropped");
+            self.0.add("dropped");
             assert!(!self.1, "on purpose");
         }
     }
