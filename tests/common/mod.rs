@@ -11,8 +11,9 @@ mod temp_file;
 pub(crate) use crate::shared::{Random, Watchdog, say, seed, skip, watchdog};
 pub(crate) use log::Log;
 use luna::error::SetupError;
+use luna::inspect::Deadlock;
 use luna::system::ProcessBuilder;
-use luna::{Error, Policy, System};
+use luna::{End, Error, Policy, Report, System};
 pub(crate) use spawn::SpawnOk;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
@@ -58,6 +59,21 @@ impl Placement {
             Placement::Thread => system.thread(on).process(name),
         }
     }
+}
+
+/// Runs a strict system to its deadlock.
+#[track_caller]
+pub(crate) fn deadlock_of(system: &System) -> Deadlock {
+    match system.run() {
+        Err(Error::Deadlock(deadlock)) => *deadlock,
+        other => panic!("expected a deadlock, got {other:?}"),
+    }
+}
+
+pub(crate) fn strict(name: &str) -> System {
+    let mut system = System::new(name);
+    system.strict();
+    system
 }
 
 pub(crate) fn panicked(process: &str, message: &str) -> Error {
@@ -333,6 +349,15 @@ pub(crate) fn end_by(part: &str, signal: i32) -> Ended {
     program.wait_for("ready");
     program.signal(signal);
     program.end()
+}
+
+/// Ends a child program with its report: with 70 and the number of the signal that ended it.
+pub(crate) fn exit_by(report: &Report) -> ! {
+    println!("{report}");
+    std::process::exit(match report.end {
+        End::Signal(number) => 70 + number,
+        _ => 1,
+    })
 }
 
 /// A watchdog for a test that waits for files; none where the platform cannot, which is said.

@@ -4,9 +4,9 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, SpawnOk, end_by, watchdog, with_signals};
+use common::{Program, SpawnOk, end_by, exit_by, watchdog, with_signals};
+use luna::Exit;
 use luna::prelude::*;
-use luna::{End, Exit, Report};
 use std::os::unix::process::ExitStatusExt;
 use std::time::Duration;
 
@@ -75,14 +75,6 @@ fn looping_system() -> System {
     system.on_emergency("first", || println!("function 1"));
     system.on_emergency("second", || println!("function 2"));
     system
-}
-
-fn exit_by(report: &Report) -> ! {
-    println!("{report}");
-    std::process::exit(match report.end {
-        End::Signal(number) => 70 + number,
-        _ => 1,
-    })
 }
 
 /// What the child programs run; nothing when this program runs it as a test.

@@ -3,21 +3,13 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{SpawnOk, end_by, watchdog, with_signals};
+use common::{SpawnOk, end_by, exit_by, watchdog, with_signals};
+use luna::Exit;
 use luna::prelude::*;
-use luna::{End, Exit, Report};
 use std::time::Duration;
 
 const INTERRUPT: i32 = 2;
 const TERMINATE: i32 = 15;
-
-fn exit_by(report: &Report) -> ! {
-    println!("{report}");
-    std::process::exit(match report.end {
-        End::Signal(number) => 70 + number,
-        _ => 1,
-    })
-}
 
 /// What the child programs run; nothing when this program runs it as a test.
 #[test]
