@@ -3,12 +3,39 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{PLACEMENTS, SpawnOk, with_files};
+use common::{PLACEMENTS, Placement, SpawnOk, with_files};
 use luna::external::{Frame, Framing, FromBytes, Malformed, Prefix, ToBytes};
 use luna::prelude::*;
-use luna::{Buffer, Error};
+use luna::process::IntoProcess;
+use luna::{Buffer, Error, Report};
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixDatagram, UnixStream};
+
+/// Runs a link at `place`, and a process beside it on a thread.
+pub(crate) fn run_beside_thread<M>(
+    place: Placement,
+    name: &str,
+    link: impl IntoProcess<M>,
+    other: impl Future<Output = luna::Result<()>> + Send + 'static,
+) -> luna::Result<Report> {
+    let mut system = System::new("beside a thread");
+    place.process(&mut system, "place", name).spawn_ok(link);
+    system.thread("other").process("other").spawn_ok(other);
+    system.run()
+}
+
+/// Runs a link and another process on one executor.
+pub(crate) fn run_on_one<M>(
+    name: &str,
+    link: impl IntoProcess<M>,
+    other: impl Future<Output = luna::Result<()>> + Send + 'static,
+) -> luna::Result<Report> {
+    let mut system = System::new("on one executor");
+    let main = system.executor("main").build()?;
+    main.process(name).spawn_ok(link);
+    main.process("other").spawn_ok(other);
+    system.run()
+}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Pose {
@@ -196,12 +223,8 @@ fn chunks_are_all_the_bytes() {
     let own = text.clone();
     let writer = std::thread::spawn(move || far.write_all(&own).unwrap());
     let (sender, chunks) = luna::buffered::<Frame<500>>(Buffer::fifo(3));
-    let mut system = System::new("chunks");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(near, sender, Framing::chunks(500)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(near, sender, Framing::chunks(500));
+    let reader = async move {
         let mut got = Vec::new();
         while let Ok(chunk) = chunks.recv().await {
             assert!((1..=500).contains(&chunk.len()));
@@ -209,8 +232,8 @@ fn chunks_are_all_the_bytes() {
         }
         assert_eq!(got, text);
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("input", link, reader).unwrap();
     writer.join().unwrap();
 }
 
@@ -223,12 +246,8 @@ fn packets_stay_apart() {
         far.send(packet).unwrap();
     }
     let (sender, packets) = luna::channel::<Got>();
-    let mut system = System::new("packets");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(near, sender, Framing::packets(4)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(near, sender, Framing::packets(4));
+    let reader = async move {
         assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"a");
         assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"bcde");
         let bad = packets.recv().await?.unwrap_err();
@@ -238,8 +257,8 @@ fn packets_stay_apart() {
         far.send(b"").map_err(Error::other)?;
         assert!(packets.recv().await.unwrap_err().is_closed());
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("input", link, reader).unwrap();
 }
 
 /// A device is read and written at once, by two links with clones of the file.

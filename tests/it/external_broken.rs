@@ -3,10 +3,10 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{PLACEMENTS, Random, SpawnOk, with_files};
+use crate::external::run_beside_thread;
+use common::{PLACEMENTS, Random, with_files};
 use luna::Error;
 use luna::external::{BadRecord, Fault, Frame, Framing, FromBytes, LinkError, Malformed, Prefix};
-use luna::prelude::*;
 use std::io::Write;
 
 /// A digit.
@@ -33,29 +33,23 @@ fn read<T: FromBytes + Send + 'static>(
     drop(far);
     let (sender, records) = luna::channel::<T>();
     let (result, results) = std::sync::mpsc::channel();
-    let mut system = System::new("broken");
-    place
-        .process(&mut system, "place", "input")
-        .spawn_ok(luna::external::input(near, sender, framing));
-    system
-        .thread("reader")
-        .process("reader")
-        .spawn_ok(async move {
-            let mut got = Vec::new();
-            loop {
-                match records.recv().await {
-                    Ok(record) => got.push(record),
-                    Err(error) => {
-                        // The same holds for a link that fails: what it has sent stays received,
-                        // and what is buffered stays too.
-                        assert!(error.is_closed());
-                        result.send(got).map_err(|_| Error::Closed)?;
-                        return Ok(());
-                    }
+    let link = luna::external::input(near, sender, framing);
+    let reader = async move {
+        let mut got = Vec::new();
+        loop {
+            match records.recv().await {
+                Ok(record) => got.push(record),
+                Err(error) => {
+                    // The same holds for a link that fails: what it has sent stays received, and
+                    // what is buffered stays too.
+                    assert!(error.is_closed());
+                    result.send(got).map_err(|_| Error::Closed)?;
+                    return Ok(());
                 }
             }
-        });
-    let outcome = system.run().map(drop);
+        }
+    };
+    let outcome = run_beside_thread(place, "input", link, reader).map(drop);
     (results.recv().unwrap(), outcome)
 }
 
@@ -197,23 +191,18 @@ fn a_value_that_no_reader_would_understand() {
     for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (source, outgoing) = luna::channel::<Frame<8>>();
-        let mut system = System::new("refused");
-        place
-            .process(&mut system, "place", "input")
-            .spawn_ok(luna::external::output(outgoing, near, Framing::lines(8)));
-        system
-            .thread("source")
-            .process("source")
-            .spawn_ok(async move {
-                source.send(Frame::new(b"good").unwrap()).await?;
-                source.send(Frame::new(b"bad\nline").unwrap()).await?;
-                let late = Frame::new(b"late").unwrap();
-                let error = source.send(late).await.unwrap_err();
-                assert!(error.is_closed() && error.into_inner() == late);
-                Ok(())
-            });
+        let link = luna::external::output(outgoing, near, Framing::lines(8));
+        let sends = async move {
+            source.send(Frame::new(b"good").unwrap()).await?;
+            source.send(Frame::new(b"bad\nline").unwrap()).await?;
+            let late = Frame::new(b"late").unwrap();
+            let error = source.send(late).await.unwrap_err();
+            assert!(error.is_closed() && error.into_inner() == late);
+            Ok(())
+        };
         let fault = Fault::HoldsDelimiter { delimiter: b'\n' };
-        assert_bad(system.run().map(drop), 2, fault);
+        let outcome = run_beside_thread(place, "input", link, sends);
+        assert_bad(outcome.map(drop), 2, fault);
         let mut text = String::new();
         std::io::Read::read_to_string(&mut far, &mut text).unwrap();
         assert_eq!(text, "good\n");

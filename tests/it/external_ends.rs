@@ -3,6 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
+use crate::external::{run_beside_thread, run_on_one};
 use common::{PLACEMENTS, Placement, SpawnOk, watchdog, with_files};
 use luna::external::{Frame, Framing, LinkError, Prefix, ToBytes};
 use luna::prelude::*;
@@ -47,19 +48,16 @@ fn a_link_that_has_ended_closes_its_file() {
     for place in PLACEMENTS {
         let (near, mut far) = UnixStream::pair().unwrap();
         let (source, outgoing) = luna::channel::<[u8; 1]>();
-        let mut system = System::new("closes");
-        place
-            .process(&mut system, "place", "output")
-            .spawn_ok(luna::external::output(outgoing, near, Framing::fixed(1)));
-        system.thread("far").process("far").spawn_ok(async move {
+        let link = luna::external::output(outgoing, near, Framing::fixed(1));
+        let far = async move {
             source.send(*b"x").await?;
             drop(source);
             let mut all = Vec::new();
             far.read_to_end(&mut all)?;
             assert_eq!(all, b"x");
             Ok(())
-        });
-        system.run().unwrap();
+        };
+        run_beside_thread(place, "output", link, far).unwrap();
     }
 }
 
@@ -70,16 +68,12 @@ fn an_input_without_receivers_ends() {
     let (near, mut far) = std::io::pipe().unwrap();
     let (sender, lines) = luna::channel::<Frame<8>>();
     far.write_all(b"1\n2\n").unwrap();
-    let mut system = System::new("unread");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(near, sender, Framing::lines(8)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(near, sender, Framing::lines(8));
+    let reader = async move {
         assert_eq!(lines.recv().await?.text(), Ok("1"));
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("input", link, reader).unwrap();
     assert_eq!(
         far.write(b"3\n").unwrap_err().kind(),
         std::io::ErrorKind::BrokenPipe
@@ -94,21 +88,15 @@ fn an_output_whose_far_side_has_gone() {
         let (far, near) = std::io::pipe().unwrap();
         drop(far);
         let (source, outgoing) = luna::channel::<[u8; 4]>();
-        let mut system = System::new("gone");
-        place
-            .process(&mut system, "place", "output")
-            .spawn_ok(luna::external::output(outgoing, near, Framing::fixed(4)));
-        system
-            .thread("source")
-            .process("source")
-            .spawn_ok(async move {
-                source.send(*b"lost").await?;
-                let error = source.send(*b"back").await.unwrap_err();
-                assert!(error.is_closed());
-                assert_eq!(error.into_inner(), *b"back");
-                Ok(())
-            });
-        let (name, error) = link_error(system.run());
+        let link = luna::external::output(outgoing, near, Framing::fixed(4));
+        let sends = async move {
+            source.send(*b"lost").await?;
+            let error = source.send(*b"back").await.unwrap_err();
+            assert!(error.is_closed());
+            assert_eq!(error.into_inner(), *b"back");
+            Ok(())
+        };
+        let (name, error) = link_error(run_beside_thread(place, "output", link, sends));
         assert_eq!(name, "output");
         assert!(error.is_far_end_closed(), "{error}");
         let text = error.to_string();
@@ -230,12 +218,9 @@ fn poison_ends_a_link_that_waits_for_its_file() {
         for from_far_end in [false, true] {
             let (near, mut far) = UnixStream::pair().unwrap();
             let (sender, receiver) = luna::channel::<[u8; 4]>();
-            let mut system = System::new("poisoned");
             let own = sender.clone();
-            place
-                .process(&mut system, "place", "input")
-                .spawn_ok(luna::external::input(near, sender, Framing::fixed(4)));
-            system.thread("far").process("far").spawn_ok(async move {
+            let link = luna::external::input(near, sender, Framing::fixed(4));
+            let far = async move {
                 far.write_all(b"oncehalf")?;
                 assert_eq!(receiver.recv().await?, *b"once");
                 if from_far_end {
@@ -247,8 +232,8 @@ fn poison_ends_a_link_that_waits_for_its_file() {
                 assert_eq!(far.read(&mut [0])?, 0);
                 drop((own, receiver));
                 Ok(())
-            });
-            assert_poisoned(system.run(), "input");
+            };
+            assert_poisoned(run_beside_thread(place, "input", link, far), "input");
         }
     }
 }
@@ -272,10 +257,8 @@ fn poison_ends_a_link_that_waits_for_room() {
     for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (sender, receiver) = luna::channel::<Full>();
-        let mut system = System::new("poisoned");
         let link = luna::external::output(receiver, near, Framing::chunks(50_000));
-        place.process(&mut system, "place", "output").spawn_ok(link);
-        system.thread("far").process("far").spawn_ok(async move {
+        let far = async move {
             // The pipe takes 64 KiB: the second record waits in the link.
             sender.send(Full).await?;
             sender.send(Full).await?;
@@ -285,8 +268,8 @@ fn poison_ends_a_link_that_waits_for_room() {
             far.read_to_end(&mut all)?;
             assert!((50_000..=100_000).contains(&all.len()));
             Ok(())
-        });
-        assert_poisoned(system.run(), "output");
+        };
+        assert_poisoned(run_beside_thread(place, "output", link, far), "output");
     }
 }
 
