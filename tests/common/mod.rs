@@ -76,11 +76,16 @@ pub(crate) fn strict(name: &str) -> System {
     system
 }
 
-pub(crate) fn panicked(process: &str, message: &str) -> Error {
+/// The error of a process with `source`.
+pub(crate) fn in_process(name: &str, source: Error) -> Error {
     Error::Process {
-        name: process.to_owned(),
-        source: Box::new(Error::Panicked(message.to_owned())),
+        name: name.to_owned(),
+        source: Box::new(source),
     }
+}
+
+pub(crate) fn panicked(process: &str, message: &str) -> Error {
+    in_process(process, Error::Panicked(message.to_owned()))
 }
 
 /// Keeps the processor busy until `end`.

@@ -2,7 +2,7 @@
 //! first.
 
 use crate::common;
-use common::{Log, PLACEMENTS, SpawnOk, watchdog};
+use common::{Log, PLACEMENTS, SpawnOk, in_process, watchdog};
 use luna::Error;
 use luna::error::SetupError;
 use luna::prelude::*;
@@ -120,13 +120,7 @@ fn a_panic_is_such_an_error_with_its_message() {
     for place in PLACEMENTS {
         let error = run_five(place, Preparing::Succeeds, Preparing::Panics);
         let panicked = Error::Panicked("the sensor answers 42".to_owned());
-        assert_eq!(
-            error,
-            Error::Process {
-                name: "third".to_owned(),
-                source: Box::new(panicked)
-            }
-        );
+        assert_eq!(error, in_process("third", panicked));
     }
 }
 
