@@ -2,7 +2,7 @@
 //! set-up, by drivers, and late.
 
 use crate::common;
-use common::{Log, SpawnOk, burn_until, has_real_time, skip, watchdog};
+use common::{Log, SpawnOk, burn_until, has_real_time, skip};
 use luna::prelude::*;
 use luna::report::{FunctionOutcome, SafetyReport};
 use luna::safety::{Cause, Degree};
@@ -133,7 +133,6 @@ fn all_but_one_thread_may_hang() {
 fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
     own_process!();
     use nix::sys::signal::{SigSet, Signal};
-    let _watch = watchdog();
     for core in places() {
         let (notify, masks) = mpsc::channel();
         let mut system = System::new("masked");

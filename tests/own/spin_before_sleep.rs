@@ -2,7 +2,7 @@
 //! it is done.
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, setup_error, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, setup_error, skip};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::report::Shortfall;
@@ -223,7 +223,6 @@ fn sleeps_in(place: Placement, waits: u32, spin: Duration) -> i64 {
 fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
     own_process!();
     let Some(_) = one_core() else { return };
-    let _watch = watchdog();
     for place in PLACEMENTS {
         // A thread that is kept from its core may sleep where it would have looked, or find the
         // deadline there where it would have slept. So this repeats.
@@ -282,7 +281,6 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
     let Some([first, second]) = two_cores() else {
         return;
     };
-    let _watch = watchdog();
     for place in PLACEMENTS {
         let (calls, called) = luna::channel::<u64>();
         let (answers, answered) = luna::channel::<u64>();
@@ -352,7 +350,6 @@ fn a_stream_through_a_buffer_keeps_nobody_from_running() {
     let Some([first, second]) = two_cores() else {
         return;
     };
-    let _watch = watchdog();
     for capacity in [1, 64] {
         let (sender, receiver) = luna::buffered::<u32>(luna::Buffer::fifo(capacity));
         let is_over = Arc::new(AtomicBool::new(false));
@@ -404,7 +401,6 @@ fn blocking_operations_without_end_in_one_turn_meet_and_time_out() {
     let [first, second, ..] = available_cores()[..] else {
         return skip("one core is usable");
     };
-    let _watch = watchdog();
     let core = |core| COMPLETE.then_some(core);
     let (sender, receiver) = luna::channel::<u32>();
     let (_nobody_sends, silent) = luna::channel::<u32>();
