@@ -117,35 +117,14 @@ pub type LocalSync<'a> = sync::LocalSync<'a>;
 #[doc(hidden)]
 pub use csp::par as __par;
 
-/// The guide's programs are tests.
+/// The programs on the pages of the documentation are tests.
 #[cfg(doctest)]
 #[doc = include_str!("../docs/guide.md")]
-struct Guide;
-
-#[cfg(doctest)]
 #[doc = include_str!("../docs/loops.md")]
-struct LoopsPage;
-
-#[cfg(doctest)]
 #[doc = include_str!("../docs/budgets.md")]
-struct BudgetsPage;
-
-#[cfg(doctest)]
 #[doc = include_str!("../docs/failures.md")]
-struct FailuresPage;
-
-#[cfg(doctest)]
 #[doc = include_str!("../docs/safety.md")]
-struct SafetyPage;
-
-#[cfg(doctest)]
 #[doc = include_str!("../docs/time.md")]
-struct TimePage;
-
-#[cfg(all(doctest, feature = "toml"))]
-#[doc = include_str!("../docs/parameters.md")]
-struct ParametersPage;
-
-#[cfg(all(doctest, feature = "logger"))]
-#[doc = include_str!("../docs/logger.md")]
-struct LoggerPage;
+#[cfg_attr(feature = "toml", doc = include_str!("../docs/parameters.md"))]
+#[cfg_attr(feature = "logger", doc = include_str!("../docs/logger.md"))]
+struct Pages;

@@ -131,8 +131,8 @@ pub enum End {
     /// [`OnOverrun::Emergency`](crate::safety::OnOverrun::Emergency): the emergency functions ran,
     /// then all were cancelled.
     Overrun,
-    /// A process raised it by [`luna::emergency`](crate::emergency()), a driver by its
-    /// [trigger](crate::safety::EmergencyTrigger), or the parent process died: the emergency
+    /// A process raised it by [`luna::emergency`](crate::emergency()), a driver by
+    /// [`Safety::raise`](crate::safety::Safety::raise), or the parent process died: the emergency
     /// functions ran, then all others were cancelled.
     Emergency,
     /// The [`ClockDriver`](crate::system::ClockDriver) was dropped, so time would never have gone

@@ -86,7 +86,7 @@ fn triggered(by: Trigger) -> u64 {
         .policy(Policy::fifo(PRIORITY))
         .build()
         .expect("there is a core");
-    let trigger = system.emergency_trigger();
+    let trigger = system.safety();
     let at = before.clone();
     let note = move || at.store(luna::now().as_nanos(), Ordering::Relaxed);
     let process = async move {

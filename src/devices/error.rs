@@ -6,10 +6,11 @@ use std::fmt;
 use std::sync::Arc;
 
 /// Why a device cannot be opened, or was lost. Each has a remedy.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeviceError {
     /// There is no such device.
+    #[error("there is no {kind} `{device}`: plug it in, load its driver, or correct the name")]
     Missing {
         /// The device's name.
         device: String,
@@ -17,6 +18,7 @@ pub enum DeviceError {
         kind: &'static str,
     },
     /// The device is in use and not shared.
+    #[error("`{device}` is in use {}", in_use(.by))]
     Busy {
         /// The device's name.
         device: String,
@@ -24,6 +26,7 @@ pub enum DeviceError {
         by: Holder,
     },
     /// This user may not open it.
+    #[error("this user may not open `{device}`: {remedy}")]
     NoPermission {
         /// The device's name.
         device: String,
@@ -31,6 +34,7 @@ pub enum DeviceError {
         remedy: String,
     },
     /// It is of another kind.
+    #[error("`{device}` is no {expected} but {found}")]
     WrongKind {
         /// The device's name.
         device: String,
@@ -40,6 +44,7 @@ pub enum DeviceError {
         found: String,
     },
     /// Its settings make no sense, or the device cannot have them.
+    #[error("`{device}`: {reason}")]
     Settings {
         /// The device's name.
         device: String,
@@ -47,6 +52,7 @@ pub enum DeviceError {
         reason: String,
     },
     /// The system refused it for another reason.
+    #[error("the system does not open `{device}`: {error}")]
     Refused {
         /// The device's name.
         device: String,
@@ -54,12 +60,14 @@ pub enum DeviceError {
         error: OsError,
     },
     /// It was there, and is gone or does not answer.
+    #[error("the {kind} `{device}` is lost: {error}")]
     Lost {
         /// The device's name.
         device: Arc<str>,
         /// What it was: "serial port".
         kind: &'static str,
         /// The error that showed it. Boxed, since all errors would be as large as this else.
+        #[source]
         error: Box<Error>,
     },
 }
@@ -97,49 +105,13 @@ impl fmt::Display for Holder {
     }
 }
 
-impl fmt::Display for DeviceError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            DeviceError::Missing { device, kind } => write!(
-                f,
-                "there is no {kind} `{device}`: plug it in, load its driver, or correct the name"
-            ),
-            DeviceError::Busy {
-                device,
-                by: Holder::ThisProgram,
-            } => write!(
-                f,
-                "`{device}` is in use in this program: open it once and clone its handle, or open it as shared everywhere"
-            ),
-            DeviceError::Busy { device, by } => {
-                write!(f, "`{device}` is in use by {by}: end that first")
-            }
-            DeviceError::NoPermission { device, remedy } => {
-                write!(f, "this user may not open `{device}`: {remedy}")
-            }
-            DeviceError::WrongKind {
-                device,
-                expected,
-                found,
-            } => write!(f, "`{device}` is no {expected} but {found}"),
-            DeviceError::Settings { device, reason } => write!(f, "`{device}`: {reason}"),
-            DeviceError::Refused { device, error } => {
-                write!(f, "the system does not open `{device}`: {error}")
-            }
-            DeviceError::Lost {
-                device,
-                kind,
-                error,
-            } => write!(f, "the {kind} `{device}` is lost: {error}"),
+/// The holder of a device in use, and what to do about it.
+fn in_use(by: &Holder) -> String {
+    match by {
+        Holder::ThisProgram => {
+            "in this program: open it once and clone its handle, or open it as shared everywhere"
+                .to_owned()
         }
-    }
-}
-
-impl std::error::Error for DeviceError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            DeviceError::Lost { error, .. } => Some(&**error),
-            _ => None,
-        }
+        by => format!("by {by}: end that first"),
     }
 }

@@ -138,11 +138,11 @@ impl<T: FromBytes + Send> Process for Input<T> {
     ///
     /// A [`LinkError`] with the one that failed.
     fn pre_run(&mut self) -> Result<()> {
-        self.framing.validate()?;
+        let splitter = Splitter::new(self.framing)?;
         if let Some(device) = &mut self.device {
             device.prepare()?;
         }
-        self.splitter = Some(Splitter::of_valid(self.framing));
+        self.splitter = Some(splitter);
         Ok(())
     }
 

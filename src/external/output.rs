@@ -78,11 +78,11 @@ impl<T: ToBytes + Send> Process for Output<T> {
     ///
     /// A [`LinkError`] with the one that failed.
     fn pre_run(&mut self) -> Result<()> {
-        self.framing.validate()?;
+        let packer = Packer::new(self.framing)?;
         if let Some(device) = &mut self.device {
             device.prepare()?;
         }
-        self.packer = Some(Packer::of_valid(self.framing));
+        self.packer = Some(packer);
         Ok(())
     }
 

@@ -34,21 +34,17 @@ impl Packer {
     /// [`LinkError::Room`] or [`LinkError::PrefixTooSmall`].
     pub fn new(framing: Framing) -> Result<Self, LinkError> {
         framing.validate()?;
-        Ok(Self::of_valid(framing))
-    }
-
-    pub(super) fn of_valid(framing: Framing) -> Self {
         let around = match framing.kind {
             Kind::Prefixed(prefix) => prefix.size(),
             Kind::Delimited { .. } => 1,
             _ => 0,
         };
-        Self {
+        Ok(Self {
             framing,
             buffer: vec![0; framing.most + around].into_boxed_slice(),
             packed: 0,
             number: 0,
-        }
+        })
     }
 
     /// The bytes to write for `value`. O(their number).
@@ -112,7 +108,7 @@ mod tests {
 
     #[track_caller]
     fn packs(framing: Framing, value: &[u8], expected: Result<&[u8], Fault>) {
-        let mut packer = Packer::of_valid(framing);
+        let mut packer = Packer::new(framing).unwrap();
         let value = Frame::<16>::new(value).unwrap();
         // Twice, so that nothing of the first is left in the second.
         for number in 1..=2 {

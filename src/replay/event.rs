@@ -4,7 +4,8 @@
 //! last event), then what the flags leave open: the path of the branch, by how many operations it
 //! is later. Then what belongs to the kind. Numbers are varints.
 
-use luna_core::replay_log::{About, What};
+use arrayvec::ArrayVec;
+use luna_core::replay_log::{self, About, What};
 
 /// What is written at the most before the bytes of an input or output.
 pub(super) const LONGEST_HEAD: usize = 64;
@@ -16,11 +17,7 @@ const CALL: u8 = 1 << 5;
 /// What an event is about.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Kind {
-    Outcome {
-        what: What,
-        number: u64,
-        stamp: u64,
-    },
+    Outcome(replay_log::Event),
     Bytes {
         about: About,
         name: u32,
@@ -45,26 +42,20 @@ pub(super) struct Event {
 }
 
 /// An event's head on its way to a ring.
-pub(super) struct Head {
-    bytes: [u8; LONGEST_HEAD],
-    length: usize,
-}
+pub(super) struct Head(ArrayVec<u8, LONGEST_HEAD>);
 
 impl Head {
     /// Of an event of the branch_log at `path`, `later` operations after the last one there.
     pub(super) fn new(code: u8, is_call: bool, path: u32, later: u64) -> Self {
-        let mut head = Self {
-            bytes: [0; LONGEST_HEAD],
-            length: 1,
-        };
-        head.bytes[0] = code | if is_call { CALL } else { 0 };
+        let mut head = Self(ArrayVec::new());
+        head.0.push(code | if is_call { CALL } else { 0 });
         if path == 0 {
-            head.bytes[0] |= OF_PROCESS;
+            head.0[0] |= OF_PROCESS;
         } else {
             head.number(u64::from(path));
         }
         if later == 1 {
-            head.bytes[0] |= NEXT;
+            head.0[0] |= NEXT;
         } else {
             head.number(later);
         }
@@ -74,8 +65,8 @@ impl Head {
     pub(super) fn number(&mut self, mut number: u64) {
         loop {
             let is_last = number < 0x80;
-            self.bytes[self.length] = number as u8 & 0x7f | if is_last { 0 } else { 0x80 };
-            self.length += 1;
+            self.0
+                .push(number as u8 & 0x7f | if is_last { 0 } else { 0x80 });
             number >>= 7;
             if is_last {
                 return;
@@ -84,7 +75,7 @@ impl Head {
     }
 
     pub(super) fn get(&self) -> &[u8] {
-        &self.bytes[..self.length]
+        &self.0
     }
 }
 
@@ -196,11 +187,8 @@ impl<'a> Reader<'a> {
             .copied()
             .unwrap_or_default()
             .checked_add(later)?;
-        let outcome = |what, number, stamp| Kind::Outcome {
-            what,
-            number,
-            stamp,
-        };
+        let outcome =
+            |what, number, stamp| Kind::Outcome(replay_log::Event::new(what, number, stamp));
         let kind = match first & !(OF_PROCESS | NEXT | CALL) {
             0 => outcome(What::Done, 0, self.number()?),
             1 => outcome(What::Failed, self.number()?, 0),
@@ -269,11 +257,7 @@ mod tests {
         head.number(1 << 40);
         let mut reader = Reader::new(head.get());
         let event = reader.next().unwrap();
-        let kind = Kind::Outcome {
-            what: What::Chosen,
-            number: 2,
-            stamp: 1 << 40,
-        };
+        let kind = Kind::Outcome(replay_log::Event::new(What::Chosen, 2, 1 << 40));
         assert_eq!((event.path, event.operation), (77, 300));
         assert_eq!(event.kind, kind);
         assert_eq!(reader.next(), None);

@@ -86,34 +86,30 @@ pub fn is_recorded() -> bool {
 /// ```
 pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
     const { assert!(T::SIZE <= LONGEST, "a value has at most 256 bytes") };
-    let mut bytes = [0; LONGEST];
-    match current::replay_log(|log| log.is_replay()) {
-        None => read(),
-        Some(true) => {
-            current::replay_log(|log| log.get(About::Input, name_of(name), &mut bytes[..T::SIZE]));
-            T::read(&bytes[..T::SIZE])
-        }
-        Some(false) => {
-            let value = read();
-            value.write(&mut bytes[..T::SIZE]);
-            current::replay_log(|log| log.put(About::Input, name_of(name), &bytes[..T::SIZE]));
-            value
-        }
+    if !current::has_replay_log() {
+        return read();
     }
+    let mut bytes = [0; LONGEST];
+    let bytes = &mut bytes[..T::SIZE];
+    let mut given = None;
+    input_bytes(name, bytes, |bytes| given.insert(read()).write(bytes));
+    given.unwrap_or_else(|| T::read(bytes))
 }
 
 /// As [`input`], for bytes that `fill` writes: returns whether the recording gave them instead.
 pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [u8])) -> bool {
-    let is_replay = current::replay_log(|log| log.is_replay()) == Some(true);
-    current::replay_log(|log| match is_replay {
-        true => log.get(About::Input, name_of(name), bytes).is_some(),
-        false => {
+    let name = name_of(name);
+    match current::replay_log(|log| log.is_replay()) {
+        None => false,
+        Some(true) => current::replay_log(|log| log.get(About::Input, name, bytes).is_some())
+            .unwrap_or_default(),
+        Some(false) => {
+            // Outside of the log: it may be the user's code.
             fill(bytes);
-            log.put(About::Input, name_of(name), bytes);
+            current::replay_log(|log| log.put(About::Input, name, bytes));
             false
         }
-    })
-    .unwrap_or_default()
+    }
 }
 
 /// Passes what goes outside, so that a replay compares it: the first difference ends the replay

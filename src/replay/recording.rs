@@ -5,7 +5,6 @@ use super::event::{Event, Kind, Reader};
 use super::file::{BlockKind, blocks};
 use super::recorder::file_error;
 use luna_core::replay_log::About;
-use std::collections::HashMap;
 use std::path::Path;
 
 /// A recording that was read from its file, to be given to
@@ -74,7 +73,8 @@ impl Recording {
             is_whole: wrong.is_none(),
             outside: None,
         };
-        let mut streams: HashMap<u32, (usize, Vec<u8>)> = HashMap::new();
+        // Of each process.
+        let mut streams: Vec<Vec<u8>> = Vec::new();
         for (kind, bytes) in blocks {
             if recording.take(kind, bytes, &mut streams).is_none() {
                 // The checksum is right, so this is not how it was written.
@@ -86,9 +86,9 @@ impl Recording {
         if wrong.is_none() {
             wrong.clone_from(&recording.outside);
         }
-        for (at, bytes) in streams.into_values() {
-            let mut reader = Reader::new(&bytes);
-            recording.processes[at].events = std::iter::from_fn(|| reader.next()).collect();
+        for (process, bytes) in recording.processes.iter_mut().zip(&streams) {
+            let mut reader = Reader::new(bytes);
+            process.events = std::iter::from_fn(|| reader.next()).collect();
             if reader.left() > 0 && recording.is_whole {
                 wrong.get_or_insert(RecordError::NoRecording);
             }
@@ -96,27 +96,16 @@ impl Recording {
         Ok((recording, wrong))
     }
 
-    fn take(
-        &mut self,
-        kind: BlockKind,
-        bytes: &[u8],
-        streams: &mut HashMap<u32, (usize, Vec<u8>)>,
-    ) -> Option<()> {
+    fn take(&mut self, kind: BlockKind, bytes: &[u8], streams: &mut Vec<Vec<u8>>) -> Option<()> {
         let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).ok();
-        if kind == BlockKind::System {
-            self.system = text(bytes)?;
-            return Some(());
-        }
-        if kind == BlockKind::Note {
-            self.note = text(bytes)?;
-            return Some(());
-        }
-        if kind == BlockKind::End {
-            return Some(());
-        }
-        let (number, rest) = word(bytes)?;
+        // Of all kinds but the first three.
+        let numbered = || word(bytes);
         match kind {
+            BlockKind::System => self.system = text(bytes)?,
+            BlockKind::Note => self.note = text(bytes)?,
+            BlockKind::End => {}
             BlockKind::Process => {
+                let (number, rest) = numbered()?;
                 let (parent, rest) = word(rest)?;
                 let (occurrence, name) = word(rest)?;
                 // Numbers are those of their order, and the spawning process was there before.
@@ -129,35 +118,33 @@ impl Recording {
                     occurrence,
                     events: Vec::new(),
                 };
-                let entry = (self.processes.len(), Vec::new());
                 self.processes.push(recorded);
-                streams.insert(number, entry).is_none().then_some(())
+                streams.push(Vec::new());
             }
             BlockKind::Events => {
-                streams.get_mut(&number)?.1.extend(rest);
-                Some(())
+                let (number, rest) = numbered()?;
+                streams.get_mut(number as usize)?.extend(rest);
             }
             BlockKind::Lost => {
-                streams.get(&number)?;
+                let (number, _) = numbered()?;
+                self.processes.get(number as usize)?;
                 self.is_whole = false;
-                Some(())
             }
             BlockKind::Outside => {
-                streams.get(&number)?;
+                let (number, rest) = numbered()?;
                 let process = self.processes.get(number as usize)?.name.clone();
                 self.outside.get_or_insert(RecordError::Outside {
                     process,
                     construct: text(rest)?,
                 });
-                Some(())
             }
             BlockKind::Parameter => {
+                let (number, rest) = numbered()?;
                 let (name, value) = rest.split_at_checked(number as usize)?;
                 self.parameters.push((text(name)?, text(value)?));
-                Some(())
             }
-            BlockKind::System | BlockKind::Note | BlockKind::End => Some(()),
         }
+        Some(())
     }
 
     /// The name of the system that was recorded.

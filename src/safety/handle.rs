@@ -4,7 +4,6 @@ use super::emergency::{Emergency, OF_THREAD};
 use super::entered::SafeStateEntered;
 use super::state::{Cause, Degree, ResetError, SafetyState};
 use crate::error::{Error, Result};
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -182,7 +181,29 @@ impl Safety {
         self.0.enter_safe_state(Cause::Raised(cause));
     }
 
-    /// Raises an emergency: as [`EmergencyTrigger::raise`](crate::safety::EmergencyTrigger::raise).
+    /// Raises an emergency with `cause`, as [`luna::emergency`](crate::emergency()) does in a
+    /// process, from any thread: also for drivers that run on threads which are no processes.
+    ///
+    /// Before [`System::run`](crate::System::run) it is latched: the functions run as soon as that
+    /// has begun, and no process is released. After its end nothing happens. Real-time path: yes;
+    /// O(1) and at most four system calls, no allocation. `cause` is dropped here if others came
+    /// before with more than are kept.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use luna::End;
+    ///
+    /// let mut system = System::new("arm");
+    /// system.on_emergency("brakes", || { /* engage them */ });
+    /// let safety = system.safety();
+    /// let main = system.executor("main").build()?;
+    /// main.process("servo").spawn(std::future::pending::<luna::Result<()>>())?;
+    /// let driver = std::thread::spawn(move || safety.raise(luna::Error::other("the card does not answer")));
+    /// assert_eq!(system.run().unwrap_err().to_string(), "the card does not answer");
+    /// assert_eq!(system.report().unwrap().end, End::Emergency);
+    /// # driver.join().unwrap();
+    /// # Ok::<(), luna::Error>(())
+    /// ```
     pub fn raise(&self, cause: Error) {
         self.0.trigger(Cause::Raised(cause));
     }
@@ -241,11 +262,7 @@ impl Safety {
     }
 }
 
-impl fmt::Debug for Safety {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Safety").field(&self.degree()).finish()
-    }
-}
+debug_parts!(Safety as safety: degree = safety.degree());
 
 /// A function that a driver has registered by its [handle](Safety). Dropping this changes nothing.
 pub struct SafetyFunction {
@@ -261,60 +278,4 @@ impl SafetyFunction {
     }
 }
 
-impl fmt::Debug for SafetyFunction {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("SafetyFunction").field(&self.id).finish()
-    }
-}
-
-/// Raises an emergency of its system, from any thread: for drivers that run on threads which are no
-/// processes. From [`System::emergency_trigger`](crate::System::emergency_trigger). Cloning it is
-/// cheap, and it may outlive the system.
-///
-/// ```
-/// use luna::prelude::*;
-/// use luna::End;
-///
-/// let mut system = System::new("arm");
-/// system.on_emergency("brakes", || { /* engage them */ });
-/// let trigger = system.emergency_trigger();
-/// let main = system.executor("main").build()?;
-/// main.process("servo").spawn(std::future::pending::<luna::Result<()>>())?;
-/// let driver = std::thread::spawn(move || trigger.raise(luna::Error::other("the card does not answer")));
-/// assert_eq!(system.run().unwrap_err().to_string(), "the card does not answer");
-/// assert_eq!(system.report().unwrap().end, End::Emergency);
-/// # driver.join().unwrap();
-/// # Ok::<(), luna::Error>(())
-/// ```
-#[derive(Clone)]
-pub struct EmergencyTrigger(Arc<Emergency>);
-
-impl EmergencyTrigger {
-    pub(crate) fn new(emergency: Arc<Emergency>) -> Self {
-        Self(emergency)
-    }
-
-    /// Raises an emergency with `cause`, as [`luna::emergency`](crate::emergency()) does in a
-    /// process.
-    ///
-    /// Before [`System::run`](crate::System::run) it is latched: the functions run as soon as that
-    /// has begun, and no process is released. After its end nothing happens. Real-time path: yes;
-    /// O(1) and at most four system calls, no allocation. `cause` is dropped here if others came
-    /// before with more than are kept.
-    pub fn raise(&self, cause: Error) {
-        self.0.trigger(Cause::Raised(cause));
-    }
-
-    /// The system's safety state.
-    pub fn safety(&self) -> Safety {
-        Safety::new(self.0.clone())
-    }
-}
-
-impl fmt::Debug for EmergencyTrigger {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("EmergencyTrigger")
-            .field(&self.0.degree())
-            .finish()
-    }
-}
+debug_parts!(SafetyFunction as function: id = function.id);

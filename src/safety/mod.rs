@@ -39,8 +39,12 @@ pub(crate) use emergency::{Emergency, EmergencyThread, LIMIT};
 pub use entered::SafeStateEntered;
 pub(crate) use guardian::GuardianWatch;
 pub use guardian::{Guardian, guard};
-pub use handle::{EmergencyTrigger, Safety, SafetyFunction, current};
+pub use handle::{Safety, SafetyFunction, current};
 pub use luna_platform::panics::catch as catch_panic;
 pub(crate) use parent::ParentThread;
 pub use state::{Cause, Degree, ResetError, SafetyEvent, SafetyState};
 pub use watchdog::{Watchdog, WatchdogExpiry, WatchdogProcess};
+
+#[doc(hidden)]
+#[deprecated(since = "0.1.0", note = "use `luna::safety::Safety`")]
+pub type EmergencyTrigger = Safety;

@@ -56,7 +56,7 @@ impl fmt::Display for Degree {
 #[non_exhaustive]
 pub enum Cause {
     /// The program raised it: [`luna::emergency`](crate::emergency()),
-    /// [`EmergencyTrigger::raise`](crate::safety::EmergencyTrigger::raise),
+    /// [`Safety::raise`](crate::safety::Safety::raise),
     /// [`Safety::warn`](crate::safety::Safety::warn) and the like.
     Raised(Error),
     /// A process, a timer's callback or a thread of the framework panicked.

@@ -1,7 +1,8 @@
 //! The safety settings of a system at set-up.
 
 use super::System;
-use crate::safety::{EmergencyTrigger, Guardian, LIMIT, Safety};
+use crate::error::Result;
+use crate::safety::{Guardian, LIMIT, Safety};
 use std::time::Duration;
 
 impl System {
@@ -11,7 +12,7 @@ impl System {
     /// [`Safety::on_emergency`]), on a thread of the highest priority, SCHED_FIFO 99, which waits
     /// ready for it; then the system ends. What makes an emergency: SIGINT, SIGTERM, SIGHUP; a
     /// panic in a process or a timer's callback; [`luna::emergency`](crate::emergency()); an
-    /// overrun budget if [so stated](crate::safety::OnOverrun::Emergency); an [`EmergencyTrigger`];
+    /// overrun budget if [so stated](crate::safety::OnOverrun::Emergency); [`Safety::raise`];
     /// a deadlock of a [`strict`](Self::strict) system; the [parent's
     /// death](Self::emergency_at_parents_death) on request. In a crash (SIGSEGV, SIGBUS, SIGFPE,
     /// SIGILL, SIGABRT) they run too, and then the program ends as it would without them. So they
@@ -78,14 +79,11 @@ impl System {
         limit: Duration,
         function: impl FnMut() + Send + 'static,
     ) -> &mut Self {
-        let emergency = &self.plan.emergency;
-        // After the run it would never be called.
-        if let Err(error) = emergency.add_function(name, limit, Box::new(function))
-            && !self.plan.has_begun()
-        {
-            panic!("{error}");
-        }
-        self
+        self.added(
+            self.plan
+                .emergency
+                .add_function(name, limit, Box::new(function)),
+        )
     }
 
     /// Registers a function that runs each time the [safe state](Safety::enter_safe_state) is
@@ -118,20 +116,26 @@ impl System {
         function: impl FnMut() + Send + 'static,
     ) -> &mut Self {
         let functions = &self.plan.emergency.at_safe_state;
-        if let Err(error) = functions.add(name, LIMIT, Box::new(function))
-            && !self.plan.has_begun()
-        {
-            panic!("{error}");
+        self.added(functions.add(name, LIMIT, Box::new(function)))
+    }
+
+    /// Panics if a function could not be added, unless the system has begun: after the run it would
+    /// never be called.
+    fn added(&mut self, added: Result<u64>) -> &mut Self {
+        match added {
+            Err(error) if !self.plan.has_begun() => panic!("{error}"),
+            _ => self,
         }
-        self
     }
 
-    /// What raises an emergency of this system from any thread, from now on: for drivers.
-    pub fn emergency_trigger(&self) -> EmergencyTrigger {
-        EmergencyTrigger::new(self.plan.emergency.clone())
+    #[doc(hidden)]
+    #[deprecated(since = "0.1.0", note = "use `System::safety`")]
+    pub fn emergency_trigger(&self) -> Safety {
+        self.safety()
     }
 
-    /// The system's safety state, from now on and also after its end. In a process
+    /// The system's safety state, from now on and also after its end: to read it, and to raise an
+    /// emergency from any thread ([`Safety::raise`]). In a process
     /// [`safety::current`](crate::safety::current) returns it.
     pub fn safety(&self) -> Safety {
         Safety::new(self.plan.emergency.clone())

@@ -3,16 +3,21 @@
 
 #![allow(dead_code, unused_imports, reason = "each test file uses some of it")]
 
+mod log;
 #[path = "../shared/spawn.rs"]
 mod spawn;
+mod temp_file;
 
-pub(crate) use crate::shared::{Random, say, seed, skip, watchdog};
+pub(crate) use crate::shared::{Random, Watchdog, say, seed, skip, watchdog};
+pub(crate) use log::Log;
 use luna::error::SetupError;
+use luna::inspect::Deadlock;
 use luna::system::ProcessBuilder;
-use luna::{Error, Policy, System};
+use luna::{End, Error, Policy, Report, System};
 pub(crate) use spawn::SpawnOk;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+pub(crate) use temp_file::TempFile;
 
 /// Whether the complete platform layer is below: policies, cores and signals.
 pub(crate) const COMPLETE: bool = cfg!(all(target_os = "linux", not(luna_portable)));
@@ -54,6 +59,33 @@ impl Placement {
             Placement::Thread => system.thread(on).process(name),
         }
     }
+}
+
+/// Runs a strict system to its deadlock.
+#[track_caller]
+pub(crate) fn deadlock_of(system: &System) -> Deadlock {
+    match system.run() {
+        Err(Error::Deadlock(deadlock)) => *deadlock,
+        other => panic!("expected a deadlock, got {other:?}"),
+    }
+}
+
+pub(crate) fn strict(name: &str) -> System {
+    let mut system = System::new(name);
+    system.strict();
+    system
+}
+
+/// The error of a process with `source`.
+pub(crate) fn in_process(name: &str, source: Error) -> Error {
+    Error::Process {
+        name: name.to_owned(),
+        source: Box::new(source),
+    }
+}
+
+pub(crate) fn panicked(process: &str, message: &str) -> Error {
+    in_process(process, Error::Panicked(message.to_owned()))
 }
 
 /// Keeps the processor busy until `end`.
@@ -324,10 +356,28 @@ pub(crate) fn end_by(part: &str, signal: i32) -> Ended {
     program.end()
 }
 
-/// Whether there are no signals here; says so for the calling test.
-pub(crate) fn has_no_signals() -> bool {
+/// Ends a child program with its report: with 70 and the number of the signal that ended it.
+pub(crate) fn exit_by(report: &Report) -> ! {
+    println!("{report}");
+    std::process::exit(match report.end {
+        End::Signal(number) => 70 + number,
+        _ => 1,
+    })
+}
+
+/// A watchdog for a test that waits for files; none where the platform cannot, which is said.
+pub(crate) fn with_files() -> Option<Watchdog> {
+    watchdog_if_complete("the portable layer cannot wait for files")
+}
+
+/// A watchdog for a test of signals; none where there are none, which is said.
+pub(crate) fn with_signals() -> Option<Watchdog> {
+    watchdog_if_complete("the portable layer has no signals")
+}
+
+fn watchdog_if_complete(why_not: &str) -> Option<Watchdog> {
     if !COMPLETE {
-        skip("the portable layer has no signals");
+        skip(why_not);
     }
-    !COMPLETE
+    COMPLETE.then(watchdog)
 }

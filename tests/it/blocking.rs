@@ -1,7 +1,7 @@
 //! Blocking calls of processes that share an executor.
 
 use crate::common;
-use common::{PLACEMENTS, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, in_process, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Error, Exit};
@@ -140,13 +140,7 @@ fn a_panic_passes_through() {
     let calling = async { luna::blocking(|| -> luna::Result<()> { panic!("number {}", 7) }).await };
     let id = executor.process("calling").spawn_ok(calling);
     let panicked = Error::Panicked("number 7".to_owned());
-    assert_eq!(
-        system.run().unwrap_err(),
-        Error::Process {
-            name: "calling".to_owned(),
-            source: Box::new(panicked)
-        }
-    );
+    assert_eq!(system.run().unwrap_err(), in_process("calling", panicked));
     assert_eq!(
         system.process_handle(id).unwrap().exit(),
         Some(Exit::Panicked("number 7".to_owned()))

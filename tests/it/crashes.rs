@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, Program, SpawnOk, has_no_signals, watchdog};
+use common::{COMPLETE, Program, SpawnOk, watchdog, with_signals};
 use luna::Error;
 use luna::prelude::*;
 use luna::report::FunctionOutcome;
@@ -176,10 +176,7 @@ const BOTH: [&str; 2] = ["function 1", "function 2"];
 
 #[test]
 fn a_fault_wherever_it_is() {
-    let _watch = watchdog();
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     for on in ["executor", "thread", "plain thread", "post_run", "function"] {
         ends_by(&format!("write on {on}"), FAULT, &BOTH);
     }
@@ -187,10 +184,7 @@ fn a_fault_wherever_it_is() {
 
 #[test]
 fn a_stack_that_overflows_is_told_of_as_ever() {
-    let _watch = watchdog();
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     for on in ["executor", "thread", "plain thread", "post_run", "function"] {
         let ended = ends_by(&format!("overflow on {on}"), ABORT, &BOTH);
         assert!(
@@ -202,10 +196,7 @@ fn a_stack_that_overflows_is_told_of_as_ever() {
 
 #[test]
 fn an_abort_and_a_panic_in_a_panic() {
-    let _watch = watchdog();
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     for on in ["executor", "thread", "plain thread", "function"] {
         for what in ["abort", "two panics"] {
             ends_by(&format!("{what} on {on}"), ABORT, &BOTH);
@@ -215,10 +206,7 @@ fn an_abort_and_a_panic_in_a_panic() {
 
 #[test]
 fn the_other_signals_of_a_crash() {
-    let _watch = watchdog();
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     for (what, signal) in [
         ("bus", Signal::SIGBUS),
         ("arithmetic", Signal::SIGFPE),
@@ -230,10 +218,7 @@ fn the_other_signals_of_a_crash() {
 
 #[test]
 fn one_that_is_sent() {
-    let _watch = watchdog();
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     for signal in [FAULT, ABORT] {
         let mut program = Program::start("killed");
         program.wait_for("ready");
@@ -244,10 +229,7 @@ fn one_that_is_sent() {
 
 #[test]
 fn a_function_that_hangs_is_left_behind_in_a_crash_too() {
-    let _watch = watchdog();
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     ends_by(
         "hanging function",
         FAULT,

@@ -3,18 +3,38 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, SpawnOk, skip, watchdog};
+use common::{PLACEMENTS, Placement, SpawnOk, with_files};
 use luna::external::{Frame, Framing, FromBytes, Malformed, Prefix, ToBytes};
 use luna::prelude::*;
-use luna::{Buffer, Error};
+use luna::process::IntoProcess;
+use luna::{Buffer, Error, Report};
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixDatagram, UnixStream};
 
-fn cannot_wait() -> bool {
-    if !COMPLETE {
-        skip("the portable layer cannot wait for files");
-    }
-    !COMPLETE
+/// Runs a link at `place`, and a process beside it on a thread.
+pub(crate) fn run_beside_thread<M>(
+    place: Placement,
+    name: &str,
+    link: impl IntoProcess<M>,
+    other: impl Future<Output = luna::Result<()>> + Send + 'static,
+) -> luna::Result<Report> {
+    let mut system = System::new("beside a thread");
+    place.process(&mut system, "place", name).spawn_ok(link);
+    system.thread("other").process("other").spawn_ok(other);
+    system.run()
+}
+
+/// Runs a link and another process on one executor.
+pub(crate) fn run_on_one<M>(
+    name: &str,
+    link: impl IntoProcess<M>,
+    other: impl Future<Output = luna::Result<()>> + Send + 'static,
+) -> luna::Result<Report> {
+    let mut system = System::new("on one executor");
+    let main = system.executor("main").build()?;
+    main.process(name).spawn_ok(link);
+    main.process("other").spawn_ok(other);
+    system.run()
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,10 +77,7 @@ impl ToBytes for Pose {
 /// around, with links at each place.
 #[test]
 fn typed_values_go_out_and_come_in() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     const COUNT: u32 = 2000;
     for out_place in PLACEMENTS {
         for in_place in PLACEMENTS {
@@ -99,10 +116,7 @@ fn typed_values_go_out_and_come_in() {
 /// Records longer than what the file takes or gives at once: each write and each read is partial.
 #[test]
 fn records_longer_than_the_pipe() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     // A pipe takes 64 KiB.
     const SIZE: usize = 150_000;
     struct Pattern(u8);
@@ -163,10 +177,7 @@ fn records_longer_than_the_pipe() {
 
 #[test]
 fn bytes_that_come_one_by_one() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = std::io::pipe().unwrap();
         let (sender, lines) = luna::channel::<Frame<8>>();
@@ -204,10 +215,7 @@ fn bytes_that_come_one_by_one() {
 
 #[test]
 fn chunks_are_all_the_bytes() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let text: Vec<u8> = (0..100_000_u32)
         .map(|n| (n.wrapping_mul(n) % 251) as u8)
         .collect();
@@ -215,12 +223,8 @@ fn chunks_are_all_the_bytes() {
     let own = text.clone();
     let writer = std::thread::spawn(move || far.write_all(&own).unwrap());
     let (sender, chunks) = luna::buffered::<Frame<500>>(Buffer::fifo(3));
-    let mut system = System::new("chunks");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(near, sender, Framing::chunks(500)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(near, sender, Framing::chunks(500));
+    let reader = async move {
         let mut got = Vec::new();
         while let Ok(chunk) = chunks.recv().await {
             assert!((1..=500).contains(&chunk.len()));
@@ -228,29 +232,22 @@ fn chunks_are_all_the_bytes() {
         }
         assert_eq!(got, text);
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("input", link, reader).unwrap();
     writer.join().unwrap();
 }
 
 #[test]
 fn packets_stay_apart() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     type Got = Result<Frame<4>, luna::external::BadRecord>;
     let (near, far) = UnixDatagram::pair().unwrap();
     for packet in [&b"a"[..], b"bcde", b"too long", b"f"] {
         far.send(packet).unwrap();
     }
     let (sender, packets) = luna::channel::<Got>();
-    let mut system = System::new("packets");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(near, sender, Framing::packets(4)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(near, sender, Framing::packets(4));
+    let reader = async move {
         assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"a");
         assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"bcde");
         let bad = packets.recv().await?.unwrap_err();
@@ -260,17 +257,14 @@ fn packets_stay_apart() {
         far.send(b"").map_err(Error::other)?;
         assert!(packets.recv().await.unwrap_err().is_closed());
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("input", link, reader).unwrap();
 }
 
 /// A device is read and written at once, by two links with clones of the file.
 #[test]
 fn both_directions_of_one_socket() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, mut far) = UnixStream::pair().unwrap();
     let echo = std::thread::spawn(move || {
         let mut byte = [0];
@@ -305,10 +299,7 @@ fn both_directions_of_one_socket() {
 /// The channel of a link is one as any: a guard among others, at both of its ends.
 #[test]
 fn external_channels_are_guards() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (reading, writing) = std::io::pipe().unwrap();
     let (source, outgoing) = luna::channel::<[u8; 1]>();
     let (incoming, drain) = luna::channel::<[u8; 1]>();

@@ -3,18 +3,11 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, Random, SpawnOk, skip, watchdog};
+use crate::external::run_beside_thread;
+use common::{PLACEMENTS, Random, with_files};
 use luna::Error;
 use luna::external::{BadRecord, Fault, Frame, Framing, FromBytes, LinkError, Malformed, Prefix};
-use luna::prelude::*;
 use std::io::Write;
-
-fn cannot_wait() -> bool {
-    if !COMPLETE {
-        skip("the portable layer cannot wait for files");
-    }
-    !COMPLETE
-}
 
 /// A digit.
 #[derive(Debug, PartialEq, Clone, Copy)]
@@ -40,29 +33,23 @@ fn read<T: FromBytes + Send + 'static>(
     drop(far);
     let (sender, records) = luna::channel::<T>();
     let (result, results) = std::sync::mpsc::channel();
-    let mut system = System::new("broken");
-    place
-        .process(&mut system, "place", "input")
-        .spawn_ok(luna::external::input(near, sender, framing));
-    system
-        .thread("reader")
-        .process("reader")
-        .spawn_ok(async move {
-            let mut got = Vec::new();
-            loop {
-                match records.recv().await {
-                    Ok(record) => got.push(record),
-                    Err(error) => {
-                        // The same holds for a link that fails: what it has sent stays received,
-                        // and what is buffered stays too.
-                        assert!(error.is_closed());
-                        result.send(got).map_err(|_| Error::Closed)?;
-                        return Ok(());
-                    }
+    let link = luna::external::input(near, sender, framing);
+    let reader = async move {
+        let mut got = Vec::new();
+        loop {
+            match records.recv().await {
+                Ok(record) => got.push(record),
+                Err(error) => {
+                    // The same holds for a link that fails: what it has sent stays received, and
+                    // what is buffered stays too.
+                    assert!(error.is_closed());
+                    result.send(got).map_err(|_| Error::Closed)?;
+                    return Ok(());
                 }
             }
-        });
-    let outcome = system.run().map(drop);
+        }
+    };
+    let outcome = run_beside_thread(place, "input", link, reader).map(drop);
     (results.recv().unwrap(), outcome)
 }
 
@@ -84,10 +71,7 @@ fn assert_bad(outcome: luna::Result<()>, number: u64, fault: Fault) {
 
 #[test]
 fn a_plain_channel_ends_at_the_first_broken_record() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let malformed = Fault::Malformed(Malformed("it is no digit"));
     for place in PLACEMENTS {
         for (bytes, framing, good, number, fault) in [
@@ -128,10 +112,7 @@ fn a_plain_channel_ends_at_the_first_broken_record() {
 
 #[test]
 fn a_channel_of_results_goes_on() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (got, outcome) = read::<Result<Digit, BadRecord>>(
             place,
@@ -167,10 +148,7 @@ fn a_channel_of_results_goes_on() {
 
 #[test]
 fn a_record_that_no_frame_holds() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (got, outcome) = read::<Frame<2>>(PLACEMENTS[0], b"ab\nabc\n", Framing::lines(3));
     assert_eq!(got, [Frame::new(b"ab").unwrap()]);
     let fault = Fault::Malformed(Malformed("it does not fit in its `Frame`"));
@@ -181,10 +159,7 @@ fn a_record_that_no_frame_holds() {
 /// reported as broken.
 #[test]
 fn no_byte_is_lost_in_silence() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let mut random = Random::seeded();
     for _ in 0..20 {
         let length = random.below(20_000) as usize;
@@ -212,30 +187,22 @@ fn no_byte_is_lost_in_silence() {
 
 #[test]
 fn a_value_that_no_reader_would_understand() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (source, outgoing) = luna::channel::<Frame<8>>();
-        let mut system = System::new("refused");
-        place
-            .process(&mut system, "place", "input")
-            .spawn_ok(luna::external::output(outgoing, near, Framing::lines(8)));
-        system
-            .thread("source")
-            .process("source")
-            .spawn_ok(async move {
-                source.send(Frame::new(b"good").unwrap()).await?;
-                source.send(Frame::new(b"bad\nline").unwrap()).await?;
-                let late = Frame::new(b"late").unwrap();
-                let error = source.send(late).await.unwrap_err();
-                assert!(error.is_closed() && error.into_inner() == late);
-                Ok(())
-            });
+        let link = luna::external::output(outgoing, near, Framing::lines(8));
+        let sends = async move {
+            source.send(Frame::new(b"good").unwrap()).await?;
+            source.send(Frame::new(b"bad\nline").unwrap()).await?;
+            let late = Frame::new(b"late").unwrap();
+            let error = source.send(late).await.unwrap_err();
+            assert!(error.is_closed() && error.into_inner() == late);
+            Ok(())
+        };
         let fault = Fault::HoldsDelimiter { delimiter: b'\n' };
-        assert_bad(system.run().map(drop), 2, fault);
+        let outcome = run_beside_thread(place, "input", link, sends);
+        assert_bad(outcome.map(drop), 2, fault);
         let mut text = String::new();
         std::io::Read::read_to_string(&mut far, &mut text).unwrap();
         assert_eq!(text, "good\n");

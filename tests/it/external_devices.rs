@@ -3,7 +3,8 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, SpawnOk, skip, watchdog};
+use crate::external::{run_beside_thread, run_on_one};
+use common::{PLACEMENTS, SpawnOk, TempFile, watchdog, with_files};
 use futures_lite::future;
 use luna::Buffer;
 use luna::external::{BadRecord, Frame, Framing};
@@ -25,10 +26,7 @@ fn terminal() -> (File, File) {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_terminal_in_both_directions_until_it_hangs_up() {
-    let _watch = watchdog();
-    if !COMPLETE {
-        return skip("the portable layer cannot wait for files");
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = terminal();
         let (sender, commands) = luna::channel::<Frame<16>>();
@@ -72,19 +70,10 @@ fn a_terminal_in_both_directions_until_it_hangs_up() {
 
 /// A file without a name.
 fn scratch() -> File {
-    let path = std::env::temp_dir().join(format!(
-        "luna-external-{}-{:?}",
-        std::process::id(),
-        std::thread::current().id()
-    ));
-    let file = File::options()
-        .read(true)
-        .write(true)
-        .create_new(true)
-        .open(&path)
-        .unwrap();
-    std::fs::remove_file(path).unwrap();
-    file
+    let path = TempFile::new("external");
+    let mut options = File::options();
+    options.read(true).write(true).create_new(true);
+    options.open(&path.0).unwrap()
 }
 
 /// The kernel refuses to wait for plain files, so they are never waited for. So this works wherever
@@ -95,37 +84,26 @@ fn files_on_a_disk() {
     for place in PLACEMENTS {
         let mut file = scratch();
         let (source, outgoing) = luna::channel::<[u8; 8]>();
-        let mut system = System::new("write");
         let link = luna::external::output(outgoing, file.try_clone().unwrap(), Framing::fixed(8));
-        place.process(&mut system, "place", "output").spawn_ok(link);
-        system
-            .thread("source")
-            .process("source")
-            .spawn_ok(async move {
-                for number in 0..3000_u64 {
-                    source.send(number.to_le_bytes()).await?;
-                }
-                Ok(())
-            });
-        system.run().unwrap();
+        let sends = async move {
+            for number in 0..3000_u64 {
+                source.send(number.to_le_bytes()).await?;
+            }
+            Ok(())
+        };
+        run_beside_thread(place, "output", link, sends).unwrap();
 
         file.rewind().unwrap();
         let (sender, numbers) = luna::buffered::<[u8; 8]>(Buffer::fifo(5));
-        let mut system = System::new("read");
-        place
-            .process(&mut system, "place", "input")
-            .spawn_ok(luna::external::input(file, sender, Framing::fixed(8)));
-        system
-            .thread("drain")
-            .process("drain")
-            .spawn_ok(async move {
-                for number in 0..3000_u64 {
-                    assert_eq!(numbers.recv().await?, number.to_le_bytes());
-                }
-                assert!(numbers.recv().await.unwrap_err().is_closed());
-                Ok(())
-            });
-        system.run().unwrap();
+        let link = luna::external::input(file, sender, Framing::fixed(8));
+        let drain = async move {
+            for number in 0..3000_u64 {
+                assert_eq!(numbers.recv().await?, number.to_le_bytes());
+            }
+            assert!(numbers.recv().await.unwrap_err().is_closed());
+            Ok(())
+        };
+        run_beside_thread(place, "input", link, drain).unwrap();
     }
 }
 
@@ -158,19 +136,15 @@ fn the_newest_of_a_device_without_end() {
     let _watch = watchdog();
     let zero = File::open("/dev/zero").unwrap();
     let (sender, newest) = luna::buffered::<[u8; 64]>(Buffer::overwrite_oldest(1));
-    let mut system = System::new("newest");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(zero, sender, Framing::fixed(64)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(zero, sender, Framing::fixed(64));
+    let reader = async move {
         for _ in 0..10 {
             assert_eq!(newest.recv().await?, [0; 64]);
             luna::yield_now().await;
         }
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("input", link, reader).unwrap();
 }
 
 #[test]
@@ -178,18 +152,14 @@ fn nowhere_takes_all() {
     let _watch = watchdog();
     let null = File::create("/dev/null").unwrap();
     let (source, outgoing) = luna::channel::<[u8; 64]>();
-    let mut system = System::new("nowhere");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("output")
-        .spawn_ok(luna::external::output(outgoing, null, Framing::fixed(64)));
-    executor.process("source").spawn_ok(async move {
+    let link = luna::external::output(outgoing, null, Framing::fixed(64));
+    let sends = async move {
         for _ in 0..200 {
             source.send([1; 64]).await?;
         }
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("output", link, sends).unwrap();
 }
 
 /// A file that is open for the other direction alone.
@@ -198,16 +168,12 @@ fn a_file_that_cannot_be_read() {
     let _watch = watchdog();
     let null = File::create("/dev/null").unwrap();
     let (sender, receiver) = luna::channel::<[u8; 1]>();
-    let mut system = System::new("unreadable");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(null, sender, Framing::fixed(1)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(null, sender, Framing::fixed(1));
+    let reader = async move {
         assert!(receiver.recv().await.unwrap_err().is_closed());
         Ok(())
-    });
-    let error = system.run().unwrap_err().to_string();
+    };
+    let error = run_on_one("input", link, reader).unwrap_err().to_string();
     assert!(
         error.contains("`input`") && error.contains("reading failed: Bad file descriptor"),
         "{error}"

@@ -3,27 +3,18 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, skip, watchdog};
+use crate::external::{run_beside_thread, run_on_one};
+use common::{PLACEMENTS, Placement, SpawnOk, watchdog, with_files};
 use luna::external::{Frame, Framing, LinkError, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::{Buffer, Error};
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 
-fn cannot_wait() -> bool {
-    if !COMPLETE {
-        skip("the portable layer cannot wait for files");
-    }
-    !COMPLETE
-}
-
 /// What the buffer holds is received before the end shows.
 #[test]
 fn the_end_comes_after_what_is_buffered() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, mut far) = std::io::pipe().unwrap();
     far.write_all(b"1\n2\n3\n").unwrap();
     drop(far);
@@ -53,49 +44,36 @@ fn the_end_comes_after_what_is_buffered() {
 /// While the system goes on: the far side, which is a process of it, sees the file close.
 #[test]
 fn a_link_that_has_ended_closes_its_file() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = UnixStream::pair().unwrap();
         let (source, outgoing) = luna::channel::<[u8; 1]>();
-        let mut system = System::new("closes");
-        place
-            .process(&mut system, "place", "output")
-            .spawn_ok(luna::external::output(outgoing, near, Framing::fixed(1)));
-        system.thread("far").process("far").spawn_ok(async move {
+        let link = luna::external::output(outgoing, near, Framing::fixed(1));
+        let far = async move {
             source.send(*b"x").await?;
             drop(source);
             let mut all = Vec::new();
             far.read_to_end(&mut all)?;
             assert_eq!(all, b"x");
             Ok(())
-        });
-        system.run().unwrap();
+        };
+        run_beside_thread(place, "output", link, far).unwrap();
     }
 }
 
 /// No process wants the device's data any more: no error.
 #[test]
 fn an_input_without_receivers_ends() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, mut far) = std::io::pipe().unwrap();
     let (sender, lines) = luna::channel::<Frame<8>>();
     far.write_all(b"1\n2\n").unwrap();
-    let mut system = System::new("unread");
-    let executor = system.executor("main").build().unwrap();
-    executor
-        .process("input")
-        .spawn_ok(luna::external::input(near, sender, Framing::lines(8)));
-    executor.process("reader").spawn_ok(async move {
+    let link = luna::external::input(near, sender, Framing::lines(8));
+    let reader = async move {
         assert_eq!(lines.recv().await?.text(), Ok("1"));
         Ok(())
-    });
-    system.run().unwrap();
+    };
+    run_on_one("input", link, reader).unwrap();
     assert_eq!(
         far.write(b"3\n").unwrap_err().kind(),
         std::io::ErrorKind::BrokenPipe
@@ -105,29 +83,20 @@ fn an_input_without_receivers_ends() {
 /// The far side of an output closes: the link fails, and each sender gets its value back.
 #[test]
 fn an_output_whose_far_side_has_gone() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (far, near) = std::io::pipe().unwrap();
         drop(far);
         let (source, outgoing) = luna::channel::<[u8; 4]>();
-        let mut system = System::new("gone");
-        place
-            .process(&mut system, "place", "output")
-            .spawn_ok(luna::external::output(outgoing, near, Framing::fixed(4)));
-        system
-            .thread("source")
-            .process("source")
-            .spawn_ok(async move {
-                source.send(*b"lost").await?;
-                let error = source.send(*b"back").await.unwrap_err();
-                assert!(error.is_closed());
-                assert_eq!(error.into_inner(), *b"back");
-                Ok(())
-            });
-        let (name, error) = link_error(system.run());
+        let link = luna::external::output(outgoing, near, Framing::fixed(4));
+        let sends = async move {
+            source.send(*b"lost").await?;
+            let error = source.send(*b"back").await.unwrap_err();
+            assert!(error.is_closed());
+            assert_eq!(error.into_inner(), *b"back");
+            Ok(())
+        };
+        let (name, error) = link_error(run_beside_thread(place, "output", link, sends));
         assert_eq!(name, "output");
         assert!(error.is_far_end_closed(), "{error}");
         let text = error.to_string();
@@ -138,10 +107,7 @@ fn an_output_whose_far_side_has_gone() {
 /// A waiting write sees it as well.
 #[test]
 fn a_far_side_that_goes_while_an_output_waits_for_room() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (far, near) = UnixStream::pair().unwrap();
     let (source, outgoing) = luna::channel::<Frame<4096>>();
     let mut system = System::new("gone");
@@ -181,10 +147,7 @@ fn link_error<T: std::fmt::Debug>(outcome: luna::Result<T>) -> (String, LinkErro
 /// By hand, without a system, in a parallel construct.
 #[test]
 fn links_run_by_hand() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (reading, writing) = std::io::pipe().unwrap();
     let (source, outgoing) = luna::channel::<[u8; 1]>();
     let (incoming, drain) = luna::channel::<[u8; 1]>();
@@ -250,20 +213,14 @@ fn what_cannot_be_set_up() {
 /// far side sees.
 #[test]
 fn poison_ends_a_link_that_waits_for_its_file() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         for from_far_end in [false, true] {
             let (near, mut far) = UnixStream::pair().unwrap();
             let (sender, receiver) = luna::channel::<[u8; 4]>();
-            let mut system = System::new("poisoned");
             let own = sender.clone();
-            place
-                .process(&mut system, "place", "input")
-                .spawn_ok(luna::external::input(near, sender, Framing::fixed(4)));
-            system.thread("far").process("far").spawn_ok(async move {
+            let link = luna::external::input(near, sender, Framing::fixed(4));
+            let far = async move {
                 far.write_all(b"oncehalf")?;
                 assert_eq!(receiver.recv().await?, *b"once");
                 if from_far_end {
@@ -275,8 +232,8 @@ fn poison_ends_a_link_that_waits_for_its_file() {
                 assert_eq!(far.read(&mut [0])?, 0);
                 drop((own, receiver));
                 Ok(())
-            });
-            assert_poisoned(system.run(), "input");
+            };
+            assert_poisoned(run_beside_thread(place, "input", link, far), "input");
         }
     }
 }
@@ -296,17 +253,12 @@ impl ToBytes for Full {
 
 #[test]
 fn poison_ends_a_link_that_waits_for_room() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (sender, receiver) = luna::channel::<Full>();
-        let mut system = System::new("poisoned");
         let link = luna::external::output(receiver, near, Framing::chunks(50_000));
-        place.process(&mut system, "place", "output").spawn_ok(link);
-        system.thread("far").process("far").spawn_ok(async move {
+        let far = async move {
             // The pipe takes 64 KiB: the second record waits in the link.
             sender.send(Full).await?;
             sender.send(Full).await?;
@@ -316,8 +268,8 @@ fn poison_ends_a_link_that_waits_for_room() {
             far.read_to_end(&mut all)?;
             assert!((50_000..=100_000).contains(&all.len()));
             Ok(())
-        });
-        assert_poisoned(system.run(), "output");
+        };
+        assert_poisoned(run_beside_thread(place, "output", link, far), "output");
     }
 }
 
@@ -335,10 +287,7 @@ fn assert_poisoned<T: std::fmt::Debug>(outcome: luna::Result<T>, of: &str) {
 /// A sibling that fails ends a link in a parallel construct, also one that waits for its file.
 #[test]
 fn a_failed_sibling_ends_a_link() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let (near, _far) = UnixStream::pair().unwrap();
     let (sender, _receiver) = luna::channel::<[u8; 1]>();
     let mut link = luna::external::input(near, sender, Framing::fixed(1));

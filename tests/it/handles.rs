@@ -1,7 +1,7 @@
 //! Processes seen from outside: their handles.
 
 use crate::common;
-use common::{PLACEMENTS, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, in_process, watchdog};
 use luna::prelude::*;
 use luna::process::ProcessState;
 use luna::{Error, Exit};
@@ -141,13 +141,7 @@ fn a_cancelled_process_withdraws_what_it_waited_for() {
             Ok(())
         });
         let error = system.run().unwrap_err();
-        assert_eq!(
-            error,
-            Error::Process {
-                name: "offering".to_owned(),
-                source: Box::new(Error::Cancelled)
-            }
-        );
+        assert_eq!(error, in_process("offering", Error::Cancelled));
     }
 }
 

@@ -1,19 +1,8 @@
 //! A process that cannot be ended is detached, with all that it borrows.
 
 use crate::common;
-use common::{PLACEMENTS, Placement, SpawnOk, watchdog};
-use luna::Error;
+use common::{Log, PLACEMENTS, Placement, SpawnOk, panicked, watchdog};
 use luna::prelude::*;
-use std::sync::{Arc, Mutex};
-
-type Log = Arc<Mutex<Vec<String>>>;
-
-fn panicked(process: &str, message: &str) -> Error {
-    Error::Process {
-        name: process.to_owned(),
-        source: Box::new(Error::Panicked(message.to_owned())),
-    }
-}
 
 #[test]
 fn a_process_that_is_blocked_is_left_behind_and_keeps_what_it_borrows() {
@@ -24,18 +13,18 @@ fn a_process_that_is_blocked_is_left_behind_and_keeps_what_it_borrows() {
     }
     impl Process for Blocked {
         async fn run(&mut self) -> luna::Result<()> {
-            self.log.lock().unwrap().push("blocked".to_owned());
+            self.log.add("blocked");
             self.released.recv().unwrap();
-            self.log.lock().unwrap().push("released".to_owned());
+            self.log.add("released");
             Ok(())
         }
         fn post_run(&mut self) {
-            self.log.lock().unwrap().push("post".to_owned());
+            self.log.add("post");
         }
     }
     impl Drop for Blocked {
         fn drop(&mut self) {
-            self.log.lock().unwrap().push("dropped".to_owned());
+            self.log.add("dropped");
         }
     }
     for place in PLACEMENTS {
@@ -51,7 +40,7 @@ fn a_process_that_is_blocked_is_left_behind_and_keeps_what_it_borrows() {
         let culprit = Placement::Thread.process(&mut system, "other", "culprit");
         let own = log.clone();
         culprit.spawn_ok(async move {
-            while own.lock().unwrap().is_empty() {
+            while own.all().is_empty() {
                 std::thread::yield_now();
             }
             panic!("while the other is blocked")
@@ -67,11 +56,11 @@ fn a_process_that_is_blocked_is_left_behind_and_keeps_what_it_borrows() {
         );
         drop(system);
         // Its thread still runs it, so nothing of it is gone.
-        assert_eq!(*log.lock().unwrap(), ["blocked"], "{place:?}");
+        assert_eq!(log.all(), ["blocked"], "{place:?}");
         release.send(()).unwrap();
-        while log.lock().unwrap().len() < 2 {
+        while log.all().len() < 2 {
             std::thread::yield_now();
         }
-        assert_eq!(log.lock().unwrap()[1], "released", "{place:?}");
+        assert_eq!(log.all()[1], "released", "{place:?}");
     }
 }

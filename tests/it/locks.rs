@@ -1,8 +1,7 @@
 //! Locks in a system: in parallel constructs, in reports, and as errors.
 
 use crate::common;
-use common::{PLACEMENTS, SpawnOk, watchdog};
-use luna::inspect::Deadlock;
+use common::{PLACEMENTS, SpawnOk, deadlock_of, strict, watchdog};
 use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
 use luna::sync::{Condvar, LockError, Mutex, Semaphore};
@@ -103,21 +102,6 @@ fn errors_turn_into_luna_errors() {
     })();
     assert_eq!(locked.unwrap_err(), Error::Locked);
     drop(held);
-}
-
-/// Runs a strict system to its deadlock.
-#[track_caller]
-fn deadlock_of(system: &System) -> Deadlock {
-    match system.run() {
-        Err(Error::Deadlock(deadlock)) => *deadlock,
-        other => panic!("expected a deadlock, got {other:?}"),
-    }
-}
-
-fn strict(name: &str) -> System {
-    let mut system = System::new(name);
-    system.strict();
-    system
 }
 
 #[test]

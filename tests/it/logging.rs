@@ -3,7 +3,7 @@
 #![cfg(feature = "logger")]
 
 use crate::common;
-use common::{SpawnOk, has_no_signals, watchdog};
+use common::{SpawnOk, watchdog, with_signals};
 use luna::Error;
 use luna::error::SetupError;
 use luna::log::{Level, Logging, RegisterError, Sink, StartError};
@@ -292,10 +292,7 @@ fn the_examples_signal_is_in_its_recording() {
     use std::path::Path;
     use std::process::{Command, Stdio};
 
-    if has_no_signals() {
-        return;
-    }
-    let _watchdog = watchdog();
+    let Some(_watch) = with_signals() else { return };
     // Beside the folder of the tests.
     let own = std::env::current_exe().unwrap();
     let built = own.parent().and_then(Path::parent).unwrap();

@@ -11,6 +11,8 @@ mod shared;
 
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../levels/mod.rs"]
+mod levels;
 
 mod bad_input;
 mod bad_moment;

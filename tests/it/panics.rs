@@ -2,19 +2,10 @@
 //! `run` names the process that panicked.
 
 use crate::common;
-use common::{PLACEMENTS, Placement, SpawnOk, has_real_time, skip, watchdog};
+use common::{Log, PLACEMENTS, Placement, SpawnOk, has_real_time, panicked, skip, watchdog};
 use luna::Error;
 use luna::prelude::*;
 use std::sync::{Arc, Mutex};
-
-type Log = Arc<Mutex<Vec<String>>>;
-
-fn panicked(process: &str, message: &str) -> Error {
-    Error::Process {
-        name: process.to_owned(),
-        source: Box::new(Error::Panicked(message.to_owned())),
-    }
-}
 
 /// Says that it has begun, waits for ever, and says when it was cancelled.
 struct Waiting {
@@ -28,11 +19,7 @@ impl Process for Waiting {
         struct Body<'a>(&'a Waiting);
         impl Drop for Body<'_> {
             fn drop(&mut self) {
-                self.0
-                    .log
-                    .lock()
-                    .unwrap()
-                    .push(format!("cancelled {}", self.0.name));
+                self.0.log.add(format!("cancelled {}", self.0.name));
             }
         }
         let _body = Body(self);
@@ -41,7 +28,7 @@ impl Process for Waiting {
     }
 
     fn post_run(&mut self) {
-        self.log.lock().unwrap().push(format!("post {}", self.name));
+        self.log.add(format!("post {}", self.name));
     }
 }
 
@@ -53,11 +40,8 @@ fn functions_run_in_order_then_the_others_are_cancelled() {
         let (begun, both_have) = luna::channel();
         let mut system = System::new("panicking");
         for number in 1..=3 {
-            let log = log.clone();
             let name = format!("function {number}");
-            system.on_emergency(&name.clone(), move || {
-                log.lock().unwrap().push(name.clone())
-            });
+            system.on_emergency(&name, log.noter(&name));
         }
         for (other, name) in [
             (Placement::Executor, "beside"),
@@ -84,7 +68,7 @@ fn functions_run_in_order_then_the_others_are_cancelled() {
             "{place:?}"
         );
 
-        let log = log.lock().unwrap();
+        let log = log.all();
         assert_eq!(
             log[..3],
             ["function 1", "function 2", "function 3"],
@@ -113,16 +97,13 @@ fn the_last_process_that_lives_panics() {
     for round in 0..100 {
         let place = PLACEMENTS[round % 2];
         let log = Log::default();
-        let own = log.clone();
         let mut system = System::new("alone");
-        system.on_emergency("neutral", move || {
-            own.lock().unwrap().push("neutral".to_owned())
-        });
+        system.on_emergency("neutral", log.noter("neutral"));
         place
             .process(&mut system, "place", "only")
             .spawn_ok(async { panic!("alone") });
         assert_eq!(system.run().unwrap_err(), panicked("only", "alone"));
-        assert_eq!(*log.lock().unwrap(), ["neutral"], "round {round}");
+        assert_eq!(log.all(), ["neutral"], "round {round}");
     }
 }
 
@@ -130,11 +111,8 @@ fn the_last_process_that_lives_panics() {
 fn without_an_emergency_the_functions_do_not_run() {
     let _watch = watchdog();
     let log = Log::default();
-    let own = log.clone();
     let mut system = System::new("calm");
-    system.on_emergency("neutral", move || {
-        own.lock().unwrap().push("neutral".to_owned())
-    });
+    system.on_emergency("neutral", log.noter("neutral"));
     let executor = system.executor("main").build().unwrap();
     // A process that fails is no emergency.
     executor
@@ -145,23 +123,22 @@ fn without_an_emergency_the_functions_do_not_run() {
         "process `failing`: no"
     );
     drop(system);
-    assert!(log.lock().unwrap().is_empty());
-    assert_eq!(Arc::strong_count(&log), 1, "the functions were dropped");
+    assert!(log.all().is_empty());
+    assert_eq!(Arc::strong_count(&log.0), 1, "the functions were dropped");
 }
 
 #[test]
 fn a_function_that_panics_does_not_stop_the_next() {
     let _watch = watchdog();
     let log = Log::default();
-    let own = log.clone();
     let mut system = System::new("unsafe");
     system.on_emergency("bad", || panic!("in an emergency function"));
-    system.on_emergency("good", move || own.lock().unwrap().push("good".to_owned()));
+    system.on_emergency("good", log.noter("good"));
     Placement::Executor
         .process(&mut system, "main", "culprit")
         .spawn_ok(async { panic!("first") });
     assert_eq!(system.run().unwrap_err(), panicked("culprit", "first"));
-    assert_eq!(*log.lock().unwrap(), ["good"]);
+    assert_eq!(log.all(), ["good"]);
 }
 
 #[test]
@@ -184,7 +161,7 @@ fn where_a_body_is_made() {
         let (function, body) = (log.clone(), log.clone());
         let mut system = System::new("unmade");
         system.on_emergency("neutral", move || {
-            function.lock().unwrap().push("neutral".to_owned());
+            function.add("neutral");
             // Time in which a body that was released would begin; only a failure needs it.
             std::thread::sleep(std::time::Duration::from_millis(200));
         });
@@ -193,7 +170,7 @@ fn where_a_body_is_made() {
         // What is in safety before the start is not set in motion.
         let other = place.process(&mut system, "other place", "other");
         other.spawn_ok(async move {
-            body.lock().unwrap().push("body".to_owned());
+            body.add("body");
             Ok(())
         });
         assert_eq!(
@@ -201,7 +178,7 @@ fn where_a_body_is_made() {
             panicked("unmade", "no body"),
             "{place:?}"
         );
-        assert_eq!(*log.lock().unwrap(), ["neutral"], "{place:?}");
+        assert_eq!(log.all(), ["neutral"], "{place:?}");
     }
 }
 
@@ -216,12 +193,9 @@ fn where_a_cancelled_body_is_dropped() {
     }
     for place in PLACEMENTS {
         let log = Log::default();
-        let own = log.clone();
         let (begun, has_begun) = luna::channel();
         let mut system = System::new("dropped");
-        system.on_emergency("neutral", move || {
-            own.lock().unwrap().push("neutral".into())
-        });
+        system.on_emergency("neutral", log.noter("neutral"));
         let waiting = place.process(&mut system, "place", "culprit");
         let waits = async move {
             let _bad = Bad;
@@ -239,7 +213,7 @@ fn where_a_cancelled_body_is_dropped() {
         other.process("canceller").spawn_ok(cancels);
         let error = system.run().unwrap_err();
         assert_eq!(error, panicked("culprit", "in a drop"), "{place:?}");
-        assert_eq!(*log.lock().unwrap(), ["neutral"], "{place:?}");
+        assert_eq!(log.all(), ["neutral"], "{place:?}");
     }
 }
 
@@ -265,11 +239,8 @@ fn several_at_once() {
     let _watch = watchdog();
     for _ in 0..20 {
         let log = Log::default();
-        let own = log.clone();
         let mut system = System::new("all");
-        system.on_emergency("neutral", move || {
-            own.lock().unwrap().push("neutral".to_owned())
-        });
+        system.on_emergency("neutral", log.noter("neutral"));
         for (number, place) in [
             (0, Placement::Executor),
             (1, Placement::Thread),
@@ -285,7 +256,7 @@ fn several_at_once() {
             panic!("whose was it?")
         };
         assert_eq!(*source, Error::Panicked("all".to_owned()));
-        assert_eq!(*log.lock().unwrap(), ["neutral"], "once");
+        assert_eq!(log.all(), ["neutral"], "once");
     }
 }
 

@@ -1,31 +1,15 @@
 //! A run that replaces parameters is recorded and replayed, and its sets are messages of its log.
 
 use crate::common;
-use common::{SpawnOk, watchdog};
+use common::{SpawnOk, TempFile, watchdog};
 use luna::Error;
 use luna::parameters::Parameters;
 use luna::parameters::SetError;
 use luna::prelude::*;
 use luna::replay::{self, RecordError, Recording};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str) -> Self {
-        let name = format!("luna-parameters-{name}-{}", std::process::id());
-        Self(std::env::temp_dir().join(name))
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 /// Gives out what it reads, until it has read so many different ones.
 struct Reads {

@@ -2,13 +2,10 @@
 //! `post_run` runs in order, and after an emergency.
 
 use crate::common;
-use common::{SpawnOk, watchdog};
+use common::{Log, SpawnOk, watchdog};
 use luna::prelude::*;
 use luna::{End, Error};
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
-
-type Log = Arc<Mutex<Vec<String>>>;
 
 struct Drive {
     output: Sender<i16>,
@@ -40,7 +37,7 @@ impl Process for Drive {
 
     fn post_run(&mut self) {
         let cycles = self.history.len();
-        self.log.lock().unwrap().push(format!("post_run, {cycles}"));
+        self.log.add(format!("post_run, {cycles}"));
         self.history.clear();
     }
 }
@@ -55,10 +52,7 @@ fn run(then_raises: bool) -> (luna::Result<luna::Report>, luna::Report, Vec<Stri
         .policy(Policy::fifo(80))
         .build()
         .unwrap();
-    let own = log.clone();
-    system.on_emergency("motor to neutral", move || {
-        own.lock().unwrap().push("neutral".to_owned());
-    });
+    system.on_emergency("motor to neutral", log.noter("neutral"));
     let drive = Drive {
         output,
         history: Vec::new(),
@@ -72,8 +66,7 @@ fn run(then_raises: bool) -> (luna::Result<luna::Report>, luna::Report, Vec<Stri
         Ok(())
     });
     let outcome = system.run();
-    let log = log.lock().unwrap().clone();
-    (outcome, system.report().unwrap(), log)
+    (outcome, system.report().unwrap(), log.all())
 }
 
 #[test]

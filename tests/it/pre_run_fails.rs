@@ -2,13 +2,10 @@
 //! first.
 
 use crate::common;
-use common::{PLACEMENTS, SpawnOk, watchdog};
+use common::{Log, PLACEMENTS, SpawnOk, in_process, watchdog};
 use luna::Error;
 use luna::error::SetupError;
 use luna::prelude::*;
-use std::sync::{Arc, Mutex};
-
-type Log = Arc<Mutex<Vec<String>>>;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Preparing {
@@ -26,10 +23,7 @@ struct Prepared {
 
 impl Prepared {
     fn say(&self, phase: &str) {
-        self.log
-            .lock()
-            .unwrap()
-            .push(format!("{phase} {}", self.name));
+        self.log.add(format!("{phase} {}", self.name));
     }
 }
 
@@ -94,10 +88,8 @@ fn run_five(place: common::Placement, second: Preparing, third: Preparing) -> Er
     ));
     drop(system);
     let (drops, phases): (Vec<_>, Vec<_>) = log
-        .lock()
-        .unwrap()
-        .iter()
-        .cloned()
+        .all()
+        .into_iter()
         .partition(|event| event.starts_with("drop"));
     assert_eq!(drops.len(), 5, "{drops:?}");
     let expected = "pre first, pre second, pre third, post second, post first";
@@ -128,13 +120,7 @@ fn a_panic_is_such_an_error_with_its_message() {
     for place in PLACEMENTS {
         let error = run_five(place, Preparing::Succeeds, Preparing::Panics);
         let panicked = Error::Panicked("the sensor answers 42".to_owned());
-        assert_eq!(
-            error,
-            Error::Process {
-                name: "third".to_owned(),
-                source: Box::new(panicked)
-            }
-        );
+        assert_eq!(error, in_process("third", panicked));
     }
 }
 
@@ -155,10 +141,7 @@ fn emergency_functions_are_not_for_a_start_that_fails() {
     let _watch = watchdog();
     let log = Log::default();
     let mut system = System::new("not started");
-    let own = log.clone();
-    system.on_emergency("neutral", move || {
-        own.lock().unwrap().push("emergency".to_owned())
-    });
+    system.on_emergency("neutral", log.noter("emergency"));
     let executor = system.executor("control").build().unwrap();
     let process = Prepared {
         name: "only",
@@ -167,5 +150,5 @@ fn emergency_functions_are_not_for_a_start_that_fails() {
     };
     executor.process("only").spawn_ok(process);
     system.run().unwrap_err();
-    assert_eq!(*log.lock().unwrap(), ["pre only", "drop only"]);
+    assert_eq!(log.all(), ["pre only", "drop only"]);
 }

@@ -2,35 +2,12 @@
 //! order is kept.
 
 use crate::common;
-use common::{SpawnOk, watchdog};
+use crate::levels::on_one_executor;
+use common::{Log, SpawnOk, watchdog};
 use futures_lite::future;
 use luna::Error;
 use luna::prelude::*;
-use luna::system::ProcessBuilder;
-use std::sync::{Arc, Mutex};
-
-/// What happened, in order.
-#[derive(Clone, Default)]
-struct Log(Arc<Mutex<Vec<String>>>);
-
-impl Log {
-    fn add(&self, what: impl Into<String>) {
-        self.0.lock().unwrap().push(what.into());
-    }
-
-    fn take(&self) -> String {
-        std::mem::take(&mut *self.0.lock().unwrap()).join(" ")
-    }
-}
-
-/// A system with one executor; `build` adds processes in the order in which they begin if their
-/// levels do not say otherwise.
-fn on_one_executor(build: impl FnOnce(&dyn Fn(&str, u8) -> ProcessBuilder)) {
-    let mut system = System::new("levels");
-    let executor = system.executor("one").build().unwrap();
-    build(&|name, level| executor.process(name).priority(level));
-    system.run().unwrap();
-}
+use std::sync::Arc;
 
 #[test]
 fn values_and_errors_are_those_of_par() {
@@ -107,7 +84,7 @@ fn a_process_between_two_branches_runs_between_them() {
             process("parent", 10).spawn_ok(parent);
             process("waker", 1).spawn_ok(waker);
         });
-        assert_eq!(log.take(), "first between last", "{place}");
+        assert_eq!(log.all().join(" "), "first between last", "{place}");
     }
 }
 
@@ -154,7 +131,7 @@ fn a_wake_queues_the_parent_at_the_branch_s_level() {
             process("other", 9).spawn_ok(of_other);
             process("waker", 1).spawn_ok(waker);
         });
-        assert_eq!(log.take(), expected, "branch {branch}");
+        assert_eq!(log.all().join(" "), expected, "branch {branch}");
     }
 }
 
@@ -198,7 +175,7 @@ fn channels_serve_branches_by_their_levels() {
             Ok(())
         });
     });
-    assert_eq!(log.take(), "1 2 20 3");
+    assert_eq!(log.all().join(" "), "1 2 20 3");
 }
 
 #[test]
@@ -229,7 +206,7 @@ fn a_branch_that_readies_one_above_lets_it_run_first() {
             Ok(())
         });
     });
-    assert_eq!(log.take(), "received 0 sent 0 received 1 sent 1");
+    assert_eq!(log.all().join(" "), "received 0 sent 0 received 1 sent 1");
 }
 
 #[test]
@@ -265,7 +242,10 @@ fn levels_fall_on_in_nested_constructs_and_stop_at_the_lowest() {
     });
     // The inner branches are at levels 1, 0, 0, 0: when their turn comes, nothing more urgent is
     // ready, and the parent comes before its equals.
-    assert_eq!(log.take(), "2 1 process 1 process 1 0 nested 0 0 process 0");
+    assert_eq!(
+        log.all().join(" "),
+        "2 1 process 1 process 1 0 nested 0 0 process 0"
+    );
 }
 
 #[test]
@@ -303,7 +283,7 @@ fn a_failure_reaches_those_above_and_those_that_gave_way() {
             Ok(())
         });
     });
-    assert_eq!(log.take(), "between ended ended over");
+    assert_eq!(log.all().join(" "), "between ended ended over");
 }
 
 #[test]
@@ -333,7 +313,7 @@ fn within_a_foreign_combinator_nobody_is_starved() {
             Ok(())
         });
     });
-    assert_eq!(log.take(), "between");
+    assert_eq!(log.all().join(" "), "between");
 }
 
 struct Passes(std::task::Waker);
@@ -365,5 +345,5 @@ fn an_os_thread_keeps_the_order_only() {
             Ok(())
         });
     system.run().unwrap();
-    assert_eq!(log.take(), "a b c a b c");
+    assert_eq!(log.all().join(" "), "a b c a b c");
 }

@@ -1,32 +1,17 @@
 //! Runs with real parallelism, recorded and replayed: what each process gives outside is the same.
 
+use crate::common::TempFile;
 use luna::prelude::*;
 use luna::replay::{self, Recording};
 use luna::sync::Mutex;
 use luna::{Buffer, End};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 /// What each process gave outside, in its order.
 type Outputs = BTreeMap<&'static str, Vec<u64>>;
-
-/// A file that goes with the test.
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str) -> Self {
-        Self(std::env::temp_dir().join(format!("luna-record-{name}-{}", std::process::id())))
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 /// Where outputs go, and what comes from outside.
 #[derive(Clone, Default)]

@@ -2,30 +2,14 @@
 //! constructs that are refused by name.
 
 use crate::common;
-use common::{SpawnOk, watchdog};
+use common::{SpawnOk, TempFile, watchdog};
 use luna::prelude::*;
 use luna::replay::{self, RecordError, Recording};
 use luna::sync::{Condvar, Mutex, Semaphore};
-use luna::{Alternative, Buffer, Error};
-use std::path::PathBuf;
+use luna::{Alternative, Buffer, Error, Executor};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-
-/// A file that goes with the test.
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str) -> Self {
-        Self(std::env::temp_dir().join(format!("luna-construct-{name}-{}", std::process::id())))
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 type Outputs = Arc<std::sync::Mutex<Vec<(&'static str, u64)>>>;
 
@@ -273,32 +257,40 @@ fn ticks_timers_and_ends() {
     });
 }
 
+/// Executors beside a process that enters the safe state again and again.
+fn beside_safe_states(system: &mut System) -> luna::Result<[Executor; 2]> {
+    let safety = system.safety();
+    let enters = system.executor("enters").build()?;
+    enters.process("enters").spawn(async move {
+        for _ in 0..ROUNDS {
+            work();
+            safety.enter_safe_state(Error::Timeout);
+            work();
+            safety.reset(Error::Timeout).unwrap();
+            luna::yield_now().await;
+        }
+        Ok(())
+    })?;
+    Ok([
+        system.executor("writes").build()?,
+        system.executor("reads").build()?,
+    ])
+}
+
 #[test]
 fn receives_that_the_safe_state_ends() {
     check("receives_that_the_safe_state_ends", |system, outputs| {
         let (sender, receiver) = luna::channel();
-        let safety = system.safety();
-        let executors = ["writes", "enters", "reads"].map(|name| system.executor(name).build());
-        let [writes, enters, reads] = executors;
-        writes?.process("writes").spawn(async move {
+        let [writes, reads] = beside_safe_states(system)?;
+        writes.process("writes").spawn(async move {
             for value in 0..ROUNDS {
                 work();
                 sender.send(value).await?;
             }
             Ok(())
         })?;
-        enters?.process("enters").spawn(async move {
-            for _ in 0..ROUNDS {
-                work();
-                safety.enter_safe_state(Error::Timeout);
-                work();
-                safety.reset(Error::Timeout).unwrap();
-                luna::yield_now().await;
-            }
-            Ok(())
-        })?;
         let outputs = outputs.clone();
-        reads?.process("reads").spawn(async move {
+        reads.process("reads").spawn(async move {
             let safety = luna::safety::current().unwrap();
             let mut entered = std::pin::pin!(safety.safe_state_entered());
             loop {
@@ -326,21 +318,9 @@ fn receives_that_the_safe_state_ends() {
 fn sends_that_the_safe_state_ends() {
     check("sends_that_the_safe_state_ends", |system, outputs| {
         let (sender, receiver) = luna::channel();
-        let safety = system.safety();
-        let executors = ["writes", "enters", "reads"].map(|name| system.executor(name).build());
-        let [writes, enters, reads] = executors;
-        enters?.process("enters").spawn(async move {
-            for _ in 0..ROUNDS {
-                work();
-                safety.enter_safe_state(Error::Timeout);
-                work();
-                safety.reset(Error::Timeout).unwrap();
-                luna::yield_now().await;
-            }
-            Ok(())
-        })?;
+        let [writes, reads] = beside_safe_states(system)?;
         let given = outputs.clone();
-        writes?.process("writes").spawn(async move {
+        writes.process("writes").spawn(async move {
             let safety = luna::safety::current().unwrap();
             let mut entered = std::pin::pin!(safety.safe_state_edge());
             for value in 0..ROUNDS {
@@ -356,7 +336,7 @@ fn sends_that_the_safe_state_ends() {
             Ok(())
         })?;
         let outputs = outputs.clone();
-        reads?.process("reads").spawn(async move {
+        reads.process("reads").spawn(async move {
             while let Ok(value) = receiver.recv().await {
                 work();
                 give(&outputs, "reads", value);

@@ -4,33 +4,18 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, SpawnOk, has_no_signals, watchdog};
+use common::{Program, SpawnOk, TempFile, watchdog, with_signals};
 use luna::prelude::*;
 use luna::replay::{self, Recording};
 use luna::{Buffer, End};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 const FILE: &str = "LUNA_TEST_RECORDING";
 const KILLED: i32 = Signal::SIGKILL as i32;
-
-/// A file that goes with the test.
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str) -> Self {
-        Self(std::env::temp_dir().join(format!("luna-cut-{name}-{}", std::process::id())))
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 type Outputs = Arc<Mutex<Vec<(&'static str, u64)>>>;
 
@@ -185,10 +170,7 @@ fn start(name: &str, file: &Path) -> Program {
 /// and is ended then.
 #[track_caller]
 fn check(name: &str) {
-    if has_no_signals() {
-        return;
-    }
-    let _watch = watchdog();
+    let Some(_watch) = with_signals() else { return };
     let file = TempFile::new(&name.replace(' ', "-"));
     let mut program = start(name, &file.0);
     let recorded = program.wait_for("recorded");

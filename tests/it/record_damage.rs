@@ -1,27 +1,13 @@
 //! Damaged recordings, and programs other than the recorded ones: all of it is noticed, and nothing
 //! panics or hangs.
 
+use crate::common::TempFile;
 use luna::prelude::*;
 use luna::replay::{self, RecordError, Recording};
 use luna::{Buffer, Error};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-
-/// A file that goes with the test.
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str) -> Self {
-        Self(std::env::temp_dir().join(format!("luna-damage-{name}-{}", std::process::id())))
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 type Outputs = Arc<Mutex<Vec<(&'static str, u64)>>>;
 

@@ -1,7 +1,7 @@
 //! The report: threads as obtained, processes with their exits, a row for each loop.
 
 use crate::common;
-use common::{COMPLETE, SpawnOk, has_real_time, skip, watchdog};
+use common::{COMPLETE, SpawnOk, has_real_time, in_process, skip, watchdog};
 use luna::prelude::*;
 use luna::{End, Error, Exit, Report};
 use std::time::Duration;
@@ -223,10 +223,7 @@ fn a_process_that_fails_is_the_outcome_when_all_have_ended() {
     // Ends after the other has failed.
     main.process("good")
         .spawn_ok(async move { Ok(went_on.recv().await?) });
-    let deeper = Error::Process {
-        name: "within".to_owned(),
-        source: Box::new(Error::Poisoned),
-    };
+    let deeper = in_process("within", Error::Poisoned);
     let own = deeper.clone();
     main.process("spawned first")
         .priority(1)
@@ -237,39 +234,8 @@ fn a_process_that_fails_is_the_outcome_when_all_have_ended() {
     };
     main.process("fails first").priority(31).spawn_ok(fails);
     let error = system.run().unwrap_err();
-    assert_eq!(
-        error,
-        Error::Process {
-            name: "spawned first".to_owned(),
-            source: Box::new(deeper)
-        }
-    );
+    assert_eq!(error, in_process("spawned first", deeper));
     assert!(error.is_poisoned() && !error.is_closed());
-}
-
-#[test]
-fn a_process_that_somebody_cancelled_has_failed() {
-    let _watch = watchdog();
-    let mut system = System::new("cancelled");
-    let main = system.executor("main").build().unwrap();
-    let waiting = main
-        .process("waiting")
-        .priority(31)
-        .spawn_ok(std::future::pending::<luna::Result<()>>());
-    let own = main.clone();
-    let canceller = async move {
-        own.process_handle(waiting).unwrap().cancel();
-        Ok(())
-    };
-    main.process("canceller").spawn_ok(canceller);
-    let error = system.run().unwrap_err();
-    assert_eq!(
-        error,
-        Error::Process {
-            name: "waiting".to_owned(),
-            source: Box::new(Error::Cancelled)
-        }
-    );
 }
 
 #[test]

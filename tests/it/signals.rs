@@ -4,9 +4,9 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, SpawnOk, end_by, has_no_signals, watchdog};
+use common::{Program, SpawnOk, end_by, exit_by, watchdog, with_signals};
+use luna::Exit;
 use luna::prelude::*;
-use luna::{End, Exit, Report};
 use std::os::unix::process::ExitStatusExt;
 use std::time::Duration;
 
@@ -75,14 +75,6 @@ fn looping_system() -> System {
     system.on_emergency("first", || println!("function 1"));
     system.on_emergency("second", || println!("function 2"));
     system
-}
-
-fn exit_by(report: &Report) -> ! {
-    println!("{report}");
-    std::process::exit(match report.end {
-        End::Signal(number) => 70 + number,
-        _ => 1,
-    })
 }
 
 /// What the child programs run; nothing when this program runs it as a test.
@@ -176,9 +168,7 @@ fn part() {
 
 #[test]
 fn the_functions_then_the_processes_then_the_report() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     for (signal, name) in [(INTERRUPT, "SIGINT"), (TERMINATE, "SIGTERM")] {
         let ended = end_by("orderly", signal);
         assert_eq!(ended.status.code(), Some(70 + signal), "{ended:?}");
@@ -224,9 +214,7 @@ fn the_functions_then_the_processes_then_the_report() {
 
 #[test]
 fn a_second_one_ends_the_program_at_once() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     for (first, second) in [
         (INTERRUPT, INTERRUPT),
         (TERMINATE, INTERRUPT),
@@ -250,9 +238,7 @@ fn a_second_one_ends_the_program_at_once() {
 /// Also if no thread is left to run functions.
 #[test]
 fn a_second_one_ends_the_program_when_all_hang() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let mut program = Program::start("all hang");
     program.wait_for("ready");
     program.signal(INTERRUPT);
@@ -267,9 +253,7 @@ fn a_second_one_ends_the_program_when_all_hang() {
 
 #[test]
 fn during_the_preparation_no_body_begins() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let ended = end_by("preparing", TERMINATE);
     assert_eq!(ended.status.code(), Some(70 + TERMINATE), "{ended:?}");
     assert_eq!(
@@ -281,9 +265,7 @@ fn during_the_preparation_no_body_begins() {
 
 #[test]
 fn after_the_end_they_do_what_they_did_before() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let ended = end_by("afterwards", TERMINATE);
     assert_eq!(ended.status.signal(), Some(TERMINATE), "{ended:?}");
 }

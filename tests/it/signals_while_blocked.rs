@@ -3,21 +3,13 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{SpawnOk, end_by, has_no_signals, watchdog};
+use common::{SpawnOk, end_by, exit_by, watchdog, with_signals};
+use luna::Exit;
 use luna::prelude::*;
-use luna::{End, Exit, Report};
 use std::time::Duration;
 
 const INTERRUPT: i32 = 2;
 const TERMINATE: i32 = 15;
-
-fn exit_by(report: &Report) -> ! {
-    println!("{report}");
-    std::process::exit(match report.end {
-        End::Signal(number) => 70 + number,
-        _ => 1,
-    })
-}
 
 /// What the child programs run; nothing when this program runs it as a test.
 #[test]
@@ -83,9 +75,7 @@ fn part() {
 
 #[test]
 fn a_blocked_process_is_left_behind_and_named() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let ended = end_by("blocked", TERMINATE);
     assert_eq!(ended.status.code(), Some(70 + TERMINATE), "{ended:?}");
     for part in ["`console` did not end", "`operator`"] {
@@ -110,9 +100,7 @@ fn a_blocked_process_is_left_behind_and_named() {
 
 #[test]
 fn a_blocking_call_of_a_process_holds_up_nobody() {
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let ended = end_by("blocked at a buddy", INTERRUPT);
     assert_eq!(ended.status.code(), Some(70 + INTERRUPT), "{ended:?}");
     assert!(!ended.errors.contains("did not end"), "{ended:?}");

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{COMPLETE, Program, SpawnOk, part_of_caller, skip, watchdog};
+use common::{Program, SpawnOk, TempFile, part_of_caller, with_files};
 use luna::Exit;
 use luna::external::{self, Frame, Framing};
 use luna::prelude::*;
@@ -72,13 +72,6 @@ fn part() {
     }
 }
 
-fn cannot_wait() -> bool {
-    if !COMPLETE {
-        skip("the portable layer cannot wait for files");
-    }
-    !COMPLETE
-}
-
 /// What the operator says of this input.
 fn said(input: impl Into<Stdio>) -> Vec<String> {
     let output = own_program("reads thread").stdin(input).output().unwrap();
@@ -108,10 +101,7 @@ fn own_program(part: &str) -> Command {
 
 #[test]
 fn a_run_ends_although_standard_input_is_open_and_silent() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     for place in ["thread", "executor"] {
         // The input stays open until the program has ended.
         let ended = Program::start(&format!("ends {place}")).end();
@@ -123,10 +113,7 @@ fn a_run_ends_although_standard_input_is_open_and_silent() {
 
 #[test]
 fn a_signal_ends_a_run_that_waits_for_a_line() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let ended = common::end_by("reads thread", 2);
     assert!(!ended.status.success(), "{ended:?}");
     assert!(!ended.errors.contains("left"), "{ended:?}");
@@ -134,10 +121,7 @@ fn a_signal_ends_a_run_that_waits_for_a_line() {
 
 #[test]
 fn pipes_files_and_what_is_empty_are_read_to_their_end() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let mut file = tempfile("a\nb\r\n\nlast");
     let expected = ["line a", "line b", "line ", "line last", "over"];
     assert_eq!(said(file.try_clone().unwrap()), expected);
@@ -168,12 +152,7 @@ fn pipes_files_and_what_is_empty_are_read_to_their_end() {
 }
 
 fn tempfile(text: &str) -> File {
-    let name = format!("luna-standard-input-{}", std::process::id());
-    let path = std::env::temp_dir().join(name);
-    std::fs::write(&path, text).unwrap();
-    let file = File::open(&path).unwrap();
-    std::fs::remove_file(&path).unwrap();
-    file
+    File::open(&TempFile::with("input", text).0).unwrap()
 }
 
 /// Whether the open file, which others have too, is in non-blocking mode.
@@ -184,10 +163,7 @@ fn is_non_blocking(file: &impl std::os::fd::AsFd) -> bool {
 
 #[test]
 fn a_terminal_is_read_line_by_line_and_its_mode_stays_as_it_is() {
-    let _watch = watchdog();
-    if cannot_wait() {
-        return;
-    }
+    let Some(_watch) = with_files() else { return };
     let terminal = nix::pty::openpty(None, None).unwrap();
     let (mut keyboard, screen) = (File::from(terminal.master), terminal.slave);
     let mut child = own_program("reads thread")

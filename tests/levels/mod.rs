@@ -1,29 +1,13 @@
 //! One executor with processes of several levels, and the order of what happens there: for tests of
 //! priority inheritance.
 
-use crate::common::SpawnOk;
+#![allow(dead_code, reason = "each test program uses some of it")]
+
+use crate::common::{Log, SpawnOk};
 use luna::prelude::*;
 use luna::system::ProcessBuilder;
 use luna::yield_now;
 use luna_core::current;
-use std::sync::{Arc, Mutex};
-
-/// What happened, in order.
-#[derive(Clone, Default)]
-pub(crate) struct Log(pub(crate) Arc<Mutex<Vec<&'static str>>>);
-
-impl Log {
-    pub(crate) fn add(&self, what: &'static str) {
-        self.0.lock().unwrap().push(what);
-    }
-
-    /// What happened between two events, which are there once.
-    pub(crate) fn between(&self, first: &str, last: &str) -> Vec<&'static str> {
-        let log = self.0.lock().unwrap();
-        let at = |what| log.iter().position(|&event| event == what).unwrap();
-        log[at(first) + 1..at(last)].to_vec()
-    }
-}
 
 pub(crate) fn level() -> u8 {
     current::priority().level

@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{Program, SpawnOk, has_no_signals};
+use common::{Program, SpawnOk, with_signals};
 use luna::Error;
 use luna::prelude::*;
 use nix::sys::signal::Signal;
@@ -56,9 +56,7 @@ fn part() {
 #[test]
 fn one_that_looks_holds_no_lock_meanwhile() {
     own_process!();
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let ended = Program::start("state").end();
     let lines = ["warned", "function, emergency", "not reached"];
     assert_eq!(ended.said(&lines), lines[..2], "{ended:?}");

@@ -2,32 +2,14 @@
 //! set-up, by drivers, and late.
 
 use crate::common;
-use common::{SpawnOk, burn_until, has_real_time, skip, watchdog};
+use common::{Log, SpawnOk, burn_until, has_real_time, skip};
 use luna::prelude::*;
 use luna::report::{FunctionOutcome, SafetyReport};
 use luna::safety::{Cause, Degree};
 use luna::{End, Error, Instant};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
-
-#[derive(Default, Clone)]
-struct Log(Arc<Mutex<Vec<String>>>);
-
-impl Log {
-    fn note(&self, what: &str) {
-        self.0.lock().unwrap().push(what.to_owned());
-    }
-
-    fn noter(&self, what: &str) -> impl FnMut() + Send + 'static {
-        let (log, what) = (self.clone(), what.to_owned());
-        move || log.note(&what)
-    }
-
-    fn all(&self) -> Vec<String> {
-        self.0.lock().unwrap().clone()
-    }
-}
 
 /// Long enough for a loaded machine. A test that waits for it waits no longer than a person would.
 const SHORT: Duration = Duration::from_millis(40);
@@ -151,7 +133,6 @@ fn all_but_one_thread_may_hang() {
 fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
     own_process!();
     use nix::sys::signal::{SigSet, Signal};
-    let _watch = watchdog();
     for core in places() {
         let (notify, masks) = mpsc::channel();
         let mut system = System::new("masked");
@@ -353,7 +334,7 @@ fn drivers_functions_run_in_the_order_of_registration() {
             // Where devices are opened.
             let safety = luna::safety::current();
             assert!(safety.is_none(), "no process' body runs yet");
-            self.0.note("opened");
+            self.0.add("opened");
             Ok(())
         }
         async fn run(&mut self) -> luna::Result<()> {
@@ -387,7 +368,7 @@ fn one_that_is_registered_while_others_run_runs_behind_them() {
     let safety = system.safety();
     let own = log.clone();
     system.on_emergency("first", move || {
-        own.note("first");
+        own.add("first");
         safety
             .on_emergency("of first", LONG, own.noter("of first"))
             .unwrap();
@@ -407,12 +388,12 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     let main = system.executor("main").build().unwrap();
     let own = log.clone();
     main.process("body").spawn_ok(async move {
-        own.note("body");
+        own.add("body");
         Ok(())
     });
-    let trigger = system.emergency_trigger();
+    let trigger = system.safety();
     trigger.raise(Error::other("lost before"));
-    assert_eq!(trigger.safety().degree(), Degree::Emergency);
+    assert_eq!(trigger.degree(), Degree::Emergency);
     assert_eq!(system.run().unwrap_err().to_string(), "lost before");
     assert_eq!(log.all(), ["neutral"]);
 
@@ -421,7 +402,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     let mut system = System::new("during");
     system.on_emergency("neutral", log.noter("neutral"));
     let has_begun = wait_in(&mut system);
-    let trigger = system.emergency_trigger();
+    let trigger = system.safety();
     let driver = std::thread::spawn(move || {
         has_begun.recv().unwrap();
         trigger.raise(Error::other("lost"));
@@ -435,7 +416,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     // After: the state stays.
     trigger.raise(Error::other("lost after"));
     assert_eq!(
-        trigger.safety().state().latched.unwrap().to_string(),
+        trigger.state().latched.unwrap().to_string(),
         "emergency: lost"
     );
     let log = Log::default();
@@ -443,7 +424,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     system.on_emergency("neutral", log.noter("neutral"));
     system.run().unwrap();
     let safety = system.safety();
-    system.emergency_trigger().raise(Error::other("too late"));
+    system.safety().raise(Error::other("too late"));
     assert_eq!((safety.degree(), log.all().len()), (Degree::Normal, 0));
 }
 
@@ -458,7 +439,7 @@ fn a_second_run_takes_nothing_from_the_first() {
         let first = scope.spawn(|| system.run());
         has_begun.recv().unwrap();
         assert!(system.run().unwrap_err().to_string().contains("twice"));
-        system.emergency_trigger().raise(Error::other("now"));
+        system.safety().raise(Error::other("now"));
         assert_eq!(first.join().unwrap().unwrap_err().to_string(), "now");
     });
     assert_eq!(log.all(), ["neutral"]);
@@ -610,7 +591,7 @@ fn functions_whose_drop_panics_are_dropped_and_the_run_ends_as_it_does() {
     struct Held(Log, bool);
     impl Drop for Held {
         fn drop(&mut self) {
-            self.0.note("dropped");
+            self.0.add("dropped");
             assert!(!self.1, "on purpose");
         }
     }

@@ -6,7 +6,7 @@
 //! others.
 
 use crate::common;
-use common::{Program, Random, SpawnOk, has_no_signals, say, seed, watchdog};
+use common::{Program, Random, SpawnOk, say, seed, watchdog, with_signals};
 use luna::prelude::*;
 use luna::report::FunctionOutcome;
 use luna::safety::{Degree, OnOverrun, Watchdog};
@@ -148,7 +148,7 @@ fn add(
             process.on_overrun(OnOverrun::Emergency).spawn_ok(body);
         }
         Kind::Watchdog => {
-            let trigger = system.emergency_trigger();
+            let trigger = system.safety();
             let watchdog = Watchdog::new(delay);
             watchdog.feed();
             let expiries = watchdog.process(move || {
@@ -158,7 +158,7 @@ fn add(
             process(system).spawn_ok(expiries);
         }
         Kind::Device => {
-            let trigger = system.emergency_trigger();
+            let trigger = system.safety();
             let delay = micros(random, 2500);
             return Some(Box::new(move || {
                 std::thread::sleep(delay);
@@ -405,9 +405,7 @@ fn crash(number: u64) {
 fn in_crashes_neither() {
     own_process!(long);
     use std::os::unix::process::ExitStatusExt;
-    if has_no_signals() {
-        return;
-    }
+    let Some(_watch) = with_signals() else { return };
     let _watch = (emergencies() <= 1000).then(watchdog);
     let random = &mut Random::seeded();
     let mut crashed = 0;

@@ -36,7 +36,7 @@ fn a_function_of_another_system_on_the_same_core_does_not_keep_the_functions_wai
     let has_begun = Arc::new(AtomicBool::new(false));
     let begun = has_begun.clone();
     other.on_emergency_within("brakes", HOUR, move || begun.store(true, Ordering::Release));
-    let trigger = other.emergency_trigger();
+    let trigger = other.safety();
     coupled.on_emergency_within("couples", HOUR, move || {
         trigger.raise(Error::other("the other has an emergency"));
         while !has_begun.load(Ordering::Acquire) {

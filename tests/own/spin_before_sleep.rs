@@ -2,11 +2,11 @@
 //! it is done.
 
 use crate::common;
-use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, setup_error, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, Placement, SpawnOk, setup_error, skip};
 use luna::error::SetupError;
 use luna::prelude::*;
 use luna::report::Shortfall;
-use luna::system::AttributeError;
+use luna::system::{AttributeError, ProcessBuilder};
 use luna::{Error, Report};
 use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::available_cores;
@@ -14,16 +14,15 @@ use std::time::Duration;
 
 const SPIN: Duration = Duration::from_micros(50);
 
-/// Spawns an idle process on a thread of its own, which looks for work before it sleeps if it
-/// `spins`.
-fn add(
+/// A process on a thread or an executor of its own, on this core, which looks so long for work
+/// before it sleeps.
+fn looking(
     system: &mut System,
     place: Placement,
-    name: &str,
+    on: &str,
     core: Option<usize>,
-    spins: bool,
-) -> luna::Result<()> {
-    let spin = if spins { SPIN } else { Duration::ZERO };
+    spin: Duration,
+) -> luna::Result<ProcessBuilder> {
     macro_rules! described {
         ($builder:expr) => {{
             let builder = $builder.spin_before_sleep(spin);
@@ -33,11 +32,41 @@ fn add(
             }
         }};
     }
-    let process = match place {
-        Placement::Executor => described!(system.executor(name)).build()?.process(name),
-        Placement::Thread => described!(system.thread(name)).process(name),
-    };
-    process.spawn(async { Ok(()) }).map(drop)
+    Ok(match place {
+        Placement::Executor => described!(system.executor(on)).build()?.process(on),
+        Placement::Thread => described!(system.thread(on)).process(on),
+    })
+}
+
+/// Spawns an idle process there, which looks for work before it sleeps if it `spins`.
+fn add(system: &mut System, place: Placement, name: &str, core: Option<usize>, spins: bool) {
+    let spin = if spins { SPIN } else { Duration::ZERO };
+    let process = looking(system, place, name, core, spin).unwrap();
+    process.spawn_ok(async { Ok(()) });
+}
+
+/// A core to pin threads to.
+fn one_core() -> Option<usize> {
+    if !COMPLETE {
+        skip("the portable layer does not pin threads");
+    }
+    COMPLETE.then(|| available_cores()[0])
+}
+
+/// Two of them.
+fn two_cores() -> Option<[usize; 2]> {
+    one_core()?;
+    let cores = available_cores().first_chunk().copied();
+    if cores.is_none() {
+        skip("one core is usable");
+    }
+    cores
+}
+
+/// Whether any thread was refused to look.
+fn is_refused(report: &Report) -> bool {
+    let mut all = report.all_shortfalls();
+    all.any(|(_, one)| matches!(one, Shortfall::Spin { .. }))
 }
 
 /// Why the thread called `name` sleeps at once, if the report says so.
@@ -59,19 +88,8 @@ fn a_time_that_is_too_long() {
     let time = Duration::from_micros(1000) + Duration::from_nanos(1);
     let mut system = System::new("wrong");
     for place in PLACEMENTS {
-        let outcome = match place {
-            Placement::Executor => system
-                .executor("place")
-                .spin_before_sleep(time)
-                .build()
-                .map(drop),
-            Placement::Thread => system
-                .thread("place")
-                .spin_before_sleep(time)
-                .process("one")
-                .spawn(async { Ok(()) })
-                .map(drop),
-        };
+        let process = looking(&mut system, place, "place", None, time);
+        let outcome = process.and_then(|process| process.spawn(async { Ok(()) }));
         let error = setup_error(outcome, &["`place`", "1.000001ms", "at most 1ms"]);
         let SetupError::Attributes(AttributeError::SpinTooLong { name, asked }) = error else {
             panic!("{error:?}")
@@ -83,13 +101,10 @@ fn a_time_that_is_too_long() {
 #[test]
 fn a_thread_with_a_core_to_itself_is_refused_nothing() {
     own_process!();
-    if !COMPLETE {
-        return skip("the portable layer does not pin threads");
-    }
-    let core = available_cores()[0];
+    let Some(core) = one_core() else { return };
     for place in PLACEMENTS {
         let mut system = System::new("alone");
-        add(&mut system, place, "io", Some(core), true).unwrap();
+        add(&mut system, place, "io", Some(core), true);
         let report = system.strict().run().unwrap();
         assert_eq!(refusal(&report, "io"), None);
     }
@@ -98,17 +113,14 @@ fn a_thread_with_a_core_to_itself_is_refused_nothing() {
 #[test]
 fn a_thread_that_shares_its_core_sleeps_at_once_and_says_with_whom() {
     own_process!();
-    if !COMPLETE {
-        return skip("the portable layer does not pin threads");
-    }
-    let core = available_cores()[0];
+    let Some(core) = one_core() else { return };
     for (first, second) in PLACEMENTS
         .iter()
         .flat_map(|one| PLACEMENTS.map(|two| (*one, two)))
     {
         let mut system = System::new("shared");
-        add(&mut system, first, "io", Some(core), true).unwrap();
-        add(&mut system, second, "main", Some(core), false).unwrap();
+        add(&mut system, first, "io", Some(core), true);
+        add(&mut system, second, "main", Some(core), false);
         let report = system.run().unwrap();
         let with = "main".to_owned();
         assert_eq!(
@@ -122,15 +134,12 @@ fn a_thread_that_shares_its_core_sleeps_at_once_and_says_with_whom() {
 #[test]
 fn threads_on_cores_of_their_own_do_not_share() {
     own_process!();
-    let [first, second, ..] = available_cores()[..] else {
-        return skip("one core is usable");
+    let Some([first, second]) = two_cores() else {
+        return;
     };
-    if !COMPLETE {
-        return skip("the portable layer does not pin threads");
-    }
     let mut system = System::new("apart");
-    add(&mut system, Placement::Executor, "one", Some(first), true).unwrap();
-    add(&mut system, Placement::Thread, "two", Some(second), true).unwrap();
+    add(&mut system, Placement::Executor, "one", Some(first), true);
+    add(&mut system, Placement::Thread, "two", Some(second), true);
     let report = system.run().unwrap();
     assert_eq!(
         (refusal(&report, "one"), refusal(&report, "two")),
@@ -143,18 +152,15 @@ fn a_thread_without_a_core_shares_with_all() {
     own_process!();
     for place in PLACEMENTS {
         let mut system = System::new("unpinned");
-        add(&mut system, place, "io", None, true).unwrap();
+        add(&mut system, place, "io", None, true);
         let report = system.run().unwrap();
         assert_eq!(refusal(&report, "io"), Some(SpinRefusal::NotPinned));
     }
-    if !COMPLETE {
-        return skip("the portable layer does not pin threads");
-    }
-    let core = available_cores()[0];
+    let Some(core) = one_core() else { return };
     for place in PLACEMENTS {
         let mut system = System::new("unpinned");
-        add(&mut system, Placement::Executor, "io", Some(core), true).unwrap();
-        add(&mut system, place, "console", None, false).unwrap();
+        add(&mut system, Placement::Executor, "io", Some(core), true);
+        add(&mut system, place, "console", None, false);
         let report = system.run().unwrap();
         let name = "console".to_owned();
         assert_eq!(
@@ -168,7 +174,7 @@ fn a_thread_without_a_core_shares_with_all() {
 fn a_strict_system_does_not_start_with_one_that_shares() {
     own_process!();
     let mut system = System::new("strict");
-    add(&mut system, Placement::Executor, "io", None, true).unwrap();
+    add(&mut system, Placement::Executor, "io", None, true);
     let error = system.strict().run().unwrap_err();
     let Error::Setup(SetupError::Refused { of, shortfall }) = &error else {
         panic!("{error:?}")
@@ -204,18 +210,9 @@ fn sleeps_in(place: Placement, waits: u32, spin: Duration) -> i64 {
         *result.lock().unwrap() = sleeps() - before;
         Ok(())
     };
-    let core = available_cores()[0];
     let mut system = System::new("waits");
-    let process = match place {
-        Placement::Executor => {
-            let executor = system.executor("io").core(core).spin_before_sleep(spin);
-            executor.build().unwrap().process("waiter")
-        }
-        Placement::Thread => {
-            let thread = system.thread("io").core(core).spin_before_sleep(spin);
-            thread.process("waiter")
-        }
-    };
+    let core = Some(available_cores()[0]);
+    let process = looking(&mut system, place, "io", core, spin).unwrap();
     process.spawn_ok(body);
     system.run().unwrap();
     *slept.lock().unwrap()
@@ -225,10 +222,7 @@ fn sleeps_in(place: Placement, waits: u32, spin: Duration) -> i64 {
 #[test]
 fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
     own_process!();
-    if !COMPLETE {
-        return skip("the portable layer does not pin threads");
-    }
-    let _watch = watchdog();
+    let Some(_) = one_core() else { return };
     for place in PLACEMENTS {
         // A thread that is kept from its core may sleep where it would have looked, or find the
         // deadline there where it would have slept. So this repeats.
@@ -265,22 +259,7 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
             Ok(())
         };
         let mut system = System::new("looks");
-        macro_rules! described {
-            ($builder:expr) => {{
-                let builder = $builder.spin_before_sleep(SPIN);
-                match core {
-                    Some(core) => builder.core(core),
-                    None => builder,
-                }
-            }};
-        }
-        let process = match place {
-            Placement::Executor => described!(system.executor("io"))
-                .build()
-                .unwrap()
-                .process("server"),
-            Placement::Thread => described!(system.thread("io")).process("server"),
-        };
+        let process = looking(&mut system, place, "io", core, SPIN).unwrap();
         process.spawn_ok(body);
         let client = std::thread::spawn(move || {
             for number in 0..200 {
@@ -299,13 +278,9 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
 #[test]
 fn processes_that_look_for_each_other_keep_nobody_from_running() {
     own_process!();
-    let [first, second, ..] = available_cores()[..] else {
-        return skip("one core is usable");
+    let Some([first, second]) = two_cores() else {
+        return;
     };
-    if !COMPLETE {
-        return skip("the portable layer does not pin threads");
-    }
-    let _watch = watchdog();
     for place in PLACEMENTS {
         let (calls, called) = luna::channel::<u64>();
         let (answers, answered) = luna::channel::<u64>();
@@ -318,17 +293,7 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
         let spin = Duration::from_millis(1);
         let main = system.executor("main").core(first).spin_before_sleep(spin);
         let main = main.build().unwrap();
-        let server = match place {
-            Placement::Executor => {
-                let other = system.executor("other").core(second);
-                let other = other.spin_before_sleep(spin).build().unwrap();
-                other.process("server")
-            }
-            Placement::Thread => {
-                let other = system.thread("other").core(second);
-                other.spin_before_sleep(spin).process("server")
-            }
-        };
+        let server = looking(&mut system, place, "server", Some(second), spin).unwrap();
         let client = async move {
             let mut number = 0;
             while of_client.load(order) > 0 {
@@ -366,13 +331,7 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
             (0..50).for_each(|number| outside.blocking_send(number).unwrap());
         });
         let report = system.run().unwrap();
-        assert_eq!(
-            report
-                .all_shortfalls()
-                .filter(|(_, one)| matches!(one, Shortfall::Spin { .. }))
-                .count(),
-            0
-        );
+        assert!(!is_refused(&report), "{report}");
         plain.join().unwrap();
     }
 }
@@ -388,13 +347,9 @@ fn a_stream_through_a_buffer_keeps_nobody_from_running() {
     const MESSAGES: u32 = 20_000;
     /// Of one turn, at most: as many as go on, and the one after which the process gives way.
     const OPERATIONS: u32 = 65;
-    let [first, second, ..] = available_cores()[..] else {
-        return skip("one core is usable");
+    let Some([first, second]) = two_cores() else {
+        return;
     };
-    if !COMPLETE {
-        return skip("the portable layer does not pin threads");
-    }
-    let _watch = watchdog();
     for capacity in [1, 64] {
         let (sender, receiver) = luna::buffered::<u32>(luna::Buffer::fifo(capacity));
         let is_over = Arc::new(AtomicBool::new(false));
@@ -430,13 +385,7 @@ fn a_stream_through_a_buffer_keeps_nobody_from_running() {
             });
         }
         let report = system.run().unwrap();
-        assert_eq!(
-            report
-                .all_shortfalls()
-                .filter(|(_, one)| matches!(one, Shortfall::Spin { .. }))
-                .count(),
-            0
-        );
+        assert!(!is_refused(&report), "{report}");
         for turns in turns {
             let turns = turns.load(Relaxed);
             assert!(turns >= MESSAGES / OPERATIONS - 1, "{turns}");
@@ -452,41 +401,27 @@ fn blocking_operations_without_end_in_one_turn_meet_and_time_out() {
     let [first, second, ..] = available_cores()[..] else {
         return skip("one core is usable");
     };
-    let _watch = watchdog();
     let core = |core| COMPLETE.then_some(core);
     let (sender, receiver) = luna::channel::<u32>();
     let (_nobody_sends, silent) = luna::channel::<u32>();
     let mut system = System::new("many");
-    for (name, place) in [("sends", core(first)), ("receives", core(second))] {
-        let mut thread = system.thread(name).spin_before_sleep(SPIN);
-        if let Some(core) = place {
-            thread = thread.core(core);
+    let mut process = |name, core| {
+        let thread = Placement::Thread;
+        looking(&mut system, thread, name, core, SPIN).unwrap()
+    };
+    process("sends", core(first)).spawn_ok(async move {
+        for number in 0..5_000 {
+            sender.blocking_send(number)?;
         }
-        let process = thread.process(name);
-        let spawned = match name {
-            "sends" => {
-                let sender = sender.clone();
-                process.spawn(async move {
-                    for number in 0..5_000 {
-                        sender.blocking_send(number)?;
-                    }
-                    Ok(())
-                })
-            }
-            _ => {
-                let (receiver, silent) = (receiver.clone(), silent.clone());
-                process.spawn(async move {
-                    for expected in 0..5_000 {
-                        assert_eq!(receiver.blocking_recv()?, expected);
-                    }
-                    let late = silent.blocking_recv_timeout(Duration::from_millis(5));
-                    assert!(late.unwrap_err().is_timeout());
-                    Ok(())
-                })
-            }
-        };
-        spawned.unwrap();
-    }
-    drop((sender, receiver));
+        Ok(())
+    });
+    process("receives", core(second)).spawn_ok(async move {
+        for expected in 0..5_000 {
+            assert_eq!(receiver.blocking_recv()?, expected);
+        }
+        let late = silent.blocking_recv_timeout(Duration::from_millis(5));
+        assert!(late.unwrap_err().is_timeout());
+        Ok(())
+    });
     system.run().unwrap();
 }

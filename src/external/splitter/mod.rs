@@ -59,7 +59,25 @@ impl Splitter {
     /// [`LinkError::Room`] or [`LinkError::PrefixTooSmall`].
     pub fn new(framing: Framing) -> Result<Self, LinkError> {
         framing.validate()?;
-        Ok(Self::of_valid(framing))
+        let most = framing.most;
+        let size = match framing.kind {
+            Kind::Fixed => READ_AHEAD.max(most),
+            // With a carriage return and the delimiter; with the prefix.
+            Kind::Delimited { .. } => READ_AHEAD.max(most + 2),
+            Kind::Prefixed(prefix) => READ_AHEAD.max(most + prefix.size()),
+            Kind::Chunks => most,
+            // So that a packet that is too long shows: the system cuts it off without a word.
+            Kind::Packets => most + 1,
+        };
+        Ok(Self {
+            framing,
+            buffer: vec![0; size].into_boxed_slice(),
+            start: 0,
+            end: 0,
+            searched: 0,
+            skip: Skip::Nothing,
+            number: 0,
+        })
     }
 
     /// Holds nothing any more, and counts from 1 again: for another connection.
@@ -77,28 +95,6 @@ impl Splitter {
     pub fn clear(&mut self) {
         (self.start, self.end, self.searched, self.number) = (0, 0, 0, 0);
         self.skip = Skip::Nothing;
-    }
-
-    pub(super) fn of_valid(framing: Framing) -> Self {
-        let most = framing.most;
-        let size = match framing.kind {
-            Kind::Fixed => READ_AHEAD.max(most),
-            // With a carriage return and the delimiter; with the prefix.
-            Kind::Delimited { .. } => READ_AHEAD.max(most + 2),
-            Kind::Prefixed(prefix) => READ_AHEAD.max(most + prefix.size()),
-            Kind::Chunks => most,
-            // So that a packet that is too long shows: the system cuts it off without a word.
-            Kind::Packets => most + 1,
-        };
-        Self {
-            framing,
-            buffer: vec![0; size].into_boxed_slice(),
-            start: 0,
-            end: 0,
-            searched: 0,
-            skip: Skip::Nothing,
-            number: 0,
-        }
     }
 
     /// Where to read to. Never empty after [`next_record`](Self::next_record) has given nothing.

@@ -11,7 +11,7 @@ type Got = Vec<Result<Vec<u8>, Fault>>;
 
 /// The records of `bytes`, read in pieces of at most `piece` bytes.
 fn split(framing: Framing, bytes: &[u8], piece: usize) -> Got {
-    let mut splitter = Splitter::of_valid(framing);
+    let mut splitter = Splitter::new(framing).unwrap();
     let mut got = Vec::new();
     let mut note = |record: Result<&[u8], BadRecord>| {
         let record = record.map(<[u8]>::to_vec);
@@ -168,7 +168,7 @@ fn chunks_and_packets_are_what_is_read() {
         split(Framing::chunks(4), b"abcdef", 4),
         [Ok(b"abcd".to_vec()), Ok(b"ef".to_vec())]
     );
-    let mut splitter = Splitter::of_valid(Framing::packets(4));
+    let mut splitter = Splitter::new(Framing::packets(4)).unwrap();
     for (packet, expected) in [
         (&b"abcd"[..], Ok(&b"abcd"[..])),
         (b"abcde", Err(too_long(4))),

@@ -40,16 +40,10 @@ impl BranchLog {
 
     /// Sleeps until all before this instant has happened.
     pub(super) fn wait_for(&mut self, until: Instant, cx: &mut Context<'_>) -> Poll<()> {
-        if self
+        let same = self.sleep.take_if(|sleep| sleep.deadline() == until);
+        let sleep = self
             .sleep
-            .as_ref()
-            .is_none_or(|sleep| sleep.deadline() != until)
-        {
-            self.sleep = Some(Box::pin(Sleep::until(until)));
-        }
-        let Some(sleep) = &mut self.sleep else {
-            return Poll::Ready(());
-        };
+            .insert(same.unwrap_or_else(|| Box::pin(Sleep::until(until))));
         let polled = sleep.as_mut().poll(cx);
         if polled.is_ready() {
             self.sleep = None;
@@ -64,12 +58,12 @@ impl BranchLog {
             if event.operation != number || !event.is_call {
                 break;
             }
-            if let Kind::Outcome { stamp: taken, .. } = event.kind
-                && taken != 0
+            if let Kind::Outcome(outcome) = event.kind
+                && outcome.stamp != 0
             {
                 // Of several in a row the last: nothing else runs between them here, so what they
                 // take has to be there before the first.
-                stamp = taken;
+                stamp = outcome.stamp;
             }
         }
         match stamp {

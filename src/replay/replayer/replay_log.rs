@@ -59,18 +59,9 @@ impl ReplayLog for Track {
         });
         let turn = match self.take_event(true) {
             Some(Noted {
-                kind:
-                    Kind::Outcome {
-                        what,
-                        number,
-                        stamp,
-                    },
+                kind: Kind::Outcome(outcome),
                 ..
-            }) => Turn::Given(Event {
-                what,
-                number,
-                stamp,
-            }),
+            }) => Turn::Given(outcome),
             Some(event) => {
                 let operation = event.operation;
                 self.differ(
@@ -116,11 +107,7 @@ impl ReplayLog for Track {
                             path: 0,
                             operation,
                             is_call: false,
-                            kind: Kind::Outcome {
-                                what: event.what,
-                                number: event.number,
-                                stamp: event.stamp,
-                            },
+                            kind: Kind::Outcome(event),
                         })
                     };
                     self.differ(operation, None, words(given), words(event));

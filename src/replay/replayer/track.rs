@@ -212,30 +212,20 @@ impl Track {
             return Poll::Ready(Err("an operation that may wait"));
         }
         match event.kind {
-            Kind::Outcome {
-                what,
-                number,
-                stamp,
-            } => {
-                let polled = match what {
-                    What::Done | What::Chosen if stamp != 0 => branch_log.wait_for(at(stamp), cx),
+            Kind::Outcome(outcome) => {
+                let polled = match outcome.what {
+                    What::Done | What::Chosen if outcome.stamp != 0 => {
+                        branch_log.wait_for(at(outcome.stamp), cx)
+                    }
                     What::Failed | What::TimedOut => branch_log.wait_for_calls_after_this(cx),
                     _ => Poll::Ready(()),
                 };
-                polled.map(|()| {
-                    Ok(Turn::Given(Event {
-                        what,
-                        number,
-                        stamp,
-                    }))
-                })
+                polled.map(|()| Ok(Turn::Given(outcome)))
             }
-            Kind::Bytes { .. } => Poll::Ready(Ok(Turn::Look)),
-            // It is the last one.
-            Kind::Ended => Poll::Ready(Ok(Turn::Look)),
             // A partner may have had it all the same: so it is offered, when all else has happened.
             Kind::Cut(true) => branch_log.wait_for(at(LATE), cx).map(|()| Ok(Turn::Look)),
-            Kind::Cut(false) => Poll::Ready(Ok(Turn::Look)),
+            // The end is the last event.
+            Kind::Bytes { .. } | Kind::Ended | Kind::Cut(false) => Poll::Ready(Ok(Turn::Look)),
         }
     }
 
@@ -265,7 +255,7 @@ impl Track {
 pub(super) fn described(event: &Noted) -> String {
     let call = if event.is_call { " at once" } else { "" };
     match &event.kind {
-        Kind::Outcome { what, number, .. } => match what {
+        Kind::Outcome(Event { what, number, .. }) => match what {
             What::Done => format!("a success{call}"),
             What::Failed => format!("a failure{call} ({number})"),
             What::TimedOut => "a timeout".to_owned(),

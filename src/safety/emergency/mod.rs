@@ -70,8 +70,8 @@ thread_local! {
 /// because the driver of its clock is gone.
 ///
 /// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there
-/// is no emergency to raise, and this only returns the cause: a driver's thread has an
-/// [`EmergencyTrigger`](super::EmergencyTrigger). Real-time path: yes; O(1), at most four
+/// is no emergency to raise, and this only returns the cause: a driver's thread calls
+/// `raise` of [`System::safety`](crate::System::safety). Real-time path: yes; O(1), at most four
 /// system calls, and a clone of the cause. On a real-time thread with a core of its own the
 /// functions preempt that core. On the machine's clock this call waits until the first function
 /// begins, at most for a millisecond, so that no other process of its thread, and none of lower
@@ -250,10 +250,6 @@ impl Emergency {
         if is_entered {
             self.waiting.wake_all();
         }
-    }
-
-    pub(crate) fn degree(&self) -> Degree {
-        self.journal.degree()
     }
 
     /// What it was raised with, and by which process if one did.

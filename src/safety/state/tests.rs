@@ -8,7 +8,7 @@ fn an_emergency_by_a_crash_needs_no_lock() {
     // A crashed thread holds it. One more lock by this thread would panic.
     let _book = emergency.journal.book.lock();
     emergency.begin_for_crash();
-    assert_eq!(emergency.degree(), Degree::Emergency);
+    assert_eq!(emergency.journal.degree(), Degree::Emergency);
     assert!(emergency.has_begun());
 }
 

@@ -5,7 +5,7 @@ use crate::error::{Result, SetupError};
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
 use luna_platform::shortfall::Shortfall;
-use luna_platform::thread::{Mode, Policy};
+use luna_platform::thread::{Attributes, Mode};
 
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite
 /// of it all comes from here first.
@@ -27,23 +27,26 @@ impl Needs {
         executors: &[ExecutorPlan],
         processes: &[ProcessPlan],
     ) -> Needs {
-        let mut policies = executors
-            .iter()
-            .map(|executor| executor.attributes.asked_policy())
-            .chain(processes.iter().map(policy_of));
+        let threads = processes.iter().filter_map(|process| match &process.place {
+            Placement::Thread { attributes, .. } => Some(&**attributes),
+            Placement::Executor(_) => None,
+        });
+        let executors = executors.iter().map(|executor| &executor.attributes);
         // On a clock of its own nothing has to come in time, so nothing is asked of the machine for
         // that.
-        let real_time = !is_virtual && policies.any(Policy::is_real_time);
+        let is_real_time = |one: &&Attributes| !is_virtual && one.asked_policy().is_real_time();
+        let (mut real_time, mut cores) = (false, Vec::new());
+        for attributes in executors.chain(threads).filter(is_real_time) {
+            real_time = true;
+            cores.extend(attributes.asked_core().filter(|core| !cores.contains(core)));
+        }
         Needs {
             mode: match settings.strict {
                 true => Mode::Strict,
                 false => Mode::BestEffort,
             },
             real_time,
-            cores: match real_time {
-                true => real_time_cores(executors, processes),
-                false => Vec::new(),
-            },
+            cores,
         }
     }
 
@@ -54,32 +57,6 @@ impl Needs {
             .then(|| obtained(DmaLatency::hold(), shortfalls))
             .flatten()
     }
-}
-
-fn policy_of(process: &ProcessPlan) -> Policy {
-    match &process.place {
-        Placement::Thread { attributes, .. } => attributes.asked_policy(),
-        Placement::Executor(_) => Policy::Other,
-    }
-}
-
-/// The cores that real-time threads are pinned to.
-fn real_time_cores(executors: &[ExecutorPlan], processes: &[ProcessPlan]) -> Vec<usize> {
-    let threads = processes.iter().filter_map(|process| match &process.place {
-        Placement::Thread { attributes, .. } => Some(&**attributes),
-        Placement::Executor(_) => None,
-    });
-    let all = executors.iter().map(|executor| &executor.attributes);
-    let mut cores = Vec::new();
-    for attributes in all.chain(threads) {
-        if let Some(core) = attributes.asked_core()
-            && attributes.asked_policy().is_real_time()
-            && !cores.contains(&core)
-        {
-            cores.push(core);
-        }
-    }
-    cores
 }
 
 pub(super) fn lock_memory(

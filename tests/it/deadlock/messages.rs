@@ -44,10 +44,9 @@ fn errors_until(program: &mut Program, wanted: &str) -> String {
 #[cfg(unix)]
 #[test]
 fn it_is_said_once_and_the_system_waits_on() {
-    let _watchdog = watchdog();
-    if common::has_no_signals() {
+    let Some(_watch) = common::with_signals() else {
         return;
-    }
+    };
     let mut program = Program::start("system");
     program.wait_for("ready");
     let last = if COMPLETE {
@@ -151,10 +150,9 @@ fn revived(then: &str) -> (String, String) {
 #[cfg(unix)]
 #[test]
 fn a_system_that_has_gone_on_is_not_called_deadlocked_at_its_end() {
-    let _watchdog = watchdog();
-    if common::has_no_signals() {
+    let Some(_watch) = common::with_signals() else {
         return;
-    }
+    };
     for then in ["ends", "goes on"] {
         let (said, output) = revived(then);
         assert_eq!(said.matches("is deadlocked").count(), 1, "{said}");
@@ -165,10 +163,9 @@ fn a_system_that_has_gone_on_is_not_called_deadlocked_at_its_end() {
 #[cfg(unix)]
 #[test]
 fn a_second_deadlock_is_told_too() {
-    let _watchdog = watchdog();
-    if common::has_no_signals() {
+    let Some(_watch) = common::with_signals() else {
         return;
-    }
+    };
     let (said, output) = revived("stuck again");
     assert_eq!(said.matches("is deadlocked").count(), 2, "{said}");
     assert!(output.contains("found: true"), "{output}");

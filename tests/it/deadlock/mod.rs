@@ -7,7 +7,7 @@ mod later;
 mod messages;
 mod none;
 
-use common::{COMPLETE, PLACEMENTS, Placement, Program, SpawnOk, watchdog};
+use common::{COMPLETE, PLACEMENTS, Placement, Program, SpawnOk, deadlock_of, strict, watchdog};
 use luna::inspect::Deadlock;
 use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
@@ -16,21 +16,6 @@ use luna::{End, Error};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
-
-/// Runs a strict system to its deadlock.
-#[track_caller]
-fn deadlock_of(system: &System) -> Deadlock {
-    match system.run() {
-        Err(Error::Deadlock(deadlock)) => *deadlock,
-        other => panic!("expected a deadlock, got {other:?}"),
-    }
-}
-
-fn strict(name: &str) -> System {
-    let mut system = System::new(name);
-    system.strict();
-    system
-}
 
 /// Two processes that each receive from the other first.
 fn spawn_two_that_receive_first(left: ProcessBuilder, right: ProcessBuilder) {

@@ -1,6 +1,6 @@
 //! Loops that are late: no policy ever loses or doubles a slot without counting it.
 
-use crate::common::{Random, SpawnOk, burn_until, watchdog};
+use crate::common::{Random, SpawnOk, burn_until, in_process, watchdog};
 use luna::prelude::*;
 use luna::report::LoopReport;
 use luna::time::{Cycle, Overrun};
@@ -217,10 +217,7 @@ fn ends_by_overrun_of_hog(system: &System) {
         name: "limited".to_owned(),
         consecutive: 1,
     };
-    let expected = Error::Process {
-        name: "hog".to_owned(),
-        source: Box::new(overrun),
-    };
+    let expected = in_process("hog", overrun);
     assert_eq!(system.run().unwrap_err(), expected);
 }
 

@@ -14,7 +14,7 @@ fn defaults_then_file_then_program() {
         },
     )
     .unwrap();
-    let file = TempFile::new(
+    let file = TempFile::with(
         "sources",
         "count = 0xff\nmode = \"speed\"\n\"is on\" = true\ngains = [1, 0.5, 9]\n[pan]\nkp = 2.5\nlimit = 0.9\n",
     );
@@ -35,7 +35,7 @@ fn defaults_then_file_then_program() {
 #[test]
 fn a_start_with_what_is_wrong_names_all_of_it() {
     let _watch = watchdog();
-    let file = TempFile::new(
+    let file = TempFile::with(
         "wrong",
         "count = 256\nmode = \"sped\"\ngains = [1, 2]\noffset = 1.0\n\n[pan]\nkp = inf\nlimit = 0.91\npk = 1\n\"is on\" = 3\n",
     );
@@ -132,7 +132,7 @@ fn a_file_that_is_none_fails_the_start() {
             other => panic!("{other}"),
         }
     };
-    let file = TempFile::new("none", "a = 1\nb = = 2\n");
+    let file = TempFile::with("none", "a = 1\nb = = 2\n");
     assert!(matches!(run(&file.0), SetError::File { line: Some(2), .. }));
     file.write("[pan]\nkp = 1\n[\"pan\"]\n");
     assert!(matches!(run(&file.0), SetError::File { line: Some(3), .. }));

@@ -6,7 +6,7 @@ use crate::common::SpawnOk;
 #[test]
 fn the_file_again_makes_what_a_start_would() {
     let _watch = watchdog();
-    let file = TempFile::new("again", "count = 4\n[pan]\nkp = 3.0\n");
+    let file = TempFile::with("again", "count = 4\n[pan]\nkp = 3.0\n");
     let mut system = System::new("reload");
     system
         .virtual_clock()
@@ -52,7 +52,7 @@ fn the_file_again_makes_what_a_start_would() {
 #[test]
 fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
     let _watch = watchdog();
-    let file = TempFile::new("watched", "count = 4\n");
+    let file = TempFile::with("watched", "count = 4\n");
     let mut system = System::new("watch");
     system
         .parameters_from(&file.0)
@@ -77,7 +77,7 @@ fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
 #[test]
 fn a_file_that_changes_during_the_start_is_read_again() {
     let _watch = watchdog();
-    let file = TempFile::new("slow", "count = 4\n");
+    let file = TempFile::with("slow", "count = 4\n");
     let mut system = System::new("slow start");
     system
         .parameters_from(&file.0)

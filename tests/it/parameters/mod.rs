@@ -7,7 +7,7 @@ mod files;
 mod moved;
 mod sets;
 
-use common::{setup_error, watchdog};
+use common::{TempFile, setup_error, watchdog};
 use luna::Error;
 use luna::error::SetupError;
 use luna::parameters::Parameters;
@@ -21,35 +21,6 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 const MS: Duration = Duration::from_millis(1);
-
-/// A file that goes with the test.
-struct TempFile(PathBuf);
-
-impl TempFile {
-    fn new(name: &str, text: &str) -> Self {
-        let name = format!("luna-parameters-{name}-{}", std::process::id());
-        let file = Self(std::env::temp_dir().join(name));
-        file.write(text);
-        file
-    }
-
-    fn write(&self, text: &str) {
-        std::fs::write(&self.0, text).unwrap();
-    }
-
-    /// As a file that is watched is to be written: it is never there by halves.
-    fn replace(&self, text: &str) {
-        let new = self.0.with_extension("new");
-        std::fs::write(&new, text).unwrap();
-        std::fs::rename(new, &self.0).unwrap();
-    }
-}
-
-impl Drop for TempFile {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Mode {

@@ -6,7 +6,7 @@ use crate::common::SpawnOk;
 #[test]
 fn a_handle_has_the_default_until_the_start_and_then_what_was_set() {
     let _watch = watchdog();
-    let file = TempFile::new("moved", "[pan]\nkp = 2.5\ngains = [4, 5]\n");
+    let file = TempFile::with("moved", "[pan]\nkp = 2.5\ngains = [4, 5]\n");
     let mut system = System::new("moved");
     system.virtual_clock().parameters_from(&file.0);
     system.set_parameter("pan/kd", 0.5);

@@ -9,6 +9,8 @@
 mod between;
 mod calls;
 mod locks;
+mod mutexes;
+mod stage;
 
 use luna::Policy;
 use luna_platform::thread::{Attributes, Mode, Thread, spawn};
