@@ -101,12 +101,6 @@ impl<T> ArcCache<T> {
     }
 }
 
-impl<T> Default for ArcCache<T> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<T> Drop for ArcCache<T> {
     fn drop(&mut self) {
         self.release();

@@ -304,12 +304,6 @@ impl FailoverSequence {
     }
 }
 
-impl Default for FailoverSequence {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl fmt::Debug for FailoverSequence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.state().fmt(f)

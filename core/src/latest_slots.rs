@@ -109,12 +109,6 @@ impl Slot {
     }
 }
 
-impl Default for LatestSlots {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl LatestSlots {
     /// Slots that all hold the same. Allocates.
     pub fn new() -> Self {

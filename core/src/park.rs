@@ -44,10 +44,6 @@ pub struct Parker {
 
 impl Parker {
     /// A parker without a wake.
-    #[expect(
-        clippy::new_without_default,
-        reason = "belongs to one thread: made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             state: AtomicU32::new(EMPTY),

@@ -35,7 +35,6 @@ pub struct Standby {
 impl Standby {
     /// For a thread that does not sleep.
     #[cfg(not(loom))]
-    #[expect(clippy::new_without_default, reason = "belongs to one thread")]
     pub const fn new() -> Self {
         Self {
             state: Futex::new(BUSY),
@@ -44,7 +43,6 @@ impl Standby {
 
     /// For a thread that does not sleep.
     #[cfg(loom)]
-    #[expect(clippy::new_without_default, reason = "belongs to one thread")]
     pub fn new() -> Self {
         Self {
             state: Futex::new(BUSY),

@@ -124,12 +124,6 @@ impl WaitNode {
     }
 }
 
-impl Default for WaitNode {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// The wait list. Its nodes must be removed before they move or are freed.
 ///
 /// # Invariants
@@ -416,12 +410,6 @@ impl WaitList {
     }
 }
 
-impl Default for WaitList {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
@@ -452,7 +440,7 @@ mod tests {
 
     #[test]
     fn urgent_first_then_by_arrival() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..6).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..6).map(|_| Box::new(WaitNode::new())).collect();
         let mut list = WaitList::new();
         for (index, (thread, level)) in [(0, 3), (0, 3), (80, 0), (0, 9), (80, 0), (0, 0)]
             .into_iter()
@@ -466,7 +454,7 @@ mod tests {
 
     #[test]
     fn one_that_comes_again_as_the_first_is_before_its_equals_alone() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::new(WaitNode::new())).collect();
         let mut list = WaitList::new();
         for (index, level) in [3, 3, 9, 0].into_iter().enumerate() {
             insert(&mut list, &mut nodes[index], 0, level);
@@ -481,7 +469,7 @@ mod tests {
 
     #[test]
     fn one_that_comes_again_at_another_priority_stands_where_that_says() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::new(WaitNode::new())).collect();
         let mut list = WaitList::new();
         for (index, level) in [9, 3, 3].into_iter().enumerate() {
             insert(&mut list, &mut nodes[index], 0, level);
@@ -497,7 +485,7 @@ mod tests {
 
     #[test]
     fn lists_are_joined() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::new(WaitNode::new())).collect();
         let (mut list, mut other) = (WaitList::new(), WaitList::new());
         list.append(&mut other);
         assert!(list.is_empty());
@@ -512,7 +500,7 @@ mod tests {
     #[test]
     fn removal_at_either_end_and_between() {
         for gone in 0..3 {
-            let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::default()).collect();
+            let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::new(WaitNode::new())).collect();
             let mut list = WaitList::new();
             for node in &mut nodes {
                 insert(&mut list, node, 0, 0);

@@ -53,10 +53,6 @@ pub struct Hook(Arc<OnceLock<Arc<dyn Watch>>>);
 
 impl Bell {
     /// A bell without a ring and without a watch.
-    #[expect(
-        clippy::new_without_default,
-        reason = "belongs to one thread: made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             rung: Futex::new(0),

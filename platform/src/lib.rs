@@ -33,6 +33,11 @@
 //! A system call is made on the real-time path only where a function's documentation says so;
 //! [`path`] lets a test hold the path to that.
 
+#![allow(
+    clippy::new_without_default,
+    reason = "what is made here belongs to one thread or system: made on purpose, not by default"
+)]
+
 // The model is the same for either checker: shuttle has loom's names.
 #[cfg(shuttle)]
 extern crate shuttle as loom;

@@ -343,7 +343,6 @@ pub struct Listeners(());
 impl Listeners {
     /// Make it before the first of the threads waits, and drop it when the last has. Several may
     /// live at a time, of several systems: then all threads are notified.
-    #[expect(clippy::new_without_default, reason = "it is made for what it does")]
     pub fn new() -> Listeners {
         EVENTS.join();
         Listeners(())

@@ -66,10 +66,6 @@ pub trait Attention: Send + Sync {
 
 impl TimerQueue {
     /// An empty queue; its owner checks it before each poll.
-    #[expect(
-        clippy::new_without_default,
-        reason = "a queue belongs to a thread: made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self::provided_from(Instant::from_nanos(0), None, false)
     }

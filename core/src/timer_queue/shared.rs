@@ -208,10 +208,6 @@ unsafe impl Sync for Deadline {}
 
 impl Deadline {
     /// A deadline that is not armed. Allocates.
-    #[expect(
-        clippy::new_without_default,
-        reason = "made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             node: Box::new(UnsafeCell::new(MaybeUninit::uninit())),

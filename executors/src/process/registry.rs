@@ -113,10 +113,6 @@ const CLOSED: *mut Retired = ptr::without_provenance_mut(1);
 
 impl ProcessRegistry {
     /// An empty registry.
-    #[expect(
-        clippy::new_without_default,
-        reason = "shared on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             count: AtomicUsize::new(0),

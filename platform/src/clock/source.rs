@@ -67,10 +67,6 @@ impl VirtualClock {
     pub const ORIGIN: Instant = Instant::from_nanos(1_000_000_000);
 
     /// A clock at its [origin](Self::ORIGIN).
-    #[expect(
-        clippy::new_without_default,
-        reason = "a second clock is made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             nanos: AtomicU64::new(Self::ORIGIN.as_nanos()),
