@@ -47,6 +47,7 @@ pub use guards::{BiasedGuard, BriefGuard, InsideGuard, Refused};
 use crate::current::{self, PlainTurn};
 use guards::{Brief, Held};
 use luna_platform::fence;
+use luna_platform::guard::OnDrop;
 use luna_platform::inside::Inside;
 use luna_platform::lock::{PiGuard, PiLock};
 use luna_platform::sync::UnsafeCell;
@@ -416,15 +417,10 @@ impl<T> BiasedLock<T> {
     /// Revokes the bias, and waits until its owner is outside. The caller holds `shared`.
     #[cold]
     fn revoke_bias(&self) {
-        /// Restores the bias before `shared` is released if one of the steps panics: the owner has
-        /// not been excluded then.
-        struct Restore<'a>(&'a AtomicU64, u64);
-        impl Drop for Restore<'_> {
-            fn drop(&mut self) {
-                self.0.store(self.1, Ordering::Release);
-            }
-        }
-        let restore = Restore(&self.bias, self.bias.swap(NO_EXECUTOR, Ordering::SeqCst));
+        let before = self.bias.swap(NO_EXECUTOR, Ordering::SeqCst);
+        // If one of the steps panics, the bias is restored before `shared` is released: the owner
+        // has not been excluded then.
+        let restore = OnDrop::new(|| self.bias.store(before, Ordering::Release));
         fence::heavy();
         self.inside.wait_until_left();
         std::mem::forget(restore);

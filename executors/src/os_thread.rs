@@ -123,7 +123,7 @@ fn run_here<F: Future>(
     let parker = Shared::new(Parker::new());
     let _files = watch::enter(parker.bell(), None);
     let quiescence = Arc::new(Quiescence::new());
-    let _calls = calls::enter(quiescence.clone(), None);
+    let _calls = calls::enter(quiescence.clone(), None, None);
     let id = ProcessId::new();
     run(pin!(future), &parker, id, |parker, deadline| {
         sleep(id, &quiescence, parker, deadline)

@@ -21,6 +21,7 @@
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
+//! - [`guard`]: what is undone at the end of a scope.
 //! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the
 //!   machine is.
@@ -55,6 +56,7 @@ pub mod facts;
 pub mod file;
 #[cfg(not(loom))]
 pub mod forked;
+pub mod guard;
 #[cfg(not(loom))]
 pub mod latency;
 #[cfg(not(loom))]

@@ -1,6 +1,7 @@
 //! The branch of the current process that is being polled.
 
 use super::{LEVELS, QueueEnd, THREAD, ready_again};
+use luna_platform::guard::OnDrop;
 use std::task::Context;
 
 /// The branch of the current process that is being polled. The highest bit of the low byte says
@@ -121,17 +122,12 @@ pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
 /// levels add up. `number` distinguishes it from its siblings.
 #[inline]
 pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl FnOnce() -> R) -> R {
-    struct Restore(Branch);
-    impl Drop for Restore {
-        #[inline]
-        fn drop(&mut self) {
-            THREAD.with(|thread| thread.set_branch(self.0));
-        }
-    }
-    let _restore = THREAD.with(|thread| {
-        let before = thread.branch.get();
-        thread.set_branch(before.branch(failed, levels, number));
-        Restore(before)
+    let before = THREAD.with(|thread| {
+        let branch = thread.branch.get().branch(failed, levels, number);
+        thread.exchange_branch(branch)
+    });
+    let _restore = OnDrop::new(|| {
+        THREAD.with(|thread| thread.exchange_branch(before));
     });
     poll()
 }

@@ -60,6 +60,7 @@ use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
 use executor_thread::ExecutorThread;
+use luna_platform::guard::OnDrop;
 use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
 use run_queue::RunQueue;
@@ -191,20 +192,25 @@ fn local<'a>() -> &'a Thread {
 }
 
 impl Thread {
-    /// Sets the current process and the branch of it that is polled.
-    fn set_turn(&self, process: Option<NonNull<Process>>, branch: Branch) {
-        self.process.set(process);
-        self.set_branch(branch);
+    /// Sets the current process and the branch of it that is polled. Returns the former ones.
+    fn exchange_turn(
+        &self,
+        process: Option<NonNull<Process>>,
+        branch: Branch,
+    ) -> (Option<NonNull<Process>>, Branch) {
+        let before = self.process.replace(process);
+        (before, self.exchange_branch(branch))
     }
 
-    /// Sets the branch of the current process that is polled.
+    /// Sets the branch of the current process that is polled. Returns the former one.
     #[inline]
-    fn set_branch(&self, branch: Branch) {
-        self.branch.set(branch);
+    fn exchange_branch(&self, branch: Branch) -> Branch {
+        let before = self.branch.replace(branch);
         let process = self.process.get().filter(|_| branch.is_plain());
         // SAFETY: the pointer is that of a process which is being polled, so it is live.
         let waker = process.and_then(|process| unsafe { process.as_ref() }.waker_of_plain_turns());
         self.plain.set(waker.unwrap_or(std::ptr::null()));
+        before
     }
 }
 
@@ -373,13 +379,8 @@ pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
 /// sibling has failed, or it panicked. Destructors see by [`is_abandoned`] that they run in the
 /// middle of the body.
 pub fn with_abandoned<R>(f: impl FnOnce() -> R) -> R {
-    struct Restore(bool);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            THREAD.with(|thread| thread.abandons.set(self.0));
-        }
-    }
-    let _restore = Restore(THREAD.with(|thread| thread.abandons.replace(true)));
+    let before = THREAD.with(|thread| thread.abandons.replace(true));
+    let _restore = OnDrop::new(|| THREAD.with(|thread| thread.abandons.set(before)));
     f()
 }
 

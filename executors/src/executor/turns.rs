@@ -33,7 +33,11 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
         park::prepare();
     }
     let _files = watch::enter(shared.inbound.bell(), Some(shared.clone()));
-    let _calls = calls::enter(shared.quiescence.clone(), Some(shared.registry.clone()));
+    let _calls = calls::enter(
+        shared.quiescence.clone(),
+        Some(shared.registry.clone()),
+        None,
+    );
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));

@@ -9,9 +9,9 @@ use luna_core::deferred_free::Retired;
 use luna_core::path::{self, Call};
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
+use luna_platform::guard::OnDrop;
 use std::cell::Cell;
 use std::fmt;
-use std::marker::PhantomData;
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -278,12 +278,13 @@ impl ProcessRegistry {
     /// Until the guard is dropped the calling thread, an executor's, batches the ends of its
     /// unhurried processes. It reports them in [`report_kept`](Self::report_kept), which it calls
     /// before it sleeps, so a waiter waits no longer than the executor works.
-    pub(crate) fn keep_ends(self: &Arc<Self>) -> KeepsEnds {
+    pub(crate) fn keep_ends(self: &Arc<Self>) -> OnDrop<impl FnMut() + use<>> {
         KEPT.with(|kept| kept.of.set(Arc::as_ptr(self)));
-        KeepsEnds {
-            registry: self.clone(),
-            stays_on_its_thread: PhantomData,
-        }
+        let registry = self.clone();
+        OnDrop::new(move || {
+            registry.report_kept();
+            KEPT.with(|kept| kept.of.set(ptr::null()));
+        })
     }
 
     /// Reports the ends that this thread has batched. Real-time path: yes; O(1).
@@ -496,19 +497,6 @@ impl Drop for Chain {
 
 fn sleepers(threads: &[(ExecutorId, Arc<dyn Sleeper>)]) -> Vec<&dyn Sleeper> {
     threads.iter().map(|(_, thread)| &**thread).collect()
-}
-
-/// The guard of [`ProcessRegistry::keep_ends`].
-pub(crate) struct KeepsEnds {
-    registry: Arc<ProcessRegistry>,
-    stays_on_its_thread: PhantomData<*const ()>,
-}
-
-impl Drop for KeepsEnds {
-    fn drop(&mut self) {
-        self.registry.report_kept();
-        KEPT.with(|kept| kept.of.set(ptr::null()));
-    }
 }
 
 /// A thread that is counted in.

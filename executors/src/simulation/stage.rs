@@ -215,7 +215,8 @@ impl fmt::Debug for Stage {
 pub(super) fn run(stage: &Arc<Stage>) {
     let _clock = stage.clock().enter();
     let _files = watch::enter(stage.parker.bell(), None);
-    let _calls = calls::enter_simulated(stage.clone());
+    let (quiescence, registry) = (stage.quiescence.clone(), stage.registry.clone());
+    let _calls = calls::enter(quiescence, Some(registry), Some(stage.clone()));
     HERE.set(Arc::as_ptr(stage));
     prepare_thread();
     Play {

@@ -6,7 +6,7 @@ mod source;
 
 #[cfg(not(loom))]
 pub use counter::Counter;
-pub use source::{Clock, ClockGuard, VirtualClock};
+pub use source::{Clock, VirtualClock};
 
 use std::fmt;
 use std::ops::{Add, AddAssign, Sub};

@@ -1,15 +1,15 @@
 //! Where a thread's time comes from.
 
 use super::Instant;
+use crate::guard::OnDrop;
 use std::cell::Cell;
 use std::fmt;
-use std::marker::PhantomData;
 use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 thread_local! {
-    /// The clock of this thread: null is the machine's, anything else that of the [`ClockGuard`]
+    /// The clock of this thread: null is the machine's, anything else that of the guard
     /// which keeps it.
     static SOURCE: Cell<*const VirtualClock> = const { Cell::new(ptr::null()) };
 }
@@ -119,13 +119,14 @@ impl Clock {
 
     /// Makes it the calling thread's, until the guard is dropped; then the one before is it again.
     /// Guards are dropped in the reverse order.
-    pub fn enter(&self) -> ClockGuard {
+    pub fn enter(&self) -> OnDrop<impl FnMut() + use<>> {
         let source = self.0.as_ref().map_or(ptr::null(), Arc::as_ptr);
-        ClockGuard {
-            before: SOURCE.replace(source),
-            _clock: self.clone(),
-            stays_on_its_thread: PhantomData,
-        }
+        let (before, clock) = (SOURCE.replace(source), self.clone());
+        OnDrop::new(move || {
+            SOURCE.set(before);
+            // The thread has read it until here.
+            let _ = &clock;
+        })
     }
 
     /// Whether the calling thread has entered a virtual clock.
@@ -172,27 +173,6 @@ impl fmt::Debug for Clock {
             None => f.write_str("Clock(real)"),
             Some(clock) => write!(f, "Clock(virtual, {:?})", clock.now()),
         }
-    }
-}
-
-/// Ends what [`Clock::enter`] began.
-#[must_use = "the thread's clock is the one before when the guard is dropped"]
-pub struct ClockGuard {
-    before: *const VirtualClock,
-    /// What the thread reads meanwhile.
-    _clock: Clock,
-    stays_on_its_thread: PhantomData<*const ()>,
-}
-
-impl Drop for ClockGuard {
-    fn drop(&mut self) {
-        SOURCE.set(self.before);
-    }
-}
-
-impl fmt::Debug for ClockGuard {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("ClockGuard")
     }
 }
 
