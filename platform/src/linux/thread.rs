@@ -1,6 +1,6 @@
 //! Threads' attributes: set by the thread itself, then read back.
 
-pub(crate) use super::alternate_stack::AlternateStack;
+pub use super::alternate_stack::HandlerStack;
 use super::deadline;
 use super::privileges;
 use crate::facts::parse::{core_list, write_core_list};

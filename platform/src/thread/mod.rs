@@ -32,9 +32,12 @@ pub use attributes::{
 };
 pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError, TIMER_PRIORITY};
 
+pub use crate::backend::thread::HandlerStack;
+
 use crate::backend::thread as backend;
 use crate::shortfall::Shortfall;
 use std::any::Any;
+use std::convert::Infallible;
 use std::fmt;
 use std::io;
 use std::sync::mpsc;
@@ -87,7 +90,7 @@ where
         .stack_size(attributes.stack_size)
         .spawn(move || {
             backend::begin();
-            let _signals = backend::AlternateStack::make();
+            let _signals = HandlerStack::here();
             let started = backend::apply(&attributes)
                 .map_err(SpawnError::Refused)
                 .and_then(|obtained| {
@@ -151,12 +154,12 @@ where
 ///     eprintln!("{shortfall}");
 /// }
 /// # apply_to_current(&Attributes::new("me"))?;
-/// # Ok::<(), luna_platform::thread::ApplyError>(())
+/// # Ok::<(), luna_platform::thread::SpawnError>(())
 /// ```
-pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, ApplyError> {
-    attributes.validate().map_err(ApplyError::Attributes)?;
+pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, SpawnError> {
+    attributes.validate().map_err(SpawnError::Attributes)?;
     backend::remember_process();
-    backend::apply(attributes).map_err(ApplyError::Refused)
+    backend::apply(attributes).map_err(SpawnError::Refused)
 }
 
 /// The policy that the calling thread runs under, as the system says. Policies without a variant of
@@ -237,31 +240,6 @@ pub fn demote(thread: ThreadNumber) {
     backend::demote(thread.0);
 }
 
-/// A stack for signal handlers, as the threads made here have, for a thread that was made
-/// elsewhere: until it is dropped there.
-#[must_use = "it is taken back when it is dropped"]
-pub struct HandlerStack {
-    _stack: backend::AlternateStack,
-    stays_on_its_thread: std::marker::PhantomData<*const ()>,
-}
-
-impl HandlerStack {
-    /// Makes the stack, and sets it for the calling thread, in place of a former one. If there is
-    /// no memory for it nothing changes. Not for the real-time path.
-    pub fn here() -> HandlerStack {
-        HandlerStack {
-            _stack: backend::AlternateStack::make(),
-            stays_on_its_thread: std::marker::PhantomData,
-        }
-    }
-}
-
-impl fmt::Debug for HandlerStack {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("HandlerStack").finish_non_exhaustive()
-    }
-}
-
 /// A running thread made by [`spawn`]. Dropped without [`join`](Self::join), the thread goes on by
 /// itself.
 #[derive(Debug)]
@@ -307,10 +285,10 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
     text.unwrap_or("a panic without a message").to_owned()
 }
 
-/// Why a thread was not made.
+/// Why a thread was not made, or did not get its attributes.
 #[derive(Debug)]
 #[non_exhaustive]
-pub enum SpawnError<E> {
+pub enum SpawnError<E = Infallible> {
     /// The attributes are bad on any machine.
     Attributes(AttributeError),
     /// The operating system made no thread.
@@ -363,24 +341,3 @@ impl<E: std::error::Error + 'static> std::error::Error for SpawnError<E> {
         }
     }
 }
-
-/// Why the calling thread did not get its attributes.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ApplyError {
-    /// The attributes are bad on any machine.
-    Attributes(AttributeError),
-    /// The system refused one under [`Mode::Strict`].
-    Refused(Shortfall),
-}
-
-impl fmt::Display for ApplyError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ApplyError::Attributes(error) => error.fmt(f),
-            ApplyError::Refused(shortfall) => shortfall.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for ApplyError {}
