@@ -56,6 +56,7 @@ pub mod facts;
 pub mod file;
 #[cfg(not(loom))]
 pub mod forked;
+pub mod futex;
 pub mod guard;
 #[cfg(not(loom))]
 pub mod latency;
@@ -95,6 +96,5 @@ mod backend;
 
 pub use backend::boost;
 pub use backend::fence;
-pub use backend::futex;
 pub use backend::inside;
 pub use backend::lock;
