@@ -42,10 +42,10 @@
 
 mod guards;
 
-pub use guards::{BiasedGuard, BriefGuard, InsideGuard, Refused};
+pub use guards::{BiasedGuard, InsideGuard, Refused};
 
 use crate::current::{self, PlainTurn};
-use guards::{Brief, Held};
+use guards::Held;
 use luna_platform::fence;
 use luna_platform::guard::OnDrop;
 use luna_platform::inside::Inside;
@@ -207,11 +207,7 @@ impl<T> BiasedLock<T> {
         self.inside.enter();
         fence::light();
         if self.bias.load(Ordering::Acquire) == executor {
-            return Some(InsideGuard {
-                lock: self,
-                executor,
-                stays_on_its_thread: PhantomData,
-            });
+            return Some(self.inside_guard(executor));
         }
         self.inside.leave();
         self.inside.leave_revoked();
@@ -235,11 +231,7 @@ impl<T> BiasedLock<T> {
         unsafe { self.inside.enter_unchecked(turn.thread_id()) };
         fence::light();
         if self.bias.load(Ordering::Acquire) == executor {
-            return Ok(InsideGuard {
-                lock: self,
-                executor,
-                stays_on_its_thread: PhantomData,
-            });
+            return Ok(self.inside_guard(executor));
         }
         self.inside.leave();
         Err(Refused::Revoked)
@@ -290,6 +282,11 @@ impl<T> BiasedLock<T> {
     /// this lock, and has not called this since.
     #[inline(always)]
     pub unsafe fn kept(&self, executor: u64) -> InsideGuard<'_, T> {
+        self.inside_guard(executor)
+    }
+
+    #[inline(always)]
+    fn inside_guard(&self, executor: u64) -> InsideGuard<'_, T> {
         InsideGuard {
             lock: self,
             executor,
@@ -314,23 +311,21 @@ impl<T> BiasedLock<T> {
 
     /// Locks as [`lock`](Self::lock) does, for an occasional inspection: a bias is restored
     /// afterwards. Not for regular use of the value.
-    pub fn lock_briefly(&self) -> BriefGuard<'_, T> {
+    pub fn lock_briefly(&self) -> BiasedGuard<'_, T> {
         let me = current::executor_number();
         if self.bias.load(Ordering::Relaxed) == me {
-            return BriefGuard(Brief::Locked(self.lock_as(me)));
+            return self.lock_as(me);
         }
         self.inside.assert_not_here();
         let uses = self.shared.lock();
         let executor = self.bias.load(Ordering::Relaxed);
-        BriefGuard(if executor == NO_EXECUTOR {
-            Brief::Locked(self.guard(Held::Shared(uses)))
-        } else {
-            self.revoke_bias();
-            Brief::Revoked {
-                lock: self,
-                _uses: uses,
-                executor,
-            }
+        if executor == NO_EXECUTOR {
+            return self.guard(Held::Shared(uses));
+        }
+        self.revoke_bias();
+        self.guard(Held::Revoked {
+            _uses: uses,
+            executor,
         })
     }
 
