@@ -32,27 +32,15 @@ impl WaitNode {
         }
     }
 
-    /// A node for `user`, for an empty list.
+    /// A node for `user`, for an empty list. Without a wake handle its owner is woken by other
+    /// means.
     #[inline(always)]
-    pub fn waiting(user: User, priority: Priority, wake_handle: WakeHandle) -> Self {
+    pub fn waiting(user: User, priority: Priority, wake_handle: Option<WakeHandle>) -> Self {
         Self {
-            before: None,
-            after: None,
             priority,
             user,
-            wake_handle: Some(wake_handle),
-        }
-    }
-
-    /// A node for `user`, for an empty list. Its owner is woken by other means.
-    #[inline(always)]
-    pub fn without_wake_handle(user: User, priority: Priority) -> Self {
-        Self {
-            before: None,
-            after: None,
-            priority,
-            user,
-            wake_handle: None,
+            wake_handle,
+            ..Self::new()
         }
     }
 
@@ -95,13 +83,7 @@ impl WaitNode {
                 Some(process) => (User::Process(process.id()), process.priority()),
                 None => (User::Outside, Priority::default()),
             };
-            place.write(WaitNode {
-                before: None,
-                after: None,
-                priority,
-                user,
-                wake_handle,
-            });
+            place.write(WaitNode::waiting(user, priority, wake_handle));
         }
     }
 
