@@ -23,16 +23,11 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 /// [`block_on`] was called inside a process.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "this thread runs a process already, which running another to its end would stop: await it instead"
+)]
 pub struct Nested;
-
-impl fmt::Display for Nested {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("this thread runs a process already, which running another to its end would stop: await it instead")
-    }
-}
-
-impl std::error::Error for Nested {}
 
 /// Runs `future` as a process on this thread, until it is done. It may borrow and need not be
 /// `Send`; it may make blocking calls.

@@ -365,10 +365,11 @@ pub fn announce_event() {
 }
 
 /// Why a signal cannot be watched for.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SignalError {
     /// The system refused.
+    #[error("{signal} cannot be watched for: {message}; see sigaction(2)")]
     Refused {
         /// Which signal.
         signal: Signal,
@@ -376,6 +377,7 @@ pub enum SignalError {
         message: String,
     },
     /// The system refused the handler of a signal by which programs crash.
+    #[error("signal {number} cannot be handled: {message}; see sigaction(2)")]
     NoCrashHandler {
         /// The signal's number.
         number: i32,
@@ -383,36 +385,21 @@ pub enum SignalError {
         message: String,
     },
     /// There are as many watches for crashes as there may be.
+    #[error(
+        "there are {most} systems in this program already, which is the most that a crash can wait \
+         for: end one first"
+    )]
     TooMany {
         /// How many there may be.
         most: usize,
     },
     /// This backend knows no signals.
+    #[error(
+        "signals cannot be watched for: the portable backend has none; end the system from the \
+         program, or run it on Linux, built without `--cfg luna_portable`"
+    )]
     Unsupported,
 }
-
-impl fmt::Display for SignalError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            SignalError::Refused { signal, message } => {
-                write!(f, "{signal} cannot be watched for: {message}; see sigaction(2)")
-            }
-            SignalError::NoCrashHandler { number, message } => {
-                write!(f, "signal {number} cannot be handled: {message}; see sigaction(2)")
-            }
-            SignalError::TooMany { most } => write!(
-                f,
-                "there are {most} systems in this program already, which is the most that a crash can wait for: end one first"
-            ),
-            SignalError::Unsupported => f.write_str(
-                "signals cannot be watched for: the portable backend has none; end the system from the program, or run it on Linux, \
-                 built without `--cfg luna_portable`",
-            ),
-        }
-    }
-}
-
-impl std::error::Error for SignalError {}
 
 #[cfg(test)]
 mod tests {

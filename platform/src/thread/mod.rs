@@ -38,7 +38,6 @@ use crate::backend::thread as backend;
 use crate::shortfall::Shortfall;
 use std::any::Any;
 use std::convert::Infallible;
-use std::fmt;
 use std::io;
 use std::sync::mpsc;
 use std::thread::{Builder, JoinHandle};
@@ -286,58 +285,36 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
 }
 
 /// Why a thread was not made, or did not get its attributes.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SpawnError<E = Infallible> {
     /// The attributes are bad on any machine.
+    #[error(transparent)]
     Attributes(AttributeError),
     /// The operating system made no thread.
+    #[error(
+        "the system made no thread `{name}`: {error}; see the limits on threads (ulimit -u, the \
+         cgroup's pids.max), on memory (ulimit -v) and on locked memory (ulimit -l)"
+    )]
     NoThread {
         /// The thread's name.
         name: String,
         /// What the system said.
+        #[source]
         error: io::Error,
     },
     /// The system refused an attribute under [`Mode::Strict`].
+    #[error(transparent)]
     Refused(Shortfall),
     /// The thread's set-up failed.
+    #[error(transparent)]
     SetUp(E),
     /// The thread's set-up panicked.
+    #[error("the set-up of thread `{name}` panicked: {message}")]
     SetUpPanicked {
         /// The thread's name.
         name: String,
         /// The panic's words.
         message: String,
     },
-}
-
-impl<E: fmt::Display> fmt::Display for SpawnError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            SpawnError::Attributes(error) => error.fmt(f),
-            SpawnError::NoThread { name, error } => write!(
-                f,
-                "the system made no thread `{name}`: {error}; see the limits on threads (ulimit -u, the cgroup's pids.max), on \
-                 memory (ulimit -v) and on locked memory (ulimit -l)"
-            ),
-            SpawnError::Refused(shortfall) => shortfall.fmt(f),
-            SpawnError::SetUp(error) => error.fmt(f),
-            SpawnError::SetUpPanicked { name, message } => {
-                write!(f, "the set-up of thread `{name}` panicked: {message}")
-            }
-        }
-    }
-}
-
-impl<E: std::error::Error + 'static> std::error::Error for SpawnError<E> {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            SpawnError::NoThread { error, .. } => Some(error),
-            // The others' words are these errors' own.
-            SpawnError::Attributes(error) => error.source(),
-            SpawnError::Refused(error) => error.source(),
-            SpawnError::SetUp(error) => error.source(),
-            SpawnError::SetUpPanicked { .. } => None,
-        }
-    }
 }
