@@ -4,11 +4,11 @@ use super::{BiasedLock, Uses};
 use luna_platform::fence;
 use luna_platform::lock::PiGuard;
 use luna_platform::sync::atomic::Ordering;
-use std::fmt;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 
 /// Unlocks when dropped. Not `Send`: it stays on the thread that locked.
+#[derive(Debug)]
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct BiasedGuard<'a, T> {
     pub(super) lock: &'a BiasedLock<T>,
@@ -16,6 +16,7 @@ pub struct BiasedGuard<'a, T> {
     pub(super) stays_on_its_thread: PhantomData<*const ()>,
 }
 
+#[derive(Debug)]
 pub(super) enum Held<'a> {
     /// Locked by the owner of the bias, the executor of this id.
     Inside(u64),
@@ -50,6 +51,7 @@ pub enum Refused {
 }
 
 /// The guard of the owner of the bias: see [`BiasedLock::lock_if_biased`].
+#[derive(Debug)]
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct InsideGuard<'a, T> {
     pub(super) lock: &'a BiasedLock<T>,
@@ -101,12 +103,6 @@ impl<T> DerefMut for InsideGuard<'_, T> {
     }
 }
 
-impl<T: fmt::Debug> fmt::Debug for InsideGuard<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        (**self).fmt(f)
-    }
-}
-
 impl<T> Deref for BiasedGuard<'_, T> {
     type Target = T;
     #[inline]
@@ -121,11 +117,5 @@ impl<T> DerefMut for BiasedGuard<'_, T> {
     fn deref_mut(&mut self) -> &mut T {
         // SAFETY: as above, and the guard is borrowed exclusively.
         self.lock.value.with_mut(|value| unsafe { &mut *value })
-    }
-}
-
-impl<T: fmt::Debug> fmt::Debug for BiasedGuard<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        (**self).fmt(f)
     }
 }

@@ -135,12 +135,14 @@ impl Drop for Reference {
 #[derive(Debug)]
 pub struct WakeHandle(Inner);
 
+#[derive(Debug)]
 enum Inner {
     Process(Reference),
     Waker(Foreign),
 }
 
 /// A waker with functions that are user code.
+#[derive(Debug)]
 struct Foreign(ManuallyDrop<Waker>);
 
 impl Foreign {
@@ -184,15 +186,6 @@ fn contain(code: impl FnOnce()) {
 impl fmt::Debug for Reference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.process().fmt(f)
-    }
-}
-
-impl fmt::Debug for Inner {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Inner::Process(reference) => reference.fmt(f),
-            Inner::Waker(waker) => waker.0.fmt(f),
-        }
     }
 }
 

@@ -216,6 +216,7 @@ impl TimerQueue {
 /// While `armed`, the sleep is pinned, and there is a node. It is in `queue`'s heap until it has
 /// fired, and the heap's lock guards it except for `fired`. A node that is in no heap has no wake
 /// handle, so nothing of it is to be dropped.
+#[derive(Debug)]
 pub struct Sleep {
     /// While it `is_relative`, as a span of time from the beginning of the clock.
     deadline: Instant,
@@ -465,15 +466,6 @@ impl fmt::Debug for TimerQueue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("TimerQueue")
             .field("next_deadline", &self.next_deadline())
-            .finish_non_exhaustive()
-    }
-}
-
-impl fmt::Debug for Sleep {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Sleep")
-            .field("deadline", &self.deadline)
-            .field("armed", &self.armed)
             .finish_non_exhaustive()
     }
 }

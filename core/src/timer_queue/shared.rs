@@ -5,7 +5,6 @@ use super::{Arc, Attention, Ordering, TimerQueue};
 use crate::current::{self, PendingWake, Priority, WakeHandle};
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;
-use std::fmt;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
@@ -196,6 +195,7 @@ impl TimerQueue {
 /// While `queue` is there, there is a node. It is in the heap of `queue` until it has fired, and
 /// the heap's lock guards it then, except for `fired`. It has no wake handle, so nothing of it is
 /// to be dropped.
+#[derive(Debug)]
 pub struct Deadline {
     node: Box<UnsafeCell<MaybeUninit<Node>>>,
     queue: Option<Arc<TimerQueue>>,
@@ -284,14 +284,6 @@ impl Deadline {
 impl Drop for Deadline {
     fn drop(&mut self) {
         self.disarm();
-    }
-}
-
-impl fmt::Debug for Deadline {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Deadline")
-            .field("is_armed", &self.queue.is_some())
-            .finish_non_exhaustive()
     }
 }
 

@@ -17,7 +17,6 @@ use luna_platform::clock::{Clock, Instant, VirtualClock};
 use luna_platform::futex::Waited;
 use luna_platform::panics;
 use std::cell::Cell;
-use std::fmt;
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -200,14 +199,6 @@ impl Stage {
     pub(crate) fn call_done(&self, number: u64, delivery: Delivery) {
         self.calls.done(number, delivery);
         self.parker.unpark();
-    }
-}
-
-impl fmt::Debug for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Stage")
-            .field("clock", &self.clock)
-            .finish_non_exhaustive()
     }
 }
 

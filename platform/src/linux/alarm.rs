@@ -8,7 +8,6 @@ use libc::{c_int, c_void, siginfo_t, timer_t};
 use nix::errno::Errno;
 use std::any::Any;
 use std::cell::Cell;
-use std::fmt;
 use std::marker::PhantomData;
 use std::mem::MaybeUninit;
 use std::ptr;
@@ -16,6 +15,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What the handler sets.
+#[derive(Debug)]
 struct Target {
     word: *const AtomicU64,
     bit: u64,
@@ -35,6 +35,7 @@ thread_local! {
 /// # Invariants
 ///
 /// `HERE` of that thread points to `target` as long as this lives; the word is a part of `owner`.
+#[derive(Debug)]
 pub struct Alarm {
     timer: timer_t,
     target: Box<Target>,
@@ -147,14 +148,9 @@ impl Drop for Alarm {
     }
 }
 
-impl fmt::Debug for Alarm {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Alarm")
-    }
-}
-
 /// A timer that announces an [event](crate::signals::announce_event), by interrupting the thread
 /// that made it.
+#[derive(Debug)]
 pub struct EventAlarm {
     timer: timer_t,
 }
@@ -202,12 +198,6 @@ impl Drop for EventAlarm {
             // SAFETY: the timer is this value's, and is deleted once.
             unsafe { libc::timer_delete(self.timer) };
         }
-    }
-}
-
-impl fmt::Debug for EventAlarm {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("EventAlarm")
     }
 }
 
