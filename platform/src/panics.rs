@@ -31,6 +31,12 @@ pub fn catch<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
     catch_unwind(AssertUnwindSafe(f))
 }
 
+/// The words of a panic, if they are a text.
+pub fn text(payload: &(dyn Any + Send)) -> Option<&str> {
+    let text = payload.downcast_ref::<&str>().copied();
+    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+}
+
 /// Whether the calling thread is in [`catch`]. For a panic hook: also while the thread ends.
 pub fn are_caught() -> bool {
     ARE_CAUGHT.get()

@@ -35,8 +35,8 @@ pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError,
 pub use crate::backend::thread::HandlerStack;
 
 use crate::backend::thread as backend;
+use crate::panics;
 use crate::shortfall::Shortfall;
-use std::any::Any;
 use std::convert::Infallible;
 use std::io;
 use std::sync::mpsc;
@@ -123,9 +123,14 @@ where
         }
         // Only a panic ends the thread without a report.
         Err(mpsc::RecvError) => {
-            let message = handle
-                .join()
-                .map_or_else(|panic| panic_message(&*panic), |_| String::new());
+            let message = handle.join().map_or_else(
+                |panic| {
+                    panics::text(&*panic)
+                        .unwrap_or("a panic without a message")
+                        .to_owned()
+                },
+                |_| String::new(),
+            );
             Err(SpawnError::SetUpPanicked { name, message })
         }
     }
@@ -275,13 +280,6 @@ impl<T> Thread<T> {
             .join()
             .map(|returned| returned.expect("a thread whose start succeeded ran its body"))
     }
-}
-
-/// The words of a panic, or that it had none.
-fn panic_message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&'static str>().copied();
-    let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-    text.unwrap_or("a panic without a message").to_owned()
 }
 
 /// Why a thread was not made, or did not get its attributes.
