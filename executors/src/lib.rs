@@ -40,8 +40,6 @@ mod blocking;
 #[cfg(not(loom))]
 mod calls;
 #[cfg(not(loom))]
-mod counted;
-#[cfg(not(loom))]
 mod deadlines;
 #[cfg(not(loom))]
 mod executor;

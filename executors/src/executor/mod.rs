@@ -170,7 +170,7 @@ impl Executor {
     /// once it has stopped; `None` where the system does not report it, and on a simulation's
     /// thread.
     pub fn processor_time(&self) -> Option<Duration> {
-        self.handle.shared.counted.get()
+        self.handle.shared.processor_time.get().copied()
     }
 
     /// As [`ExecutorHandle::spawn`].

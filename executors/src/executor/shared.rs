@@ -1,7 +1,6 @@
 //! What other threads see of an executor.
 
 use super::GIVES_UP;
-use crate::counted::Counted;
 use crate::inbound::Inbound;
 use crate::process::{ProcessRegistry, panic_message};
 use crate::quiescence::{Quiescence, Sleeper};
@@ -14,8 +13,8 @@ use luna_core::timer_queue::Attention;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use std::any::Any;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 thread_local! {
@@ -67,7 +66,7 @@ pub(crate) struct Shared {
     pub(super) quiescence: Arc<Quiescence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     pub(super) spin: AtomicU64,
-    pub(super) counted: Counted,
+    pub(super) processor_time: OnceLock<Duration>,
     pub(super) serves: Serves,
     /// The stage that runs it, if it has no thread of its own.
     pub(super) stage: Option<Arc<Stage>>,
@@ -148,7 +147,7 @@ impl Shared {
             registry,
             quiescence,
             spin: AtomicU64::new(0),
-            counted: Counted::default(),
+            processor_time: OnceLock::new(),
             serves,
             stage: stage.map(|(stage, _)| stage),
             name,

@@ -16,6 +16,7 @@ use luna_core::park;
 use luna_core::spin;
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
+use luna_platform::usage;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::ptr::NonNull;
 use std::sync::Arc;
@@ -64,19 +65,22 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         }
         shared.inbound.sleep(Instant::NEVER);
     }
-    shared.counted.count(|| {
-        let keeps = (shared.registry.keep_ends(), deferred_free::keep_own());
-        SPARE_SHARED.with(|spare| spare.keep(shared));
-        current::set_on_path(true);
-        while let Phase::RELEASED = shared.phase() {
-            turns(|| {
-                let mut next = None;
-                while round(shared, deadlines, true, &mut next) {}
-            });
-        }
-        current::set_on_path(false);
-        drop(keeps);
-    });
+    let before = usage::processor_time();
+    let keeps = (shared.registry.keep_ends(), deferred_free::keep_own());
+    SPARE_SHARED.with(|spare| spare.keep(shared));
+    current::set_on_path(true);
+    while let Phase::RELEASED = shared.phase() {
+        turns(|| {
+            let mut next = None;
+            while round(shared, deadlines, true, &mut next) {}
+        });
+    }
+    current::set_on_path(false);
+    drop(keeps);
+    if let Some((before, after)) = before.zip(usage::processor_time()) {
+        // It runs once.
+        let _ = shared.processor_time.set(after.saturating_sub(before));
+    }
     shared.close();
     for record in task::records() {
         record.cancel();
