@@ -91,7 +91,7 @@ impl VirtualClock {
 /// ```
 /// use luna_platform::clock::{Clock, Instant, VirtualClock};
 ///
-/// let clock = Clock::from(VirtualClock::new());
+/// let clock = Clock::from(Arc::new(VirtualClock::new()));
 /// {
 ///     let _inside = clock.enter();
 ///     assert_eq!(Instant::now(), VirtualClock::ORIGIN);
@@ -155,12 +155,6 @@ impl Clock {
     }
 }
 
-impl From<VirtualClock> for Clock {
-    fn from(clock: VirtualClock) -> Self {
-        Clock(Some(Arc::new(clock)))
-    }
-}
-
 impl From<Arc<VirtualClock>> for Clock {
     fn from(clock: Arc<VirtualClock>) -> Self {
         Clock(Some(clock))
@@ -185,7 +179,7 @@ mod tests {
     fn clocks_nest_and_belong_to_their_thread() {
         let (outer, inner) = (VirtualClock::new(), VirtualClock::new());
         inner.move_to(Instant::from_nanos(5_000_000_000));
-        let (outer, inner) = (Clock::from(outer), Clock::from(inner));
+        let (outer, inner) = (Clock::from(Arc::new(outer)), Clock::from(Arc::new(inner)));
         assert_eq!(Clock::number_here(), 0);
         let _outer = outer.enter();
         {
@@ -201,7 +195,7 @@ mod tests {
 
     #[test]
     fn a_guard_keeps_its_clock() {
-        let clock = Clock::from(VirtualClock::new());
+        let clock = Clock::from(Arc::new(VirtualClock::new()));
         let _inside = clock.enter();
         drop(clock);
         assert_eq!(Instant::now(), VirtualClock::ORIGIN);
@@ -211,7 +205,7 @@ mod tests {
     fn a_deadline_is_as_far_on_the_machines_clock() {
         let deadline = Instant::from_nanos(7);
         assert_eq!(Clock::deadline_of_machine(deadline), deadline);
-        let clock = Clock::from(VirtualClock::new());
+        let clock = Clock::from(Arc::new(VirtualClock::new()));
         let _inside = clock.enter();
         let second = Duration::from_secs(1);
         let before = Instant::now_real();

@@ -29,15 +29,6 @@ impl TimerFd {
         match self.never {}
     }
 
-    /// There is no timer to disarm.
-    ///
-    /// # Errors
-    ///
-    /// Cannot be called.
-    pub fn disarm(&self) -> Result<(), TimerError> {
-        match self.never {}
-    }
-
     /// There is no timer to wait for.
     ///
     /// # Errors
