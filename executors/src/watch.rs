@@ -135,10 +135,11 @@ impl ThreadFiles {
                 rounds: AtomicU32::new(0),
             });
             // The thread is awake, since it polls: only then may a watch be added.
-            here.hook.hang(files.clone());
+            // This thread alone sets it, once.
+            let _ = here.hook.set(files.clone());
             HAS_FILES.set(true);
             if let Some(executor) = &here.executor {
-                executor.inbound().ask_for_files();
+                executor.inbound.ask_for_files();
             }
             here.files = Some(files.clone());
             Ok(files)

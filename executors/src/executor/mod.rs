@@ -139,8 +139,8 @@ impl Executor {
         let stage = &simulation.0;
         let shared = Shared::new(
             attributes.asked_policy().rank(),
-            stage.registry().clone(),
-            stage.quiescence().clone(),
+            stage.registry.clone(),
+            stage.quiescence.clone(),
             Serves::Many,
             Some((stage.clone(), attributes.name())),
         );

@@ -55,19 +55,19 @@ pub(crate) fn give_back(shared: Arc<Shared>) {
 
 /// What an executor's thread shares with the others.
 pub(crate) struct Shared {
-    pub(super) executor_id: ExecutorId,
+    pub(crate) executor_id: ExecutorId,
     pub(super) thread_priority: AtomicU8,
-    pub(super) inbound: Inbound,
+    pub(crate) inbound: Inbound,
     pub(super) phase: AtomicU8,
     pub(super) arrivals: PiLock<Arrivals>,
     /// How many arrivals were taken in: what `settle` waits for.
     pub(super) settled: Futex,
-    pub(super) registry: Arc<ProcessRegistry>,
+    pub(crate) registry: Arc<ProcessRegistry>,
     pub(super) quiescence: Arc<Quiescence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     pub(super) spin: AtomicU64,
     pub(super) processor_time: OnceLock<Duration>,
-    pub(super) serves: Serves,
+    pub(crate) serves: Serves,
     /// The stage that runs it, if it has no thread of its own.
     pub(super) stage: Option<Arc<Stage>>,
     /// Its name, if it is on a stage: its thread has another.
@@ -85,24 +85,8 @@ pub(super) struct Arrivals {
 }
 
 impl Shared {
-    pub(crate) fn executor_id(&self) -> ExecutorId {
-        self.executor_id
-    }
-
     pub(crate) fn thread_priority(&self) -> u8 {
         self.thread_priority.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn serves(&self) -> Serves {
-        self.serves
-    }
-
-    pub(crate) fn inbound(&self) -> &Inbound {
-        &self.inbound
-    }
-
-    pub(crate) fn registry(&self) -> &Arc<ProcessRegistry> {
-        &self.registry
     }
 
     pub(crate) fn phase(&self) -> u8 {

@@ -15,11 +15,12 @@ use luna_core::park::Parker;
 use luna_platform::bell::Watch;
 use luna_platform::clock::{Clock, Instant, VirtualClock};
 use luna_platform::futex::Waited;
+use luna_platform::lock::PiLock;
 use luna_platform::panics;
 use std::cell::Cell;
 use std::ptr;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// The longest pause of all processes, in the machine's time, while ends are handled. The handler
@@ -35,10 +36,10 @@ pub(crate) struct Stage {
     clock: Arc<VirtualClock>,
     driven: Option<DrivenClock>,
     parker: Shared<Parker>,
-    quiescence: Arc<Quiescence>,
-    registry: Arc<ProcessRegistry>,
+    pub(crate) quiescence: Arc<Quiescence>,
+    pub(crate) registry: Arc<ProcessRegistry>,
     /// Executors that the thread has yet to add; `None` once the thread has ended.
-    arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
+    arrivals: PiLock<Option<Vec<Arc<ExecutorShared>>>>,
     has_arrivals: AtomicBool,
     is_released: AtomicBool,
     is_stopping: AtomicBool,
@@ -47,7 +48,7 @@ pub(crate) struct Stage {
     attended: AtomicU64,
     calls: CallsUnderWay,
     most_turns: u64,
-    standstill: Mutex<Option<Standstill>>,
+    standstill: PiLock<Option<Standstill>>,
 }
 
 thread_local! {
@@ -96,7 +97,7 @@ impl Stage {
             parker,
             quiescence: Arc::new(Quiescence::new()),
             registry,
-            arrivals: Mutex::new(Some(Vec::new())),
+            arrivals: PiLock::new(Some(Vec::new())),
             has_arrivals: AtomicBool::new(false),
             is_released: AtomicBool::new(false),
             is_stopping: AtomicBool::new(false),
@@ -104,7 +105,7 @@ impl Stage {
             attended: AtomicU64::new(u64::MAX),
             calls: CallsUnderWay::default(),
             most_turns,
-            standstill: Mutex::new(None),
+            standstill: PiLock::new(None),
         })
     }
 
@@ -112,24 +113,13 @@ impl Stage {
         Clock::from(self.clock.clone())
     }
 
-    pub(crate) fn quiescence(&self) -> &Arc<Quiescence> {
-        &self.quiescence
-    }
-
-    pub(crate) fn registry(&self) -> &Arc<ProcessRegistry> {
-        &self.registry
-    }
-
-    fn arrivals(&self) -> MutexGuard<'_, Option<Vec<Arc<ExecutorShared>>>> {
-        self.arrivals.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Hands an executor to the thread, which adds it at its next round; `false` if the thread has
     /// ended.
     pub(crate) fn admit(&self, executor: Arc<ExecutorShared>) -> bool {
-        let bell = executor.inbound().bell();
-        bell.hook().hang(Arc::new(Forward(self.parker.clone())));
-        match &mut *self.arrivals() {
+        let bell = executor.inbound.bell();
+        // An executor is admitted once.
+        let _ = bell.hook().set(Arc::new(Forward(self.parker.clone())));
+        match &mut *self.arrivals.lock() {
             None => return false,
             Some(arrivals) => arrivals.push(executor),
         }
@@ -171,18 +161,12 @@ impl Stage {
     }
 
     pub(super) fn standstill(&self) -> Option<Standstill> {
-        *self
-            .standstill
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+        *self.standstill.lock()
     }
 
     /// Reports once why nothing goes on.
     fn stand_still(&self, why: Standstill) {
-        let mut standstill = self
-            .standstill
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut standstill = self.standstill.lock();
         if standstill.is_none() {
             *standstill = Some(why);
             drop(standstill);
@@ -219,7 +203,7 @@ pub(super) fn run(stage: &Arc<Stage>) {
     }
     .play();
     // What arrives now is refused.
-    let late = stage.arrivals().take();
+    let late = stage.arrivals.lock().take();
     for executor in late.into_iter().flatten() {
         executor.refuse_all();
     }
@@ -273,7 +257,7 @@ impl Play<'_> {
         {
             return;
         }
-        let arrived = self.stage.arrivals().as_mut().map(std::mem::take);
+        let arrived = self.stage.arrivals.lock().as_mut().map(std::mem::take);
         for executor in arrived.into_iter().flatten() {
             let member = Member::new(executor);
             let place = self.members.partition_point(|one| !member.outranks(one));
@@ -331,7 +315,7 @@ impl Play<'_> {
         let is_outdone = |member: &Member| {
             stage.is_to_be_attended(given_up)
                 || above.iter().any(|one| {
-                    one.has_turns() && one.outranks(member) && one.shared.inbound().is_signalled()
+                    one.has_turns() && one.outranks(member) && one.shared.inbound.is_signalled()
                 })
         };
         let most = self.stage.most_turns - self.turns;
@@ -472,7 +456,7 @@ impl Play<'_> {
     /// observer of quiescence is notified of that.
     fn sleep(&self, still: bool) {
         let asleep = self.members.iter();
-        let asleep = asleep.take_while(|one| one.shared.inbound().fall_asleep());
+        let asleep = asleep.take_while(|one| one.shared.inbound.fall_asleep());
         let asleep = asleep.count();
         if asleep == self.members.len() {
             let stage = self.stage;
@@ -489,7 +473,7 @@ impl Play<'_> {
             stage.parker.park_between(Instant::NEVER, before, after);
         }
         for member in &self.members[..asleep] {
-            member.shared.inbound().awake();
+            member.shared.inbound.awake();
         }
     }
 }
