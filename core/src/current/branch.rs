@@ -110,16 +110,10 @@ pub fn take_branch_end() -> bool {
     THREAD.with(|thread| thread.branch_ended.replace(false))
 }
 
-/// Polls a branch of a parallel construct; `failed`: a sibling has failed. Failure reaches nested
-/// constructs too.
-#[inline]
-pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
-    with_branch_below(failed, 0, 0, poll)
-}
-
-/// Polls a branch as [`with_branch`] does, `levels` below its parent, but not below level 0. Its
+/// Polls a branch of a parallel construct, `levels` below its parent, but not below level 0. Its
 /// operations wait at that level, and their wakes queue the process there. In nested constructs the
-/// levels add up. `number` distinguishes it from its siblings.
+/// levels add up. `failed`: a sibling has failed, which reaches nested constructs too. `number`
+/// distinguishes the branch from its siblings.
 #[inline]
 pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl FnOnce() -> R) -> R {
     let before = THREAD.with(|thread| {

@@ -24,8 +24,7 @@ mod turn;
 mod wake_handle;
 
 pub use branch::{
-    branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch,
-    with_branch_below,
+    branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch_below,
 };
 pub use branches::Branches;
 #[cfg(not(loom))]
@@ -49,7 +48,7 @@ pub use replay::{
 };
 pub use turn::{
     PlainTurn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
-    this_process, user, with_process,
+    user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 

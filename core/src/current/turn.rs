@@ -169,19 +169,6 @@ pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     PlainTurn::of(cx).map(PlainTurn::process)
 }
 
-/// The current process, for callers that know that there is one.
-///
-/// # Safety
-///
-/// There is one, and its turn lasts as long as the reference is used.
-#[inline(always)]
-pub unsafe fn this_process<'a>() -> &'a Process {
-    let current = THREAD.with(|thread| thread.process.get());
-    // SAFETY: the caller promises that there is a current process; a process that is being polled
-    // is live.
-    unsafe { &*current.unwrap_unchecked().as_ptr() }
-}
-
 /// Calls `f` with the current process, if there is one.
 #[inline]
 pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {
