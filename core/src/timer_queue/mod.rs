@@ -152,22 +152,31 @@ impl TimerQueue {
                         self.publish_next(&heap);
                         return;
                     }
-                    heap.remove(first);
-                    self.publish_next(&heap);
-                    let node = &mut *first.as_ptr();
-                    let ready = node
-                        .wake_handle
-                        .take()
-                        .map_or(PendingWake::NONE, WakeHandle::take);
-                    // The sleep may be freed from here on.
-                    node.fired.store(true, Ordering::Release);
-                    ready
+                    self.fire(&mut heap, first)
                 }
             };
             // The last step of this deadline. A foreign waker that panics here ends the executor,
             // which is an emergency: otherwise a process that is never woken would wait without a
             // report.
             ready.wake();
+        }
+    }
+
+    /// Removes a node, whose sleep may be freed from then on. Returns the wake of its process.
+    ///
+    /// # Safety
+    ///
+    /// `heap` is this queue's, and the node is in it.
+    #[inline(always)]
+    unsafe fn fire(&self, heap: &mut Heap, node: NonNull<Node>) -> PendingWake {
+        // SAFETY: a node in the heap is live, and the caller holds the heap's lock.
+        unsafe {
+            heap.remove(node);
+            self.publish_next(heap);
+            let node = &mut *node.as_ptr();
+            let wake_handle = node.wake_handle.take();
+            node.fired.store(true, Ordering::Release);
+            wake_handle.map_or(PendingWake::NONE, WakeHandle::take)
         }
     }
 

@@ -168,17 +168,9 @@ impl TimerQueue {
                 return;
             };
             // SAFETY: a node in the heap is live, and the heap's lock is held.
-            let ready = unsafe {
-                heap.remove(first);
-                let node = &mut *first.as_ptr();
-                let ready = node.wake_handle.take().map(WakeHandle::take);
-                // Its owner may free it from here on.
-                node.fired.store(true, Ordering::Release);
-                ready
-            };
-            self.publish_next(&heap);
+            let ready = unsafe { self.fire(&mut heap, first) };
             drop(heap);
-            ready.unwrap_or(PendingWake::NONE).wake_contained();
+            ready.wake_contained();
         }
     }
 
