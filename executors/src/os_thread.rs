@@ -1,7 +1,7 @@
 //! OS-thread processes: one process blocked on its own thread.
 
 use crate::calls;
-use crate::executor::{Announced, Executor, ExecutorHandle};
+use crate::executor::{Announced, Executor, ExecutorHandle, Serves};
 use crate::process::{ProcessHandle, ProcessRegistry, ProcessSpec, prepare_thread};
 use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
@@ -45,12 +45,7 @@ pub struct Nested;
 /// assert!(nested.unwrap().is_err());
 /// ```
 pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
-    if current::executor_id().is_some() {
-        return Err(Nested);
-    }
-    Ok(run_here(future, |_, _, parker, deadline| {
-        parker.park(deadline)
-    }))
+    run_here(future, |_, _, parker, deadline| parker.park(deadline))
 }
 
 /// As [`block_on`], and calls `stuck` when the process has waited for `patience`, and neither a
@@ -87,11 +82,8 @@ pub fn block_on_patiently<F: Future>(
     patience: Duration,
     mut stuck: impl FnMut(ProcessId) -> bool,
 ) -> Result<F::Output, Nested> {
-    if current::executor_id().is_some() {
-        return Err(Nested);
-    }
     let mut has_heard = false;
-    Ok(run_here(future, |id, quiescence, parker, deadline| {
+    run_here(future, |id, quiescence, parker, deadline| {
         if !has_heard && only_others_can_wake(parker, deadline) && !quiescence.has_calls() {
             if parker.park(Instant::now() + patience) {
                 return true;
@@ -99,7 +91,7 @@ pub fn block_on_patiently<F: Future>(
             has_heard = stuck(id);
         }
         parker.park(deadline)
-    }))
+    })
 }
 
 /// Whether nothing that the thread has of its own can wake it.
@@ -111,7 +103,10 @@ fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
 fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Quiescence, &Parker, Instant) -> bool,
-) -> F::Output {
+) -> Result<F::Output, Nested> {
+    if current::executor_id().is_some() {
+        return Err(Nested);
+    }
     // Where a blocking call of a process on a virtual clock runs this, time stands until it is
     // over.
     let _clock = Clock::REAL.enter();
@@ -120,9 +115,9 @@ fn run_here<F: Future>(
     let quiescence = Arc::new(Quiescence::new());
     let _calls = calls::enter(quiescence.clone(), None, None);
     let id = ProcessId::new();
-    run(pin!(future), &parker, id, |parker, deadline| {
+    Ok(run(pin!(future), &parker, id, |parker, deadline| {
         sleep(id, &quiescence, parker, deadline)
-    })
+    }))
 }
 
 /// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a
@@ -227,7 +222,7 @@ impl OsThread {
         registry: Arc<ProcessRegistry>,
         announce: impl FnOnce(&ExecutorHandle) -> (Announced, ProcessHandle),
     ) -> Result<OsThread, SpawnError<Infallible>> {
-        let executor = Executor::start_for_one(attributes, registry)?;
+        let executor = Executor::start_thread(attributes, registry, Serves::One)?;
         let (announced, process) = announce(executor.handle());
         drop(announced.start());
         executor.settle();

@@ -96,16 +96,9 @@ impl Executor {
         Self::start_thread(attributes, registry, Serves::Many)
     }
 
-    /// Like [`start_counted`](Self::start_counted), for one process, which may make blocking calls
-    /// and may have any policy. The thread ends with the process.
-    pub(crate) fn start_for_one(
-        attributes: Attributes,
-        registry: Arc<ProcessRegistry>,
-    ) -> Result<Executor, SpawnError<Infallible>> {
-        Self::start_thread(attributes, registry, Serves::One)
-    }
-
-    fn start_thread(
+    /// Starts the thread. One that serves one process may have any policy and ends with the
+    /// process, which may make blocking calls.
+    pub(crate) fn start_thread(
         attributes: Attributes,
         registry: Arc<ProcessRegistry>,
         serves: Serves,

@@ -3,7 +3,7 @@
 use super::calls::{CallsUnderWay, Delivery, Oldest};
 use super::drive::{DrivenClock, Order};
 use super::member::Member;
-use super::{Pace, Standstill};
+use super::{Pace, SimulationHandle, Standstill};
 use crate::calls;
 use crate::executor::{Phase, Shared as ExecutorShared};
 use crate::interference;
@@ -138,30 +138,12 @@ impl Stage {
         self.parker.unpark();
     }
 
-    pub(super) fn stop_time(&self) {
-        self.time_stands.store(true, Ordering::Release);
-    }
-
-    pub(super) fn attend(&self) {
-        self.attended.store(0, Ordering::Release);
-    }
-
-    pub(super) fn attended(&self, ends: u64) {
-        if self.attended.fetch_max(ends, Ordering::AcqRel) < ends {
-            self.parker.unpark();
-        }
-    }
-
     /// Whether there were more hurried ends than those that have been handled and those up to
     /// `given_up`.
     #[inline]
     fn is_to_be_attended(&self, given_up: u64) -> bool {
         let ends = self.registry.hurried();
         ends > given_up && ends > self.attended.load(Ordering::Acquire)
-    }
-
-    pub(super) fn standstill(&self) -> Option<Standstill> {
-        *self.standstill.lock()
     }
 
     /// Reports once why nothing goes on.
@@ -183,6 +165,38 @@ impl Stage {
     pub(crate) fn call_done(&self, number: u64, delivery: Delivery) {
         self.calls.done(number, delivery);
         self.parker.unpark();
+    }
+}
+
+impl SimulationHandle {
+    /// Its clock.
+    pub fn clock(&self) -> Clock {
+        self.0.clock()
+    }
+
+    /// Time stands from now on: for an emergency, in which only what happens at this instant is of
+    /// use. From any thread; one atomic operation.
+    pub fn stop_time(&self) {
+        self.0.time_stands.store(true, Ordering::Release);
+    }
+
+    /// Declares that the caller handles processes that end in a hurry
+    /// ([`ProcessRegistry::hurried`]), as those with ends that others are to see: time waits until
+    /// that was [done](Self::attended).
+    pub fn attend(&self) {
+        self.0.attended.store(0, Ordering::Release);
+    }
+
+    /// The first `ends` of those were handled.
+    pub fn attended(&self, ends: u64) {
+        if self.0.attended.fetch_max(ends, Ordering::AcqRel) < ends {
+            self.0.parker.unpark();
+        }
+    }
+
+    /// Why it does not go on, if it does not.
+    pub fn standstill(&self) -> Option<Standstill> {
+        *self.0.standstill.lock()
     }
 }
 
