@@ -50,7 +50,7 @@ impl Instant {
     /// ```
     /// use luna_platform::clock::{Clock, Instant, VirtualClock};
     ///
-    /// let clock = Clock::from(Arc::new(VirtualClock::new()));
+    /// let clock = Clock::from(std::sync::Arc::new(VirtualClock::new()));
     /// let _inside = clock.enter();
     /// let (stands, goes) = (Instant::now(), Instant::now_real());
     /// while Instant::now_real() == goes {}

@@ -91,7 +91,7 @@ impl VirtualClock {
 /// ```
 /// use luna_platform::clock::{Clock, Instant, VirtualClock};
 ///
-/// let clock = Clock::from(Arc::new(VirtualClock::new()));
+/// let clock = Clock::from(std::sync::Arc::new(VirtualClock::new()));
 /// {
 ///     let _inside = clock.enter();
 ///     assert_eq!(Instant::now(), VirtualClock::ORIGIN);
