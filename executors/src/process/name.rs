@@ -4,10 +4,11 @@
 use std::borrow::Borrow;
 use std::fmt;
 use std::hash::{Hash, Hasher};
+use std::mem::ManuallyDrop;
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// The name of a process. Up to 14 bytes lie in the value itself; cloning a longer one counts
+/// The name of a process. Up to 15 bytes lie in the value itself; cloning a longer one counts
 /// references, and copies nothing.
 ///
 /// ```
@@ -17,54 +18,128 @@ use std::sync::Arc;
 /// let spec = ProcessSpec::new(name.clone());
 /// assert_eq!((spec.name(), &**spec.name()), (&name, "servo"));
 /// ```
-#[derive(Clone)]
-pub struct Name(Text);
-
+///
 /// # Invariants
 ///
-/// The first bytes of a short text, as many as its length says, are UTF-8.
-#[derive(Clone)]
-enum Text {
-    Short { length: u8, bytes: [u8; SHORT] },
-    Long(Arc<Box<str>>),
+/// The last byte is that of `short`: the length of its text, of at most `SHORT` bytes; or
+/// `LONG`, and then `long` is valid.
+pub struct Name(Text);
+
+#[repr(C)]
+union Text {
+    short: Short,
+    long: ManuallyDrop<Long>,
 }
 
 /// The longest text that lies in the name itself.
-const SHORT: usize = 14;
+const SHORT: usize = 15;
+
+/// In the place of a length.
+const LONG: u8 = u8::MAX;
+
+#[derive(Clone, Copy)]
+#[repr(C)]
+struct Short {
+    text: [u8; SHORT],
+    length: u8,
+}
+
+#[repr(C)]
+struct Long {
+    text: Arc<Box<str>>,
+    unused: [u8; SHORT - size_of::<usize>()],
+    length: u8,
+}
+
+// SAFETY: a text does not change, and is counted by atomics.
+unsafe impl Send for Name {}
+// SAFETY: as above.
+unsafe impl Sync for Name {}
+
+impl Name {
+    fn new(text: &str) -> Self {
+        if text.len() > SHORT {
+            return Self::long(Arc::new(text.into()));
+        }
+        let mut short = Short {
+            text: [0; SHORT],
+            length: text.len() as u8,
+        };
+        short.text[..text.len()].copy_from_slice(text.as_bytes());
+        Self(Text { short })
+    }
+
+    fn long(text: Arc<Box<str>>) -> Self {
+        let long = ManuallyDrop::new(Long {
+            text,
+            unused: [0; SHORT - size_of::<usize>()],
+            length: LONG,
+        });
+        Self(Text { long })
+    }
+
+    #[inline]
+    fn as_short(&self) -> &Short {
+        // SAFETY: all bytes are initialised, whichever it is, and any are a `Short`.
+        unsafe { &self.0.short }
+    }
+
+    /// The text that lies elsewhere, if it does.
+    #[inline]
+    fn as_long(&self) -> Option<&Arc<Box<str>>> {
+        // SAFETY: the invariant.
+        (self.as_short().length == LONG).then(|| unsafe { &self.0.long.text })
+    }
+}
 
 impl Deref for Name {
     type Target = str;
 
     #[inline]
     fn deref(&self) -> &str {
-        match &self.0 {
-            Text::Long(text) => text,
-            Text::Short { length, bytes } => {
-                // SAFETY: by the invariant it is a text.
-                unsafe { std::str::from_utf8_unchecked(&bytes[..usize::from(*length)]) }
-            }
+        if let Some(long) = self.as_long() {
+            return long;
+        }
+        let short = self.as_short();
+        // SAFETY: the invariant: the length is one of the text's, which was a `str`.
+        unsafe {
+            let text = short.text.get_unchecked(..usize::from(short.length));
+            std::str::from_utf8_unchecked(text)
+        }
+    }
+}
+
+impl Clone for Name {
+    #[inline]
+    fn clone(&self) -> Self {
+        match self.as_long() {
+            Some(long) => Self::long(long.clone()),
+            None => Self(Text {
+                short: *self.as_short(),
+            }),
+        }
+    }
+}
+
+impl Drop for Name {
+    #[inline]
+    fn drop(&mut self) {
+        if self.as_long().is_some() {
+            // SAFETY: the invariant; it is dropped once.
+            unsafe { ManuallyDrop::drop(&mut self.0.long) };
         }
     }
 }
 
 impl From<&str> for Name {
     fn from(text: &str) -> Self {
-        if text.len() > SHORT {
-            return Self(Text::Long(Arc::new(text.into())));
-        }
-        let mut bytes = [0; SHORT];
-        bytes[..text.len()].copy_from_slice(text.as_bytes());
-        // INVARIANT: the whole text was copied.
-        Self(Text::Short {
-            length: text.len() as u8,
-            bytes,
-        })
+        Self::new(text)
     }
 }
 
 impl From<String> for Name {
     fn from(text: String) -> Self {
-        Self::from(&*text)
+        Self::new(&text)
     }
 }
 
@@ -112,8 +187,8 @@ mod tests {
             "",
             "a",
             "servo",
-            "of 14 bytes ..",
             "of 15 bytes ...",
+            "of 16 bytes ....",
             "längerer Name mit Umlauten",
             &"x".repeat(1000),
         ] {
@@ -131,10 +206,7 @@ mod tests {
             threads
                 .into_iter()
                 .for_each(|thread| thread.join().unwrap());
-            let references = match &name.0 {
-                Text::Long(text) => Arc::strong_count(text),
-                Text::Short { .. } => 1,
-            };
+            let references = name.as_long().map_or(1, Arc::strong_count);
             assert_eq!((references, name.len()), (1, text.len()));
             assert_eq!(
                 (name.to_string(), format!("{name:?}")),
