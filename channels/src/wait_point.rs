@@ -5,7 +5,7 @@ use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
-use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
+use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Inheritor, PlainTurn, ProcessId, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -569,7 +569,7 @@ impl WaitPoint {
     }
 
     /// Locks for an occasional look: see [`BiasedLock::lock_briefly`].
-    pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, WaitQueues> {
+    pub(crate) fn lock_briefly(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock_briefly();
         lists.list_lone();
         lists

@@ -2,7 +2,8 @@
 
 use crate::args::Placement;
 use luna::{Policy, System};
-use luna_platform::facts::SystemFacts;
+use luna_platform::facts::{Source, parse::core_list};
+use luna_platform::thread::available_cores;
 
 /// The executor `name`, placed as asked for; without a core, on the one that [`quietest`] finds.
 pub(crate) fn executor(
@@ -28,11 +29,8 @@ pub(crate) fn executor_under(
 }
 
 fn quietest_here() -> Option<usize> {
-    let facts = SystemFacts::gather();
-    quietest(
-        &facts.allowed_cores.unwrap_or_default(),
-        &facts.isolated_cores.unwrap_or_default(),
-    )
+    let isolated = Source::machine().parse("/sys/devices/system/cpu/isolated", core_list);
+    quietest(&available_cores(), &isolated.unwrap_or_default())
 }
 
 /// The last isolated one of the cores that this process may use, else the last one: interrupts tend

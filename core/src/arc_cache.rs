@@ -6,7 +6,6 @@
 //! cache is counted already.
 
 use std::cell::Cell;
-use std::fmt;
 use std::mem;
 use std::ptr;
 use std::sync::Arc;
@@ -35,6 +34,7 @@ const MAX: usize = 256;
 /// # Invariants
 ///
 /// The cache owns `count` references to `of`.
+#[derive(Debug)]
 pub struct ArcCache<T> {
     of: Cell<*const T>,
     count: Cell<usize>,
@@ -101,23 +101,9 @@ impl<T> ArcCache<T> {
     }
 }
 
-impl<T> Default for ArcCache<T> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<T> Drop for ArcCache<T> {
     fn drop(&mut self) {
         self.release();
-    }
-}
-
-impl<T> fmt::Debug for ArcCache<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ArcCache")
-            .field("count", &self.count.get())
-            .finish_non_exhaustive()
     }
 }
 

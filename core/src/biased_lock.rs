@@ -42,11 +42,12 @@
 
 mod guards;
 
-pub use guards::{BiasedGuard, BriefGuard, InsideGuard, Refused};
+pub use guards::{BiasedGuard, InsideGuard, Refused};
 
 use crate::current::{self, PlainTurn};
-use guards::{Brief, Held};
+use guards::Held;
 use luna_platform::fence;
+use luna_platform::guard::OnDrop;
 use luna_platform::inside::Inside;
 use luna_platform::lock::{PiGuard, PiLock};
 use luna_platform::sync::UnsafeCell;
@@ -213,11 +214,7 @@ impl<T> BiasedLock<T> {
         self.inside.enter();
         fence::light();
         if self.bias.load(Ordering::Acquire) == executor {
-            return Some(InsideGuard {
-                lock: self,
-                executor,
-                stays_on_its_thread: PhantomData,
-            });
+            return Some(self.inside_guard(executor));
         }
         self.inside.leave();
         self.inside.leave_revoked();
@@ -241,11 +238,7 @@ impl<T> BiasedLock<T> {
         unsafe { self.inside.enter_unchecked(turn.thread_id()) };
         fence::light();
         if self.bias.load(Ordering::Acquire) == executor {
-            return Ok(InsideGuard {
-                lock: self,
-                executor,
-                stays_on_its_thread: PhantomData,
-            });
+            return Ok(self.inside_guard(executor));
         }
         self.inside.leave();
         Err(Refused::Revoked)
@@ -295,9 +288,14 @@ impl<T> BiasedLock<T> {
     /// The calling thread has kept a guard of this lock, and has not called this since.
     #[inline(always)]
     pub unsafe fn kept(&self, turn: PlainTurn<'_>) -> InsideGuard<'_, T> {
+        self.inside_guard(turn.executor_number())
+    }
+
+    #[inline(always)]
+    fn inside_guard(&self, executor: u64) -> InsideGuard<'_, T> {
         InsideGuard {
             lock: self,
-            executor: turn.executor_number(),
+            executor,
             stays_on_its_thread: PhantomData,
         }
     }
@@ -319,23 +317,21 @@ impl<T> BiasedLock<T> {
 
     /// Locks as [`lock`](Self::lock) does, for an occasional inspection: a bias is restored
     /// afterwards. Not for regular use of the value.
-    pub fn lock_briefly(&self) -> BriefGuard<'_, T> {
+    pub fn lock_briefly(&self) -> BiasedGuard<'_, T> {
         let me = current::executor_number();
         if self.bias.load(Ordering::Relaxed) == me {
-            return BriefGuard(Brief::Locked(self.lock_as(me)));
+            return self.lock_as(me);
         }
         self.inside.assert_not_here();
         let uses = self.shared.lock();
         let executor = self.bias.load(Ordering::Relaxed);
-        BriefGuard(if executor == NO_EXECUTOR {
-            Brief::Locked(self.guard(Held::Shared(uses)))
-        } else {
-            self.revoke_bias();
-            Brief::Revoked {
-                lock: self,
-                _uses: uses,
-                executor,
-            }
+        if executor == NO_EXECUTOR {
+            return self.guard(Held::Shared(uses));
+        }
+        self.revoke_bias();
+        self.guard(Held::Revoked {
+            _uses: uses,
+            executor,
         })
     }
 
@@ -422,15 +418,10 @@ impl<T> BiasedLock<T> {
     /// Revokes the bias, and waits until its owner is outside. The caller holds `shared`.
     #[cold]
     fn revoke_bias(&self) {
-        /// Restores the bias before `shared` is released if one of the steps panics: the owner has
-        /// not been excluded then.
-        struct Restore<'a>(&'a AtomicU64, u64);
-        impl Drop for Restore<'_> {
-            fn drop(&mut self) {
-                self.0.store(self.1, Ordering::Release);
-            }
-        }
-        let restore = Restore(&self.bias, self.bias.swap(NO_EXECUTOR, Ordering::SeqCst));
+        let before = self.bias.swap(NO_EXECUTOR, Ordering::SeqCst);
+        // If one of the steps panics, the bias is restored before `shared` is released: the owner
+        // has not been excluded then.
+        let restore = OnDrop::new(|| self.bias.store(before, Ordering::Release));
         fence::heavy();
         self.inside.wait_until_left();
         std::mem::forget(restore);

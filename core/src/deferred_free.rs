@@ -10,8 +10,8 @@ mod shared;
 
 pub use shared::Shared;
 
+use luna_platform::guard::OnDrop;
 use std::cell::Cell;
-use std::marker::PhantomData;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicPtr, Ordering};
@@ -66,25 +66,12 @@ thread_local! {
 /// Until the guard is dropped, the thread keeps part of what it retires on the real-time path in a
 /// list of its own. [`hand_over`] moves that list to the shared one; call it before the thread
 /// sleeps.
-pub fn keep_own() -> KeepsOwn {
+pub fn keep_own() -> OnDrop<impl FnMut()> {
     OWN.with(|own| own.keeps.set(true));
-    KeepsOwn {
-        stays_on_its_thread: PhantomData,
-    }
-}
-
-/// The guard of [`keep_own`].
-#[derive(Debug)]
-#[must_use = "what is kept is handed over when the guard is dropped"]
-pub struct KeepsOwn {
-    stays_on_its_thread: PhantomData<*const ()>,
-}
-
-impl Drop for KeepsOwn {
-    fn drop(&mut self) {
+    OnDrop::new(|| {
         OWN.with(|own| own.keeps.set(false));
         hand_over();
-    }
+    })
 }
 
 /// Moves this thread's own list to the shared one, for the next [`collect`] on any thread.

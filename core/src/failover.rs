@@ -119,27 +119,17 @@ impl State {
     }
 
     /// The job is over, whatever its result.
-    fn passed(mut self) -> Self {
+    fn pass(&mut self) {
         self.runner = 0;
         self.next += 1;
         if self.next >= self.jobs {
             self.phase = Phase::Done;
         }
-        self
     }
 }
 
 impl FailoverSequence {
     /// No jobs yet.
-    #[cfg(not(loom))]
-    pub const fn new() -> Self {
-        Self {
-            word: AtomicU64::new(0),
-        }
-    }
-
-    /// No jobs yet.
-    #[cfg(loom)]
     pub fn new() -> Self {
         Self {
             word: AtomicU64::new(0),
@@ -150,91 +140,74 @@ impl FailoverSequence {
     /// already. None if it would never be run: all have been, or the sequence is closed, or there
     /// are [`MAX_JOBS`].
     pub fn add(&self) -> Option<usize> {
-        let before = self.change(|mut state| {
-            let is_over = matches!(state.phase, Phase::Done | Phase::Closed);
-            if is_over || usize::from(state.jobs) >= MAX_JOBS {
-                return None;
-            }
-            state.jobs += 1;
-            Some(state)
-        });
+        let before = self.change(
+            |state| {
+                let is_over = matches!(state.phase, Phase::Done | Phase::Closed);
+                !is_over && usize::from(state.jobs) < MAX_JOBS
+            },
+            |state| state.jobs += 1,
+        );
         before.ok().map(|state| state.jobs.into())
     }
 
     /// Removes the last number, if no job has been run: the caller, which numbers the jobs, closes
     /// the gap. Returns whether it did.
     pub fn remove(&self) -> bool {
-        let removed = self.change(|mut state| {
-            (state.phase == Phase::Ready && state.jobs > 0).then(|| {
-                state.jobs -= 1;
-                state
-            })
-        });
-        removed.is_ok()
+        let can = |state: State| state.phase == Phase::Ready && state.jobs > 0;
+        self.change(can, |state| state.jobs -= 1).is_ok()
     }
 
     /// Begins; returns whether this was the first to do so. Does nothing if it has begun, is done
     /// or closed. Async-signal-safe, as are all methods.
     pub fn begin(&self) -> bool {
-        let begun = self.change(|mut state| {
-            (state.phase == Phase::Ready).then(|| {
+        let begun = self.change(
+            |state| state.phase == Phase::Ready,
+            |state| {
                 state.phase = match state.jobs {
                     0 => Phase::Done,
                     _ => Phase::Begun,
                 };
-                state
-            })
-        });
+            },
+        );
         begun.is_ok()
     }
 
     /// Prevents it from beginning; returns whether that is guaranteed.
     pub fn close(&self) -> bool {
-        let closed = self.change(|mut state| match state.phase {
-            Phase::Ready => {
-                state.phase = Phase::Closed;
-                Some(state)
-            }
-            _ => None,
-        });
-        closed.is_ok() || self.state().phase == Phase::Closed
+        let can = |state: State| matches!(state.phase, Phase::Ready | Phase::Closed);
+        self.change(can, |state| state.phase = Phase::Closed)
+            .is_ok()
     }
 
     /// As [`close`](Self::close), and if it is done it stays so: it does not begin
     /// [`again`](Self::again), and is no longer [done](Self::is_done).
     pub fn retire(&self) -> bool {
-        let retired = self.change(|mut state| {
-            (state.phase != Phase::Begun).then(|| {
-                state.phase = Phase::Closed;
-                state
-            })
-        });
-        retired.is_ok()
+        let can = |state: State| state.phase != Phase::Begun;
+        self.change(can, |state| state.phase = Phase::Closed)
+            .is_ok()
     }
 
     /// Resets it to the state before it began, if it is done, with all its jobs. Returns whether it
     /// did.
     pub fn again(&self) -> bool {
-        let again = self.change(|mut state| {
-            (state.phase == Phase::Done).then(|| {
+        let again = self.change(
+            |state| state.phase == Phase::Done,
+            |state| {
                 state.phase = Phase::Ready;
                 state.next = 0;
                 state.round = state.round.wrapping_add(1);
-                state
-            })
-        });
+            },
+        );
         again.is_ok()
     }
 
     /// The present duty of `member`, at most 254. O(1), repeated only if another thread changed the
     /// state meanwhile.
     pub fn take(&self, member: u8) -> Leg {
-        let taken = self.change(|mut state| {
-            (state.phase == Phase::Begun && state.runner == 0).then(|| {
-                state.runner = member + 1;
-                state
-            })
-        });
+        let taken = self.change(
+            |state| state.phase == Phase::Begun && state.runner == 0,
+            |state| state.runner = member + 1,
+        );
         match taken {
             Ok(mut state) => {
                 state.runner = member + 1;
@@ -258,10 +231,8 @@ impl FailoverSequence {
     }
 
     fn pass(&self, turn: Turn) -> bool {
-        let passed = self.change(|state| {
-            (state.phase == Phase::Begun && state.turn() == Some(turn)).then(|| state.passed())
-        });
-        passed.is_ok()
+        let can = |state: State| state.phase == Phase::Begun && state.turn() == Some(turn);
+        self.change(can, State::pass).is_ok()
     }
 
     /// Whether it has begun, done or not.
@@ -284,15 +255,20 @@ impl FailoverSequence {
         State::of(self.word.load(Ordering::Acquire))
     }
 
-    /// Makes one step, if `step` returns one. Returns the state before it, or the present state if
-    /// there is no step.
-    fn change(&self, step: impl Fn(State) -> Option<State>) -> Result<State, State> {
+    /// Makes a step if it `can`. Returns the state before it, or the present state if it cannot.
+    fn change(
+        &self,
+        can: impl Fn(State) -> bool,
+        step: impl Fn(&mut State),
+    ) -> Result<State, State> {
         let mut word = self.word.load(Ordering::Acquire);
         loop {
             let state = State::of(word);
-            let Some(next) = step(state) else {
+            if !can(state) {
                 return Err(state);
-            };
+            }
+            let mut next = state;
+            step(&mut next);
             match self
                 .word
                 .compare_exchange(word, next.word(), Ordering::AcqRel, Ordering::Acquire)
@@ -301,12 +277,6 @@ impl FailoverSequence {
                 Err(other) => word = other,
             }
         }
-    }
-}
-
-impl Default for FailoverSequence {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

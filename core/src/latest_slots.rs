@@ -56,6 +56,7 @@ mod memory;
 
 pub use memory::{SLOTS, SlotMemory};
 
+use luna_platform::guard::OnDrop;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
 
 /// In `between`: nothing is offered. Else it is the slot and 1.
@@ -106,12 +107,6 @@ impl Slot {
         // Acquire: what the owner and the readers did with the slot is over when it is written.
         let entered = self.entered.load(Ordering::Acquire);
         entered & RETIRED != 0 && entered & !RETIRED == u64::from(self.left.load(Ordering::Acquire))
-    }
-}
-
-impl Default for LatestSlots {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -244,19 +239,14 @@ impl LatestSlots {
     /// As [`read`](Self::read), of a slot that stays until it is read.
     #[cold]
     fn read_pinned<R>(&self, mut copy: impl FnMut(usize) -> R) -> R {
-        /// Also if `copy` panics.
-        struct Leave<'a>(&'a Slot);
-        impl Drop for Leave<'_> {
-            fn drop(&mut self) {
-                // Release: the slot is read before it is written again.
-                self.0.left.fetch_add(1, Ordering::Release);
-            }
-        }
         // A thread enters a slot twice at most, since it enters only after `front` was changed: 32
         // bits are enough.
         let entered = self.pins.fetch_add(1, Ordering::AcqRel);
         let slot = (entered >> PINNED) as usize;
-        let leave = Leave(self.slot(slot));
+        // Release: the slot is read before it is written again. Also if `copy` panics.
+        let leave = OnDrop::new(|| {
+            self.slot(slot).left.fetch_add(1, Ordering::Release);
+        });
         let read = copy(slot);
         // No later read, of any thread, is to find the value before.
         self.show(slot);

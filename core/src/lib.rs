@@ -11,6 +11,11 @@
 //! - [`failover`], [`standby`], [`park`], [`spin`]: how threads take turns, wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 
+#![allow(
+    clippy::new_without_default,
+    reason = "what is made here belongs to one thread or system: made on purpose, not by default"
+)]
+
 // The model is the same whichever tool checks it: shuttle has loom's names.
 #[cfg(shuttle)]
 extern crate shuttle as loom;

@@ -44,10 +44,6 @@ pub struct Parker {
 
 impl Parker {
     /// A parker without a wake.
-    #[expect(
-        clippy::new_without_default,
-        reason = "belongs to one thread: made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             state: AtomicU32::new(EMPTY),
@@ -312,7 +308,9 @@ mod tests {
     #[test]
     fn wakes_give_no_time_anew_where_the_clock_stands() {
         const TIME: Duration = Duration::from_micros(100);
-        let clock = Clock::from(luna_platform::clock::VirtualClock::new());
+        let clock = Clock::from(std::sync::Arc::new(
+            luna_platform::clock::VirtualClock::new(),
+        ));
         let _inside = clock.enter();
         let mut polls = 0;
         let busy = std::future::poll_fn(|cx| {

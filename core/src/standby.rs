@@ -7,11 +7,12 @@
 //! ```
 //! use luna_core::standby::Standby;
 //!
-//! static STANDBY: Standby = Standby::new();
-//! assert!(!STANDBY.call()); // it does not sleep yet
-//! let sleeper = std::thread::spawn(|| STANDBY.sleep(|| false));
-//! while !STANDBY.call() {}
-//! sleeper.join().unwrap();
+//! let standby = Standby::new();
+//! assert!(!standby.call()); // it does not sleep yet
+//! std::thread::scope(|scope| {
+//!     scope.spawn(|| standby.sleep(|| false));
+//!     while !standby.call() {}
+//! });
 //! ```
 
 use crate::path::{self, Call};
@@ -34,17 +35,6 @@ pub struct Standby {
 
 impl Standby {
     /// For a thread that does not sleep.
-    #[cfg(not(loom))]
-    #[expect(clippy::new_without_default, reason = "belongs to one thread")]
-    pub const fn new() -> Self {
-        Self {
-            state: Futex::new(BUSY),
-        }
-    }
-
-    /// For a thread that does not sleep.
-    #[cfg(loom)]
-    #[expect(clippy::new_without_default, reason = "belongs to one thread")]
     pub fn new() -> Self {
         Self {
             state: Futex::new(BUSY),

@@ -32,27 +32,15 @@ impl WaitNode {
         }
     }
 
-    /// A node for `user`, for an empty list.
+    /// A node for `user`, for an empty list. Without a wake handle its owner is woken by other
+    /// means.
     #[inline(always)]
-    pub fn waiting(user: User, priority: Priority, wake_handle: WakeHandle) -> Self {
+    pub fn waiting(user: User, priority: Priority, wake_handle: Option<WakeHandle>) -> Self {
         Self {
-            before: None,
-            after: None,
             priority,
             user,
-            wake_handle: Some(wake_handle),
-        }
-    }
-
-    /// A node for `user`, for an empty list. Its owner is woken by other means.
-    #[inline(always)]
-    pub fn without_wake_handle(user: User, priority: Priority) -> Self {
-        Self {
-            before: None,
-            after: None,
-            priority,
-            user,
-            wake_handle: None,
+            wake_handle,
+            ..Self::new()
         }
     }
 
@@ -94,13 +82,7 @@ impl WaitNode {
                 Some(process) => (User::Process(process.id()), process.priority()),
                 None => (User::Outside, Priority::default()),
             };
-            place.write(WaitNode {
-                before: None,
-                after: None,
-                priority,
-                user,
-                wake_handle,
-            });
+            place.write(WaitNode::waiting(user, priority, wake_handle));
         }
     }
 
@@ -120,12 +102,6 @@ impl WaitNode {
     #[inline]
     pub fn wake_handle_mut(&mut self) -> &mut Option<WakeHandle> {
         &mut self.wake_handle
-    }
-}
-
-impl Default for WaitNode {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -415,12 +391,6 @@ impl WaitList {
     }
 }
 
-impl Default for WaitList {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
@@ -451,7 +421,7 @@ mod tests {
 
     #[test]
     fn urgent_first_then_by_arrival() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..6).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..6).map(|_| Box::new(WaitNode::new())).collect();
         let mut list = WaitList::new();
         for (index, (thread, level)) in [(0, 3), (0, 3), (80, 0), (0, 9), (80, 0), (0, 0)]
             .into_iter()
@@ -465,7 +435,7 @@ mod tests {
 
     #[test]
     fn one_that_comes_again_as_the_first_is_before_its_equals_alone() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::new(WaitNode::new())).collect();
         let mut list = WaitList::new();
         for (index, level) in [3, 3, 9, 0].into_iter().enumerate() {
             insert(&mut list, &mut nodes[index], 0, level);
@@ -480,7 +450,7 @@ mod tests {
 
     #[test]
     fn one_that_comes_again_at_another_priority_stands_where_that_says() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::new(WaitNode::new())).collect();
         let mut list = WaitList::new();
         for (index, level) in [9, 3, 3].into_iter().enumerate() {
             insert(&mut list, &mut nodes[index], 0, level);
@@ -496,7 +466,7 @@ mod tests {
 
     #[test]
     fn lists_are_joined() {
-        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::default()).collect();
+        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::new(WaitNode::new())).collect();
         let (mut list, mut other) = (WaitList::new(), WaitList::new());
         list.append(&mut other);
         assert!(list.is_empty());
@@ -511,7 +481,7 @@ mod tests {
     #[test]
     fn removal_at_either_end_and_between() {
         for gone in 0..3 {
-            let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::default()).collect();
+            let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::new(WaitNode::new())).collect();
             let mut list = WaitList::new();
             for node in &mut nodes {
                 insert(&mut list, node, 0, 0);

@@ -50,20 +50,9 @@ static POOL: Pool = Pool {
 };
 
 /// The system could not start a buddy thread.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("no thread for blocking calls could be started: {0}")]
 pub struct NoBuddy(Box<dyn std::error::Error + Send + Sync>);
-
-impl fmt::Display for NoBuddy {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "no thread for blocking calls could be started: {}",
-            self.0
-        )
-    }
-}
-
-impl std::error::Error for NoBuddy {}
 
 /// Starts the first buddy thread if there is none, so that the first blocking call of a process
 /// need not.

@@ -5,6 +5,7 @@ use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
 use crate::simulation::Stage;
 use luna_platform::clock::Clock;
+use luna_platform::guard::OnDrop;
 use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
@@ -23,36 +24,19 @@ thread_local! {
     static HERE: RefCell<Option<Desk>> = const { RefCell::new(None) };
 }
 
-/// Counts the calls of this thread in `quiescence` until the guard is dropped.
+/// Counts the calls of this thread in `quiescence` until the guard is dropped, and lets the stage
+/// decide when their results come if the thread is one.
 pub(crate) fn enter(
     quiescence: Arc<Quiescence>,
     registry: Option<Arc<ProcessRegistry>>,
-) -> DeskGuard {
+    stage: Option<Arc<Stage>>,
+) -> OnDrop<impl FnMut()> {
     HERE.set(Some(Desk {
         quiescence,
         registry,
-        stage: None,
+        stage,
     }));
-    DeskGuard(())
-}
-
-/// The calls of this thread are those of `stage` until the guard is dropped.
-pub(crate) fn enter_simulated(stage: Arc<Stage>) -> DeskGuard {
-    HERE.set(Some(Desk {
-        quiescence: stage.quiescence().clone(),
-        registry: Some(stage.registry().clone()),
-        stage: Some(stage),
-    }));
-    DeskGuard(())
-}
-
-#[must_use = "calls are counted until the guard is dropped"]
-pub(crate) struct DeskGuard(());
-
-impl Drop for DeskGuard {
-    fn drop(&mut self) {
-        HERE.take();
-    }
+    OnDrop::new(|| drop(HERE.take()))
 }
 
 /// Something that is under way outside of all processes and wakes one of this thread's when it is
@@ -93,35 +77,23 @@ impl UnderWay {
     /// Makes the `delivery` of its result; or leaves that to the stage, which makes it when its
     /// turn has come.
     pub(crate) fn deliver(&mut self, delivery: impl FnOnce() + Send + 'static) {
-        match self.stage_to_notify() {
+        let stage = self.desk.as_ref().and_then(|desk| desk.stage.as_ref());
+        match stage.zip(self.number.take()) {
             None => delivery(),
             Some((stage, number)) => stage.call_done(number, Box::new(delivery)),
         }
-    }
-
-    fn stage_to_notify(&mut self) -> Option<(&Stage, u64)> {
-        let number = self.number.take()?;
-        Some((self.desk.as_ref()?.stage.as_deref()?, number))
     }
 }
 
 impl Drop for UnderWay {
     fn drop(&mut self) {
         // It was never made: nothing waits for it.
-        self.deliver_nothing();
+        self.deliver(|| ());
         if let Some(desk) = &self.desk
             && desk.quiescence.end_call()
             && let Some(registry) = &desk.registry
         {
             registry.announce();
-        }
-    }
-}
-
-impl UnderWay {
-    fn deliver_nothing(&mut self) {
-        if let Some((stage, number)) = self.stage_to_notify() {
-            stage.call_done(number, Box::new(|| ()));
         }
     }
 }

@@ -62,8 +62,8 @@ pub(crate) struct Deadlines {
 impl Deadlines {
     /// For the executor `shared`, on its thread.
     pub(crate) fn new(shared: Arc<Shared>, timers: Arc<TimerQueue>) -> Self {
-        let alarm = || Alarm::new(shared.clone(), |shared| shared.inbound().word(), DEADLINE);
-        let has_alarm = shared.serves() == Serves::Many;
+        let alarm = || Alarm::new(shared.clone(), |shared| shared.inbound.word(), DEADLINE);
+        let has_alarm = shared.serves == Serves::Many;
         Self {
             alarm: has_alarm.then(alarm).flatten(),
             shared,
@@ -96,7 +96,7 @@ impl Deadlines {
 
     /// Begins to look. `false`: only the alarm was to be armed.
     fn begin(&self) -> bool {
-        let inbound = self.shared.inbound();
+        let inbound = &self.shared.inbound;
         // First: what comes from here on sets the bit again.
         inbound.take_look();
         let rung = self.take_rung();
@@ -119,7 +119,7 @@ impl Deadlines {
     /// Looks no more, and sets the alarm to the next deadline. Without an alarm it looks on.
     #[cold]
     fn end(&self) {
-        let inbound = self.shared.inbound();
+        let inbound = &self.shared.inbound;
         // First: if the alarm goes off from here on, it sets the bit.
         inbound.take_look();
         self.take_rung();
@@ -142,7 +142,7 @@ impl Deadlines {
             alarm.take_rung();
         }
         self.is_busy.set(false);
-        let inbound = self.shared.inbound();
+        let inbound = &self.shared.inbound;
         let next = self.timers.next_deadline();
         if next == Instant::NEVER {
             if inbound.signals().deadline() {

@@ -23,6 +23,11 @@
 //! # Ok(()) }
 //! ```
 
+#![allow(
+    clippy::new_without_default,
+    reason = "what is made here belongs to one thread or system: made on purpose, not by default"
+)]
+
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
@@ -34,8 +39,6 @@ mod remote_wakes;
 mod blocking;
 #[cfg(not(loom))]
 mod calls;
-#[cfg(not(loom))]
-mod counted;
 #[cfg(not(loom))]
 mod deadlines;
 #[cfg(not(loom))]

@@ -1,7 +1,7 @@
 //! OS-thread processes: one process blocked on its own thread.
 
 use crate::calls;
-use crate::executor::{Announced, Executor, ExecutorHandle};
+use crate::executor::{Announced, Executor, ExecutorHandle, Serves};
 use crate::process::{ProcessHandle, ProcessRegistry, ProcessSpec, prepare_thread};
 use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
@@ -23,16 +23,11 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 /// [`block_on`] was called inside a process.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "this thread runs a process already, which running another to its end would stop: await it instead"
+)]
 pub struct Nested;
-
-impl fmt::Display for Nested {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("this thread runs a process already, which running another to its end would stop: await it instead")
-    }
-}
-
-impl std::error::Error for Nested {}
 
 /// Runs `future` as a process on this thread, until it is done. It may borrow and need not be
 /// `Send`; it may make blocking calls.
@@ -50,12 +45,7 @@ impl std::error::Error for Nested {}
 /// assert!(nested.unwrap().is_err());
 /// ```
 pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
-    if current::executor_id().is_some() {
-        return Err(Nested);
-    }
-    Ok(run_here(future, |_, _, parker, deadline| {
-        parker.park(deadline)
-    }))
+    run_here(future, |_, _, parker, deadline| parker.park(deadline))
 }
 
 /// As [`block_on`], and calls `stuck` when the process has waited for `patience`, and neither a
@@ -92,11 +82,8 @@ pub fn block_on_patiently<F: Future>(
     patience: Duration,
     mut stuck: impl FnMut(ProcessId) -> bool,
 ) -> Result<F::Output, Nested> {
-    if current::executor_id().is_some() {
-        return Err(Nested);
-    }
     let mut has_heard = false;
-    Ok(run_here(future, |id, quiescence, parker, deadline| {
+    run_here(future, |id, quiescence, parker, deadline| {
         if !has_heard && only_others_can_wake(parker, deadline) && !quiescence.has_calls() {
             if parker.park(Instant::now() + patience) {
                 return true;
@@ -104,7 +91,7 @@ pub fn block_on_patiently<F: Future>(
             has_heard = stuck(id);
         }
         parker.park(deadline)
-    }))
+    })
 }
 
 /// Whether nothing that the thread has of its own can wake it.
@@ -116,18 +103,21 @@ fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
 fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Quiescence, &Parker, Instant) -> bool,
-) -> F::Output {
+) -> Result<F::Output, Nested> {
+    if current::executor_id().is_some() {
+        return Err(Nested);
+    }
     // Where a blocking call of a process on a virtual clock runs this, time stands until it is
     // over.
     let _clock = Clock::REAL.enter();
     let parker = Shared::new(Parker::new());
     let _files = watch::enter(parker.bell(), None);
     let quiescence = Arc::new(Quiescence::new());
-    let _calls = calls::enter(quiescence.clone(), None);
+    let _calls = calls::enter(quiescence.clone(), None, None);
     let id = ProcessId::new();
-    run(pin!(future), &parker, id, |parker, deadline| {
+    Ok(run(pin!(future), &parker, id, |parker, deadline| {
         sleep(id, &quiescence, parker, deadline)
-    })
+    }))
 }
 
 /// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a
@@ -232,7 +222,7 @@ impl OsThread {
         registry: Arc<ProcessRegistry>,
         announce: impl FnOnce(&ExecutorHandle) -> (Announced, ProcessHandle),
     ) -> Result<OsThread, SpawnError<Infallible>> {
-        let executor = Executor::start_for_one(attributes, registry)?;
+        let executor = Executor::start_thread(attributes, registry, Serves::One)?;
         let (announced, process) = announce(executor.handle());
         drop(announced.start());
         executor.settle();

@@ -13,6 +13,7 @@ use luna_core::current::{self, Renewal, WakeHandle};
 use luna_platform::bell::{Bell, Hook, Watch};
 use luna_platform::clock::Instant;
 use luna_platform::futex::Waited;
+use luna_platform::guard::OnDrop;
 use luna_platform::lock::PiLock;
 use luna_platform::reactor::{BorrowedFd, Reactor, ReactorError, Readiness};
 use std::cell::{Cell, RefCell};
@@ -85,28 +86,20 @@ struct Here {
 
 /// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is
 /// dropped. An `executor` is asked to look at them once there are any.
-pub(crate) fn enter(bell: &Bell, executor: Option<Arc<Shared>>) -> FilesGuard {
+pub(crate) fn enter(bell: &Bell, executor: Option<Arc<Shared>>) -> OnDrop<impl FnMut() + use<>> {
     let here = Here {
         hook: bell.hook().clone(),
         executor,
         files: None,
     };
     HAS_FILES.set(false);
-    FilesGuard(HERE.replace(Some(here)))
-}
-
-#[must_use = "files can be waited for until the guard is dropped"]
-pub(crate) struct FilesGuard(
-    /// The former value: a process may be made by a builder that runs another one first.
-    Option<Here>,
-);
-
-impl Drop for FilesGuard {
-    fn drop(&mut self) {
-        let before = self.0.take();
+    // The former value: a process may be made by a builder that runs another one first.
+    let mut before = HERE.replace(Some(here));
+    OnDrop::new(move || {
+        let before = before.take();
         HAS_FILES.set(before.as_ref().is_some_and(|here| here.files.is_some()));
         drop(HERE.replace(before));
-    }
+    })
 }
 
 /// The files of one thread.
@@ -142,10 +135,11 @@ impl ThreadFiles {
                 rounds: AtomicU32::new(0),
             });
             // The thread is awake, since it polls: only then may a watch be added.
-            here.hook.hang(files.clone());
+            // This thread alone sets it, once.
+            let _ = here.hook.set(files.clone());
             HAS_FILES.set(true);
             if let Some(executor) = &here.executor {
-                executor.inbound().ask_for_files();
+                executor.inbound.ask_for_files();
             }
             here.files = Some(files.clone());
             Ok(files)

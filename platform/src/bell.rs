@@ -47,20 +47,16 @@ pub struct Bell {
     hook: Hook,
 }
 
-/// The place of a [`Bell`]'s [`Watch`], which its owner sets. Clones refer to the same place.
-#[derive(Debug, Clone)]
-pub struct Hook(Arc<OnceLock<Arc<dyn Watch>>>);
+/// The place of a [`Bell`]'s [`Watch`]. Its owner sets it, while awake: it then sleeps in the watch,
+/// for good. Clones refer to the same place.
+pub type Hook = Arc<OnceLock<Arc<dyn Watch>>>;
 
 impl Bell {
     /// A bell without a ring and without a watch.
-    #[expect(
-        clippy::new_without_default,
-        reason = "belongs to one thread: made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             rung: Futex::new(0),
-            hook: Hook(Arc::new(OnceLock::new())),
+            hook: Hook::default(),
         }
     }
 
@@ -78,7 +74,7 @@ impl Bell {
     /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system
     /// call; with a watch, its own.
     pub fn wait(&self, deadline: Instant) -> Waited {
-        match self.hook.0.get() {
+        match self.hook.get() {
             None => path::expected(Call::Sleep, || self.rung.wait(0, deadline)),
             Some(watch) => watch.sleep(deadline),
         }
@@ -86,7 +82,7 @@ impl Bell {
 
     /// Ends the wait: step b. From any thread; lock-free, one system call.
     pub fn ring(&self) {
-        match self.hook.0.get() {
+        match self.hook.get() {
             None => {
                 self.rung.word().store(1, Ordering::Release);
                 path::expected(Call::Wake, || self.rung.wake_one());
@@ -98,17 +94,8 @@ impl Bell {
     /// Polls the watch, if there is one. Owner only; without a watch one load and one branch.
     #[inline]
     pub fn glance(&self) {
-        if let Some(watch) = self.hook.0.get() {
+        if let Some(watch) = self.hook.get() {
             watch.glance();
         }
-    }
-}
-
-impl Hook {
-    /// Makes the thread sleep in `watch` from now on. Owner only, awake. The first watch stays for
-    /// good: a second is dropped.
-    pub fn hang(&self, watch: Arc<dyn Watch>) {
-        // Only the owner sets it, so this never waits for another thread.
-        let _ = self.0.set(watch);
     }
 }

@@ -31,6 +31,7 @@
 //! ```
 
 use crate::backend::crash as backend;
+use crate::clock::nanos;
 use crate::forked;
 use crate::futex::Futex;
 use crate::signals::SignalError;
@@ -188,8 +189,7 @@ impl CrashSlot {
 
     /// The longest time that a crash waits.
     pub fn set_bound(self, bound: Duration) {
-        let nanos = u64::try_from(bound.as_nanos()).unwrap_or(u64::MAX);
-        self.0.bound.store(nanos, Ordering::Relaxed);
+        self.0.bound.store(nanos(bound), Ordering::Relaxed);
     }
 
     /// `member`, which is the calling thread with the number `thread`, begins the work that a crash

@@ -35,10 +35,6 @@ pub struct EventCount {
 impl EventCount {
     /// No event, and no waiting group.
     #[cfg(not(loom))]
-    #[expect(
-        clippy::new_without_default,
-        reason = "the name at its creation states its purpose"
-    )]
     pub const fn new() -> Self {
         Self {
             count: Futex::new(0),
@@ -48,10 +44,6 @@ impl EventCount {
 
     /// No event, and no waiting group.
     #[cfg(loom)]
-    #[expect(
-        clippy::new_without_default,
-        reason = "the name at its creation states its purpose"
-    )]
     pub fn new() -> Self {
         Self {
             count: Futex::new(0),

@@ -21,6 +21,7 @@
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
+//! - [`guard`]: what is undone at the end of a scope.
 //! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the
 //!   machine is.
@@ -32,6 +33,11 @@
 //!
 //! A system call is made on the real-time path only where a function's documentation says so;
 //! [`path`] lets a test hold the path to that.
+
+#![allow(
+    clippy::new_without_default,
+    reason = "what is made here belongs to one thread or system: made on purpose, not by default"
+)]
 
 // The model is the same for either checker: shuttle has loom's names.
 #[cfg(shuttle)]
@@ -50,6 +56,8 @@ pub mod facts;
 pub mod file;
 #[cfg(not(loom))]
 pub mod forked;
+pub mod futex;
+pub mod guard;
 #[cfg(not(loom))]
 pub mod latency;
 #[cfg(not(loom))]
@@ -88,6 +96,5 @@ mod backend;
 
 pub use backend::boost;
 pub use backend::fence;
-pub use backend::futex;
 pub use backend::inside;
 pub use backend::lock;

@@ -9,7 +9,6 @@
 
 use crate::backend::memory as backend;
 use crate::shortfall::Shortfall;
-use std::fmt;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -126,22 +125,13 @@ pub fn prefault_heap(bytes: usize) -> Result<(), HeapError> {
 }
 
 /// There is not that much memory.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the heap cannot hold {bytes} bytes in advance; ask for less, or raise the memory limit (ulimit -v)"
+)]
 pub struct HeapError {
     bytes: usize,
 }
-
-impl fmt::Display for HeapError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "the heap cannot hold {} bytes in advance; ask for less, or raise the memory limit (ulimit -v)",
-            self.bytes
-        )
-    }
-}
-
-impl std::error::Error for HeapError {}
 
 #[cfg(test)]
 mod tests {

@@ -1,5 +1,6 @@
 //! Whether a panic on this thread is expected, and caught by code that goes on.
 
+use crate::guard::OnDrop;
 use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -25,14 +26,15 @@ thread_local! {
 ///
 /// The payload of the panic.
 pub fn catch<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
-    struct Restore(bool);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            ARE_CAUGHT.set(self.0);
-        }
-    }
-    let _restore = Restore(ARE_CAUGHT.replace(true));
+    let before = ARE_CAUGHT.replace(true);
+    let _restore = OnDrop::new(|| ARE_CAUGHT.set(before));
     catch_unwind(AssertUnwindSafe(f))
+}
+
+/// The words of a panic, if they are a text.
+pub fn text(payload: &(dyn Any + Send)) -> Option<&str> {
+    let text = payload.downcast_ref::<&str>().copied();
+    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
 }
 
 /// Whether the calling thread is in [`catch`]. For a panic hook: also while the thread ends.

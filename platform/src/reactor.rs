@@ -5,8 +5,6 @@ pub use crate::backend::reactor::Reactor;
 #[cfg(any(unix, target_os = "wasi"))]
 pub use std::os::fd::BorrowedFd;
 
-use std::fmt;
-
 /// A borrowed file descriptor. This system has none of the kind, so there is no value of this type.
 #[cfg(not(any(unix, target_os = "wasi")))]
 #[derive(Debug, Clone, Copy)]
@@ -55,31 +53,39 @@ pub struct Ended {
 pub const FIRST_RESERVED_TOKEN: u64 = u64::MAX - 1;
 
 /// Why a file is not waited for.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReactorError {
     /// The token is one of the reactor's own.
+    #[error("the token {token} is the reactor's own; choose one below {FIRST_RESERVED_TOKEN}")]
     ReservedToken {
         /// The token given.
         token: u64,
     },
     /// The kernel cannot wait for this kind of file: one on a disk, or a directory. They are always
     /// ready.
+    #[error(
+        "descriptor {fd} is a file on a disk or a directory, which cannot be waited for; read it with \
+         a blocking call on another thread"
+    )]
     AlwaysReady {
         /// The file's descriptor.
         fd: i32,
     },
     /// The file is registered already.
+    #[error("descriptor {fd} is registered already; rearm it, or deregister it first")]
     AlreadyRegistered {
         /// The file's descriptor.
         fd: i32,
     },
     /// The file is not registered here.
+    #[error("descriptor {fd} is not registered here; register it first")]
     NotRegistered {
         /// The file's descriptor.
         fd: i32,
     },
     /// The kernel refused.
+    #[error("{call} failed: {message}; see {call}(2)")]
     Kernel {
         /// The call that it refused.
         call: &'static str,
@@ -87,30 +93,9 @@ pub enum ReactorError {
         message: String,
     },
     /// This backend cannot wait for files.
+    #[error(
+        "waiting for files needs Linux: the portable backend cannot; run it on Linux, built without \
+         `--cfg luna_portable`"
+    )]
     Unsupported,
 }
-
-impl fmt::Display for ReactorError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ReactorError::ReservedToken { token } => {
-                write!(f, "the token {token} is the reactor's own; choose one below {FIRST_RESERVED_TOKEN}")
-            }
-            ReactorError::AlwaysReady { fd } => write!(
-                f,
-                "descriptor {fd} is a file on a disk or a directory, which cannot be waited for; read it with a blocking call on \
-                 another thread"
-            ),
-            ReactorError::AlreadyRegistered { fd } => {
-                write!(f, "descriptor {fd} is registered already; rearm it, or deregister it first")
-            }
-            ReactorError::NotRegistered { fd } => write!(f, "descriptor {fd} is not registered here; register it first"),
-            ReactorError::Kernel { call, message } => write!(f, "{call} failed: {message}; see {call}(2)"),
-            ReactorError::Unsupported => f.write_str(
-                "waiting for files needs Linux: the portable backend cannot; run it on Linux, built without `--cfg luna_portable`",
-            ),
-        }
-    }
-}
-
-impl std::error::Error for ReactorError {}

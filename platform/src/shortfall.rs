@@ -112,45 +112,54 @@ pub enum PolicyRefusal {
 }
 
 /// Why a core was refused.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CoreRefusal {
     /// The machine has no such core.
+    #[error("the machine has no such core, but {cores}")]
     NoSuchCore {
         /// Those it has, as the kernel writes lists.
         cores: String,
     },
     /// The core is switched off.
+    #[error("it is switched off")]
     Offline,
     /// The control group (or container) of this process keeps it from the core.
+    #[error("the process' control group does not allow it, but {allowed}")]
     NotAllowed {
         /// Those allowed, as the kernel writes lists.
         allowed: String,
     },
     /// Nothing was refused, yet the thread may run elsewhere.
+    #[error("it was set, but the thread may still run elsewhere")]
     NotKept,
     /// Another error of the kernel.
+    #[error("the kernel said: {message}")]
     Kernel {
         /// Its words.
         message: String,
     },
     /// This backend cannot pin threads.
+    #[error("the portable backend cannot pin threads")]
     Unsupported,
 }
 
 /// Why a thread sleeps at once: spinning could keep another thread from running that has work for
 /// it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SpinRefusal {
     /// The thread is not pinned to a core.
+    #[error("the thread has no core of its own")]
     NotPinned,
     /// Another thread of the system is pinned to the same core.
+    #[error("it shares its core with `{with}`")]
     SharedCore {
         /// That one's name.
         with: String,
     },
     /// Another thread of the system is not pinned, so it may run on the same core.
+    #[error("`{name}` is not pinned, so it may run on the same core")]
     UnpinnedNeighbour {
         /// That one's name.
         name: String,
@@ -158,38 +167,50 @@ pub enum SpinRefusal {
 }
 
 /// Why memory was not locked.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MemoryRefusal {
     /// The process has no CAP_IPC_LOCK, and its limit is not unlimited. Under a smaller limit
     /// locking would succeed, and a later thread would fail to start.
+    #[error(
+        "CAP_IPC_LOCK is missing{}",
+        limit.map_or_else(String::new, |limit| {
+            format!(" and the limit on locked memory (RLIMIT_MEMLOCK) is {limit} bytes")
+        })
+    )]
     Limited {
         /// The process' RLIMIT_MEMLOCK in bytes, where it could be read.
         limit: Option<u64>,
     },
     /// Another error of the kernel.
+    #[error("the kernel said: {message}")]
     Kernel {
         /// Its words.
         message: String,
     },
     /// This backend cannot lock memory.
+    #[error("the portable backend cannot lock memory")]
     Unsupported,
 }
 
 /// Why wake-ups are not kept short.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LatencyRefusal {
     /// There is no `/dev/cpu_dma_latency`: a container, or a kernel without power management.
+    #[error("/dev/cpu_dma_latency does not exist")]
     Missing,
     /// The process may not write to it.
+    #[error("the process may not write to /dev/cpu_dma_latency")]
     NotPermitted,
     /// Another error of the kernel.
+    #[error("the kernel said: {message}")]
     Kernel {
         /// Its words.
         message: String,
     },
     /// This backend has no such device.
+    #[error("the portable backend has no such device")]
     Unsupported,
 }
 
@@ -212,11 +233,11 @@ impl Shortfall {
     pub fn why(&self) -> String {
         match self {
             Shortfall::Policy { asked, why } => why.text(*asked),
-            Shortfall::Core { why, .. } => why.text(),
+            Shortfall::Core { why, .. } => why.to_string(),
             Shortfall::Inheritance { asked, why } => why.text(Policy::fifo(*asked)),
-            Shortfall::Spin { why, .. } => why.text(),
-            Shortfall::MemoryLock(why) => why.text(),
-            Shortfall::DmaLatency(why) => why.text(),
+            Shortfall::Spin { why, .. } => why.to_string(),
+            Shortfall::MemoryLock(why) => why.to_string(),
+            Shortfall::DmaLatency(why) => why.to_string(),
         }
     }
 
@@ -328,19 +349,6 @@ impl PolicyRefusal {
 }
 
 impl CoreRefusal {
-    fn text(&self) -> String {
-        match self {
-            Self::NoSuchCore { cores } => format!("the machine has no such core, but {cores}"),
-            Self::Offline => "it is switched off".to_owned(),
-            Self::NotAllowed { allowed } => {
-                format!("the process' control group does not allow it, but {allowed}")
-            }
-            Self::NotKept => "it was set, but the thread may still run elsewhere".to_owned(),
-            Self::Kernel { message } => format!("the kernel said: {message}"),
-            Self::Unsupported => "the portable backend cannot pin threads".to_owned(),
-        }
-    }
-
     fn remedy(&self) -> String {
         match self {
             Self::NoSuchCore { .. } => "choose one of these".to_owned(),
@@ -358,16 +366,6 @@ impl CoreRefusal {
 }
 
 impl SpinRefusal {
-    fn text(&self) -> String {
-        match self {
-            Self::NotPinned => "the thread has no core of its own".to_owned(),
-            Self::SharedCore { with } => format!("it shares its core with `{with}`"),
-            Self::UnpinnedNeighbour { name } => {
-                format!("`{name}` is not pinned, so it may run on the same core")
-            }
-        }
-    }
-
     fn remedy(&self) -> String {
         match self {
             Self::NotPinned => "pin it to a core where nothing else runs".to_owned(),
@@ -378,19 +376,6 @@ impl SpinRefusal {
 }
 
 impl MemoryRefusal {
-    fn text(&self) -> String {
-        match self {
-            Self::Limited { limit: Some(limit) } => {
-                format!(
-                    "CAP_IPC_LOCK is missing and the limit on locked memory (RLIMIT_MEMLOCK) is {limit} bytes"
-                )
-            }
-            Self::Limited { limit: None } => "CAP_IPC_LOCK is missing".to_owned(),
-            Self::Kernel { message } => format!("the kernel said: {message}"),
-            Self::Unsupported => "the portable backend cannot lock memory".to_owned(),
-        }
-    }
-
     fn remedy(&self) -> String {
         match self {
             Self::Limited { .. } => {
@@ -405,15 +390,6 @@ impl MemoryRefusal {
 }
 
 impl LatencyRefusal {
-    fn text(&self) -> String {
-        match self {
-            Self::Missing => "/dev/cpu_dma_latency does not exist".to_owned(),
-            Self::NotPermitted => "the process may not write to /dev/cpu_dma_latency".to_owned(),
-            Self::Kernel { message } => format!("the kernel said: {message}"),
-            Self::Unsupported => "the portable backend has no such device".to_owned(),
-        }
-    }
-
     fn remedy(&self) -> String {
         match self {
             Self::Missing => "build the kernel with CONFIG_PM and CONFIG_CPU_IDLE, or pass the device into the container".to_owned(),

@@ -73,13 +73,7 @@ impl Signal {
 
 impl fmt::Display for Signal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Signal::Interrupt => "SIGINT",
-            Signal::Terminate => "SIGTERM",
-            Signal::Hangup => "SIGHUP",
-            Signal::User1 => "SIGUSR1",
-            Signal::User2 => "SIGUSR2",
-        })
+        name(self.number()).fmt(f)
     }
 }
 
@@ -136,7 +130,7 @@ impl Installed {
 
 /// While it lives, signals are events instead of ending the program.
 ///
-/// The first signal is an event: [`received`](Self::received) returns its number, and the threads
+/// The first signal is an event: [`received`] returns its number, and the threads
 /// that wait for events are woken. A second one, at least [`SAME_REQUEST`] later, ends the program
 /// at once with `_exit(128 + number)`: nothing is flushed or dropped.
 ///
@@ -148,7 +142,7 @@ impl Installed {
 /// use luna_platform::signals::{Signal, SignalWatch};
 ///
 /// match SignalWatch::install(&[Signal::Interrupt, Signal::Terminate]) {
-///     Ok(watch) => assert_eq!(watch.received(), None),
+///     Ok(_watch) => assert_eq!(luna_platform::signals::received(), None),
 ///     Err(error) => eprintln!("{error}"),
 /// }
 /// ```
@@ -190,14 +184,6 @@ impl SignalWatch {
         Ok(SignalWatch { _private: () })
     }
 
-    /// The number of the signal received since the first watch was installed, if one was. An atomic
-    /// load.
-    pub fn received(&self) -> Option<i32> {
-        received()
-    }
-}
-
-impl SignalWatch {
     /// Ends the watch. If it was the last, and `again`, a received signal is sent to this process
     /// once more, with its former effect: for a caller that has not acted on it, since it came too
     /// late. Not for the real-time path.
@@ -291,18 +277,10 @@ impl Drop for HeldBack {
     }
 }
 
-/// What the handler is to do after it noted a signal.
+/// Notes the signal `number`. Returns whether it is a second request, which ends the program.
+/// Async-signal-safe: atomics, the clock, and one futex wake.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
-pub(crate) enum Noted {
-    /// It was the first, or the same request again: nothing more.
-    Event,
-    /// It was a second request: end the program.
-    EndNow,
-}
-
-/// Notes the signal `number`. Async-signal-safe: atomics, the clock, and one futex wake.
-#[cfg(all(target_os = "linux", not(luna_portable)))]
-pub(crate) fn note(number: i32) -> Noted {
+pub(crate) fn note(number: i32) -> bool {
     let now = Instant::now_real();
     // Acquire and release: a thread that sees the number sees what the signal's sender did before,
     // as far as there is an order.
@@ -315,12 +293,11 @@ pub(crate) fn note(number: i32) -> Noted {
             true => EVENTS.announce_here(),
             false => EVENTS.announce(),
         }
-        return Noted::Event;
+        return false;
     }
     match RECEIVED_AT.load(Ordering::Relaxed) {
-        0 => Noted::Event,
-        first if now - Instant::from_nanos(first) < SAME_REQUEST => Noted::Event,
-        _ => Noted::EndNow,
+        0 => false,
+        first => now - Instant::from_nanos(first) >= SAME_REQUEST,
     }
 }
 
@@ -343,7 +320,6 @@ pub struct Listeners(());
 impl Listeners {
     /// Make it before the first of the threads waits, and drop it when the last has. Several may
     /// live at a time, of several systems: then all threads are notified.
-    #[expect(clippy::new_without_default, reason = "it is made for what it does")]
     pub fn new() -> Listeners {
         EVENTS.join();
         Listeners(())
@@ -389,10 +365,11 @@ pub fn announce_event() {
 }
 
 /// Why a signal cannot be watched for.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SignalError {
     /// The system refused.
+    #[error("{signal} cannot be watched for: {message}; see sigaction(2)")]
     Refused {
         /// Which signal.
         signal: Signal,
@@ -400,6 +377,7 @@ pub enum SignalError {
         message: String,
     },
     /// The system refused the handler of a signal by which programs crash.
+    #[error("signal {number} cannot be handled: {message}; see sigaction(2)")]
     NoCrashHandler {
         /// The signal's number.
         number: i32,
@@ -407,36 +385,21 @@ pub enum SignalError {
         message: String,
     },
     /// There are as many watches for crashes as there may be.
+    #[error(
+        "there are {most} systems in this program already, which is the most that a crash can wait \
+         for: end one first"
+    )]
     TooMany {
         /// How many there may be.
         most: usize,
     },
     /// This backend knows no signals.
+    #[error(
+        "signals cannot be watched for: the portable backend has none; end the system from the \
+         program, or run it on Linux, built without `--cfg luna_portable`"
+    )]
     Unsupported,
 }
-
-impl fmt::Display for SignalError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            SignalError::Refused { signal, message } => {
-                write!(f, "{signal} cannot be watched for: {message}; see sigaction(2)")
-            }
-            SignalError::NoCrashHandler { number, message } => {
-                write!(f, "signal {number} cannot be handled: {message}; see sigaction(2)")
-            }
-            SignalError::TooMany { most } => write!(
-                f,
-                "there are {most} systems in this program already, which is the most that a crash can wait for: end one first"
-            ),
-            SignalError::Unsupported => f.write_str(
-                "signals cannot be watched for: the portable backend has none; end the system from the program, or run it on Linux, \
-                 built without `--cfg luna_portable`",
-            ),
-        }
-    }
-}
-
-impl std::error::Error for SignalError {}
 
 #[cfg(test)]
 mod tests {

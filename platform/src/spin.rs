@@ -8,6 +8,8 @@
 
 use crate::clock::Instant;
 #[cfg(not(loom))]
+use crate::guard::OnDrop;
+#[cfg(not(loom))]
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
@@ -161,25 +163,14 @@ thread_local! {
 /// assert!(!spin::is_allowed());
 /// ```
 #[cfg(not(loom))]
-pub fn enter(outside: std::sync::Arc<dyn Outside>) -> Looking {
+pub fn enter(outside: std::sync::Arc<dyn Outside>) -> OnDrop<impl FnMut()> {
     measure_pause();
     OUTSIDE.set(Some(outside));
     HAS_OUTSIDE.set(true);
-    Looking(())
-}
-
-/// See [`enter`].
-#[cfg(not(loom))]
-#[derive(Debug)]
-#[must_use = "operations look until the guard is dropped"]
-pub struct Looking(());
-
-#[cfg(not(loom))]
-impl Drop for Looking {
-    fn drop(&mut self) {
+    OnDrop::new(|| {
         HAS_OUTSIDE.set(false);
         OUTSIDE.set(None);
-    }
+    })
 }
 
 /// Whether this thread may spin before it sleeps, and has no request. Real-time path: yes; a load

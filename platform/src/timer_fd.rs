@@ -5,13 +5,12 @@
 
 pub use crate::backend::timer_fd::TimerFd;
 
-use std::fmt;
-
 /// Why a timer operation failed.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TimerError {
     /// The kernel refused.
+    #[error("{call} failed: {message}; see {call}(2)")]
     Kernel {
         /// The call that it refused.
         call: &'static str,
@@ -19,18 +18,9 @@ pub enum TimerError {
         message: String,
     },
     /// This backend has no such timers.
+    #[error(
+        "timers that are files need Linux: the portable backend has none; run it on Linux, built \
+         without `--cfg luna_portable`"
+    )]
     Unsupported,
 }
-
-impl fmt::Display for TimerError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            TimerError::Kernel { call, message } => write!(f, "{call} failed: {message}; see {call}(2)"),
-            TimerError::Unsupported => f.write_str(
-                "timers that are files need Linux: the portable backend has none; run it on Linux, built without `--cfg luna_portable`",
-            ),
-        }
-    }
-}
-
-impl std::error::Error for TimerError {}

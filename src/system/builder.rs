@@ -8,7 +8,7 @@ use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, LEVELS, ProcessId};
 use luna_executors::{Name, ProcessHandle, ProcessSpec};
-use luna_platform::facts::SystemFacts;
+use luna_platform::facts::{Source, parse::core_list};
 use luna_platform::thread::{Attributes, Policy};
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
@@ -22,7 +22,8 @@ fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
         return Ok(());
     }
     // Where the machine does not report its cores, the start reports that.
-    let Some(available) = SystemFacts::gather().online_cores else {
+    let online = Source::machine().parse("/sys/devices/system/cpu/online", core_list);
+    let Ok(available) = online else {
         return Ok(());
     };
     if available.contains(&core) {

@@ -49,7 +49,7 @@ impl<T> Waiter<T> {
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {
-                wait: WaitNode::waiting(user, process.priority(), wake_handle),
+                wait: WaitNode::waiting(user, process.priority(), Some(wake_handle)),
                 outcome: AtomicU8::new(Outcome::Waiting as u8),
                 begun: Begun::Plainly,
                 extended: false,
@@ -88,7 +88,7 @@ impl<T> Waiter<T> {
     /// As for [`begin`](Self::begin).
     #[inline]
     pub(crate) unsafe fn begin_in_slot(node: NonNull<Waiter<T>>) {
-        let wait = WaitNode::without_wake_handle(current::user(), current::priority());
+        let wait = WaitNode::waiting(current::user(), current::priority(), None);
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link::in_full(wait, None));
@@ -112,7 +112,7 @@ impl<T> Waiter<T> {
         select_state: NonNull<SelectState>,
         number: u32,
     ) {
-        let wait = WaitNode::without_wake_handle(user, priority);
+        let wait = WaitNode::waiting(user, priority, None);
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {

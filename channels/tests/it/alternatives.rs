@@ -289,7 +289,7 @@ fn a_failed_branch_fails_its_alternative_unless_that_has_communicated() {
         })
     };
     fn failed<T>(mut future: Pin<Box<impl Future<Output = T>>>) -> T {
-        current::with_branch(true, || ready(&mut future))
+        current::with_branch_below(true, 0, 0, || ready(&mut future))
     }
     // New, and while it waits: the first open guard fails, and nothing is taken.
     let mut send = Box::pin(one.send(5));
@@ -311,8 +311,9 @@ fn a_failed_branch_fails_its_alternative_unless_that_has_communicated() {
         let mut delay = Box::pin(async {
             alt! { _ = after(Duration::from_millis(1)) => 1 }
         });
-        let late =
-            std::future::poll_fn(|cx| current::with_branch(true, || delay.as_mut().poll(cx)));
+        let late = std::future::poll_fn(|cx| {
+            current::with_branch_below(true, 0, 0, || delay.as_mut().poll(cx))
+        });
         assert_eq!(late.await, 1);
     })
     .unwrap();

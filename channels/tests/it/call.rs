@@ -382,7 +382,7 @@ fn an_accept_that_waits_among_guards_gives_its_call_back() {
 fn a_failed_sibling_ends_a_call_at_every_point() {
     let (client, server) = call_channel::<u32, u32>();
     let failed = |call: &mut Pin<Box<luna_channels::CallOp<'_, u32, u32>>>| {
-        current::with_branch(true, || ready(call))
+        current::with_branch_below(true, 0, 0, || ready(call))
     };
     assert_eq!(
         failed(&mut Box::pin(client.call(0))),
@@ -408,7 +408,7 @@ fn a_failed_sibling_ends_a_call_at_every_point() {
     let served = accepted(&server);
     pending(&mut held);
     assert_eq!(
-        current::with_branch(true, || ready(&mut held)),
+        current::with_branch_below(true, 0, 0, || ready(&mut held)),
         Err(CallError::Interrupted)
     );
     assert_eq!(served.reply(7), Err(7));

@@ -175,7 +175,8 @@ fn that_a_branch_had_failed_is_nothing_to_the_one_that_selects_later() {
         let mut alternative = Alternative::fair(&inputs);
         poll_fn(|cx| {
             while current::count_operation() {}
-            let polled = current::with_branch(true, || pin!(alternative.recv()).poll(cx));
+            let polled =
+                current::with_branch_below(true, 0, 0, || pin!(alternative.recv()).poll(cx));
             assert!(polled.is_pending(), "it lets others run first");
             Poll::Ready(())
         })

@@ -100,9 +100,12 @@ fn a_failed_sibling_does_not_take_a_held_communication_back() {
     let mut send = Box::pin(sender.send(5));
     pending(&mut send);
     let extended = ready(&mut Box::pin(receiver.recv_extended())).unwrap();
-    current::with_branch(true, || pending(&mut send));
+    current::with_branch_below(true, 0, 0, || pending(&mut send));
     assert_eq!(extended.finish(), 5);
-    assert_eq!(current::with_branch(true, || ready(&mut send)), Ok(()));
+    assert_eq!(
+        current::with_branch_below(true, 0, 0, || ready(&mut send)),
+        Ok(())
+    );
 }
 
 #[test]

@@ -136,7 +136,7 @@ fn a_failed_sibling_makes_the_first_guard_fail_and_touches_no_other() {
         if waits {
             pending(&mut offer);
         }
-        let chosen = current::with_branch(true, || ready(&mut offer));
+        let chosen = current::with_branch_below(true, 0, 0, || ready(&mut offer));
         assert_eq!(chosen, Chosen::Send(Err(Some(0))));
         drop(offer);
         assert_eq!(ledger.dropped(), [0]);
@@ -199,7 +199,7 @@ fn the_three_forms_awaited_alone() {
     let mut send = Box::pin(sender.send_from(&mut slot));
     pending(&mut send);
     assert_eq!(receiver.try_recv().unwrap_err(), TryRecvError::Empty);
-    let failed = current::with_branch(true, || ready(&mut send)).unwrap_err();
+    let failed = current::with_branch_below(true, 0, 0, || ready(&mut send)).unwrap_err();
     assert!(failed.is_poisoned());
     drop(send);
     // A maker that is not called, and one that is.

@@ -170,7 +170,7 @@ fn a_failed_sibling_branch_makes_pending_and_later_operations_fail_as_poisoned()
     let (sender, receiver) = channel();
     let mut send = Box::pin(sender.send(1));
     pending(&mut send);
-    current::with_branch(true, || {
+    current::with_branch_below(true, 0, 0, || {
         let error = ready(&mut send).unwrap_err();
         assert!(error.is_poisoned() && error.into_inner() == 1);
         assert_eq!(
@@ -191,7 +191,7 @@ fn a_failed_sibling_branch_makes_pending_and_later_operations_fail_as_poisoned()
 
     let mut recv = Box::pin(receiver.recv());
     pending(&mut recv);
-    current::with_branch(true, || {
+    current::with_branch_below(true, 0, 0, || {
         assert_eq!(ready(&mut recv), Err(RecvError::Poisoned))
     });
     assert!(
@@ -206,13 +206,13 @@ fn a_failed_sibling_branch_does_not_take_back_what_was_communicated() {
     let mut recv = Box::pin(receiver.recv());
     pending(&mut recv);
     sender.try_send(1).unwrap();
-    current::with_branch(true, || assert_eq!(ready(&mut recv), Ok(1)));
+    current::with_branch_below(true, 0, 0, || assert_eq!(ready(&mut recv), Ok(1)));
     drop(recv);
 
     let mut send = Box::pin(sender.send(2));
     pending(&mut send);
     assert_eq!(receiver.try_recv(), Ok(2));
-    current::with_branch(true, || assert_eq!(ready(&mut send), Ok(())));
+    current::with_branch_below(true, 0, 0, || assert_eq!(ready(&mut send), Ok(())));
 }
 
 #[test]

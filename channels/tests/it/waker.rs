@@ -140,7 +140,7 @@ fn an_operation_is_withdrawn_once_though_the_drop_of_its_waker_panics() {
     drop(waker);
     pending(&mut recvs[2]);
     let withdrawn = catch_unwind(AssertUnwindSafe(|| {
-        current::with_branch(true, || poll(&mut recvs[1]).is_ready())
+        current::with_branch_below(true, 0, 0, || poll(&mut recvs[1]).is_ready())
     }));
     assert!(withdrawn.is_err());
     drop(recvs.remove(1));

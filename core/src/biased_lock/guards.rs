@@ -4,11 +4,11 @@ use super::{BiasedLock, Uses};
 use luna_platform::fence;
 use luna_platform::lock::PiGuard;
 use luna_platform::sync::atomic::Ordering;
-use std::fmt;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 
 /// Unlocks when dropped. Not `Send`: it stays on the thread that locked.
+#[derive(Debug)]
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct BiasedGuard<'a, T> {
     pub(super) lock: &'a BiasedLock<T>,
@@ -16,10 +16,16 @@ pub struct BiasedGuard<'a, T> {
     pub(super) stays_on_its_thread: PhantomData<*const ()>,
 }
 
+#[derive(Debug)]
 pub(super) enum Held<'a> {
     /// Locked by the owner of the bias, the executor of this id.
     Inside(u64),
     Shared(PiGuard<'a, Uses>),
+    /// Locked briefly: the bias was revoked, and is restored to the executor of this id.
+    Revoked {
+        _uses: PiGuard<'a, Uses>,
+        executor: u64,
+    },
 }
 
 impl<T> Drop for BiasedGuard<'_, T> {
@@ -30,58 +36,8 @@ impl<T> Drop for BiasedGuard<'_, T> {
             // Before `shared` is released.
             Held::Shared(uses) if uses.earn_bias() => self.lock.grant_bias(uses),
             Held::Shared(_) => {}
+            Held::Revoked { executor, .. } => self.lock.bias.store(*executor, Ordering::Release),
         }
-    }
-}
-
-/// The guard of [`BiasedLock::lock_briefly`].
-#[must_use = "the lock is released when the guard is dropped"]
-pub struct BriefGuard<'a, T>(pub(super) Brief<'a, T>);
-
-pub(super) enum Brief<'a, T> {
-    Locked(BiasedGuard<'a, T>),
-    /// The bias was revoked; dropping the guard restores it to this executor.
-    Revoked {
-        lock: &'a BiasedLock<T>,
-        _uses: PiGuard<'a, Uses>,
-        executor: u64,
-    },
-}
-
-impl<T> Drop for BriefGuard<'_, T> {
-    fn drop(&mut self) {
-        // Before `shared` is released.
-        if let Brief::Revoked { lock, executor, .. } = &self.0 {
-            lock.bias.store(*executor, Ordering::Release);
-        }
-    }
-}
-
-impl<T> Deref for BriefGuard<'_, T> {
-    type Target = T;
-    fn deref(&self) -> &T {
-        match &self.0 {
-            Brief::Locked(guard) => guard,
-            // SAFETY: this guard exists, so by the lock's invariant this thread has access to the
-            // value.
-            Brief::Revoked { lock, .. } => lock.value.with(|value| unsafe { &*value }),
-        }
-    }
-}
-
-impl<T> DerefMut for BriefGuard<'_, T> {
-    fn deref_mut(&mut self) -> &mut T {
-        match &mut self.0 {
-            Brief::Locked(guard) => guard,
-            // SAFETY: as above, and the guard is borrowed exclusively.
-            Brief::Revoked { lock, .. } => lock.value.with_mut(|value| unsafe { &mut *value }),
-        }
-    }
-}
-
-impl<T: fmt::Debug> fmt::Debug for BriefGuard<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        (**self).fmt(f)
     }
 }
 
@@ -95,6 +51,7 @@ pub enum Refused {
 }
 
 /// The guard of the owner of the bias: see [`BiasedLock::lock_if_biased`].
+#[derive(Debug)]
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct InsideGuard<'a, T> {
     pub(super) lock: &'a BiasedLock<T>,
@@ -146,12 +103,6 @@ impl<T> DerefMut for InsideGuard<'_, T> {
     }
 }
 
-impl<T: fmt::Debug> fmt::Debug for InsideGuard<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        (**self).fmt(f)
-    }
-}
-
 impl<T> Deref for BiasedGuard<'_, T> {
     type Target = T;
     #[inline]
@@ -166,11 +117,5 @@ impl<T> DerefMut for BiasedGuard<'_, T> {
     fn deref_mut(&mut self) -> &mut T {
         // SAFETY: as above, and the guard is borrowed exclusively.
         self.lock.value.with_mut(|value| unsafe { &mut *value })
-    }
-}
-
-impl<T: fmt::Debug> fmt::Debug for BiasedGuard<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        (**self).fmt(f)
     }
 }

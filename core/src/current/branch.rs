@@ -1,6 +1,7 @@
 //! The branch of the current process that is being polled.
 
 use super::{LEVELS, QueueEnd, THREAD, local, ready_again};
+use luna_platform::guard::OnDrop;
 use std::task::Context;
 
 /// The branch of the current process that is being polled. The highest bit of the low byte says
@@ -109,39 +110,27 @@ pub fn take_branch_end() -> bool {
     THREAD.with(|thread| thread.branch_ended.replace(false))
 }
 
-/// Polls a branch of a parallel construct; `failed`: a sibling has failed. Failure reaches nested
-/// constructs too.
-#[inline]
-pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
-    with_branch_below(failed, 0, 0, poll)
-}
-
-/// Polls a branch as [`with_branch`] does, `levels` below its parent, but not below level 0. Its
+/// Polls a branch of a parallel construct, `levels` below its parent, but not below level 0. Its
 /// operations wait at that level, and their wakes queue the process there. In nested constructs the
-/// levels add up. `number` distinguishes it from its siblings.
+/// levels add up. `failed`: a sibling has failed, which reaches nested constructs too. `number`
+/// distinguishes the branch from its siblings.
 #[inline]
 pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl FnOnce() -> R) -> R {
-    struct Restore {
-        before: Branch,
-        is_plain: bool,
-    }
-    impl Drop for Restore {
-        #[inline]
-        fn drop(&mut self) {
-            match self.is_plain {
-                true => local().branch.set(self.before),
-                false => local().set_branch(self.before),
-            }
-        }
-    }
     let thread = local();
     let before = thread.branch.get();
     // The turn stays as plain as it is.
     let is_plain = before.is_plain() && !failed && levels == 0;
     match is_plain {
         true => thread.branch.set(Branch(Branch::PART)),
-        false => thread.set_branch(before.branch(failed, levels, number)),
+        false => {
+            thread.exchange_branch(before.branch(failed, levels, number));
+        }
     }
-    let _restore = Restore { before, is_plain };
+    let _restore = OnDrop::new(|| match is_plain {
+        true => local().branch.set(before),
+        false => {
+            local().exchange_branch(before);
+        }
+    });
     poll()
 }

@@ -490,7 +490,7 @@ mod tests {
     fn waits_are_found_one_by_one_also_from_elsewhere() {
         within(5, || {
             let inheritor = Inheritor::current().unwrap();
-            let mut nodes: [WaitNode; 3] = Default::default();
+            let mut nodes: [WaitNode; 3] = std::array::from_fn(|_| WaitNode::new());
             let nodes = nodes.each_mut().map(NonNull::from);
             // SAFETY: the nodes are in this list alone, and are removed below.
             unsafe {

@@ -24,8 +24,7 @@ mod turn;
 mod wake_handle;
 
 pub use branch::{
-    branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch,
-    with_branch_below,
+    branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch_below,
 };
 pub use branches::Branches;
 #[cfg(not(loom))]
@@ -48,7 +47,7 @@ pub use replay::{
 };
 pub use turn::{
     PlainTurn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
-    this_process, user, with_process,
+    user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 
@@ -59,6 +58,7 @@ use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
 use executor_thread::ExecutorThread;
+use luna_platform::guard::OnDrop;
 use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
 use run_queue::RunQueue;
@@ -190,20 +190,25 @@ fn local<'a>() -> &'a Thread {
 }
 
 impl Thread {
-    /// Sets the current process and the branch of it that is polled.
-    fn set_turn(&self, process: Option<NonNull<Process>>, branch: Branch) {
-        self.process.set(process);
-        self.set_branch(branch);
+    /// Sets the current process and the branch of it that is polled. Returns the former ones.
+    fn exchange_turn(
+        &self,
+        process: Option<NonNull<Process>>,
+        branch: Branch,
+    ) -> (Option<NonNull<Process>>, Branch) {
+        let before = self.process.replace(process);
+        (before, self.exchange_branch(branch))
     }
 
-    /// Sets the branch of the current process that is polled.
+    /// Sets the branch of the current process that is polled. Returns the former one.
     #[inline]
-    fn set_branch(&self, branch: Branch) {
-        self.branch.set(branch);
+    fn exchange_branch(&self, branch: Branch) -> Branch {
+        let before = self.branch.replace(branch);
         let process = self.process.get().filter(|_| branch.is_plain());
         // SAFETY: the pointer is that of a process which is being polled, so it is live.
         let waker = process.and_then(|process| unsafe { process.as_ref() }.waker_of_plain_turns());
         self.plain.set(waker.unwrap_or(std::ptr::null()));
+        before
     }
 }
 
@@ -372,13 +377,8 @@ pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
 /// sibling has failed, or it panicked. Destructors see by [`is_abandoned`] that they run in the
 /// middle of the body.
 pub fn with_abandoned<R>(f: impl FnOnce() -> R) -> R {
-    struct Restore(bool);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            THREAD.with(|thread| thread.abandons.set(self.0));
-        }
-    }
-    let _restore = Restore(THREAD.with(|thread| thread.abandons.replace(true)));
+    let before = THREAD.with(|thread| thread.abandons.replace(true));
+    let _restore = OnDrop::new(|| THREAD.with(|thread| thread.abandons.set(before)));
     f()
 }
 

@@ -1,5 +1,6 @@
 //! Dropping the values of a process that was ended because of a failure.
 
+use luna_platform::guard::OnDrop;
 use std::cell::Cell;
 
 thread_local! {
@@ -10,13 +11,8 @@ thread_local! {
 /// instead of merely counting as one less: the partners of a failed process must learn that what
 /// they wait for will not come.
 pub fn poison_dropped_ends<R>(drop: impl FnOnce() -> R) -> R {
-    struct Restore(bool);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            POISONS.set(self.0);
-        }
-    }
-    let _restore = Restore(POISONS.replace(true));
+    let before = POISONS.replace(true);
+    let _restore = OnDrop::new(|| POISONS.set(before));
     drop()
 }
 

@@ -3,49 +3,43 @@
 use super::THREAD;
 use super::branch::Branch;
 use crate::replay_log::ReplayLog;
+use luna_platform::guard::OnDrop;
 use std::ptr::NonNull;
 
 /// Polls the current process as one with the replay log `log`: it has no [plain
 /// turns](super::plain_turn), and all its operations find the log.
 pub fn with_replay_log<R>(log: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
-    struct Restore(Branch, Option<NonNull<dyn ReplayLog>>);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            THREAD.with(|thread| {
-                thread.set_branch(self.0);
-                thread.replay_log.set(self.1);
-            });
-        }
-    }
     let is_replay = log.is_replay();
     let log: *const (dyn ReplayLog + '_) = log;
     // SAFETY: the same pointer; it is removed before its borrow ends, and `replay_log` passes it on
     // for no longer than a call.
     let log: *mut (dyn ReplayLog + 'static) = unsafe { std::mem::transmute(log) };
-    let _restore = THREAD.with(|thread| {
-        let branch = thread.branch.get();
-        thread.set_branch(Branch(branch.0 | Branch::HAS_LOG));
+    let before = THREAD.with(|thread| {
+        let branch = Branch(thread.branch.get().0 | Branch::HAS_LOG);
+        let branch = thread.exchange_branch(branch);
         if is_replay {
             // So that each operation that need not wait asks whether its process may go on.
             thread.operations_left.set(0);
         }
-        Restore(branch, thread.replay_log.replace(NonNull::new(log)))
+        (branch, thread.replay_log.replace(NonNull::new(log)))
+    });
+    let _restore = OnDrop::new(|| {
+        THREAD.with(|thread| {
+            thread.exchange_branch(before.0);
+            thread.replay_log.set(before.1);
+        });
     });
     poll()
 }
 
 /// Calls `f` as if the current process had no replay log: for work within one of its operations.
 pub fn without_replay_log<R>(f: impl FnOnce() -> R) -> R {
-    struct Restore(Branch);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            THREAD.with(|thread| thread.set_branch(self.0));
-        }
-    }
-    let _restore = THREAD.with(|thread| {
-        let branch = thread.branch.get();
-        thread.set_branch(Branch(branch.0 & !Branch::HAS_LOG));
-        Restore(branch)
+    let before = THREAD.with(|thread| {
+        let branch = Branch(thread.branch.get().0 & !Branch::HAS_LOG);
+        thread.exchange_branch(branch)
+    });
+    let _restore = OnDrop::new(|| {
+        THREAD.with(|thread| thread.exchange_branch(before));
     });
     f()
 }

@@ -112,7 +112,7 @@ fn levels_of_nested_branches_add_up_and_end_at_the_lowest() {
         assert_eq!(level(), 5);
         with_branch_below(false, 2, 0, || {
             assert_eq!(level(), 3);
-            with_branch(true, || {
+            with_branch_below(true, 0, 0, || {
                 assert_eq!((level(), branch_failed()), (3, true));
                 with_branch_below(false, 1, 0, || {
                     assert_eq!((level(), branch_failed()), (2, true))

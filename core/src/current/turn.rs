@@ -5,6 +5,7 @@ use super::{
     ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
     local,
 };
+use luna_platform::guard::OnDrop;
 use std::fmt;
 use std::ptr::NonNull;
 use std::task::Context;
@@ -16,29 +17,15 @@ use std::task::Context;
 /// This thread is that of the process' executor, and the process has not ended.
 #[inline]
 pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
-    struct Restore<'a> {
-        running: &'a Process,
-        process: Option<NonNull<Process>>,
-        branch: Branch,
-    }
-    impl Drop for Restore<'_> {
-        #[inline]
-        fn drop(&mut self) {
-            // SAFETY: `with_process` requires that this is the executor's thread.
-            unsafe { self.running.end_turn() };
-            THREAD.with(|thread| thread.set_turn(self.process, self.branch));
-        }
-    }
     process.begin_turn();
-    let _restore = THREAD.with(|thread| {
+    let before = THREAD.with(|thread| {
         thread.operations_left.set(OPERATIONS_PER_POLL);
-        let restore = Restore {
-            running: process,
-            process: thread.process.get(),
-            branch: thread.branch.get(),
-        };
-        thread.set_turn(Some(NonNull::from(process)), Branch::WHOLE);
-        restore
+        thread.exchange_turn(Some(NonNull::from(process)), Branch::WHOLE)
+    });
+    let _restore = OnDrop::new(|| {
+        // SAFETY: `with_process` requires that this is the executor's thread.
+        unsafe { process.end_turn() };
+        THREAD.with(|thread| thread.exchange_turn(before.0, before.1));
     });
     poll()
 }
@@ -86,16 +73,9 @@ pub unsafe fn end_turns() -> Option<ProcessId> {
 ///
 /// `f` uses no [`PlainTurn`] from before: there is no current process meanwhile.
 pub unsafe fn outside<R>(f: impl FnOnce() -> R) -> R {
-    struct Restore(Option<NonNull<Process>>, Branch);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            THREAD.with(|thread| thread.set_turn(self.0, self.1));
-        }
-    }
-    let _restore = THREAD.with(|thread| {
-        let restore = Restore(thread.process.get(), thread.branch.get());
-        thread.set_turn(None, Branch::WHOLE);
-        restore
+    let before = THREAD.with(|thread| thread.exchange_turn(None, Branch::WHOLE));
+    let _restore = OnDrop::new(|| {
+        THREAD.with(|thread| thread.exchange_turn(before.0, before.1));
     });
     f()
 }
@@ -108,8 +88,7 @@ pub unsafe fn outside<R>(f: impl FnOnce() -> R) -> R {
 /// no code on this thread's stack relies on it as the current one.
 pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
     THREAD.with(|thread| {
-        let process = thread.process.get();
-        thread.set_turn(None, Branch::WHOLE);
+        let (process, _) = thread.exchange_turn(None, Branch::WHOLE);
         let process = process?;
         // SAFETY: the caller promises that the turn was given by `give_turn`, which requires that
         // the process lives until it is taken here.
@@ -220,19 +199,6 @@ impl fmt::Debug for PlainTurn<'_> {
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     PlainTurn::of(cx).map(PlainTurn::process)
-}
-
-/// The current process, for callers that know that there is one.
-///
-/// # Safety
-///
-/// There is one, and its turn lasts as long as the reference is used.
-#[inline(always)]
-pub unsafe fn this_process<'a>() -> &'a Process {
-    let current = THREAD.with(|thread| thread.process.get());
-    // SAFETY: the caller promises that there is a current process; a process that is being polled
-    // is live.
-    unsafe { &*current.unwrap_unchecked().as_ptr() }
 }
 
 /// Calls `f` with the current process, if there is one.

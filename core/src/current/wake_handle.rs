@@ -135,12 +135,14 @@ impl Drop for Reference {
 #[derive(Debug)]
 pub struct WakeHandle(Inner);
 
+#[derive(Debug)]
 enum Inner {
     Process(Reference),
     Waker(Foreign),
 }
 
 /// A waker with functions that are user code.
+#[derive(Debug)]
 struct Foreign(ManuallyDrop<Waker>);
 
 impl Foreign {
@@ -184,15 +186,6 @@ fn contain(code: impl FnOnce()) {
 impl fmt::Debug for Reference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.process().fmt(f)
-    }
-}
-
-impl fmt::Debug for Inner {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Inner::Process(reference) => reference.fmt(f),
-            Inner::Waker(waker) => waker.0.fmt(f),
-        }
     }
 }
 
@@ -295,10 +288,7 @@ impl WakeHandle {
     /// Turns the handle into a wake for after the lock is released. O(1): it runs no user code.
     #[inline]
     pub fn take(self) -> PendingWake {
-        PendingWake(match self.0 {
-            Inner::Waker(waker) => Readying::Waker(waker),
-            Inner::Process(reference) => Readying::Process(reference),
-        })
+        PendingWake(Some(self.0))
     }
 
     /// Whether one wake suffices, however many are due: it readies a process of this thread, or is
@@ -316,7 +306,9 @@ impl WakeHandle {
     pub(super) fn wake_elsewhere(&self) -> PendingWake {
         match &self.0 {
             // The waker of a parker: no user code.
-            Inner::Waker(waker) => PendingWake(Readying::Waker(Foreign::new((*waker.0).clone()))),
+            Inner::Waker(waker) => {
+                PendingWake(Some(Inner::Waker(Foreign::new((*waker.0).clone()))))
+            }
             Inner::Process(reference) => {
                 // SAFETY: the reference keeps the process' memory, and the caller has checked that
                 // it is not of this thread.
@@ -389,37 +381,20 @@ impl PlainPendingWake {
 /// too, so no wake is lost when user code panics before it.
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
-pub struct PendingWake(Readying);
-
-enum Readying {
-    Process(Reference),
-    Waker(Foreign),
-    Nothing,
-}
-
-impl fmt::Debug for Readying {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Readying::Process(reference) => reference.fmt(f),
-            Readying::Waker(waker) => waker.0.fmt(f),
-            Readying::Nothing => f.write_str("Nothing"),
-        }
-    }
-}
+pub struct PendingWake(Option<Inner>);
 
 impl PendingWake {
     /// No process to wake.
-    pub const NONE: PendingWake = PendingWake(Readying::Nothing);
+    pub const NONE: PendingWake = PendingWake(None);
 
     /// Readies the process. O(1); a system call only if it is on another thread that sleeps.
     #[inline(always)]
     pub fn wake(self) {
         let this = ManuallyDrop::new(self);
-        if let Readying::Nothing = this.0 {
-            return;
-        }
         // SAFETY: read once, since `this` is not dropped.
-        unsafe { ptr::read(&this.0) }.carry_out();
+        if let Some(handle) = unsafe { ptr::read(&this.0) } {
+            handle.wake();
+        }
     }
 
     /// As [`wake`](Self::wake), for a thread that wakes on behalf of others: a panic of a foreign
@@ -427,33 +402,33 @@ impl PendingWake {
     #[inline]
     pub fn wake_contained(self) {
         match self.0 {
-            Readying::Waker(_) => contain(|| self.wake()),
+            Some(Inner::Waker(_)) => contain(|| self.wake()),
             _ => self.wake(),
         }
     }
-}
 
-impl PendingWake {
     #[cold]
     fn wake_after_all(&mut self) {
-        mem::replace(&mut self.0, Readying::Nothing).carry_out();
+        if let Some(handle) = self.0.take() {
+            handle.wake();
+        }
     }
 }
 
 impl Drop for PendingWake {
     #[inline(always)]
     fn drop(&mut self) {
-        if !matches!(self.0, Readying::Nothing) {
+        if self.0.is_some() {
             self.wake_after_all();
         }
     }
 }
 
-impl Readying {
+impl Inner {
     #[inline]
-    fn carry_out(self) {
+    fn wake(self) {
         match self {
-            Readying::Process(reference) => {
+            Inner::Process(reference) => {
                 // SAFETY: each arm checks which thread this is before the call that requires it;
                 // the reference keeps the process' memory.
                 unsafe {
@@ -464,11 +439,10 @@ impl Readying {
                     }
                 }
             }
-            Readying::Waker(waker) => {
+            Inner::Waker(waker) => {
                 let waker = waker.into_waker();
                 run_user_code(|| waker.wake());
             }
-            Readying::Nothing => {}
         }
     }
 }

@@ -40,6 +40,19 @@ struct Node {
     before: Link,
 }
 
+impl Node {
+    fn boxed(kind: Kind, number: u32, parent: u32, text: String) -> Box<Self> {
+        let name = Name {
+            kind,
+            number,
+            parent,
+            text,
+            runs_on: None,
+        };
+        Box::new(Self { name, before: None })
+    }
+}
+
 type Link = Option<Box<Node>>;
 
 static LISTENERS: PiLock<Vec<Weak<Names>>> = PiLock::new(Vec::new());
@@ -103,16 +116,7 @@ impl Names {
 
     /// Reports a name to this listener alone.
     pub fn name(&self, kind: Kind, number: u32, text: String) {
-        self.put(Box::new(Node {
-            name: Name {
-                kind,
-                number,
-                parent: 0,
-                text,
-                runs_on: None,
-            },
-            before: None,
-        }));
+        self.put(Node::boxed(kind, number, 0, text));
     }
 
     /// No allocation. O(1).
@@ -161,18 +165,7 @@ pub fn name_executor(text: impl FnOnce() -> String) {
 fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) {
     let on_path = current::set_on_path(false);
     let place = place();
-    let node = || {
-        Box::new(Node {
-            name: Name {
-                kind,
-                number,
-                parent,
-                text: text.clone(),
-                runs_on: None,
-            },
-            before: None,
-        })
-    };
+    let node = || Node::boxed(kind, number, parent, text.clone());
     // Everything is allocated before the lock is taken, and freed after it is released. A listener
     // that was added meanwhile stands last, and gets none.
     let most = LISTENING.load(Ordering::Relaxed);

@@ -18,6 +18,7 @@ pub use watched::{Watcher, name_process, process_name, watch};
 pub(crate) use watched::switched;
 
 use crate::current;
+use luna_platform::guard::OnDrop;
 
 /// Calls `f` off the real-time path: until it returns, this thread does not count as being on it.
 ///
@@ -39,13 +40,10 @@ use crate::current;
 /// # drop(room);
 /// ```
 pub fn off_path<R>(f: impl FnOnce() -> R) -> R {
-    struct Restore(bool);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            current::set_on_path(self.0);
-        }
-    }
-    let _restore = Restore(current::set_on_path(false));
+    let before = current::set_on_path(false);
+    let _restore = OnDrop::new(|| {
+        current::set_on_path(before);
+    });
     f()
 }
 

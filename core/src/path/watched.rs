@@ -1,8 +1,9 @@
 //! The hooks of a path guard: in builds with `--cfg luna_path_guard`.
 
 use crate::current::{self, ProcessId};
+use luna_platform::lock::PiLock;
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::OnceLock;
 
 /// A watcher of the path.
 pub trait Watcher: Sync {
@@ -12,8 +13,8 @@ pub trait Watcher: Sync {
 }
 
 static WATCHER: OnceLock<&'static dyn Watcher> = OnceLock::new();
-/// A plain lock: taken off the path alone.
-static NAMES: Mutex<BTreeMap<u32, String>> = Mutex::new(BTreeMap::new());
+/// Locked off the path alone.
+static NAMES: PiLock<BTreeMap<u32, String>> = PiLock::new(BTreeMap::new());
 
 /// From now on `watcher` is notified of each thread that enters or leaves the path. The first
 /// watcher stays for good.
@@ -45,7 +46,7 @@ pub(crate) fn switched(on_path: bool) {
 
 /// Records the name of a process, for reports that know only its id. Allocates, off the path.
 pub fn name_process(process: ProcessId, name: &str) {
-    super::off_path(|| names().insert(process.get(), name.to_owned()));
+    super::off_path(|| NAMES.lock().insert(process.get(), name.to_owned()));
 }
 
 /// The name of a process. Not for the real-time path.
@@ -59,9 +60,5 @@ pub fn name_process(process: ProcessId, name: &str) {
 /// ```
 pub fn process_name(process: ProcessId) -> Option<String> {
     debug_assert!(!current::on_path());
-    names().get(&process.get()).cloned()
-}
-
-fn names() -> MutexGuard<'static, BTreeMap<u32, String>> {
-    NAMES.lock().unwrap_or_else(PoisonError::into_inner)
+    NAMES.lock().get(&process.get()).cloned()
 }

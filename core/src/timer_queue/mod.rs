@@ -66,10 +66,6 @@ pub trait Attention: Send + Sync {
 
 impl TimerQueue {
     /// An empty queue; its owner checks it before each poll.
-    #[expect(
-        clippy::new_without_default,
-        reason = "a queue belongs to a thread: made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self::provided_from(Instant::from_nanos(0), None, false)
     }
@@ -156,22 +152,31 @@ impl TimerQueue {
                         self.publish_next(&heap);
                         return;
                     }
-                    heap.remove(first);
-                    self.publish_next(&heap);
-                    let node = &mut *first.as_ptr();
-                    let ready = node
-                        .wake_handle
-                        .take()
-                        .map_or(PendingWake::NONE, WakeHandle::take);
-                    // The sleep may be freed from here on.
-                    node.fired.store(true, Ordering::Release);
-                    ready
+                    self.fire(&mut heap, first)
                 }
             };
             // The last step of this deadline. A foreign waker that panics here ends the executor,
             // which is an emergency: otherwise a process that is never woken would wait without a
             // report.
             ready.wake();
+        }
+    }
+
+    /// Removes a node, whose sleep may be freed from then on. Returns the wake of its process.
+    ///
+    /// # Safety
+    ///
+    /// `heap` is this queue's, and the node is in it.
+    #[inline(always)]
+    unsafe fn fire(&self, heap: &mut Heap, node: NonNull<Node>) -> PendingWake {
+        // SAFETY: a node in the heap is live, and the caller holds the heap's lock.
+        unsafe {
+            heap.remove(node);
+            self.publish_next(heap);
+            let node = &mut *node.as_ptr();
+            let wake_handle = node.wake_handle.take();
+            node.fired.store(true, Ordering::Release);
+            wake_handle.map_or(PendingWake::NONE, WakeHandle::take)
         }
     }
 
@@ -220,6 +225,7 @@ impl TimerQueue {
 /// While `armed`, the sleep is pinned, and there is a node. It is in `queue`'s heap until it has
 /// fired, and the heap's lock guards it except for `fired`. A node that is in no heap has no wake
 /// handle, so nothing of it is to be dropped.
+#[derive(Debug)]
 pub struct Sleep {
     /// While it `is_relative`, as a span of time from the beginning of the clock.
     deadline: Instant,
@@ -469,15 +475,6 @@ impl fmt::Debug for TimerQueue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("TimerQueue")
             .field("next_deadline", &self.next_deadline())
-            .finish_non_exhaustive()
-    }
-}
-
-impl fmt::Debug for Sleep {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Sleep")
-            .field("deadline", &self.deadline)
-            .field("armed", &self.armed)
             .finish_non_exhaustive()
     }
 }

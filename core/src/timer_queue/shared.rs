@@ -5,7 +5,6 @@ use super::{Arc, Attention, Ordering, TimerQueue};
 use crate::current::{self, PendingWake, Priority, WakeHandle};
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;
-use std::fmt;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
@@ -169,17 +168,9 @@ impl TimerQueue {
                 return;
             };
             // SAFETY: a node in the heap is live, and the heap's lock is held.
-            let ready = unsafe {
-                heap.remove(first);
-                let node = &mut *first.as_ptr();
-                let ready = node.wake_handle.take().map(WakeHandle::take);
-                // Its owner may free it from here on.
-                node.fired.store(true, Ordering::Release);
-                ready
-            };
-            self.publish_next(&heap);
+            let ready = unsafe { self.fire(&mut heap, first) };
             drop(heap);
-            ready.unwrap_or(PendingWake::NONE).wake_contained();
+            ready.wake_contained();
         }
     }
 
@@ -196,6 +187,7 @@ impl TimerQueue {
 /// While `queue` is there, there is a node. It is in the heap of `queue` until it has fired, and
 /// the heap's lock guards it then, except for `fired`. It has no wake handle, so nothing of it is
 /// to be dropped.
+#[derive(Debug)]
 pub struct Deadline {
     node: Box<UnsafeCell<MaybeUninit<Node>>>,
     queue: Option<Arc<TimerQueue>>,
@@ -208,10 +200,6 @@ unsafe impl Sync for Deadline {}
 
 impl Deadline {
     /// A deadline that is not armed. Allocates.
-    #[expect(
-        clippy::new_without_default,
-        reason = "made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             node: Box::new(UnsafeCell::new(MaybeUninit::uninit())),
@@ -288,14 +276,6 @@ impl Deadline {
 impl Drop for Deadline {
     fn drop(&mut self) {
         self.disarm();
-    }
-}
-
-impl fmt::Debug for Deadline {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Deadline")
-            .field("is_armed", &self.queue.is_some())
-            .finish_non_exhaustive()
     }
 }
 

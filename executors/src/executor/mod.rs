@@ -96,16 +96,9 @@ impl Executor {
         Self::start_thread(attributes, registry, Serves::Many)
     }
 
-    /// Like [`start_counted`](Self::start_counted), for one process, which may make blocking calls
-    /// and may have any policy. The thread ends with the process.
-    pub(crate) fn start_for_one(
-        attributes: Attributes,
-        registry: Arc<ProcessRegistry>,
-    ) -> Result<Executor, SpawnError<Infallible>> {
-        Self::start_thread(attributes, registry, Serves::One)
-    }
-
-    fn start_thread(
+    /// Starts the thread. One that serves one process may have any policy and ends with the
+    /// process, which may make blocking calls.
+    pub(crate) fn start_thread(
         attributes: Attributes,
         registry: Arc<ProcessRegistry>,
         serves: Serves,
@@ -139,8 +132,8 @@ impl Executor {
         let stage = &simulation.0;
         let shared = Shared::new(
             attributes.asked_policy().rank(),
-            stage.registry().clone(),
-            stage.quiescence().clone(),
+            stage.registry.clone(),
+            stage.quiescence.clone(),
             Serves::Many,
             Some((stage.clone(), attributes.name())),
         );
@@ -170,7 +163,7 @@ impl Executor {
     /// once it has stopped; `None` where the system does not report it, and on a simulation's
     /// thread.
     pub fn processor_time(&self) -> Option<Duration> {
-        self.handle.shared.counted.get()
+        self.handle.shared.processor_time.get().copied()
     }
 
     /// As [`ExecutorHandle::spawn`].

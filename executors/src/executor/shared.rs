@@ -1,7 +1,6 @@
 //! What other threads see of an executor.
 
 use super::GIVES_UP;
-use crate::counted::Counted;
 use crate::inbound::Inbound;
 use crate::process::{ProcessRegistry, panic_message};
 use crate::quiescence::{Quiescence, Sleeper};
@@ -14,8 +13,8 @@ use luna_core::timer_queue::Attention;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use std::any::Any;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 thread_local! {
@@ -56,19 +55,19 @@ pub(crate) fn give_back(shared: Arc<Shared>) {
 
 /// What an executor's thread shares with the others.
 pub(crate) struct Shared {
-    pub(super) executor_id: ExecutorId,
+    pub(crate) executor_id: ExecutorId,
     pub(super) thread_priority: AtomicU8,
-    pub(super) inbound: Inbound,
+    pub(crate) inbound: Inbound,
     pub(super) phase: AtomicU8,
     pub(super) arrivals: PiLock<Arrivals>,
     /// How many arrivals were taken in: what `settle` waits for.
     pub(super) settled: Futex,
-    pub(super) registry: Arc<ProcessRegistry>,
+    pub(crate) registry: Arc<ProcessRegistry>,
     pub(super) quiescence: Arc<Quiescence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     pub(super) spin: AtomicU64,
-    pub(super) counted: Counted,
-    pub(super) serves: Serves,
+    pub(super) processor_time: OnceLock<Duration>,
+    pub(crate) serves: Serves,
     /// The stage that runs it, if it has no thread of its own.
     pub(super) stage: Option<Arc<Stage>>,
     /// Its name, if it is on a stage: its thread has another.
@@ -86,24 +85,8 @@ pub(super) struct Arrivals {
 }
 
 impl Shared {
-    pub(crate) fn executor_id(&self) -> ExecutorId {
-        self.executor_id
-    }
-
     pub(crate) fn thread_priority(&self) -> u8 {
         self.thread_priority.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn serves(&self) -> Serves {
-        self.serves
-    }
-
-    pub(crate) fn inbound(&self) -> &Inbound {
-        &self.inbound
-    }
-
-    pub(crate) fn registry(&self) -> &Arc<ProcessRegistry> {
-        &self.registry
     }
 
     pub(crate) fn phase(&self) -> u8 {
@@ -148,7 +131,7 @@ impl Shared {
             registry,
             quiescence,
             spin: AtomicU64::new(0),
-            counted: Counted::default(),
+            processor_time: OnceLock::new(),
             serves,
             stage: stage.map(|(stage, _)| stage),
             name,

@@ -16,6 +16,7 @@ use luna_core::park;
 use luna_core::spin;
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
+use luna_platform::usage;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::ptr::NonNull;
 use std::sync::Arc;
@@ -33,7 +34,11 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
         park::prepare();
     }
     let _files = watch::enter(shared.inbound.bell(), Some(shared.clone()));
-    let _calls = calls::enter(shared.quiescence.clone(), Some(shared.registry.clone()));
+    let _calls = calls::enter(
+        shared.quiescence.clone(),
+        Some(shared.registry.clone()),
+        None,
+    );
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
@@ -60,24 +65,27 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         }
         shared.inbound.sleep(Instant::NEVER);
     }
-    shared.counted.count(|| {
-        // A thread that may block keeps nothing: it could sleep in the middle of a turn.
-        let frees_later = shared.serves != Serves::One;
-        let keeps = (
-            shared.registry.keep_ends(),
-            frees_later.then(deferred_free::keep_own),
-        );
-        SPARE_SHARED.with(|spare| spare.keep(shared));
-        current::set_on_path(true);
-        while let Phase::RELEASED = shared.phase() {
-            turns(|| {
-                let mut next = None;
-                while round(shared, deadlines, true, &mut next) {}
-            });
-        }
-        current::set_on_path(false);
-        drop(keeps);
-    });
+    let before = usage::processor_time();
+    // A thread that may block keeps nothing: it could sleep in the middle of a turn.
+    let frees_later = shared.serves != Serves::One;
+    let keeps = (
+        shared.registry.keep_ends(),
+        frees_later.then(deferred_free::keep_own),
+    );
+    SPARE_SHARED.with(|spare| spare.keep(shared));
+    current::set_on_path(true);
+    while let Phase::RELEASED = shared.phase() {
+        turns(|| {
+            let mut next = None;
+            while round(shared, deadlines, true, &mut next) {}
+        });
+    }
+    current::set_on_path(false);
+    drop(keeps);
+    if let Some((before, after)) = before.zip(usage::processor_time()) {
+        // It runs once.
+        let _ = shared.processor_time.set(after.saturating_sub(before));
+    }
     shared.close();
     for record in task::records() {
         record.cancel();

@@ -2,7 +2,6 @@
 //! there was room for it from the start, since a process ends on the real-time path.
 
 use std::any::TypeId;
-use std::fmt;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
@@ -80,11 +79,5 @@ impl Drop for ErasedExitValue {
     fn drop(&mut self) {
         // SAFETY: the invariant: they were not taken.
         unsafe { (self.methods.discard)(self.place) };
-    }
-}
-
-impl fmt::Debug for ErasedExitValue {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("ErasedExitValue")
     }
 }

@@ -311,11 +311,7 @@ impl fmt::Debug for ProcessHandle {
 
 /// The message of a panic.
 pub fn panic_message(payload: &(dyn Any + Send)) -> String {
-    if let Some(text) = payload.downcast_ref::<&str>() {
-        (*text).to_owned()
-    } else if let Some(text) = payload.downcast_ref::<String>() {
-        text.clone()
-    } else {
-        "(a panic whose message is no text)".to_owned()
-    }
+    let text = luna_platform::panics::text(payload);
+    text.unwrap_or("(a panic whose message is no text)")
+        .to_owned()
 }

@@ -9,12 +9,13 @@ use luna_core::deferred_free::Retired;
 use luna_core::path::{self, Call};
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
+use luna_platform::guard::OnDrop;
+use luna_platform::lock::PiLock;
 use std::cell::Cell;
 use std::fmt;
-use std::marker::PhantomData;
 use std::ptr::{self, NonNull};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Counts the processes that have not ended, so that one thread can wait for the last. It also has
 /// their threads, to detect that none of them will ever wake by itself.
@@ -36,9 +37,9 @@ pub struct ProcessRegistry {
     is_urgent: AtomicBool,
     /// The listed processes that have ended, the last one first.
     ended: AtomicPtr<Retired>,
-    /// The threads that live, in the order of their start. A plain lock: threads take it as they
+    /// The threads that live, in the order of their start. Threads take the lock as they
     /// start and end, off the path.
-    threads: Mutex<Vec<(ExecutorId, Arc<dyn Sleeper>)>>,
+    threads: PiLock<Vec<(ExecutorId, Arc<dyn Sleeper>)>>,
 }
 
 /// The largest batch of ends that an executor's thread keeps.
@@ -113,10 +114,6 @@ const CLOSED: *mut Retired = ptr::without_provenance_mut(1);
 
 impl ProcessRegistry {
     /// An empty registry.
-    #[expect(
-        clippy::new_without_default,
-        reason = "shared on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             count: AtomicUsize::new(0),
@@ -126,7 +123,7 @@ impl ProcessRegistry {
             resting: AtomicUsize::new(0),
             is_urgent: AtomicBool::new(false),
             ended: AtomicPtr::new(ptr::null_mut()),
-            threads: Mutex::new(Vec::new()),
+            threads: PiLock::new(Vec::new()),
         }
     }
 
@@ -282,12 +279,13 @@ impl ProcessRegistry {
     /// Until the guard is dropped the calling thread, an executor's, batches the ends of its
     /// unhurried processes. It reports them in [`report_kept`](Self::report_kept), which it calls
     /// before it sleeps, so a waiter waits no longer than the executor works.
-    pub(crate) fn keep_ends(self: &Arc<Self>) -> KeepsEnds {
+    pub(crate) fn keep_ends(self: &Arc<Self>) -> OnDrop<impl FnMut() + use<>> {
         KEPT.with(|kept| kept.of.set(Arc::as_ptr(self)));
-        KeepsEnds {
-            registry: self.clone(),
-            stays_on_its_thread: PhantomData,
-        }
+        let registry = self.clone();
+        OnDrop::new(move || {
+            registry.report_kept();
+            KEPT.with(|kept| kept.of.set(ptr::null()));
+        })
     }
 
     /// Reports the ends that this thread has batched. Real-time path: yes; O(1).
@@ -371,7 +369,7 @@ impl ProcessRegistry {
     /// # Ok(()) }
     /// ```
     pub fn quiescent(&self) -> Option<Quiescent> {
-        let threads = self.threads();
+        let threads = self.threads.lock();
         match look(&sleepers(&threads)) {
             Look::Quiescent(stretches) => {
                 let executor_ids = threads.iter().map(|(executor_id, _)| *executor_id);
@@ -389,7 +387,7 @@ impl ProcessRegistry {
     /// Whether the threads have slept on since `quiescence`, that is, no wake has reached any of
     /// them. Not for the real-time path: O(threads).
     pub fn is_yet(&self, quiescent: &Quiescent) -> bool {
-        let threads = self.threads();
+        let threads = self.threads.lock();
         let now = threads.iter().map(|(executor_id, thread)| {
             let stretch = thread.quiescence().stretch();
             (*executor_id, stretch.filter(|_| !thread.is_woken()))
@@ -403,7 +401,7 @@ impl ProcessRegistry {
     /// From now on the next time that a thread falls still changes the number of
     /// [`changes`](Self::changes), once for each thread.
     pub fn watch(&self) {
-        watch_all(&sleepers(&self.threads()));
+        watch_all(&sleepers(&self.threads.lock()));
     }
 
     /// Counts a thread in until the guard is dropped.
@@ -414,15 +412,11 @@ impl ProcessRegistry {
     ) -> Enrolled {
         // The thread that waits for another look may not know of this one yet.
         thread.quiescence().watch();
-        self.threads().push((executor_id, thread));
+        self.threads.lock().push((executor_id, thread));
         Enrolled {
             registry: self.clone(),
             executor_id,
         }
-    }
-
-    fn threads(&self) -> MutexGuard<'_, Vec<(ExecutorId, Arc<dyn Sleeper>)>> {
-        self.threads.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(super) fn enter(&self) {
@@ -502,19 +496,6 @@ fn sleepers(threads: &[(ExecutorId, Arc<dyn Sleeper>)]) -> Vec<&dyn Sleeper> {
     threads.iter().map(|(_, thread)| &**thread).collect()
 }
 
-/// The guard of [`ProcessRegistry::keep_ends`].
-pub(crate) struct KeepsEnds {
-    registry: Arc<ProcessRegistry>,
-    stays_on_its_thread: PhantomData<*const ()>,
-}
-
-impl Drop for KeepsEnds {
-    fn drop(&mut self) {
-        self.registry.report_kept();
-        KEPT.with(|kept| kept.of.set(ptr::null()));
-    }
-}
-
 /// A thread that is counted in.
 pub(crate) struct Enrolled {
     registry: Arc<ProcessRegistry>,
@@ -524,7 +505,7 @@ pub(crate) struct Enrolled {
 impl Drop for Enrolled {
     fn drop(&mut self) {
         let gone = {
-            let mut threads = self.registry.threads();
+            let mut threads = self.registry.threads.lock();
             let place = threads
                 .iter()
                 .position(|(executor_id, _)| *executor_id == self.executor_id);

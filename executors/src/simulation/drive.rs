@@ -136,15 +136,17 @@ pub struct ClockDriver {
 }
 
 /// Why time could not be moved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DriveError {
     /// The system has ended, or will never run: it was dropped, or its start has failed.
+    #[error("the system has ended; its clock stands at {now:?}")]
     Ended {
         /// The time on its clock.
         now: Instant,
     },
     /// Time does not go back.
+    #[error("time does not go back to {asked:?}: the clock stands at {now:?}")]
     Past {
         /// The requested instant.
         asked: Instant,
@@ -152,22 +154,6 @@ pub enum DriveError {
         now: Instant,
     },
 }
-
-impl fmt::Display for DriveError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            DriveError::Ended { now } => {
-                write!(f, "the system has ended; its clock stands at {now:?}")
-            }
-            DriveError::Past { asked, now } => write!(
-                f,
-                "time does not go back to {asked:?}: the clock stands at {now:?}"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for DriveError {}
 
 impl ClockDriver {
     /// A driver, and the clock that it drives.

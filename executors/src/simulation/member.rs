@@ -46,11 +46,9 @@ impl Drop for End {
 impl Member {
     pub(super) fn new(shared: Arc<Shared>) -> Self {
         let timers = Arc::new(TimerQueue::new());
-        let enrolled = shared
-            .registry()
-            .enroll(shared.executor_id(), shared.clone());
+        let enrolled = shared.registry.enroll(shared.executor_id, shared.clone());
         Self {
-            guest: Guest::new(shared.executor_id(), timers.clone()),
+            guest: Guest::new(shared.executor_id, timers.clone()),
             timers,
             _end: End(shared.clone()),
             shared,
@@ -79,7 +77,7 @@ impl Member {
     /// Whether there is anything to do for it at `now`; processes run only once all are `released`.
     #[inline]
     pub(super) fn has_work(&self, now: Instant, released: bool) -> bool {
-        self.shared.inbound().is_signalled()
+        self.shared.inbound.is_signalled()
             || released
                 && self.is_running()
                 && (self.guest.ready_levels() != 0 || self.next_deadline() <= now)
@@ -189,19 +187,19 @@ impl Member {
     #[inline]
     fn look_outside(&self) {
         let shared = &self.shared;
-        let signals = shared.inbound().signals();
+        let signals = shared.inbound.signals();
         if signals.is_empty() {
             return;
         }
         if signals.attention() {
-            shared.inbound().take_attention();
+            shared.inbound.take_attention();
             current::set_on_path(false);
             shared.take_in();
         }
         let is_held = shared.phase() == Phase::HELD;
         current::set_on_path(!is_held);
         // A signal that is left would keep the thread from its sleep.
-        while let Some(level) = shared.inbound().signals().highest_level()
+        while let Some(level) = shared.inbound.signals().highest_level()
             && (is_held || current::ready_levels() >> level <= 1)
         {
             task::take_in(shared, level);

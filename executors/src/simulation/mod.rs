@@ -37,7 +37,6 @@ pub(crate) use stage::{Stage, is_stage};
 
 use crate::process::ProcessRegistry;
 use luna_core::current::ProcessId;
-use luna_platform::clock::Clock;
 use luna_platform::thread::{Attributes, SpawnError, Thread};
 use std::convert::Infallible;
 use std::fmt;
@@ -159,36 +158,6 @@ impl Drop for Simulation {
             // It catches the panics of processes; one of its own was reported by the panic hook.
             let _ = thread.join();
         }
-    }
-}
-
-impl SimulationHandle {
-    /// Its clock.
-    pub fn clock(&self) -> Clock {
-        self.0.clock()
-    }
-
-    /// Time stands from now on: for an emergency, in which only what happens at this instant is of
-    /// use. From any thread; one atomic operation.
-    pub fn stop_time(&self) {
-        self.0.stop_time();
-    }
-
-    /// Declares that the caller handles processes that end in a hurry
-    /// ([`ProcessRegistry::hurried`]), as those with ends that others are to see: time waits until
-    /// that was [done](Self::attended).
-    pub fn attend(&self) {
-        self.0.attend();
-    }
-
-    /// The first `ends` of those were handled.
-    pub fn attended(&self, ends: u64) {
-        self.0.attended(ends);
-    }
-
-    /// Why it does not go on, if it does not.
-    pub fn standstill(&self) -> Option<Standstill> {
-        self.0.standstill()
     }
 }
 

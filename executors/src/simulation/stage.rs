@@ -3,7 +3,7 @@
 use super::calls::{CallsUnderWay, Delivery, Oldest};
 use super::drive::{DrivenClock, Order};
 use super::member::Member;
-use super::{Pace, Standstill};
+use super::{Pace, SimulationHandle, Standstill};
 use crate::calls;
 use crate::executor::{Phase, Shared as ExecutorShared};
 use crate::interference;
@@ -15,12 +15,12 @@ use luna_core::park::Parker;
 use luna_platform::bell::Watch;
 use luna_platform::clock::{Clock, Instant, VirtualClock};
 use luna_platform::futex::Waited;
+use luna_platform::lock::PiLock;
 use luna_platform::panics;
 use std::cell::Cell;
-use std::fmt;
 use std::ptr;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// The longest pause of all processes, in the machine's time, while ends are handled. The handler
@@ -36,10 +36,10 @@ pub(crate) struct Stage {
     clock: Arc<VirtualClock>,
     driven: Option<DrivenClock>,
     parker: Shared<Parker>,
-    quiescence: Arc<Quiescence>,
-    registry: Arc<ProcessRegistry>,
+    pub(crate) quiescence: Arc<Quiescence>,
+    pub(crate) registry: Arc<ProcessRegistry>,
     /// Executors that the thread has yet to add; `None` once the thread has ended.
-    arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
+    arrivals: PiLock<Option<Vec<Arc<ExecutorShared>>>>,
     has_arrivals: AtomicBool,
     is_released: AtomicBool,
     is_stopping: AtomicBool,
@@ -48,7 +48,7 @@ pub(crate) struct Stage {
     attended: AtomicU64,
     calls: CallsUnderWay,
     most_turns: u64,
-    standstill: Mutex<Option<Standstill>>,
+    standstill: PiLock<Option<Standstill>>,
 }
 
 thread_local! {
@@ -97,7 +97,7 @@ impl Stage {
             parker,
             quiescence: Arc::new(Quiescence::new()),
             registry,
-            arrivals: Mutex::new(Some(Vec::new())),
+            arrivals: PiLock::new(Some(Vec::new())),
             has_arrivals: AtomicBool::new(false),
             is_released: AtomicBool::new(false),
             is_stopping: AtomicBool::new(false),
@@ -105,7 +105,7 @@ impl Stage {
             attended: AtomicU64::new(u64::MAX),
             calls: CallsUnderWay::default(),
             most_turns,
-            standstill: Mutex::new(None),
+            standstill: PiLock::new(None),
         })
     }
 
@@ -113,24 +113,13 @@ impl Stage {
         Clock::from(self.clock.clone())
     }
 
-    pub(crate) fn quiescence(&self) -> &Arc<Quiescence> {
-        &self.quiescence
-    }
-
-    pub(crate) fn registry(&self) -> &Arc<ProcessRegistry> {
-        &self.registry
-    }
-
-    fn arrivals(&self) -> MutexGuard<'_, Option<Vec<Arc<ExecutorShared>>>> {
-        self.arrivals.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Hands an executor to the thread, which adds it at its next round; `false` if the thread has
     /// ended.
     pub(crate) fn admit(&self, executor: Arc<ExecutorShared>) -> bool {
-        let bell = executor.inbound().bell();
-        bell.hook().hang(Arc::new(Forward(self.parker.clone())));
-        match &mut *self.arrivals() {
+        let bell = executor.inbound.bell();
+        // An executor is admitted once.
+        let _ = bell.hook().set(Arc::new(Forward(self.parker.clone())));
+        match &mut *self.arrivals.lock() {
             None => return false,
             Some(arrivals) => arrivals.push(executor),
         }
@@ -149,20 +138,6 @@ impl Stage {
         self.parker.unpark();
     }
 
-    pub(super) fn stop_time(&self) {
-        self.time_stands.store(true, Ordering::Release);
-    }
-
-    pub(super) fn attend(&self) {
-        self.attended.store(0, Ordering::Release);
-    }
-
-    pub(super) fn attended(&self, ends: u64) {
-        if self.attended.fetch_max(ends, Ordering::AcqRel) < ends {
-            self.parker.unpark();
-        }
-    }
-
     /// Whether there were more hurried ends than those that have been handled and those up to
     /// `given_up`.
     #[inline]
@@ -171,19 +146,9 @@ impl Stage {
         ends > given_up && ends > self.attended.load(Ordering::Acquire)
     }
 
-    pub(super) fn standstill(&self) -> Option<Standstill> {
-        *self
-            .standstill
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Reports once why nothing goes on.
     fn stand_still(&self, why: Standstill) {
-        let mut standstill = self
-            .standstill
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut standstill = self.standstill.lock();
         if standstill.is_none() {
             *standstill = Some(why);
             drop(standstill);
@@ -203,11 +168,35 @@ impl Stage {
     }
 }
 
-impl fmt::Debug for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Stage")
-            .field("clock", &self.clock)
-            .finish_non_exhaustive()
+impl SimulationHandle {
+    /// Its clock.
+    pub fn clock(&self) -> Clock {
+        self.0.clock()
+    }
+
+    /// Time stands from now on: for an emergency, in which only what happens at this instant is of
+    /// use. From any thread; one atomic operation.
+    pub fn stop_time(&self) {
+        self.0.time_stands.store(true, Ordering::Release);
+    }
+
+    /// Declares that the caller handles processes that end in a hurry
+    /// ([`ProcessRegistry::hurried`]), as those with ends that others are to see: time waits until
+    /// that was [done](Self::attended).
+    pub fn attend(&self) {
+        self.0.attended.store(0, Ordering::Release);
+    }
+
+    /// The first `ends` of those were handled.
+    pub fn attended(&self, ends: u64) {
+        if self.0.attended.fetch_max(ends, Ordering::AcqRel) < ends {
+            self.0.parker.unpark();
+        }
+    }
+
+    /// Why it does not go on, if it does not.
+    pub fn standstill(&self) -> Option<Standstill> {
+        *self.0.standstill.lock()
     }
 }
 
@@ -215,7 +204,8 @@ impl fmt::Debug for Stage {
 pub(super) fn run(stage: &Arc<Stage>) {
     let _clock = stage.clock().enter();
     let _files = watch::enter(stage.parker.bell(), None);
-    let _calls = calls::enter_simulated(stage.clone());
+    let (quiescence, registry) = (stage.quiescence.clone(), stage.registry.clone());
+    let _calls = calls::enter(quiescence, Some(registry), Some(stage.clone()));
     HERE.set(Arc::as_ptr(stage));
     prepare_thread();
     Play {
@@ -227,7 +217,7 @@ pub(super) fn run(stage: &Arc<Stage>) {
     }
     .play();
     // What arrives now is refused.
-    let late = stage.arrivals().take();
+    let late = stage.arrivals.lock().take();
     for executor in late.into_iter().flatten() {
         executor.refuse_all();
     }
@@ -281,7 +271,7 @@ impl Play<'_> {
         {
             return;
         }
-        let arrived = self.stage.arrivals().as_mut().map(std::mem::take);
+        let arrived = self.stage.arrivals.lock().as_mut().map(std::mem::take);
         for executor in arrived.into_iter().flatten() {
             let member = Member::new(executor);
             let place = self.members.partition_point(|one| !member.outranks(one));
@@ -339,7 +329,7 @@ impl Play<'_> {
         let is_outdone = |member: &Member| {
             stage.is_to_be_attended(given_up)
                 || above.iter().any(|one| {
-                    one.has_turns() && one.outranks(member) && one.shared.inbound().is_signalled()
+                    one.has_turns() && one.outranks(member) && one.shared.inbound.is_signalled()
                 })
         };
         let most = self.stage.most_turns - self.turns;
@@ -480,7 +470,7 @@ impl Play<'_> {
     /// observer of quiescence is notified of that.
     fn sleep(&self, still: bool) {
         let asleep = self.members.iter();
-        let asleep = asleep.take_while(|one| one.shared.inbound().fall_asleep());
+        let asleep = asleep.take_while(|one| one.shared.inbound.fall_asleep());
         let asleep = asleep.count();
         if asleep == self.members.len() {
             let stage = self.stage;
@@ -497,7 +487,7 @@ impl Play<'_> {
             stage.parker.park_between(Instant::NEVER, before, after);
         }
         for member in &self.members[..asleep] {
-            member.shared.inbound().awake();
+            member.shared.inbound.awake();
         }
     }
 }

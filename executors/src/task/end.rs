@@ -110,7 +110,7 @@ pub(super) unsafe fn end(task: NonNull<Task>) {
     // the registry outlives the task.
     unsafe {
         let this = task.as_ref();
-        let registry = (*Arc::as_ptr(&this.shared)).registry();
+        let registry = &(*Arc::as_ptr(&this.shared)).registry;
         if this.process.is_queued() {
             // It retires when its turn comes.
             this.process.notify(Notice::ENDED);

@@ -156,7 +156,7 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
         let level = record.level();
         let process = Process::new(
             record.id(),
-            shared.executor_id(),
+            shared.executor_id,
             shared.thread_priority(),
             level,
         );
@@ -199,7 +199,7 @@ pub(crate) fn records() -> Vec<RecordRef> {
 /// Queues the processes that other threads have woken at `level`. O(their number).
 pub(crate) fn take_in(shared: &Shared, level: u8) {
     REMOTE_WAKES.with_borrow(|remote_wakes| {
-        shared.inbound().take(level, remote_wakes, |task| {
+        shared.inbound.take(level, remote_wakes, |task| {
             // SAFETY: a task that has a wake slot is not retired, so it is live, and this is its
             // executor's thread.
             unsafe {
@@ -236,7 +236,7 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     // both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
     events::ready(|| this.record.id().get());
-    this.shared.inbound().wake(&this.slot, level);
+    this.shared.inbound.wake(&this.slot, level);
 }
 
 /// Polls the process that has this turn. If that panics, the caller must call [`interrupted`].

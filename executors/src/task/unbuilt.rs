@@ -45,9 +45,9 @@ impl Unbuilt {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output: ExitValue> + 'static,
     {
-        let is_on_executor = current::executor_id() == Some(shared.executor_id());
+        let is_on_executor = current::executor_id() == Some(shared.executor_id);
         let free = free_retired::<F, B>;
-        let mut record = Record::new(spec, shared.registry(), is_on_executor, 2, free);
+        let mut record = Record::new(spec, &shared.registry, is_on_executor, 2, free);
         if size_of::<Whole<F, B>>() > LARGE {
             record.set_large();
         }
@@ -112,7 +112,7 @@ impl Unbuilt {
         // SAFETY: the invariant: it has a reference, which is passed on here.
         let record = unsafe { RecordRef::from_raw(Task::record(self.0)) };
         record.finish(exit);
-        record.report(shared.registry());
+        record.report(&shared.registry);
     }
 }
 

@@ -175,7 +175,7 @@ fn a_monitor_that_panics_behind_the_last_poll_ends_the_process_once() {
     let spec = monitored("ended", || panic!("on purpose"));
     let (announced, ended) = executor.handle().announce(spec, move || async { own });
     assert!(announced.start().is_none());
-    let other = executor.spawn(ProcessSpec::new("other"), || yield_now());
+    let other = executor.spawn(ProcessSpec::new("other"), yield_now);
     executor.release();
     assert!(matches!(ended.wait(), Exit::Panicked(_)));
     assert!(exit_value_of(&ended).is_none());

@@ -21,24 +21,14 @@ use std::sync::OnceLock;
 /// }
 /// ```
 #[derive(Debug, Clone, Copy)]
-pub struct Counter(Kept);
-
-/// That the kernel keeps time by the counter.
-#[cfg(target_arch = "x86_64")]
-#[derive(Debug, Clone, Copy)]
-struct Kept(());
-
-/// Nothing is known of other processors' counters here.
-#[cfg(not(target_arch = "x86_64"))]
-#[derive(Debug, Clone, Copy)]
-enum Kept {}
+pub struct Counter(());
 
 impl Counter {
     /// The machine's counter, if it can stand for a clock. Not for the real-time path: the first
     /// call reads a file.
     pub fn of_machine() -> Option<Counter> {
-        static KEPT: OnceLock<Option<Kept>> = OnceLock::new();
-        KEPT.get_or_init(look).map(Counter)
+        static IS_KEPT: OnceLock<bool> = OnceLock::new();
+        IS_KEPT.get_or_init(is_kept).then_some(Counter(()))
     }
 
     /// Its ticks. Real-time path: yes; 10 ns on the reference machine, no system call.
@@ -46,14 +36,13 @@ impl Counter {
     pub fn read(self) -> u64 {
         #[cfg(target_arch = "x86_64")]
         {
-            let Kept(()) = self.0;
             // SAFETY: every processor of this architecture has the instruction, and a kernel that
             // forbade it to programs could not offer its clock to them without a system call by it,
-            // which `look` has found that it does.
+            // which `is_kept` has found that it does.
             unsafe { std::arch::x86_64::_rdtsc() }
         }
         #[cfg(not(target_arch = "x86_64"))]
-        match self.0 {}
+        unreachable!("nothing is known of this processor's counter")
     }
 
     /// Ticks, and the instant on the machine's clock at which they were read, as closely as a few
@@ -72,19 +61,12 @@ impl Counter {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-fn look() -> Option<Kept> {
+/// Whether the kernel keeps time by the counter. Nothing is known of other processors' counters.
+fn is_kept() -> bool {
     // The kernel takes it only if it is invariant and the cores agree, and leaves it when they do
     // no longer.
-    let source = Source::machine()
-        .read("/sys/devices/system/clocksource/clocksource0/current_clocksource")
-        .ok()?;
-    (source.trim() == "tsc").then_some(Kept(()))
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-fn look() -> Option<Kept> {
-    None
+    let source = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+    cfg!(target_arch = "x86_64") && Source::machine().word(source).as_deref() == Ok("tsc")
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ mod source;
 
 #[cfg(not(loom))]
 pub use counter::Counter;
-pub use source::{Clock, ClockGuard, VirtualClock};
+pub use source::{Clock, VirtualClock};
 
 use std::fmt;
 use std::ops::{Add, AddAssign, Sub};
@@ -50,7 +50,7 @@ impl Instant {
     /// ```
     /// use luna_platform::clock::{Clock, Instant, VirtualClock};
     ///
-    /// let clock = Clock::from(VirtualClock::new());
+    /// let clock = Clock::from(std::sync::Arc::new(VirtualClock::new()));
     /// let _inside = clock.enter();
     /// let (stands, goes) = (Instant::now(), Instant::now_real());
     /// while Instant::now_real() == goes {}

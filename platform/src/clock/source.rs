@@ -1,15 +1,15 @@
 //! Where a thread's time comes from.
 
 use super::Instant;
+use crate::guard::OnDrop;
 use std::cell::Cell;
 use std::fmt;
-use std::marker::PhantomData;
 use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 thread_local! {
-    /// The clock of this thread: null is the machine's, anything else that of the [`ClockGuard`]
+    /// The clock of this thread: null is the machine's, anything else that of the guard
     /// which keeps it.
     static SOURCE: Cell<*const VirtualClock> = const { Cell::new(ptr::null()) };
 }
@@ -67,10 +67,6 @@ impl VirtualClock {
     pub const ORIGIN: Instant = Instant::from_nanos(1_000_000_000);
 
     /// A clock at its [origin](Self::ORIGIN).
-    #[expect(
-        clippy::new_without_default,
-        reason = "a second clock is made on purpose, not by default"
-    )]
     pub fn new() -> Self {
         Self {
             nanos: AtomicU64::new(Self::ORIGIN.as_nanos()),
@@ -95,7 +91,7 @@ impl VirtualClock {
 /// ```
 /// use luna_platform::clock::{Clock, Instant, VirtualClock};
 ///
-/// let clock = Clock::from(VirtualClock::new());
+/// let clock = Clock::from(std::sync::Arc::new(VirtualClock::new()));
 /// {
 ///     let _inside = clock.enter();
 ///     assert_eq!(Instant::now(), VirtualClock::ORIGIN);
@@ -123,13 +119,14 @@ impl Clock {
 
     /// Makes it the calling thread's, until the guard is dropped; then the one before is it again.
     /// Guards are dropped in the reverse order.
-    pub fn enter(&self) -> ClockGuard {
+    pub fn enter(&self) -> OnDrop<impl FnMut() + use<>> {
         let source = self.0.as_ref().map_or(ptr::null(), Arc::as_ptr);
-        ClockGuard {
-            before: SOURCE.replace(source),
-            _clock: self.clone(),
-            stays_on_its_thread: PhantomData,
-        }
+        let (before, clock) = (SOURCE.replace(source), self.clone());
+        OnDrop::new(move || {
+            SOURCE.set(before);
+            // The thread has read it until here.
+            let _ = &clock;
+        })
     }
 
     /// Whether the calling thread has entered a virtual clock.
@@ -158,12 +155,6 @@ impl Clock {
     }
 }
 
-impl From<VirtualClock> for Clock {
-    fn from(clock: VirtualClock) -> Self {
-        Clock(Some(Arc::new(clock)))
-    }
-}
-
 impl From<Arc<VirtualClock>> for Clock {
     fn from(clock: Arc<VirtualClock>) -> Self {
         Clock(Some(clock))
@@ -179,27 +170,6 @@ impl fmt::Debug for Clock {
     }
 }
 
-/// Ends what [`Clock::enter`] began.
-#[must_use = "the thread's clock is the one before when the guard is dropped"]
-pub struct ClockGuard {
-    before: *const VirtualClock,
-    /// What the thread reads meanwhile.
-    _clock: Clock,
-    stays_on_its_thread: PhantomData<*const ()>,
-}
-
-impl Drop for ClockGuard {
-    fn drop(&mut self) {
-        SOURCE.set(self.before);
-    }
-}
-
-impl fmt::Debug for ClockGuard {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("ClockGuard")
-    }
-}
-
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
@@ -209,7 +179,7 @@ mod tests {
     fn clocks_nest_and_belong_to_their_thread() {
         let (outer, inner) = (VirtualClock::new(), VirtualClock::new());
         inner.move_to(Instant::from_nanos(5_000_000_000));
-        let (outer, inner) = (Clock::from(outer), Clock::from(inner));
+        let (outer, inner) = (Clock::from(Arc::new(outer)), Clock::from(Arc::new(inner)));
         assert_eq!(Clock::number_here(), 0);
         let _outer = outer.enter();
         {
@@ -225,7 +195,7 @@ mod tests {
 
     #[test]
     fn a_guard_keeps_its_clock() {
-        let clock = Clock::from(VirtualClock::new());
+        let clock = Clock::from(Arc::new(VirtualClock::new()));
         let _inside = clock.enter();
         drop(clock);
         assert_eq!(Instant::now(), VirtualClock::ORIGIN);
@@ -235,7 +205,7 @@ mod tests {
     fn a_deadline_is_as_far_on_the_machines_clock() {
         let deadline = Instant::from_nanos(7);
         assert_eq!(Clock::deadline_of_machine(deadline), deadline);
-        let clock = Clock::from(VirtualClock::new());
+        let clock = Clock::from(Arc::new(VirtualClock::new()));
         let _inside = clock.enter();
         let second = Duration::from_secs(1);
         let before = Instant::now_real();

@@ -15,73 +15,7 @@ pub mod task;
 pub use source::{Source, Unread, UnreadReason};
 
 use crate::backend::facts as backend;
-use std::collections::BTreeMap;
 use std::fmt;
-
-/// What is known of the machine and of what this process may do on it.
-///
-/// ```
-/// use luna_platform::facts::SystemFacts;
-///
-/// let facts = SystemFacts::gather();
-/// if let Some(cores) = &facts.online_cores {
-///     assert!(!cores.is_empty());
-/// }
-/// ```
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub struct SystemFacts {
-    /// The cores that are switched on, ascending. Their numbers may have gaps.
-    pub online_cores: Option<Vec<usize>>,
-    /// The cores that this process may use, ascending: see
-    /// [`available_cores`](crate::thread::available_cores).
-    pub allowed_cores: Option<Vec<usize>>,
-    /// The cores that the scheduler keeps free of ordinary threads (`isolcpus=` or an isolated
-    /// cpuset partition).
-    pub isolated_cores: Option<Vec<usize>>,
-    /// The cores without a periodic tick while one thread runs there (`nohz_full=`); `None` also
-    /// where the kernel cannot do it.
-    pub tickless_cores: Option<Vec<usize>>,
-    /// The memory nodes, ascending, with their cores.
-    pub numa_nodes: Option<Vec<NumaNode>>,
-    /// The kernel's release, as `uname -r` gives it.
-    pub kernel_release: Option<String>,
-    /// How the kernel lets threads preempt each other.
-    pub preemption: Option<PreemptionModel>,
-    /// How much time real-time threads may take.
-    pub throttling: Option<Throttling>,
-    /// Where the kernel gets the time from: `tsc` is fast and fine, `hpet` and `acpi_pm` cost a
-    /// microsecond a reading.
-    pub clock_source: Option<String>,
-    /// The frequency governor of each core that has one. Empty on machines with frequencies that
-    /// the kernel does not choose.
-    pub governors: BTreeMap<usize, String>,
-    /// Whether this thread may take any policy and priority (CAP_SYS_NICE).
-    pub may_set_policy: Option<bool>,
-    /// Whether this thread may lock any amount of memory (CAP_IPC_LOCK).
-    pub may_lock_memory: Option<bool>,
-    /// The highest real-time priority without that capability (RLIMIT_RTPRIO); 0 for none.
-    pub priority_limit: Option<Limit>,
-    /// The bytes of memory that may be locked without that capability (RLIMIT_MEMLOCK).
-    pub locked_memory_limit: Option<Limit>,
-}
-
-impl SystemFacts {
-    /// Asks the system. Reads some tens of small files; not for the real-time path.
-    pub fn gather() -> SystemFacts {
-        backend::gather()
-    }
-}
-
-/// A memory node: memory, and the cores that are near it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct NumaNode {
-    /// Its number.
-    pub id: usize,
-    /// Its cores, ascending; empty for a node of memory alone.
-    pub cores: Vec<usize>,
-}
 
 /// How the kernel lets threads preempt each other. The later, the shorter a real-time thread waits
 /// for the kernel.

@@ -1,13 +1,13 @@
 //! A POSIX timer of one thread, with a handler of its signal that sets a bit.
 
 use super::clock::timespec;
+use super::signals::{action_of, action_of_handler, exchange_action};
 use crate::clock::Instant;
 use crate::path::{self, Call};
 use libc::{c_int, c_void, siginfo_t, timer_t};
 use nix::errno::Errno;
 use std::any::Any;
 use std::cell::Cell;
-use std::fmt;
 use std::marker::PhantomData;
 use std::mem::MaybeUninit;
 use std::ptr;
@@ -15,6 +15,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What the handler sets.
+#[derive(Debug)]
 struct Target {
     word: *const AtomicU64,
     bit: u64,
@@ -34,6 +35,7 @@ thread_local! {
 /// # Invariants
 ///
 /// `HERE` of that thread points to `target` as long as this lives; the word is a part of `owner`.
+#[derive(Debug)]
 pub struct Alarm {
     timer: timer_t,
     target: Box<Target>,
@@ -146,14 +148,9 @@ impl Drop for Alarm {
     }
 }
 
-impl fmt::Debug for Alarm {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Alarm")
-    }
-}
-
 /// A timer that announces an [event](crate::signals::announce_event), by interrupting the thread
 /// that made it.
+#[derive(Debug)]
 pub struct EventAlarm {
     timer: timer_t,
 }
@@ -204,12 +201,6 @@ impl Drop for EventAlarm {
     }
 }
 
-impl fmt::Debug for EventAlarm {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("EventAlarm")
-    }
-}
-
 /// What the signal of an [`EventAlarm`] carries; null is that of an [`Alarm`].
 fn event_mark() -> *mut c_void {
     static MARK: u8 = 0;
@@ -250,50 +241,32 @@ fn unblock(number: c_int) -> libc::sigset_t {
 /// others. The handlers of signals that end a program are set after it, so that they leave it one.
 pub(super) fn signal_number() -> Option<c_int> {
     static CHOSEN: Mutex<Option<c_int>> = Mutex::new(None);
+    let own = action_of_handler(ring);
     let mut chosen = CHOSEN.lock().unwrap_or_else(PoisonError::into_inner);
     // Another part of the program may have taken it since.
     if let Some(number) = *chosen
-        && action(number, None)?.sa_sigaction == handler()
+        && action_of(number)?.sa_sigaction == own.sa_sigaction
     {
         return *chosen;
     }
     // From above, since programs count theirs from `SIGRTMIN`. The last one is Valgrind's.
     *chosen = (libc::SIGRTMIN()..libc::SIGRTMAX()).rev().find(|&number| {
         let is_free = |before: libc::sigaction| before.sa_sigaction == libc::SIG_DFL;
-        if !action(number, None).is_some_and(is_free) {
+        if !action_of(number).is_some_and(is_free) {
             return false;
         }
-        // SAFETY: a zeroed action is a valid one, with an empty mask.
-        let mut own: libc::sigaction = unsafe { MaybeUninit::zeroed().assume_init() };
-        own.sa_sigaction = handler();
-        // Other system calls go on after the handler where they can; it runs on an alternative
-        // stack if the thread has one.
-        own.sa_flags = libc::SA_SIGINFO | libc::SA_RESTART | libc::SA_ONSTACK;
-        match action(number, Some(&own)) {
+        // SAFETY: `ring` is async-signal-safe.
+        match unsafe { exchange_action(number, Some(&own)) } {
             Some(before) if !is_free(before) => {
                 // Another thread has just taken it.
-                action(number, Some(&before));
+                // SAFETY: it was set before.
+                unsafe { exchange_action(number, Some(&before)) };
                 false
             }
             outcome => outcome.is_some(),
         }
     });
     *chosen
-}
-
-/// What the signal does, or did before it does `new`.
-fn action(number: c_int, new: Option<&libc::sigaction>) -> Option<libc::sigaction> {
-    let mut before = MaybeUninit::zeroed();
-    let new = new.map_or(ptr::null(), ptr::from_ref);
-    // SAFETY: both live during the call; the handler is `ring`, which has the signature that
-    // SA_SIGINFO asks for and is async-signal-safe, or what was there before.
-    unsafe {
-        (libc::sigaction(number, new, before.as_mut_ptr()) == 0).then(|| before.assume_init())
-    }
-}
-
-fn handler() -> libc::sighandler_t {
-    ring as *const () as usize
 }
 
 /// The handler. Async-signal-safe: it announces an event, or reads the clock and a thread-local

@@ -8,16 +8,20 @@ use std::ptr;
 /// also of an unoptimized program.
 const SIZE: usize = 64 << 10;
 
-/// The calling thread's stack for handlers, until it is dropped on that thread. The page below it
-/// is a guard.
-pub(crate) struct AlternateStack {
+/// A stack for signal handlers, as the threads made here have, for a thread that was made
+/// elsewhere: until it is dropped there. The page below it is a guard.
+#[derive(Debug)]
+#[must_use = "it is taken back when it is dropped"]
+pub struct HandlerStack {
     /// The mapping, and what was set before; none if there was no memory, and the thread keeps the
     /// stack that it had.
     made: Option<(*mut libc::c_void, usize, libc::stack_t)>,
 }
 
-impl AlternateStack {
-    pub(crate) fn make() -> Self {
+impl HandlerStack {
+    /// Makes the stack, and sets it for the calling thread, in place of a former one. If there is
+    /// no memory for it nothing changes. Not for the real-time path.
+    pub fn here() -> Self {
         let (guard, length) = (page_size(), page_size() + SIZE);
         // In memory from the beginning: a handler of an urgent thread is not to wait for pages.
         // SAFETY: a new mapping, at no address in particular; its lowest page is then made a guard.
@@ -61,7 +65,7 @@ impl AlternateStack {
     }
 }
 
-impl Drop for AlternateStack {
+impl Drop for HandlerStack {
     fn drop(&mut self) {
         let Some((mapping, length, before)) = self.made.take() else {
             return;

@@ -1,6 +1,8 @@
 //! Handlers of the signals that end the program by the signal itself.
 
-use super::signals::{action_of, send_here, set_default};
+use super::signals::{
+    Handler, action_of, action_of_handler, default_action, exchange_action, send_here, set_default,
+};
 use crate::crash::{forget, handle};
 use crate::forked;
 use crate::signals::SignalError;
@@ -64,8 +66,6 @@ unsafe impl Sync for Before {}
 
 static BEFORE: Before = Before([const { UnsafeCell::new(MaybeUninit::zeroed()) }; NUMBERS]);
 
-type Handler = extern "C" fn(libc::c_int, *mut libc::siginfo_t, *mut libc::c_void);
-
 const HANDLER: Handler = crashed;
 
 pub(crate) fn current_thread() -> i32 {
@@ -109,10 +109,9 @@ pub(super) fn take_over(signal: libc::c_int) {
     // SAFETY: zeros are the default action, which was in place before the alarms' handler. Threads
     // that come here at once write the same.
     unsafe {
-        let default = MaybeUninit::<libc::sigaction>::zeroed().assume_init();
-        libc::sigaction(signal, &raw const default, ptr::null_mut());
+        set_default(signal);
         if action_of(libc::SIGSEGV).is_some_and(|action| is_own(&action)) {
-            before_of(signal).write(default);
+            before_of(signal).write(default_action());
             // It fails for no signal that exists.
             let _ = set_handler(signal);
         }
@@ -142,19 +141,11 @@ fn before_of(signal: libc::c_int) -> *mut libc::sigaction {
 }
 
 fn set_handler(signal: libc::c_int) -> Result<(), Errno> {
-    let mut action = MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: all zeros is a valid action; its fields are then set.
-    let outcome = unsafe {
-        let action = action.assume_init_mut();
-        action.sa_sigaction = HANDLER as *const () as libc::sighandler_t;
-        // On a stack of its own, since the thread's may be used up. A fault while its own signal is
-        // blocked ends the program by default. Other system calls go on after the handler where
-        // they can, if it returns.
-        action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
-        libc::sigemptyset(&raw mut action.sa_mask);
-        libc::sigaction(signal, action, ptr::null_mut())
-    };
-    Errno::result(outcome).map(drop)
+    // It runs on a stack of its own, since the thread's may be used up. A fault while its own
+    // signal is blocked ends the program by default. SAFETY: it is async-signal-safe up to the
+    // former handler, which runs as it would without this one.
+    let before = unsafe { exchange_action(signal, Some(&action_of_handler(HANDLER))) };
+    before.map(drop).ok_or_else(Errno::last)
 }
 
 /// Whether it is this module's handler that is set.

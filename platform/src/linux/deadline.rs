@@ -1,8 +1,9 @@
 //! SCHED_DEADLINE: set, read back, and why it was refused.
 
-use super::privileges::{self, Capability};
+use super::privileges;
 use super::thread::{available_cores, current_policy};
 use crate::facts::parse::write_core_list;
+use crate::facts::task::CAP_SYS_NICE;
 use crate::shortfall::PolicyRefusal;
 use crate::thread::Policy;
 use nix::errno::Errno;
@@ -71,7 +72,7 @@ fn zeroed() -> libc::sched_attr {
 
 /// Determines the kernel's reason for `EPERM`. A limit on priorities does not matter here.
 fn why_not_permitted() -> PolicyRefusal {
-    match privileges::effective(Capability::SysNice) {
+    match privileges::effective(CAP_SYS_NICE) {
         Some(true) if privileges::in_a_user_namespace() => PolicyRefusal::UserNamespace,
         // The process is permitted: so its cores are too few.
         Some(true) => PolicyRefusal::NotAllCores {
@@ -100,7 +101,7 @@ fn out_of_range(period: u64) -> Option<PolicyRefusal> {
     (!within.contains(&period)).then_some(PolicyRefusal::PeriodRange { least, most })
 }
 
-fn kernel(error: Errno) -> PolicyRefusal {
+pub(super) fn kernel(error: Errno) -> PolicyRefusal {
     PolicyRefusal::Kernel {
         message: error.to_string(),
     }

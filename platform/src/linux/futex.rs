@@ -2,6 +2,7 @@
 
 use super::clock::timespec;
 use crate::clock::Instant;
+use crate::futex::Waited;
 use std::ptr;
 use std::sync::atomic::AtomicU32;
 
@@ -13,15 +14,6 @@ use std::sync::atomic::AtomicU32;
 #[repr(transparent)]
 pub struct Futex {
     word: AtomicU32,
-}
-
-/// How a wait ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Waited {
-    /// Woken, or the word had changed, or for no reason: look again.
-    Woken,
-    /// The deadline came.
-    TimedOut,
 }
 
 impl Futex {

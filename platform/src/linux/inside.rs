@@ -22,12 +22,6 @@ pub struct Inside {
     word: AtomicU32,
 }
 
-impl Default for Inside {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Inside {
     /// Not entered.
     pub const fn new() -> Self {

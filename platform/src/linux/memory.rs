@@ -1,6 +1,7 @@
 //! Locked memory: `mlockall`, where it keeps working.
 
-use super::privileges::{self, Capability};
+use super::privileges;
+use crate::facts::task::CAP_IPC_LOCK;
 use crate::shortfall::MemoryRefusal;
 use nix::errno::Errno;
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
@@ -15,8 +16,8 @@ pub(crate) fn lock() -> Result<(), MemoryRefusal> {
         .ok()
         .map(|(soft, _)| soft);
     // A capability in a user namespace does not lift the limit.
-    let capable = privileges::effective(Capability::IpcLock) == Some(true)
-        && !privileges::in_a_user_namespace();
+    let capable =
+        privileges::effective(CAP_IPC_LOCK) == Some(true) && !privileges::in_a_user_namespace();
     if !capable && limit != Some(RLIM_INFINITY) {
         return Err(MemoryRefusal::Limited { limit });
     }

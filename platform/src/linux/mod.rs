@@ -9,7 +9,7 @@ mod deadline;
 pub(crate) mod facts;
 pub mod fence;
 pub(crate) mod file;
-pub mod futex;
+pub(crate) mod futex;
 pub mod inside;
 pub(crate) mod latency;
 pub mod lock;

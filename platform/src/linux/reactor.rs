@@ -11,7 +11,7 @@ use crate::timer_fd::TimerError;
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::eventfd::{EfdFlags, EventFd};
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+use std::os::fd::{AsRawFd, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The eventfd's token.
@@ -99,10 +99,8 @@ impl Reactor {
         token: u64,
         interest: Interest,
     ) -> Result<(), ReactorError> {
-        if token >= FIRST_RESERVED_TOKEN {
-            return Err(ReactorError::ReservedToken { token });
-        }
-        path::expected(Call::File, || self.epoll.add(fd, event(token, interest)))
+        let event = event(token, interest)?;
+        path::expected(Call::File, || self.epoll.add(fd, event))
             .map_err(|error| file_refused(fd, error))
     }
 
@@ -118,13 +116,9 @@ impl Reactor {
         token: u64,
         interest: Interest,
     ) -> Result<(), ReactorError> {
-        if token >= FIRST_RESERVED_TOKEN {
-            return Err(ReactorError::ReservedToken { token });
-        }
-        path::expected(Call::File, || {
-            self.epoll.modify(fd, &mut event(token, interest))
-        })
-        .map_err(|error| file_refused(fd, error))
+        let mut event = event(token, interest)?;
+        path::expected(Call::File, || self.epoll.modify(fd, &mut event))
+            .map_err(|error| file_refused(fd, error))
     }
 
     /// Watches `fd` no more; no later wait reports it. One system call, O(log files).
@@ -208,20 +202,16 @@ impl Reactor {
     }
 }
 
-impl AsFd for Reactor {
-    /// The epoll itself: ready when a wait would end at once.
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.epoll.0.as_fd()
+fn event(token: u64, interest: Interest) -> Result<EpollEvent, ReactorError> {
+    if token >= FIRST_RESERVED_TOKEN {
+        return Err(ReactorError::ReservedToken { token });
     }
-}
-
-fn event(token: u64, interest: Interest) -> EpollEvent {
     let wanted = match interest {
         Interest::Readable => EpollFlags::EPOLLIN | EpollFlags::EPOLLRDHUP,
         Interest::Writable => EpollFlags::EPOLLOUT,
         Interest::Both => EpollFlags::EPOLLIN | EpollFlags::EPOLLRDHUP | EpollFlags::EPOLLOUT,
     };
-    EpollEvent::new(wanted | EpollFlags::EPOLLONESHOT, token)
+    Ok(EpollEvent::new(wanted | EpollFlags::EPOLLONESHOT, token))
 }
 
 fn readiness(flags: EpollFlags) -> Readiness {

@@ -2,7 +2,7 @@
 
 use super::crash;
 use crate::forked;
-use crate::signals::{Noted, Signal, SignalError, note};
+use crate::signals::{Signal, SignalError, note};
 use nix::errno::Errno;
 use nix::libc;
 use nix::sys::signal as sys;
@@ -63,22 +63,51 @@ pub(crate) fn find_requests() {
     }
 }
 
-/// What `signal` does. `None` if the kernel does not know it, or keeps it for itself.
-pub(super) fn action_of(signal: libc::c_int) -> Option<libc::sigaction> {
-    let mut action = MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: the place is valid to write to, and all zeros is an action. The call changes nothing.
-    unsafe {
-        let outcome = libc::sigaction(signal, ptr::null(), action.as_mut_ptr());
-        (outcome == 0).then(|| action.assume_init())
+/// The handler of signals that say more than their number.
+pub(super) type Handler = extern "C" fn(libc::c_int, *mut libc::siginfo_t, *mut libc::c_void);
+
+/// The default action, without flags.
+pub(super) fn default_action() -> libc::sigaction {
+    // SAFETY: zeros are a value of each field, and together this action.
+    unsafe { MaybeUninit::zeroed().assume_init() }
+}
+
+/// Runs `handler`, on the thread's alternative stack if it has one. System calls that can go on
+/// after it do.
+pub(super) fn action_of_handler(handler: Handler) -> libc::sigaction {
+    libc::sigaction {
+        sa_sigaction: handler as *const () as libc::sighandler_t,
+        sa_flags: libc::SA_SIGINFO | libc::SA_RESTART | libc::SA_ONSTACK,
+        ..default_action()
     }
 }
 
+/// What `signal` does, or did before it does `new`. `None` if the kernel does not know the signal,
+/// or keeps it for itself. Async-signal-safe.
+///
+/// # Safety
+///
+/// The handler of `new` is async-signal-safe and has the signature that the flags ask for, or it
+/// was set before.
+pub(super) unsafe fn exchange_action(
+    signal: libc::c_int,
+    new: Option<&libc::sigaction>,
+) -> Option<libc::sigaction> {
+    let mut before = default_action();
+    let new = new.map_or(ptr::null(), ptr::from_ref);
+    // SAFETY: both live during the call; the handler is a valid one by this function's contract.
+    (unsafe { libc::sigaction(signal, new, &raw mut before) } == 0).then_some(before)
+}
+
+/// What `signal` does. `None` if the kernel does not know it, or keeps it for itself.
+pub(super) fn action_of(signal: libc::c_int) -> Option<libc::sigaction> {
+    // SAFETY: it changes nothing.
+    unsafe { exchange_action(signal, None) }
+}
+
 pub(super) fn set_default(signal: libc::c_int) {
-    // SAFETY: all zeros is the default action without flags, which runs nothing.
-    unsafe {
-        let action = MaybeUninit::<libc::sigaction>::zeroed().assume_init();
-        libc::sigaction(signal, &raw const action, ptr::null_mut());
-    }
+    // SAFETY: the default action runs nothing.
+    unsafe { exchange_action(signal, Some(&default_action())) };
 }
 
 /// Sends `signal` to the calling thread. Async-signal-safe.
@@ -194,9 +223,9 @@ extern "C" fn handle(number: i32) {
         send_here(number);
         return Errno::set_raw(errno);
     }
-    match note(number) {
-        Noted::Event => Errno::set_raw(errno),
+    if note(number) {
         // SAFETY: ends the process without running anything of it.
-        Noted::EndNow => unsafe { libc::_exit(128 + number) },
+        unsafe { libc::_exit(128 + number) };
     }
+    Errno::set_raw(errno);
 }

@@ -1,9 +1,10 @@
 //! Threads' attributes: set by the thread itself, then read back.
 
-pub(crate) use super::alternate_stack::AlternateStack;
+pub use super::alternate_stack::HandlerStack;
 use super::deadline;
-use super::privileges::{self, Capability};
+use super::privileges;
 use crate::facts::parse::{core_list, write_core_list};
+use crate::facts::task::CAP_SYS_NICE;
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
 use crate::thread::{Attributes, Obtained, Policy};
 use nix::errno::Errno;
@@ -29,14 +30,16 @@ fn initial_mask() -> &'static CpuSet {
     MASK.get_or_init(|| {
         // The main thread's number is the process'. The call fails only on a machine with more
         // cores than the mask has bits.
-        sched_getaffinity(getpid()).unwrap_or_else(|_| {
-            let mut all = CpuSet::new();
-            for core in 0..CpuSet::count() {
-                let _ = all.set(core);
-            }
-            all
-        })
+        sched_getaffinity(getpid()).unwrap_or_else(|_| all_cores())
     })
+}
+
+fn all_cores() -> CpuSet {
+    let mut all = CpuSet::new();
+    for core in 0..CpuSet::count() {
+        let _ = all.set(core);
+    }
+    all
 }
 
 /// Records the initial mask, which a later thread must not inherit. Call it before any thread is
@@ -46,10 +49,7 @@ pub(crate) fn remember_process() {
 }
 
 pub(crate) fn available_cores() -> Vec<usize> {
-    cores_of(initial_mask())
-}
-
-fn cores_of(mask: &CpuSet) -> Vec<usize> {
+    let mask = initial_mask();
     (0..CpuSet::count())
         .filter(|&core| mask.is_set(core).unwrap_or(false))
         .collect()
@@ -60,7 +60,9 @@ pub(crate) fn current_core() -> Option<usize> {
 }
 
 pub(crate) fn current_policy() -> Policy {
-    let (policy, priority) = scheduler();
+    // It cannot fail for the calling thread.
+    let (policy, priority) = scheduler(0).unwrap_or((libc::SCHED_OTHER, 0));
+    let priority = priority as u8;
     match policy & !libc::SCHED_RESET_ON_FORK {
         libc::SCHED_FIFO => Policy::Fifo(priority),
         libc::SCHED_RR => Policy::RoundRobin(priority),
@@ -90,7 +92,7 @@ pub(crate) fn promote(number: i32, policy: Policy) {
     if let Some(kind) = kind_of(policy) {
         // Refused to a program that has given up the privilege since its start: then the thread
         // stays an ordinary one.
-        let _ = set_scheduler(number, kind, policy.priority());
+        let _ = set_scheduler(number, kind, policy.priority().into());
     }
 }
 
@@ -114,9 +116,9 @@ fn kind_of(policy: Policy) -> Option<libc::c_int> {
 
 /// Sets the policy of the thread `number`, 0 for the calling thread. Direct system call: musl's
 /// function of this name only fails.
-fn set_scheduler(number: i32, kind: libc::c_int, priority: u8) -> Result<(), Errno> {
+pub(super) fn set_scheduler(number: i32, kind: i32, priority: i32) -> Result<(), Errno> {
     let mut parameter = zeroed_parameter();
-    parameter.sched_priority = i32::from(priority);
+    parameter.sched_priority = priority;
     // SAFETY: the parameter is a valid structure for the length of the call.
     let outcome = unsafe {
         libc::syscall(
@@ -223,11 +225,7 @@ pub(crate) fn unpin() {
     if sched_setaffinity(MYSELF, initial_mask()).is_err() {
         // The control group has other cores by now. All of them, then: the kernel keeps those that
         // are allowed.
-        let mut all = CpuSet::new();
-        for core in 0..CpuSet::count() {
-            let _ = all.set(core);
-        }
-        let _ = sched_setaffinity(MYSELF, &all);
+        let _ = sched_setaffinity(MYSELF, &all_cores());
     }
 }
 
@@ -238,19 +236,20 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
         Policy::Other if !current_policy().is_real_time() => return Ok(()),
         // Taking the flag back would need a privilege, which must not keep a thread from giving up
         // its policy.
-        Policy::Other => libc::SCHED_OTHER | scheduler().0 & libc::SCHED_RESET_ON_FORK,
+        Policy::Other => {
+            let flags = scheduler(0).map_or(0, |(policy, _)| policy);
+            libc::SCHED_OTHER | flags & libc::SCHED_RESET_ON_FORK
+        }
         Policy::Deadline { .. } => return deadline::set(asked),
         Policy::Fifo(_) | Policy::RoundRobin(_) => kind_of(asked).unwrap_or(libc::SCHED_OTHER),
     };
-    match set_scheduler(0, kind, asked.priority()) {
+    match set_scheduler(0, kind, asked.priority().into()) {
         Ok(()) => match current_policy() {
             obtained if obtained == asked => Ok(()),
             obtained => Err(PolicyRefusal::NotKept { obtained }),
         },
         Err(Errno::EPERM) => Err(why_no_policy(asked)),
-        Err(error) => Err(PolicyRefusal::Kernel {
-            message: error.to_string(),
-        }),
+        Err(error) => Err(deadline::kernel(error)),
     }
 }
 
@@ -259,7 +258,7 @@ pub(super) fn why_no_policy(asked: Policy) -> PolicyRefusal {
     let limit = getrlimit(Resource::RLIMIT_RTPRIO)
         .ok()
         .map(|(soft, _)| soft);
-    let capable = privileges::effective(Capability::SysNice) == Some(true);
+    let capable = privileges::effective(CAP_SYS_NICE) == Some(true);
     if capable && privileges::in_a_user_namespace() {
         return PolicyRefusal::UserNamespace;
     }
@@ -267,31 +266,25 @@ pub(super) fn why_no_policy(asked: Policy) -> PolicyRefusal {
         return PolicyRefusal::NotPermitted { limit };
     }
     // It may: so its group has no budget.
-    match privileges::cpu_group() {
-        Some(privileges::CpuGroup::One { file }) => PolicyRefusal::NoGroupBudget { file },
-        Some(privileges::CpuGroup::Two { group }) => PolicyRefusal::GroupWithoutBudget { group },
-        None => PolicyRefusal::Kernel {
-            message: Errno::EPERM.to_string(),
-        },
-    }
+    privileges::group_without_budget().unwrap_or_else(|| deadline::kernel(Errno::EPERM))
 }
 
-/// The calling thread's policy, with its flags, and its priority.
-pub(super) fn scheduler() -> (i32, u8) {
+/// A thread's policy, with its flags, and its priority; 0 is the calling thread. Nothing if there is
+/// no such thread. Two system calls.
+pub(super) fn scheduler(thread: i32) -> Option<(i32, i32)> {
     let mut parameter = zeroed_parameter();
-    // SAFETY: 0 is the calling thread; the parameter is a valid structure to write to.
-    let policy = unsafe {
-        libc::syscall(libc::SYS_sched_getparam, 0, &raw mut parameter);
-        libc::syscall(libc::SYS_sched_getscheduler, 0)
+    // Direct system calls: musl's functions of these names only fail. SAFETY: the parameter is a
+    // valid structure to write to.
+    let (policy, asked) = unsafe {
+        (
+            libc::syscall(libc::SYS_sched_getscheduler, thread),
+            libc::syscall(libc::SYS_sched_getparam, thread, &raw mut parameter),
+        )
     };
-    // Neither call can fail for the calling thread; -1 would read as no policy.
-    (
-        policy.max(0) as i32,
-        u8::try_from(parameter.sched_priority).unwrap_or(0),
-    )
+    (policy >= 0 && asked == 0).then_some((policy as i32, parameter.sched_priority))
 }
 
-pub(super) fn zeroed_parameter() -> libc::sched_param {
+fn zeroed_parameter() -> libc::sched_param {
     // SAFETY: a structure of numbers (one with glibc, more with musl), for which all zeros is a
     // value.
     unsafe { std::mem::zeroed() }

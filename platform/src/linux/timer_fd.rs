@@ -55,18 +55,10 @@ impl TimerFd {
     /// None that the caller could cause.
     pub fn arm_at(&self, deadline: Instant) -> Result<(), TimerError> {
         if deadline == Instant::NEVER {
-            return self.disarm();
+            return path::expected(Call::ArmTimer, || self.timer.unset())
+                .map_err(refused("timerfd_settime"));
         }
         self.set(Expiration::OneShot(time_spec(deadline.as_nanos())))
-    }
-
-    /// Expires no more. What expired before is forgotten.
-    ///
-    /// # Errors
-    ///
-    /// None that the caller could cause.
-    pub fn disarm(&self) -> Result<(), TimerError> {
-        path::expected(Call::ArmTimer, || self.timer.unset()).map_err(refused("timerfd_settime"))
     }
 
     /// Waits until it expires, if it has not since it was last waited for or armed.

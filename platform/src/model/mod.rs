@@ -51,6 +51,7 @@ pub mod futex {
     //! A word to wait on, as a loom mutex and condition variable around a loom atomic.
 
     use crate::clock::Instant;
+    use crate::futex::Waited;
     use loom::sync::atomic::{AtomicU32, Ordering};
     use loom::sync::{Condvar, Mutex};
 
@@ -60,15 +61,6 @@ pub mod futex {
         word: AtomicU32,
         lock: Mutex<()>,
         changed: Condvar,
-    }
-
-    /// How a wait ended.
-    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-    pub enum Waited {
-        /// Woken, or the word had changed, or for no reason: look again.
-        Woken,
-        /// The deadline came.
-        TimedOut,
     }
 
     impl Futex {

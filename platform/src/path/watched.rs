@@ -2,6 +2,7 @@
 //! luna_path_guard`.
 
 use super::Call;
+use crate::guard::OnDrop;
 use std::cell::Cell;
 
 thread_local! {
@@ -17,13 +18,8 @@ thread_local! {
 /// assert_eq!((reason, path::expected_call()), (Some(Call::Sleep), None));
 /// ```
 pub fn expected<R>(call: Call, f: impl FnOnce() -> R) -> R {
-    struct Restore(Option<Call>);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            EXPECTED.set(self.0);
-        }
-    }
-    let _restore = Restore(EXPECTED.replace(Some(call)));
+    let before = EXPECTED.replace(Some(call));
+    let _restore = OnDrop::new(|| EXPECTED.set(before));
     f()
 }
 

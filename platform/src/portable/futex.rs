@@ -1,6 +1,7 @@
 //! A word to wait on, as a mutex and a condition variable beside an atomic.
 
 use crate::clock::Instant;
+use crate::futex::Waited;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
@@ -14,15 +15,6 @@ pub struct Futex {
     word: AtomicU32,
     lock: Mutex<()>,
     changed: Condvar,
-}
-
-/// How a wait ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Waited {
-    /// Woken, or the word had changed, or for no reason: look again.
-    Woken,
-    /// The deadline came.
-    TimedOut,
 }
 
 impl Futex {

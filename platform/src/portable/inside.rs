@@ -4,12 +4,6 @@
 #[derive(Debug)]
 pub struct Inside;
 
-impl Default for Inside {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Inside {
     /// Not entered.
     pub const fn new() -> Self {

@@ -8,7 +8,7 @@ pub(crate) mod facts;
 pub mod fence;
 #[cfg(unix)]
 pub(crate) mod file;
-pub mod futex;
+pub(crate) mod futex;
 pub mod inside;
 pub(crate) mod latency;
 pub mod lock;

@@ -76,13 +76,6 @@ impl Reactor {
     }
 }
 
-#[cfg(any(unix, target_os = "wasi"))]
-impl std::os::fd::AsFd for Reactor {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        match self.never {}
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -11,27 +11,23 @@ impl Before {
     }
 }
 
-/// The numbers that most systems use.
+/// The numbers that most systems use, and the names.
+const SIGNALS: [(Signal, i32, &str); 5] = [
+    (Signal::Interrupt, 2, "SIGINT"),
+    (Signal::Terminate, 15, "SIGTERM"),
+    (Signal::Hangup, 1, "SIGHUP"),
+    (Signal::User1, 10, "SIGUSR1"),
+    (Signal::User2, 12, "SIGUSR2"),
+];
+
 pub(crate) fn number(signal: Signal) -> i32 {
-    match signal {
-        Signal::Interrupt => 2,
-        Signal::Terminate => 15,
-        Signal::Hangup => 1,
-        Signal::User1 => 10,
-        Signal::User2 => 12,
-    }
+    let known = SIGNALS.iter().find(|(known, ..)| *known == signal);
+    known.map_or(0, |(_, number, _)| *number)
 }
 
-/// Those of the numbers above.
 pub(crate) fn name(number: i32) -> Option<&'static str> {
-    Some(match number {
-        1 => "SIGHUP",
-        2 => "SIGINT",
-        10 => "SIGUSR1",
-        12 => "SIGUSR2",
-        15 => "SIGTERM",
-        _ => return None,
-    })
+    let known = SIGNALS.iter().find(|(_, known, _)| *known == number);
+    known.map(|(.., name)| *name)
 }
 
 pub(crate) fn real_time_number(_number: i32) -> Option<i32> {

@@ -3,6 +3,7 @@
 
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
 use crate::thread::{Attributes, Obtained, Policy};
+use std::marker::PhantomData;
 use std::time::Duration;
 
 /// Nothing here can be inherited.
@@ -11,12 +12,15 @@ pub(crate) fn remember_process() {}
 /// Signals are not known here.
 pub(crate) fn begin() {}
 
-/// No handler of a signal runs here.
-pub(crate) struct AlternateStack;
+/// A stack for signal handlers: no handler runs here.
+#[derive(Debug)]
+#[must_use = "it is taken back when it is dropped"]
+pub struct HandlerStack(PhantomData<*const ()>);
 
-impl AlternateStack {
-    pub(crate) fn make() -> Self {
-        Self
+impl HandlerStack {
+    /// Does nothing.
+    pub fn here() -> Self {
+        Self(PhantomData)
     }
 }
 

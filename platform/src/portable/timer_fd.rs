@@ -29,28 +29,12 @@ impl TimerFd {
         match self.never {}
     }
 
-    /// There is no timer to disarm.
-    ///
-    /// # Errors
-    ///
-    /// Cannot be called.
-    pub fn disarm(&self) -> Result<(), TimerError> {
-        match self.never {}
-    }
-
     /// There is no timer to wait for.
     ///
     /// # Errors
     ///
     /// Cannot be called.
     pub fn wait(&self) -> Result<(), TimerError> {
-        match self.never {}
-    }
-}
-
-#[cfg(any(unix, target_os = "wasi"))]
-impl std::os::fd::AsFd for TimerFd {
-    fn as_fd(&self) -> std::os::fd::BorrowedFd<'_> {
         match self.never {}
     }
 }

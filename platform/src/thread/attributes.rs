@@ -3,7 +3,6 @@
 use super::policy::{Policy, PolicyError};
 use crate::shortfall::{Shortfall, SpinRefusal};
 use crate::spin;
-use std::fmt;
 use std::time::Duration;
 
 /// What happens when the system does not give what was asked for.
@@ -238,17 +237,23 @@ impl Attributes {
 }
 
 /// What is wrong with a thread's attributes, whatever the machine.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum AttributeError {
     /// The policy's priority is out of range.
+    #[error("thread `{name}`: {error}")]
     Policy {
         /// The thread's name.
         name: String,
         /// What is wrong with it.
+        #[source]
         error: PolicyError,
     },
     /// A deadline policy and a core, which the kernel does not give together.
+    #[error(
+        "thread `{name}` asks for SCHED_DEADLINE and for core {core}, and the kernel refuses that \
+         policy to pinned threads; leave the core out, or choose SCHED_FIFO"
+    )]
     PinnedDeadline {
         /// The thread's name.
         name: String,
@@ -256,11 +261,18 @@ pub enum AttributeError {
         core: usize,
     },
     /// A deadline policy for a thread that several processes share.
+    #[error(
+        "executor `{name}` asks for SCHED_DEADLINE, whose budget would stop all its processes at \
+         once; run the loop on an OS thread of its own, or choose SCHED_FIFO"
+    )]
     SharedDeadline {
         /// The thread's name.
         name: String,
     },
     /// The stack is smaller than [`MINIMUM_STACK_SIZE`].
+    #[error(
+        "thread `{name}`: a stack of {asked} bytes is too small; ask for at least {MINIMUM_STACK_SIZE}"
+    )]
     StackTooSmall {
         /// The thread's name.
         name: String,
@@ -268,6 +280,9 @@ pub enum AttributeError {
         asked: usize,
     },
     /// The stack is larger than [`MAXIMUM_STACK_SIZE`].
+    #[error(
+        "thread `{name}`: a stack of {asked} bytes is too large; ask for at most {MAXIMUM_STACK_SIZE}"
+    )]
     StackTooLarge {
         /// The thread's name.
         name: String,
@@ -275,6 +290,11 @@ pub enum AttributeError {
         asked: usize,
     },
     /// The time to look for work before a sleep is longer than [`spin::LONGEST`].
+    #[error(
+        "thread `{name}`: {asked:?} is too long to look for work before each sleep; ask for at most \
+         {LONGEST:?}",
+        LONGEST = spin::LONGEST
+    )]
     SpinTooLong {
         /// The thread's name.
         name: String,
@@ -282,56 +302,11 @@ pub enum AttributeError {
         asked: Duration,
     },
     /// The name holds a zero byte, which ends a name for the operating system.
+    #[error("the thread name {name:?} holds a zero byte; leave it out")]
     ZeroInName {
         /// The thread's name.
         name: String,
     },
-}
-
-impl fmt::Display for AttributeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            AttributeError::Policy { name, error } => write!(f, "thread `{name}`: {error}"),
-            AttributeError::PinnedDeadline { name, core } => write!(
-                f,
-                "thread `{name}` asks for SCHED_DEADLINE and for core {core}, and the kernel refuses that policy to pinned threads; leave \
-                 the core out, or choose SCHED_FIFO"
-            ),
-            AttributeError::SharedDeadline { name } => write!(
-                f,
-                "executor `{name}` asks for SCHED_DEADLINE, whose budget would stop all its processes at once; run the loop on an OS \
-                 thread of its own, or choose SCHED_FIFO"
-            ),
-            AttributeError::StackTooSmall { name, asked } => write!(
-                f,
-                "thread `{name}`: a stack of {asked} bytes is too small; ask for at least {MINIMUM_STACK_SIZE}"
-            ),
-            AttributeError::StackTooLarge { name, asked } => write!(
-                f,
-                "thread `{name}`: a stack of {asked} bytes is too large; ask for at most {MAXIMUM_STACK_SIZE}"
-            ),
-            AttributeError::SpinTooLong { name, asked } => write!(
-                f,
-                "thread `{name}`: {asked:?} is too long to look for work before each sleep; ask for at most {:?}",
-                spin::LONGEST
-            ),
-            AttributeError::ZeroInName { name } => {
-                write!(
-                    f,
-                    "the thread name {name:?} holds a zero byte; leave it out"
-                )
-            }
-        }
-    }
-}
-
-impl std::error::Error for AttributeError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            AttributeError::Policy { error, .. } => Some(error),
-            _ => None,
-        }
-    }
 }
 
 /// The obtained attributes of a thread, as read back from the system.

@@ -32,10 +32,12 @@ pub use attributes::{
 };
 pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError, TIMER_PRIORITY};
 
+pub use crate::backend::thread::HandlerStack;
+
 use crate::backend::thread as backend;
+use crate::panics;
 use crate::shortfall::Shortfall;
-use std::any::Any;
-use std::fmt;
+use std::convert::Infallible;
 use std::io;
 use std::sync::mpsc;
 use std::thread::{Builder, JoinHandle};
@@ -87,7 +89,7 @@ where
         .stack_size(attributes.stack_size)
         .spawn(move || {
             backend::begin();
-            let _signals = backend::AlternateStack::make();
+            let _signals = HandlerStack::here();
             let started = backend::apply(&attributes)
                 .map_err(SpawnError::Refused)
                 .and_then(|obtained| {
@@ -121,9 +123,14 @@ where
         }
         // Only a panic ends the thread without a report.
         Err(mpsc::RecvError) => {
-            let message = handle
-                .join()
-                .map_or_else(|panic| panic_message(&*panic), |_| String::new());
+            let message = handle.join().map_or_else(
+                |panic| {
+                    panics::text(&*panic)
+                        .unwrap_or("a panic without a message")
+                        .to_owned()
+                },
+                |_| String::new(),
+            );
             Err(SpawnError::SetUpPanicked { name, message })
         }
     }
@@ -151,12 +158,12 @@ where
 ///     eprintln!("{shortfall}");
 /// }
 /// # apply_to_current(&Attributes::new("me"))?;
-/// # Ok::<(), luna_platform::thread::ApplyError>(())
+/// # Ok::<(), luna_platform::thread::SpawnError>(())
 /// ```
-pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, ApplyError> {
-    attributes.validate().map_err(ApplyError::Attributes)?;
+pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, SpawnError> {
+    attributes.validate().map_err(SpawnError::Attributes)?;
     backend::remember_process();
-    backend::apply(attributes).map_err(ApplyError::Refused)
+    backend::apply(attributes).map_err(SpawnError::Refused)
 }
 
 /// The policy that the calling thread runs under, as the system says. Policies without a variant of
@@ -237,31 +244,6 @@ pub fn demote(thread: ThreadNumber) {
     backend::demote(thread.0);
 }
 
-/// A stack for signal handlers, as the threads made here have, for a thread that was made
-/// elsewhere: until it is dropped there.
-#[must_use = "it is taken back when it is dropped"]
-pub struct HandlerStack {
-    _stack: backend::AlternateStack,
-    stays_on_its_thread: std::marker::PhantomData<*const ()>,
-}
-
-impl HandlerStack {
-    /// Makes the stack, and sets it for the calling thread, in place of a former one. If there is
-    /// no memory for it nothing changes. Not for the real-time path.
-    pub fn here() -> HandlerStack {
-        HandlerStack {
-            _stack: backend::AlternateStack::make(),
-            stays_on_its_thread: std::marker::PhantomData,
-        }
-    }
-}
-
-impl fmt::Debug for HandlerStack {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("HandlerStack").finish_non_exhaustive()
-    }
-}
-
 /// A running thread made by [`spawn`]. Dropped without [`join`](Self::join), the thread goes on by
 /// itself.
 #[derive(Debug)]
@@ -300,31 +282,33 @@ impl<T> Thread<T> {
     }
 }
 
-/// The words of a panic, or that it had none.
-fn panic_message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&'static str>().copied();
-    let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-    text.unwrap_or("a panic without a message").to_owned()
-}
-
-/// Why a thread was not made.
-#[derive(Debug)]
+/// Why a thread was not made, or did not get its attributes.
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum SpawnError<E> {
+pub enum SpawnError<E = Infallible> {
     /// The attributes are bad on any machine.
+    #[error(transparent)]
     Attributes(AttributeError),
     /// The operating system made no thread.
+    #[error(
+        "the system made no thread `{name}`: {error}; see the limits on threads (ulimit -u, the \
+         cgroup's pids.max), on memory (ulimit -v) and on locked memory (ulimit -l)"
+    )]
     NoThread {
         /// The thread's name.
         name: String,
         /// What the system said.
+        #[source]
         error: io::Error,
     },
     /// The system refused an attribute under [`Mode::Strict`].
+    #[error(transparent)]
     Refused(Shortfall),
     /// The thread's set-up failed.
+    #[error(transparent)]
     SetUp(E),
     /// The thread's set-up panicked.
+    #[error("the set-up of thread `{name}` panicked: {message}")]
     SetUpPanicked {
         /// The thread's name.
         name: String,
@@ -332,55 +316,3 @@ pub enum SpawnError<E> {
         message: String,
     },
 }
-
-impl<E: fmt::Display> fmt::Display for SpawnError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            SpawnError::Attributes(error) => error.fmt(f),
-            SpawnError::NoThread { name, error } => write!(
-                f,
-                "the system made no thread `{name}`: {error}; see the limits on threads (ulimit -u, the cgroup's pids.max), on \
-                 memory (ulimit -v) and on locked memory (ulimit -l)"
-            ),
-            SpawnError::Refused(shortfall) => shortfall.fmt(f),
-            SpawnError::SetUp(error) => error.fmt(f),
-            SpawnError::SetUpPanicked { name, message } => {
-                write!(f, "the set-up of thread `{name}` panicked: {message}")
-            }
-        }
-    }
-}
-
-impl<E: std::error::Error + 'static> std::error::Error for SpawnError<E> {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            SpawnError::NoThread { error, .. } => Some(error),
-            // The others' words are these errors' own.
-            SpawnError::Attributes(error) => error.source(),
-            SpawnError::Refused(error) => error.source(),
-            SpawnError::SetUp(error) => error.source(),
-            SpawnError::SetUpPanicked { .. } => None,
-        }
-    }
-}
-
-/// Why the calling thread did not get its attributes.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ApplyError {
-    /// The attributes are bad on any machine.
-    Attributes(AttributeError),
-    /// The system refused one under [`Mode::Strict`].
-    Refused(Shortfall),
-}
-
-impl fmt::Display for ApplyError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ApplyError::Attributes(error) => error.fmt(f),
-            ApplyError::Refused(shortfall) => shortfall.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for ApplyError {}

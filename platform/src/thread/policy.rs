@@ -261,15 +261,27 @@ fn deadline_of(text: &str) -> Option<Policy> {
 }
 
 /// What is wrong with a policy.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PolicyError {
     /// The text is no policy.
+    #[error(
+        "`{text}` is no scheduling policy; write other, fifo:80 or rr:80, with a priority of 1 to 97, \
+         or deadline:RUNTIME/DEADLINE/PERIOD in nanoseconds"
+    )]
     Unknown {
         /// What was given.
         text: String,
     },
     /// The priority is outside 1 to `highest`.
+    #[error(
+        "the priority of policy {policy} is out of range; choose 1 (lowest) to {highest}{}",
+        if *highest == HIGHEST_USER_PRIORITY {
+            ", since 98 and 99 are the timer manager's and the emergency manager's"
+        } else {
+            ""
+        }
+    )]
     OutOfRange {
         /// What was asked for; a number that does not fit its field is given as 255.
         policy: Policy,
@@ -277,43 +289,15 @@ pub enum PolicyError {
         highest: u8,
     },
     /// The times of a deadline policy are not in order.
+    #[error(
+        "the times of policy {policy} (runtime/deadline/period in ns) are impossible; choose 1024 ns \
+         <= runtime <= deadline <= period"
+    )]
     Times {
         /// What was asked for.
         policy: Policy,
     },
 }
-
-impl fmt::Display for PolicyError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            PolicyError::Unknown { text } => {
-                write!(
-                    f,
-                    "`{text}` is no scheduling policy; write other, fifo:80 or rr:80, with a priority of 1 to 97, or \
-                     deadline:RUNTIME/DEADLINE/PERIOD in nanoseconds"
-                )
-            }
-            PolicyError::OutOfRange { policy, highest } => {
-                write!(
-                    f,
-                    "the priority of policy {policy} is out of range; choose 1 (lowest) to {highest}"
-                )?;
-                if *highest == HIGHEST_USER_PRIORITY {
-                    f.write_str(
-                        ", since 98 and 99 are the timer manager's and the emergency manager's",
-                    )?;
-                }
-                Ok(())
-            }
-            PolicyError::Times { policy } => write!(
-                f,
-                "the times of policy {policy} (runtime/deadline/period in ns) are impossible; choose 1024 ns <= runtime <= deadline <= period"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for PolicyError {}
 
 #[cfg(test)]
 mod tests {

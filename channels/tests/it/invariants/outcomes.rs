@@ -107,7 +107,7 @@ fn invariant_2_what_was_communicated_is_never_reported_as_cancelled() {
     let mut alternative = Box::pin(either(&from_one, &from_two));
     pending(&mut alternative);
     one.try_send(1).unwrap();
-    let received = current::with_branch(true, || ready(&mut alternative));
+    let received = current::with_branch_below(true, 0, 0, || ready(&mut alternative));
     assert_eq!(received, (1, Ok(1)));
     // By a deadline that comes before the process runs again.
     luna_executors::block_on(async {

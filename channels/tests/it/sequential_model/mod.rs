@@ -39,7 +39,7 @@ fn poll_as<T>(
 ) -> T {
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(if outranked { u32::MAX } else { 0 }) };
-    let branch = || current::with_branch(branch_failed, poll);
+    let branch = || current::with_branch_below(branch_failed, 0, 0, poll);
     let result = match priority {
         None => branch(),
         Some(Priority { thread, level }) => {

@@ -4,7 +4,6 @@ use super::{PendingWake, QueueEnd, WakeHandle, ready_again};
 use crate::deferred_free::{self, Retired};
 use luna_platform::lock::PiLock;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::fmt;
 use std::mem::ManuallyDrop;
 use std::ptr::NonNull;
 use std::task::{Context, RawWaker, RawWakerVTable, Waker};
@@ -43,6 +42,7 @@ struct BranchSlot {
 }
 
 /// A counted reference to a block.
+#[derive(Debug)]
 struct Shared(NonNull<Block>);
 
 // SAFETY: every field of a block is atomic, locked or constant, and its memory can be freed on any
@@ -69,6 +69,7 @@ impl Shared {
 /// The parent polls a branch with its waker ([`with_waker`](Self::with_waker)) and asks for the
 /// woken ones ([`next`](Self::next)). If there is none it calls [`wait`](Self::wait). The next wake
 /// then readies it, as its own context does, at the level of the branch that it is itself.
+#[derive(Debug)]
 pub struct Branches {
     shared: Shared,
     count: usize,
@@ -171,14 +172,6 @@ impl Drop for Branches {
     fn drop(&mut self) {
         // Wakers may outlive this, but have no process to wake any more.
         self.stop_waiting();
-    }
-}
-
-impl fmt::Debug for Branches {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Branches")
-            .field("count", &self.count)
-            .finish_non_exhaustive()
     }
 }
 

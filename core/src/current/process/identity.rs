@@ -11,7 +11,6 @@ pub struct ProcessId(NonZeroU32);
 
 impl ProcessId {
     /// A new id; on one thread mostly the next one. Wraps after 2^32 processes.
-    #[expect(clippy::new_without_default, reason = "each call gives another value")]
     pub fn new() -> Self {
         /// Ids that a thread takes at once, so that it seldom touches the shared counter.
         const BLOCK: u32 = 64;
@@ -60,7 +59,6 @@ pub struct ExecutorId(NonZeroU64);
 
 impl ExecutorId {
     /// A new id.
-    #[expect(clippy::new_without_default, reason = "each call gives another value")]
     pub fn new() -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);

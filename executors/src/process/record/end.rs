@@ -30,14 +30,6 @@ impl Outcome {
     pub(in crate::process) const WITH_VALUE: u8 = 4;
 }
 
-/// Flags for what happened to a process.
-pub(in crate::process) struct Fate;
-
-impl Fate {
-    /// It was ended by its poll_monitor.
-    pub(in crate::process) const POISONED: u8 = 2;
-}
-
 impl Record {
     /// How it ended, if it has. The message of a panic is made here.
     #[inline]

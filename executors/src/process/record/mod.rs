@@ -11,7 +11,7 @@ pub(in crate::process) use shown::Shown;
 use crate::process::poll_monitor::{self, PollMonitor, Verdict};
 use crate::process::registry::ProcessRegistry;
 use crate::process::{Name, ProcessSpec, ProcessState};
-use end::{Fate, Outcome};
+use end::Outcome;
 use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::deferred_free::{self, Retired};
@@ -71,8 +71,8 @@ pub(crate) struct Record {
     /// One of [`Outcome`].
     outcome: AtomicU8,
     pub(in crate::process) cancelled: AtomicBool,
-    /// Further facts about its end: flags of [`Fate`].
-    fate: AtomicU8,
+    /// It was ended by its poll monitor.
+    is_poisoned: AtomicBool,
     /// The process' own thread takes it without atomics, unless others look at the process too.
     pub(in crate::process) shown: BiasedLock<Shown>,
 }
@@ -130,7 +130,7 @@ impl Record {
                 | flag(spec.unhurried, How::UNHURRIED),
             outcome: AtomicU8::new(Outcome::NONE),
             cancelled: AtomicBool::new(false),
-            fate: AtomicU8::new(0),
+            is_poisoned: AtomicBool::new(false),
             seen: Seen::nothing(),
             shown: if is_on_executor {
                 BiasedLock::biased_to_this_executor(shown)
@@ -167,7 +167,7 @@ impl Record {
             level_and_how: self.level_and_how & !How::LARGE,
             outcome: AtomicU8::new(outcome),
             cancelled: AtomicBool::new(self.is_cancelled()),
-            fate: AtomicU8::new(self.fate.load(Ordering::Relaxed)),
+            is_poisoned: AtomicBool::new(self.is_poisoned()),
             shown: BiasedLock::new(Shown {
                 joining: WaitList::new(),
                 beside: Beside::Nothing,
@@ -340,14 +340,14 @@ impl Record {
         // The record has another reference, so nothing is freed here.
         poll_monitor::set(None);
         if poll_monitor.poll_ends(began, now) == Verdict::Poison {
-            self.fate.fetch_or(Fate::POISONED, Ordering::Relaxed);
+            self.is_poisoned.store(true, Ordering::Relaxed);
             self.cancelled.store(true, Ordering::Release);
         }
     }
 
     /// Whether the channel ends that go with its body are to poison their channels.
     pub(in crate::process) fn is_poisoned(&self) -> bool {
-        self.fate.load(Ordering::Relaxed) & Fate::POISONED != 0
+        self.is_poisoned.load(Ordering::Relaxed)
     }
 
     /// Sets the address of the process. The process, which has a waker, stays there until it has

@@ -24,7 +24,7 @@ pub(super) struct Reserve {
 impl Default for Reserve {
     fn default() -> Self {
         Self {
-            standbys: [const { Standby::new() }; MAX],
+            standbys: std::array::from_fn(|_| Standby::new()),
             cores: [const { OnceLock::new() }; MAX],
             policy: OnceLock::new(),
         }
