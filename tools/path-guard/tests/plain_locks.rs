@@ -26,18 +26,10 @@ const OWN: [&str; 4] = [
 const PLAIN: [&str; 5] = ["Mutex", "RwLock", "Condvar", "mpsc", "parking_lot"];
 
 /// The files with a plain lock, and why it is off the path.
-const KNOWN: [(&str, &str); 17] = [
+const KNOWN: [(&str, &str); 14] = [
     (
         "channels/src/inspect.rs",
         "places enlist when they are made and freed, and reports look",
-    ),
-    (
-        "core/src/path/watched.rs",
-        "processes are named when they are made; only in guarded builds",
-    ),
-    (
-        "executors/src/process/registry.rs",
-        "threads enlist when they start and end, and the system looks whether all is still",
     ),
     (
         "executors/src/simulation/calls.rs",
@@ -45,10 +37,6 @@ const KNOWN: [(&str, &str); 17] = [
     ),
     (
         "executors/src/simulation/drive.rs",
-        "on a virtual clock nothing is real time",
-    ),
-    (
-        "executors/src/simulation/stage.rs",
         "on a virtual clock nothing is real time",
     ),
     (
