@@ -30,7 +30,8 @@ pub unsafe fn pretend_ready_levels(bits: u32) {
 }
 
 /// Pops the next process of this thread's run queue, and returns its owner. The process was readied
-/// by [`Process::ready_at`] or a wake handle, and is live as long as its owner keeps it.
+/// by [`Process::ready_at`](super::Process::ready_at) or a wake handle, and is live as long as its
+/// owner keeps it.
 ///
 /// # Safety
 ///
@@ -87,8 +88,8 @@ pub fn yield_turn(cx: &Context<'_>) {
 ///
 /// # Safety
 ///
-/// [`next_ready`] or [`Process::after_turn`] has returned it, and nothing was done with it
-/// since.
+/// [`next_ready`] or [`Process::after_turn`](super::Process::after_turn) has returned it, and nothing
+/// was done with it since.
 #[cold]
 pub unsafe fn put_back(owner: NonNull<()>) {
     // SAFETY: the caller promises that it was just taken, so it is live and in no queue; the link
