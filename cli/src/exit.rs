@@ -1,5 +1,5 @@
-//! The exit codes of runs. Those of failures are in `failure`, those of the doctor in `doctor`. Each
-//! number has one meaning.
+//! The exit codes of runs. Those of failures are in `failure`, those of the doctor in `doctor`.
+//! Each number has one meaning.
 
 use std::process::ExitCode;
 

@@ -23,8 +23,8 @@ use std::task::{Context, Poll};
 ///
 /// Unlocking comes first: `guard` is there until then. What follows is a take of the mutex,
 /// which is begun in the list of the condition, and moved to that of the mutex by a notifier. Its
-/// phase `GaveWay` means here that it has unlocked, and is not listed: by its process' replay log it
-/// is never notified, but locks again when it did.
+/// phase `GaveWay` means here that it has unlocked, and is not listed. In a replay it is never
+/// notified: it locks again when the recorded wait did.
 ///
 /// # Invariants
 ///

@@ -3,8 +3,8 @@
 //!
 //! Times are seconds from the recording's first time. What was sampled at one instant stands in
 //! one row, or, if a row is a cycle of a loop, what was sampled from its begin to that of the next,
-//! the last value of each signal. A signal that was not sampled leaves its column empty, or holds its
-//! last value, if that is asked for. Messages and events go to files beside it.
+//! the last value of each signal. A signal that was not sampled leaves its column empty, or holds
+//! its last value, if that is asked for. Messages and events go to files beside it.
 
 use super::recording::each;
 use super::selection::Filter;
@@ -70,8 +70,8 @@ pub(super) fn write(
     let heading = "time,event,thread,subject,first,second";
     let mut events = Beside::new(output.with_extension("events.csv"), heading);
     let mut names = Names::default();
-    // By time, begins of cycles before samples, and place in the recording: on a virtual clock all of
-    // a cycle has one time.
+    // By time, begins of cycles before samples, and place in the recording: on a virtual clock all
+    // of a cycle has one time.
     let mut waiting: BTreeMap<(u64, bool, u64), Entry> = BTreeMap::new();
     let mut number = 0;
     let converted = each(input, filter, |record| {

@@ -1,8 +1,8 @@
 //! `luna convert`: a recording in formats that other programs read.
 //!
 //! `recording` reads it, `selection` leaves out what was not asked for, `csv`, `mcap` and `perfetto`
-//! write. What events mean is known to `luna_logger::format::Names`. Each holds in memory what the signals are, and a bounded
-//! number of samples.
+//! write. What events mean is known to `luna_logger::format::Names`. Each holds in memory what the
+//! signals are, and a bounded number of samples.
 
 mod activity;
 mod csv;

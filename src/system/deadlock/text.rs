@@ -96,7 +96,7 @@ impl fmt::Display for Wait {
             Partner::Ended(name) => {
                 write!(f, " for `{name}`, which {did} and has ended")?;
                 match operation {
-                    // Else the channel were closed.
+                    // The channel is not closed, so a handle of that end is left.
                     Operation::Send | Operation::Receive => {
                         f.write_str("; a clone of that end still lives: drop it")
                     }
