@@ -54,9 +54,9 @@ impl Parameters for Gains {
 
 fn main() {
     let program = program().expect("chromium is needed (Debian: chromium)");
-    let mut browser = Browser::start(&program, "frame-rate");
+    let browser = Browser::start(&program, "frame-rate");
     if let Some(url) = std::env::args().nth(1) {
-        measure(&mut browser, &url);
+        measure(&browser, &url);
         return;
     }
     let settings = Settings::default()
@@ -64,11 +64,11 @@ fn main() {
         .parameters(Arc::new(Gains::default()));
     let scope = Scope::open(settings).unwrap();
     let feeder = Feeder::start(&scope, Machine::new());
-    measure(&mut browser, &scope.url());
+    measure(&browser, &scope.url());
     println!("blocks refused: {}", feeder.end());
 }
 
-fn measure(browser: &mut Browser, url: &str) {
+fn measure(browser: &Browser, url: &str) {
     browser.open(url, (1366, 768), "light");
     browser.wait("scope.views.signals.rows.size > 0");
     browser.run("(() => { const { chosen, rows } = scope.views.signals; if (chosen.size < rows.size) document.querySelector('#signals-all').click(); })()");

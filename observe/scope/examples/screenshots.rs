@@ -19,7 +19,7 @@ fn main() {
     let settings = Settings::default().address(([127, 0, 0, 1], 0).into());
     let scope = Scope::open(settings).unwrap();
     let feeder = Feeder::start(&scope, Machine::new());
-    let mut browser = Browser::start(&program, "screenshots");
+    let browser = Browser::start(&program, "screenshots");
     browser.open(&scope.url(), LAPTOP, "light");
     browser.wait("scope.clock.now > 10.5");
     browser.screenshot(&folder.join("light.png"));
@@ -38,6 +38,6 @@ fn main() {
     browser.run("scope.show('timeline'); scope.views.timeline.lastLate()");
     browser.frames(10);
     browser.screenshot(&folder.join("late.png"));
-    assert_eq!(browser.complaints, [""; 0]);
+    assert_eq!(browser.complaints(), [""; 0]);
     drop(feeder);
 }

@@ -1,24 +1,44 @@
-//! A headless Chromium, driven by its own protocol (CDP) over a WebSocket.
+//! A headless Chromium, driven by the crate `chromiumoxide`.
 
+use chromiumoxide::cdp::browser_protocol::browser::SetDownloadBehaviorParams;
+use chromiumoxide::cdp::browser_protocol::emulation;
+use chromiumoxide::cdp::browser_protocol::input;
+use chromiumoxide::cdp::browser_protocol::log::{EventEntryAdded, LogEntryLevel};
+use chromiumoxide::cdp::browser_protocol::page::{NavigateParams, ReloadParams};
+use chromiumoxide::cdp::js_protocol::runtime::{
+    ConsoleApiCalledType, EvaluateParams, EventConsoleApiCalled, EventExceptionThrown,
+};
+use chromiumoxide::listeners::EventStream;
+use chromiumoxide::page::{Page, ScreenshotParams};
+use chromiumoxide::{BrowserConfig, Command};
+use futures_util::{FutureExt, StreamExt};
+use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader};
-use std::net::TcpStream;
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::time::Duration;
-use tungstenite::{Message, WebSocket};
+use tokio::runtime::{Builder, Runtime};
 
 /// Only a browser that hangs takes this long: the tests wait in the page.
 const PATIENCE: Duration = Duration::from_secs(600);
+/// What [`Browser::complaints`] writes to the page's console: all complaints that came before it
+/// have been read when it is read.
+const MARK: &str = "the complaints end here";
 
 pub struct Browser {
-    child: Child,
-    socket: WebSocket<TcpStream>,
-    session: Value,
-    next: u64,
-    /// What the page has complained about.
-    pub complaints: Vec<String>,
+    /// Runs the connection to the browser, in a thread of its own.
+    runtime: Runtime,
+    chromium: chromiumoxide::Browser,
+    page: Page,
+    heard: RefCell<Heard>,
     pub folder: PathBuf,
+}
+
+/// What the page complains by.
+struct Heard {
+    thrown: EventStream<EventExceptionThrown>,
+    console: EventStream<EventConsoleApiCalled>,
+    log: EventStream<EventEntryAdded>,
 }
 
 /// The browser of this machine, or `CHROMIUM`.
@@ -42,186 +62,168 @@ impl Browser {
     pub fn start(program: &Path, name: &str) -> Browser {
         let folder = std::env::temp_dir().join(format!("luna-scope-{}-{name}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        let mut child = Command::new(program)
-            .args([
-                "--headless=new",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--disable-dev-shm-usage",
-                "--no-first-run",
-                "--disable-extensions",
-                "--disable-background-networking",
-                "--disable-background-timer-throttling",
-                "--disable-backgrounding-occluded-windows",
-                "--disable-renderer-backgrounding",
-                "--remote-debugging-port=0",
-                "--hide-scrollbars",
-                "--mute-audio",
-            ])
-            .arg(format!(
-                "--user-data-dir={}",
-                folder.join("profile").display()
-            ))
-            .arg("about:blank")
+        let config = BrowserConfig::builder()
+            .chrome_executable(program)
+            .new_headless_mode()
+            .no_sandbox()
+            .arg("disable-gpu")
+            .user_data_dir(folder.join("profile"))
             // What it leaves behind when it is killed goes with the folder.
-            .env("TMPDIR", &folder)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
+            .env("TMPDIR", folder.display().to_string())
+            .viewport(None)
+            .launch_timeout(PATIENCE)
+            .request_timeout(PATIENCE)
+            .build()
             .unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        let url = lines
-            .find_map(|line| {
-                let line = line.unwrap();
-                line.strip_prefix("DevTools listening on ")
-                    .map(str::to_owned)
-            })
-            .expect("the browser listens");
-        // It continues to write, and must not wait for a reader.
-        std::thread::spawn(move || lines.for_each(drop));
-        let address = url
-            .strip_prefix("ws://")
-            .unwrap()
-            .split('/')
-            .next()
+        let runtime = Builder::new_multi_thread()
+            .worker_threads(1)
+            .enable_all()
+            .build()
             .unwrap();
-        let stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        let (socket, _) = tungstenite::client(url.as_str(), stream).unwrap();
-        let mut browser = Browser {
-            child,
-            socket,
-            session: Value::Null,
-            next: 1,
-            complaints: Vec::new(),
+        let (chromium, page, heard) = runtime.block_on(async {
+            let (chromium, mut connection) = chromiumoxide::Browser::launch(config).await.unwrap();
+            tokio::spawn(async move { while connection.next().await.is_some() {} });
+            let page = chromium.new_page("about:blank").await.unwrap();
+            let heard = Heard {
+                thrown: page.event_listener().await.unwrap(),
+                console: page.event_listener().await.unwrap(),
+                log: page.event_listener().await.unwrap(),
+            };
+            page.enable_runtime().await.unwrap();
+            page.enable_log().await.unwrap();
+            (chromium, page, RefCell::new(heard))
+        });
+        Browser {
+            runtime,
+            chromium,
+            page,
+            heard,
             folder,
-        };
-        let target = browser.call("Target.createTarget", json!({"url": "about:blank"}));
-        let attached = browser.call(
-            "Target.attachToTarget",
-            json!({"targetId": target["targetId"], "flatten": true}),
-        );
-        browser.session = attached["sessionId"].clone();
-        for domain in ["Page.enable", "Runtime.enable", "Log.enable"] {
-            browser.call(domain, json!({}));
         }
-        browser
     }
 
-    pub fn call(&mut self, method: &str, params: Value) -> Value {
-        let id = self.next;
-        self.next += 1;
-        let mut call = json!({"id": id, "method": method, "params": params});
-        if !self.session.is_null() {
-            call["sessionId"] = self.session.clone();
-        }
-        self.socket.send(Message::text(call.to_string())).unwrap();
+    /// Calls a method of the protocol. Only the parameters that differ from its defaults are given.
+    fn call<C: Command + DeserializeOwned>(&self, params: Value) -> C::Response {
+        let command: C = serde_json::from_value(params).unwrap();
+        let method = command.identifier();
+        let answer = self.runtime.block_on(self.page.execute(command));
+        answer
+            .unwrap_or_else(|error| panic!("{method}: {error}"))
+            .result
+    }
+
+    /// What the page has complained about since it was asked last.
+    pub fn complaints(&self) -> Vec<String> {
+        self.run(&format!("console.error({MARK:?})"));
+        let heard = &mut *self.heard.borrow_mut();
+        let mut complaints = Vec::new();
         loop {
-            let message = self.socket.read().unwrap();
-            let Ok(text) = message.to_text() else {
-                continue;
-            };
-            let Ok(word) = serde_json::from_str::<Value>(text) else {
-                continue;
-            };
-            if word["id"] == id {
-                assert!(word["error"].is_null(), "{method}: {}", word["error"]);
-                return word["result"].clone();
+            let called = self.runtime.block_on(heard.console.next()).unwrap();
+            let text: Vec<_> = called.args.iter().map(|arg| arg.value.clone()).collect();
+            if text == [Some(Value::from(MARK))] {
+                break;
             }
-            self.note(&word);
+            if matches!(
+                called.r#type,
+                ConsoleApiCalledType::Error | ConsoleApiCalledType::Warning
+            ) {
+                complaints.push(format!("{text:?}"));
+            }
         }
-    }
-
-    fn note(&mut self, word: &Value) {
-        let params = &word["params"];
-        match word["method"].as_str() {
-            Some("Runtime.exceptionThrown") => {
-                self.complaints.push(params["exceptionDetails"].to_string());
-            }
-            Some("Runtime.consoleAPICalled")
-                if params["type"] == "error" || params["type"] == "warning" =>
-            {
-                self.complaints.push(params["args"].to_string());
-            }
-            Some("Log.entryAdded") if params["entry"]["level"] == "error" => {
-                self.complaints.push(params["entry"].to_string());
-            }
-            _ => {}
+        // The connection has handed on all that came before the mark.
+        while let Some(Some(thrown)) = heard.thrown.next().now_or_never() {
+            complaints.push(format!("{:?}", thrown.exception_details));
         }
+        while let Some(Some(added)) = heard.log.next().now_or_never() {
+            if added.entry.level == LogEntryLevel::Error {
+                complaints.push(format!("{:?}", added.entry));
+            }
+        }
+        complaints
     }
 
     /// Opens an address, in a window of this size in pixels.
-    pub fn open(&mut self, url: &str, size: (u32, u32), theme: &str) {
+    pub fn open(&self, url: &str, size: (u32, u32), theme: &str) {
         self.look(size, theme);
-        self.call("Page.navigate", json!({"url": url}));
+        self.navigate(url);
         self.wait("window.scope && document.readyState === 'complete'");
     }
 
+    /// Begins to load an address.
+    pub fn navigate(&self, url: &str) {
+        self.call::<NavigateParams>(json!({"url": url}));
+    }
+
+    pub fn reload(&self) {
+        self.call::<ReloadParams>(json!({}));
+    }
+
     /// Changes the window, and what the system prefers.
-    pub fn look(&mut self, (width, height): (u32, u32), theme: &str) {
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": false}),
+    pub fn look(&self, (width, height): (u32, u32), theme: &str) {
+        self.call::<emulation::SetDeviceMetricsOverrideParams>(
+            json!({"width": width, "height": height, "deviceScaleFactor": 1.0, "mobile": false}),
         );
-        self.call(
-            "Emulation.setEmulatedMedia",
+        self.call::<emulation::SetEmulatedMediaParams>(
             json!({"features": [{"name": "prefers-color-scheme", "value": theme}]}),
         );
     }
 
     /// A script's result; a promise is awaited.
-    pub fn run(&mut self, script: &str) -> Value {
-        let result = self.call(
-            "Runtime.evaluate",
+    pub fn run(&self, script: &str) -> Value {
+        let answer = self.call::<EvaluateParams>(
             json!({"expression": script, "awaitPromise": true, "returnByValue": true}),
         );
         assert!(
-            result["exceptionDetails"].is_null(),
-            "{script}: {}",
-            result["exceptionDetails"]
+            answer.exception_details.is_none(),
+            "{script}: {:?}",
+            answer.exception_details
         );
-        result["result"]["value"].clone()
+        answer.result.value.unwrap_or_default()
     }
 
     /// Waits until a condition holds in the page.
-    pub fn wait(&mut self, condition: &str) {
+    pub fn wait(&self, condition: &str) {
         let held = self.run(&format!(
             "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 240000) done(why || 'false'); else setTimeout(look, 30); }}; look(); }})"
         ));
-        assert_eq!(
-            held, true,
-            "it never came that {condition}; {:?}",
-            self.complaints
-        );
+        if held != true {
+            panic!("it never came that {condition}; {:?}", self.complaints());
+        }
     }
 
     /// Waits until this many frames were drawn.
-    pub fn frames(&mut self, count: u32) {
+    pub fn frames(&self, count: u32) {
         self.run(&format!(
             "new Promise((done) => {{ let n = {count}; const next = () => n-- > 0 ? requestAnimationFrame(next) : done(true); next(); }})"
         ));
     }
 
-    pub fn click(&mut self, selector: &str) {
+    pub fn click(&self, selector: &str) {
         self.run(&format!("document.querySelector({selector:?}).click()"));
     }
 
-    pub fn key(&mut self, key: &str) {
+    pub fn key(&self, key: &str) {
         for kind in ["keyDown", "keyUp"] {
-            self.call("Input.dispatchKeyEvent", json!({"type": kind, "key": key, "text": if kind == "keyDown" && key.len() == 1 { key } else { "" }}));
+            let text = if kind == "keyDown" && key.len() == 1 {
+                key
+            } else {
+                ""
+            };
+            self.call::<input::DispatchKeyEventParams>(
+                json!({"type": kind, "key": key, "text": text}),
+            );
         }
     }
 
     /// The middle of an element, in pixels of the page.
-    pub fn middle(&mut self, selector: &str) -> (f64, f64) {
+    pub fn middle(&self, selector: &str) -> (f64, f64) {
         let at = self.run(&format!(
             "(() => {{ const box = document.querySelector({selector:?}).getBoundingClientRect(); return [box.x + box.width / 2, box.y + box.height / 2]; }})()"
         ));
         (at[0].as_f64().unwrap(), at[1].as_f64().unwrap())
     }
 
-    pub fn drag(&mut self, from: (f64, f64), to: (f64, f64)) {
+    pub fn drag(&self, from: (f64, f64), to: (f64, f64)) {
         self.mouse("mousePressed", from);
         for part in 1..=8 {
             let share = f64::from(part) / 8.0;
@@ -236,40 +238,35 @@ impl Browser {
         self.mouse("mouseReleased", to);
     }
 
-    fn mouse(&mut self, kind: &str, (x, y): (f64, f64)) {
-        self.call(
-            "Input.dispatchMouseEvent",
+    fn mouse(&self, kind: &str, (x, y): (f64, f64)) {
+        self.call::<input::DispatchMouseEventParams>(
             json!({"type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1}),
         );
     }
 
-    pub fn wheel(&mut self, (x, y): (f64, f64), by: f64) {
-        self.call(
-            "Input.dispatchMouseEvent",
-            json!({"type": "mouseWheel", "x": x, "y": y, "deltaX": 0, "deltaY": by}),
+    pub fn wheel(&self, (x, y): (f64, f64), by: f64) {
+        self.call::<input::DispatchMouseEventParams>(
+            json!({"type": "mouseWheel", "x": x, "y": y, "deltaX": 0.0, "deltaY": by}),
         );
     }
 
-    pub fn screenshot(&mut self, to: &Path) {
-        let shot = self.call("Page.captureScreenshot", json!({"format": "png"}));
-        std::fs::write(to, base64(shot["data"].as_str().unwrap())).unwrap();
+    pub fn screenshot(&self, to: &Path) {
+        let shot = self.page.screenshot(ScreenshotParams::default());
+        let picture = self.runtime.block_on(shot).unwrap();
+        std::fs::write(to, picture).unwrap();
     }
 
-    pub fn downloads_to(&mut self, folder: &Path) {
+    pub fn downloads_to(&self, folder: &Path) {
         std::fs::create_dir_all(folder).unwrap();
-        let session = std::mem::take(&mut self.session);
-        self.call(
-            "Browser.setDownloadBehavior",
-            json!({"behavior": "allow", "downloadPath": folder, "eventsEnabled": false}),
+        self.call::<SetDownloadBehaviorParams>(
+            json!({"behavior": "allow", "downloadPath": folder}),
         );
-        self.session = session;
     }
 }
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        let _ = self.runtime.block_on(self.chromium.kill());
         // Its helpers end a moment after it, and write until then.
         for _ in 0..100 {
             if std::fs::remove_dir_all(&self.folder).is_ok() {
@@ -278,26 +275,4 @@ impl Drop for Browser {
             std::thread::sleep(std::time::Duration::from_millis(10));
         }
     }
-}
-
-fn base64(text: &str) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(text.len() * 3 / 4);
-    let (mut bits, mut count) = (0u32, 0);
-    for letter in text.bytes() {
-        let six = match letter {
-            b'A'..=b'Z' => letter - b'A',
-            b'a'..=b'z' => letter - b'a' + 26,
-            b'0'..=b'9' => letter - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
-            _ => continue,
-        };
-        bits = bits << 6 | u32::from(six);
-        count += 6;
-        if count >= 8 {
-            count -= 8;
-            bytes.push((bits >> count) as u8);
-        }
-    }
-    bytes
 }

@@ -7,7 +7,7 @@ use luna_scope::{Scope, Speed};
 
 #[test]
 fn the_address_restores_the_layout() {
-    let Some((mut browser, _feeder, scope)) = live("address") else {
+    let Some((browser, _feeder, scope)) = live("address") else {
         return;
     };
     assert_eq!(
@@ -32,7 +32,7 @@ fn the_address_restores_the_layout() {
         "{address}"
     );
 
-    browser.call("Page.navigate", serde_json::json!({"url": "about:blank"}));
+    browser.navigate("about:blank");
     browser.open(address, LAPTOP, "light");
     browser.wait("scope.views.signals.lanes?.length === 2");
     let restored = browser.run("(() => { const s = scope.views.signals, { gain, offset } = s.rows.get('tilt/angle'); return JSON.stringify([s.layout, s.span, [...s.chosen], gain, offset, s.readings.statistics]); })()");
@@ -57,7 +57,7 @@ fn the_address_restores_the_layout() {
 
 #[test]
 fn the_address_of_a_paused_plot_stands_where_it_stood() {
-    let Some(mut browser) = browser("until") else {
+    let Some(browser) = browser("until") else {
         return;
     };
     let scope = Scope::open(settings()).unwrap();
@@ -75,7 +75,7 @@ fn the_address_of_a_paused_plot_stands_where_it_stood() {
 /// The page may not have that instant yet when its first data comes: the scope says what it has.
 #[test]
 fn the_address_waits_for_what_the_scope_has_and_for_nothing_else() {
-    let Some(mut browser) = browser("known") else {
+    let Some(browser) = browser("known") else {
         return;
     };
     let scope = Scope::open(settings()).unwrap();
@@ -92,7 +92,7 @@ fn the_address_waits_for_what_the_scope_has_and_for_nothing_else() {
     // A run that goes on is followed, also when it comes to that instant later.
     let scope = Scope::open(settings()).unwrap();
     let url = format!("{}#span=0.5&until=3", scope.url());
-    browser.call("Page.navigate", serde_json::json!({"url": "about:blank"}));
+    browser.navigate("about:blank");
     browser.open(&url, LAPTOP, "light");
     browser.wait("scope.connection.state === 'open'");
     let _feeder = Feeder::start(&scope, Machine::new());
@@ -104,7 +104,7 @@ fn the_address_waits_for_what_the_scope_has_and_for_nothing_else() {
 
 #[test]
 fn the_token_does_not_stay_in_the_address() {
-    let Some(mut browser) = browser("token") else {
+    let Some(browser) = browser("token") else {
         return;
     };
     let scope = Scope::open(settings().allow_setting().unwrap()).unwrap();
@@ -114,7 +114,7 @@ fn the_token_does_not_stay_in_the_address() {
     assert_eq!(browser.run("location.hash"), "");
     assert_eq!(browser.run("scope.connection.token"), token);
     // It is known in this tab all the same.
-    browser.call("Page.reload", serde_json::json!({}));
+    browser.reload();
     browser.wait(&format!(
         "window.scope?.connection.token === '{token}' && location.hash === ''"
     ));

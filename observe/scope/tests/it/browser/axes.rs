@@ -7,7 +7,7 @@ use serde_json::Value;
 
 #[test]
 fn axes_are_labelled_zoomed_and_fitted() {
-    let Some((mut browser, _feeder, _scope)) = live("axes") else {
+    let Some((browser, _feeder, _scope)) = live("axes") else {
         return;
     };
     // However many lanes there are.
@@ -17,7 +17,7 @@ fn axes_are_labelled_zoomed_and_fitted() {
             "scope.views.signals.lanes.length === {lanes} && {labelled}"
         ));
         browser.frames(3);
-        picture(&mut browser, &format!("axes-{lanes}"));
+        picture(&browser, &format!("axes-{lanes}"));
         browser.click("#signals-all");
     }
     browser.wait("scope.views.signals.lanes.length === 0");
@@ -27,7 +27,7 @@ fn axes_are_labelled_zoomed_and_fitted() {
     browser.click("[data-layout=overlay]");
     browser.wait("scope.views.signals.lanes.map(({ unit, curves }) => unit + curves.length).join() === 'deg3,deg/s1,V1,A1'");
     browser.wait(&format!("scope.views.signals.axes === 4 && {labelled}"));
-    picture(&mut browser, "axes-overlaid");
+    picture(&browser, "axes-overlaid");
     browser.click("#pause");
     browser.frames(3);
 
@@ -74,14 +74,14 @@ fn axes_are_labelled_zoomed_and_fitted() {
         near(0, 1000.0 - 10.0 * high),
         near(1, 1000.0 - 10.0 * low)
     ));
-    picture(&mut browser, "axes-scaled");
+    picture(&browser, "axes-scaled");
     is_content(&browser);
 }
 
 /// A signal may rest but for the rounding of its numbers, and an address may ask for any axis.
 #[test]
 fn an_axis_is_wider_than_the_rounding_of_its_numbers() {
-    let Some(mut browser) = browser("rounding") else {
+    let Some(browser) = browser("rounding") else {
         return;
     };
     let mut file = Writer::new(Vec::new()).unwrap();
@@ -138,7 +138,7 @@ fn an_axis_is_wider_than_the_rounding_of_its_numbers() {
 
 #[test]
 fn a_value_that_is_no_number_hides_no_extreme() {
-    let Some((mut browser, _feeder, _scope)) = live("extremes") else {
+    let Some((browser, _feeder, _scope)) = live("extremes") else {
         return;
     };
     let extremes = browser.run("import('/series.js').then(({ Series }) => { const series = new Series(1); for (let n = 0; n < 1000; n++) series.push(n, [n === 130 ? 100 : n === 131 ? -100 : n === 140 || n === 128 ? NaN : 0]); return series.columns(0, 0, 1000, 1, new Float64Array(1), new Float64Array(1)); })");

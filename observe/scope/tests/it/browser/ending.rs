@@ -57,7 +57,7 @@ const SAID: &str = "document.querySelector('#ended b').textContent";
 /// The program ends right after its system: the page has all of it, and says how it ended.
 #[test]
 fn the_end_of_a_run_shows_its_report() {
-    let Some(mut browser) = browser("end") else {
+    let Some(browser) = browser("end") else {
         return;
     };
     let scope = Scope::open(settings()).unwrap();
@@ -87,7 +87,7 @@ fn the_end_of_a_run_shows_its_report() {
     browser.frames(3);
     browser.wait("document.querySelector('#state').textContent === 'Ended'");
     assert_eq!(browser.run(SAID), "Run ended: completed after 1.5 s");
-    picture(&mut browser, "end");
+    picture(&browser, "end");
     browser.click("#ended button");
     browser.wait("document.querySelector('#ended').hidden");
 }
@@ -95,7 +95,7 @@ fn the_end_of_a_run_shows_its_report() {
 /// The end is among what waits while the page is paused: that it has come is not known until then.
 #[test]
 fn a_paused_page_learns_of_the_end_when_it_follows() {
-    let Some(mut browser) = browser("paused-end") else {
+    let Some(browser) = browser("paused-end") else {
         return;
     };
     let scope = Scope::open(settings()).unwrap();
@@ -154,7 +154,7 @@ impl Between {
 
 #[test]
 fn a_connection_that_breaks_is_no_end() {
-    let Some(mut browser) = browser("broken") else {
+    let Some(browser) = browser("broken") else {
         return;
     };
     let scope = Scope::open(settings()).unwrap();
@@ -175,5 +175,5 @@ fn a_connection_that_breaks_is_no_end() {
     drop(scope);
     browser.wait("said.at(-1) === 'The scope was closed before the run ended.' && !document.querySelector('#ended').hidden");
     browser.frames(3);
-    picture(&mut browser, "closed");
+    picture(&browser, "closed");
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// recording's start all the same, and says what it does not have.
 #[test]
 fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
-    let Some(mut browser) = browser("start") else {
+    let Some(browser) = browser("start") else {
         return;
     };
     let scope = Scope::open(settings().memory(1 << 20)).unwrap();
@@ -62,7 +62,7 @@ fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
     browser.drag(bar, (bar.0 - 300.0, bar.1));
     browser.wait("!scope.clock.live && scope.views.signals.end < 8 && document.querySelector('#whole').ariaValueNow < 7");
     browser.frames(3);
-    picture(&mut browser, "whole");
+    picture(&browser, "whole");
 
     // What the scope has is there again after the connection was lost.
     browser.key("Home");
@@ -77,7 +77,7 @@ fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
 /// A file is seen as a whole while it is played, and played on from where one seeks.
 #[test]
 fn a_file_is_sought_in() {
-    let Some(mut browser) = browser("seek") else {
+    let Some(browser) = browser("seek") else {
         return;
     };
     let scope = Arc::new(Scope::open(settings().memory(1 << 20)).unwrap());
@@ -121,7 +121,7 @@ fn a_file_is_sought_in() {
     browser.wait("scope.clock.latest > 19.9");
     browser.key("f");
     browser.frames(3);
-    picture(&mut browser, "seek");
+    picture(&browser, "seek");
     is_content(&browser);
     stop.send(()).unwrap();
     player.join().unwrap();

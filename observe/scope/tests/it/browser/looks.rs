@@ -32,7 +32,7 @@ const CUT: &str = "(() => {
 
 #[test]
 fn it_fits_in_light_and_dark_on_laptop_tablet_and_phone() {
-    let Some((mut browser, _feeder, _scope)) = live("sizes") else {
+    let Some((browser, _feeder, _scope)) = live("sizes") else {
         return;
     };
     for theme in ["light", "dark"] {
@@ -61,7 +61,7 @@ fn it_fits_in_light_and_dark_on_laptop_tablet_and_phone() {
                         assert!(number(&browser.run(room)) >= 0.0);
                     }
                 }
-                picture(&mut browser, &format!("{view}-{}-{theme}", size.0));
+                picture(&browser, &format!("{view}-{}-{theme}", size.0));
             }
         }
         let contrast = browser.run("(() => { const lum = (c) => { const [r, g, b] = c.match(/\\d+/g).map((x) => { x /= 255; return x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4; }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; }; const text = lum(getComputedStyle(document.querySelector('footer')).color), ground = lum(getComputedStyle(document.querySelector('footer')).backgroundColor); return (Math.max(text, ground) + 0.05) / (Math.min(text, ground) + 0.05); })()");
@@ -80,7 +80,7 @@ fn axe_finds_nothing_serious() {
         eprintln!("skipped: axe: LUNA_AXE does not name axe.min.js (npm: axe-core)");
         return;
     };
-    let Some((mut browser, _feeder, _scope)) = live("axe") else {
+    let Some((browser, _feeder, _scope)) = live("axe") else {
         return;
     };
     let axe = std::fs::read_to_string(axe).unwrap();

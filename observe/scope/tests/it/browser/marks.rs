@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 
 #[test]
 fn emergencies_warnings_and_late_cycles_are_marked() {
-    let Some(mut browser) = browser("marks") else {
+    let Some(browser) = browser("marks") else {
         return;
     };
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
@@ -46,7 +46,7 @@ fn emergencies_warnings_and_late_cycles_are_marked() {
         "!{tip}.hidden && {tip}.textContent.includes('emergency, raised by joystick')"
     ));
     browser.frames(3);
-    picture(&mut browser, "marks");
+    picture(&browser, "marks");
     browser.key("p");
     browser.key("p");
     browser.wait(&format!(
@@ -80,7 +80,7 @@ impl Parameters for Gain {
 
 #[test]
 fn changed_parameters_are_marked_for_those_too_who_come_later() {
-    let Some(mut browser) = browser("changes") else {
+    let Some(browser) = browser("changes") else {
         return;
     };
     let gain = Arc::new(Gain(Mutex::new(8.0)));
@@ -101,7 +101,7 @@ fn changed_parameters_are_marked_for_those_too_who_come_later() {
     browser.wait(&format!(
         "{changes}.map(({{ text }}) => text).join() === 'pan/gain: 8 → 12.5,pan/gain: 12.5 → 3'"
     ));
-    browser.call("Page.navigate", serde_json::json!({"url": "about:blank"}));
+    browser.navigate("about:blank");
     browser.open(&scope.url(), LAPTOP, "light");
     browser.wait(&format!(
         "{changes}.length === 2 && Math.abs({changes}[0].time - {at}) < 1e-6"

@@ -49,7 +49,7 @@ fn settings() -> Settings {
 
 /// A scope with a simulated machine in real time, and a browser that shows it.
 fn live(name: &str) -> Option<(Browser, Feeder, Scope)> {
-    let mut browser = browser(name)?;
+    let browser = browser(name)?;
     let scope = Scope::open(settings()).unwrap();
     let feeder = Feeder::start(&scope, Machine::new());
     browser.open(&scope.url(), LAPTOP, "light");
@@ -62,12 +62,29 @@ fn number(value: &Value) -> f64 {
 }
 
 /// Keeps a picture to look at, in the folder that `LUNA_PICTURES` names.
-fn picture(browser: &mut Browser, name: &str) {
+fn picture(browser: &Browser, name: &str) {
     if let Some(folder) = std::env::var_os("LUNA_PICTURES") {
         browser.screenshot(&std::path::Path::new(&folder).join(format!("{name}.png")));
     }
 }
 
 fn is_content(browser: &Browser) {
-    assert_eq!(browser.complaints, [""; 0]);
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// Without this, [`is_content`] could not fail.
+#[test]
+fn what_the_page_complains_about_is_heard() {
+    let Some(browser) = browser("complaints") else {
+        return;
+    };
+    browser.run(
+        "console.warn('careful'); setTimeout(() => { throw new Error('thrown'); }); \
+         new Promise((done) => setTimeout(done, 10))",
+    );
+    let complaints = browser.complaints();
+    assert_eq!(complaints.len(), 2, "{complaints:?}");
+    assert!(complaints[0].contains("careful"), "{complaints:?}");
+    assert!(complaints[1].contains("thrown"), "{complaints:?}");
+    is_content(&browser);
 }

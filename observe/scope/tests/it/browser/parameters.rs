@@ -25,7 +25,7 @@ impl Parameters for Gain {
 
 #[test]
 fn parameters_can_be_set_with_the_token_and_only_looked_at_without() {
-    let Some(mut browser) = browser("parameters") else {
+    let Some(browser) = browser("parameters") else {
         return;
     };
     let gain = Arc::new(Gain(Mutex::new(8.0)));
@@ -41,7 +41,7 @@ fn parameters_can_be_set_with_the_token_and_only_looked_at_without() {
         true
     );
 
-    browser.call("Page.navigate", serde_json::json!({"url": "about:blank"}));
+    browser.navigate("about:blank");
     browser.open(&url, LAPTOP, "light");
     browser.wait("document.querySelector('.parameter input')?.disabled === false");
     browser.run("(() => { const i = document.querySelector('.parameter input'); i.value = 12.5; i.form.requestSubmit(); })()");

@@ -7,7 +7,7 @@ use luna_scope::{Scope, Speed};
 /// What the scope says of the run is not lost when a paused page connects again and then follows.
 #[test]
 fn a_paused_page_that_connects_again_has_the_status_when_it_follows() {
-    let Some(mut browser) = browser("paused") else {
+    let Some(browser) = browser("paused") else {
         return;
     };
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
@@ -39,7 +39,7 @@ fn a_paused_page_that_connects_again_has_the_status_when_it_follows() {
 /// Space pauses wherever the focus is, except where it is text.
 #[test]
 fn space_pauses_on_checkboxes_and_selects_too() {
-    let Some((mut browser, _feeder, _scope)) = live("space") else {
+    let Some((browser, _feeder, _scope)) = live("space") else {
         return;
     };
     let checkbox = "#signal-list input[type=checkbox]";

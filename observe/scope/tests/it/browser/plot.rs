@@ -4,7 +4,7 @@ use super::{PICTURE, is_content, live, number, picture};
 
 #[test]
 fn plots_move_pause_pan_and_zoom() {
-    let Some((mut browser, _feeder, _scope)) = live("plots") else {
+    let Some((browser, _feeder, _scope)) = live("plots") else {
         return;
     };
     let before = browser.run(PICTURE);
@@ -51,7 +51,7 @@ fn plots_move_pause_pan_and_zoom() {
 
 #[test]
 fn a_trigger_holds_the_plot_where_the_level_is_crossed() {
-    let Some((mut browser, _feeder, _scope)) = live("trigger") else {
+    let Some((browser, _feeder, _scope)) = live("trigger") else {
         return;
     };
     browser.run("scope.views.signals.span = 0.5");
@@ -79,7 +79,7 @@ fn a_trigger_holds_the_plot_where_the_level_is_crossed() {
 
 #[test]
 fn cursors_show_values_and_differences() {
-    let Some((mut browser, _feeder, _scope)) = live("cursors") else {
+    let Some((browser, _feeder, _scope)) = live("cursors") else {
         return;
     };
     browser.run("scope.views.signals.span = 0.5");
@@ -97,7 +97,7 @@ fn cursors_show_values_and_differences() {
 
 #[test]
 fn what_is_shown_can_be_exported() {
-    let Some((mut browser, _feeder, _scope)) = live("export") else {
+    let Some((browser, _feeder, _scope)) = live("export") else {
         return;
     };
     let folder = browser.folder.join("downloads");
@@ -139,7 +139,7 @@ fn what_is_shown_can_be_exported() {
 
 #[test]
 fn statistics_are_those_of_the_visible_samples() {
-    let Some((mut browser, _feeder, _scope)) = live("statistics") else {
+    let Some((browser, _feeder, _scope)) = live("statistics") else {
         return;
     };
     browser.run("scope.views.signals.span = 0.7");
@@ -162,13 +162,13 @@ fn statistics_are_those_of_the_visible_samples() {
     // With the cursors, the same table has both.
     browser.key("c");
     browser.wait("[...document.querySelectorAll('#readings thead th')].map((one) => one.textContent).join() === 'A,B,B − A,mean,rms,min,max'");
-    picture(&mut browser, "statistics");
+    picture(&browser, "statistics");
     is_content(&browser);
 }
 
 #[test]
 fn one_signal_is_drawn_over_another() {
-    let Some((mut browser, _feeder, _scope)) = live("xy") else {
+    let Some((browser, _feeder, _scope)) = live("xy") else {
         return;
     };
     browser.click("[data-layout=xy]");
@@ -184,7 +184,7 @@ fn one_signal_is_drawn_over_another() {
         browser.run("scope.views.signals.xy.lane.labels.length >= 2 && scope.views.signals.lanes[0].labels.length >= 2"),
         true
     );
-    picture(&mut browser, "xy");
+    picture(&browser, "xy");
 
     // The wheel on the axis of X changes that alone.
     let range = |of: &str| format!("(({{ low, high }}) => high - low)({of}.scale)");

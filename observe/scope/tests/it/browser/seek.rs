@@ -19,7 +19,7 @@ struct Player {
 
 impl Player {
     /// Plays when the page is there.
-    fn start(browser: &mut Browser, file: Vec<u8>, speed: Speed) -> Player {
+    fn start(browser: &Browser, file: Vec<u8>, speed: Speed) -> Player {
         let scope = Arc::new(Scope::open(settings()).unwrap());
         browser.open(&scope.url(), LAPTOP, "light");
         browser.wait("scope.connection.state === 'open'");
@@ -88,7 +88,7 @@ fn file(seconds: u64) -> Vec<u8> {
 }
 
 /// Clicks the bar at this share of its width.
-fn click(browser: &mut Browser, share: f64) {
+fn click(browser: &Browser, share: f64) {
     browser.frames(3);
     let at = browser.run("(() => { const box = document.querySelector('#whole').getBoundingClientRect(), { whole } = scope.views.signals; return [box.x + whole.left, whole.width, box.y + box.height / 2]; })()");
     let at = (number(&at[0]) + number(&at[1]) * share, number(&at[2]));
@@ -101,10 +101,10 @@ const SERIES: &str = "scope.model.signals.get(0).series";
 /// them again.
 #[test]
 fn what_the_page_has_dropped_is_said_and_fetched() {
-    let Some(mut browser) = browser("dropped") else {
+    let Some(browser) = browser("dropped") else {
         return;
     };
-    let player = Player::start(&mut browser, file(200), Speed::times(2000.0));
+    let player = Player::start(&browser, file(200), Speed::times(2000.0));
     browser.wait("scope.clock.latest > 199.99");
     assert_eq!(browser.run("scope.model.samplesFrom"), 0);
     let kept = number(&browser.run(&format!("{SERIES}.time({SERIES}.begin)")));
@@ -113,7 +113,7 @@ fn what_the_page_has_dropped_is_said_and_fetched() {
     browser.wait(&format!(
         "document.querySelector('#losses').textContent === '{said}'"
     ));
-    click(&mut browser, 0.25);
+    click(&browser, 0.25);
     browser.wait(&format!(
         "Math.abs(scope.model.samplesFrom - 45) < 1 && {SERIES}.begin === 0 && {SERIES}.time(0) < 46"
     ));
@@ -123,7 +123,7 @@ fn what_the_page_has_dropped_is_said_and_fetched() {
     ));
     browser.run("scope.connection.seek = (...range) => { throw new Error(`it seeks ${range}`); }");
     browser.key("f");
-    click(&mut browser, 0.5);
+    click(&browser, 0.5);
     browser.frames(3);
     assert_eq!(browser.run("scope.clock.live"), false);
     is_content(&browser);
@@ -133,19 +133,19 @@ fn what_the_page_has_dropped_is_said_and_fetched() {
 /// The plot may reach over both ends of the file.
 #[test]
 fn what_is_in_memory_is_not_fetched() {
-    let Some(mut browser) = browser("there") else {
+    let Some(browser) = browser("there") else {
         return;
     };
-    let player = Player::start(&mut browser, file(20), Speed::times(100.0));
+    let player = Player::start(&browser, file(20), Speed::times(100.0));
     browser.wait("scope.clock.latest > 19.99");
     browser.run("scope.connection.seek = (...range) => { throw new Error(`it seeks ${range}`); }");
     for share in [0.05, 0.97] {
-        click(&mut browser, share);
+        click(&browser, share);
         browser.wait("!scope.clock.live");
     }
     browser.key("f");
     for share in [0.5, 0.1] {
-        click(&mut browser, share);
+        click(&browser, share);
     }
     browser.frames(3);
     assert_eq!(browser.run("scope.clock.live"), false);
@@ -156,13 +156,13 @@ fn what_is_in_memory_is_not_fetched() {
 /// A file that is played at once stands at what is sought.
 #[test]
 fn a_file_that_is_played_at_once_stands_where_it_is_sought() {
-    let Some(mut browser) = browser("at-once") else {
+    let Some(browser) = browser("at-once") else {
         return;
     };
-    let player = Player::start(&mut browser, file(200), Speed::AT_ONCE);
+    let player = Player::start(&browser, file(200), Speed::AT_ONCE);
     browser.wait("scope.clock.latest > 199.99");
     for place in [50.0, 120.0] {
-        click(&mut browser, place / 200.0);
+        click(&browser, place / 200.0);
         browser.wait(&format!(
             "Math.abs(scope.model.samplesFrom - {place} + 5) < 1 && scope.clock.latest > {place} + 4"
         ));
@@ -188,10 +188,10 @@ fn a_file_that_is_played_at_once_stands_where_it_is_sought() {
 /// The overview comes before the signal is declared.
 #[test]
 fn a_signal_that_is_declared_later_has_its_overview() {
-    let Some(mut browser) = browser("later") else {
+    let Some(browser) = browser("later") else {
         return;
     };
-    let player = Player::start(&mut browser, file(20), Speed::times(10.0));
+    let player = Player::start(&browser, file(20), Speed::times(10.0));
     browser.wait("scope.model.signals.size === 2");
     let overview = browser.run("(() => { const { overview } = scope.model.signals.get(1).series; let n = 0; for (const one of overview.least[0]) n += one === one; return [overview.isWhole, n * overview.span]; })()");
     assert_eq!(overview[0], true, "{overview}");

@@ -6,7 +6,7 @@ use luna_scope::{Scope, Speed};
 
 #[test]
 fn a_late_cycle_leads_to_the_timeline() {
-    let Some((mut browser, _feeder, _scope)) = live("late") else {
+    let Some((browser, _feeder, _scope)) = live("late") else {
         return;
     };
     browser.click("#tab-loops");
@@ -58,7 +58,7 @@ fn a_late_cycle_leads_to_the_timeline() {
 
 #[test]
 fn processes_change_their_states() {
-    let Some((mut browser, _feeder, _scope)) = live("composition") else {
+    let Some((browser, _feeder, _scope)) = live("composition") else {
         return;
     };
     browser.click("#tab-composition");
@@ -82,7 +82,7 @@ fn processes_change_their_states() {
 
 #[test]
 fn an_emergency_is_seen_on_every_view_and_text_stays_text() {
-    let Some(mut browser) = browser("emergency") else {
+    let Some(browser) = browser("emergency") else {
         return;
     };
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
@@ -118,7 +118,7 @@ fn an_emergency_is_seen_on_every_view_and_text_stays_text() {
 
 #[test]
 fn a_late_cycle_scrolls_to_its_lane_and_space_pauses_on_buttons() {
-    let Some((mut browser, _feeder, _scope)) = live("lane") else {
+    let Some((browser, _feeder, _scope)) = live("lane") else {
         return;
     };
     browser.look((1366, 420), "light");
@@ -134,7 +134,7 @@ fn a_late_cycle_scrolls_to_its_lane_and_space_pauses_on_buttons() {
     browser.wait(&format!(
         "!document.querySelector('#timeline').hidden && {seen}"
     ));
-    picture(&mut browser, "lane");
+    picture(&browser, "lane");
 
     // Once: neither the button is pressed, nor is the pause taken back.
     assert_eq!(browser.run("scope.clock.live"), false);
@@ -149,7 +149,7 @@ fn a_late_cycle_scrolls_to_its_lane_and_space_pauses_on_buttons() {
 /// end of it waits.
 #[test]
 fn the_graph_shows_which_process_waits_for_which() {
-    let Some((mut browser, _feeder, _scope)) = live("graph") else {
+    let Some((browser, _feeder, _scope)) = live("graph") else {
         return;
     };
     browser.click("#tab-composition");
@@ -170,11 +170,11 @@ fn the_graph_shows_which_process_waits_for_which() {
     ));
     browser.wait("[...document.querySelectorAll('#graph .box.marked h3')].map((one) => one.textContent).sort().join() === 'pan/controller,pan/scale'");
     browser.frames(3);
-    picture(&mut browser, "graph");
+    picture(&browser, "graph");
     // Where there is no room for all of it, it scrolls.
     browser.look((400, 800), "light");
     browser.wait("document.querySelectorAll('#graph .line').length === 12 && (() => { const graph = document.querySelector('#graph'); return graph.clientWidth < 400 && graph.scrollWidth > graph.clientWidth; })()");
     browser.frames(3);
-    picture(&mut browser, "graph-400");
+    picture(&browser, "graph-400");
     is_content(&browser);
 }
