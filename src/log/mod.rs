@@ -1,6 +1,8 @@
 //! Signals, messages, and logs of both: what the system has of `luna-logger`.
 //!
-//! A process registers a [`Signal`] in its `pre_run` and records samples on the real-time path.
+//! A [`Signal`] is declared where its process is [spawned](crate::system::ProcessBuilder::signal),
+//! or, by a process that is a type, registered in `pre_run`. The process records samples on the
+//! real-time path.
 //! [`message`] logs a text. `Logging` (of the feature `logger`) says where a system's log goes: a
 //! file, another computer, or any `Sink`. `docs/logger.md` has more.
 //!

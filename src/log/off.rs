@@ -25,6 +25,7 @@ impl<T: Sample> Signal<T> {
     pub fn with_unit(name: &str, _: &str) -> SignalBuilder<T> {
         SignalBuilder {
             name: name.to_owned(),
+            is_of_system: false,
             carries: PhantomData,
         }
     }
@@ -51,10 +52,17 @@ impl<T> fmt::Debug for Signal<T> {
 #[derive(Debug, Clone)]
 pub struct SignalBuilder<T> {
     name: String,
+    /// Declared where its process is spawned.
+    is_of_system: bool,
     carries: PhantomData<fn(T)>,
 }
 
 impl<T: Sample> SignalBuilder<T> {
+    /// Does nothing.
+    pub fn unit(self, _: &str) -> Self {
+        self
+    }
+
     /// Does nothing.
     pub fn description(self, _: &str) -> Self {
         self
@@ -64,9 +72,10 @@ impl<T: Sample> SignalBuilder<T> {
     ///
     /// # Errors
     ///
-    /// The call is outside of `pre_run`, as in a build with the logger.
+    /// As in a build with the logger, if the call is outside of `pre_run` and the signal was not
+    /// declared where its process is spawned.
     pub fn register(self) -> Result<Signal<T>, RegisterError> {
-        if ENTERED.get() > 0 {
+        if self.is_of_system || ENTERED.get() > 0 {
             Ok(Signal(PhantomData))
         } else {
             Err(RegisterError::NotInPreRun { signal: self.name })
@@ -80,7 +89,7 @@ impl<T: Sample> SignalBuilder<T> {
 pub enum RegisterError {
     /// It was not registered in `pre_run` of a process.
     #[error(
-        "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+        "signal `{signal}` was registered outside of `pre_run`; declare it where its process is spawned (`process.signal({signal:?})`), or register it in `pre_run` of the process (`impl luna::Process`)"
     )]
     NotInPreRun {
         /// The signal's name.
@@ -139,8 +148,16 @@ impl Drop for Entered {
 }
 
 impl Log {
-    pub(crate) fn new(_: &str, _: bool) -> Self {
+    pub(crate) fn new(_: &str) -> Self {
         Self
+    }
+
+    pub(crate) fn signal<T: Sample>(&self, name: &str) -> SignalBuilder<T> {
+        SignalBuilder {
+            name: name.to_owned(),
+            is_of_system: true,
+            carries: PhantomData,
+        }
     }
 
     pub(crate) fn enter(&self) -> Entered {
@@ -162,7 +179,7 @@ impl Log {
 
     pub(crate) fn report_safety(&self, _: u32, _: u8) {}
 
-    pub(crate) fn start(&self, _: Asked) -> Result<Session, SetupError> {
+    pub(crate) fn start(&self, _: bool, _: Asked) -> Result<Session, SetupError> {
         Ok(Session)
     }
 }

@@ -28,13 +28,13 @@ pub(crate) type Asked = Option<Logging>;
 pub(crate) struct Log(Arc<Hub>);
 
 impl Log {
-    pub(crate) fn new(system: &str, is_virtual: bool) -> Self {
-        let base = if is_virtual {
-            TimeBase::OfThread
-        } else {
-            TimeBase::Machine
-        };
-        Self(Hub::new(system, base))
+    pub(crate) fn new(system: &str) -> Self {
+        Self(Hub::of_system(system))
+    }
+
+    /// A signal of the system to be.
+    pub(crate) fn signal<T: Sample>(&self, name: &str) -> SignalBuilder<T> {
+        self.0.signal(name)
     }
 
     /// The calling thread may register signals, which belong to the system, until the guard is
@@ -54,8 +54,13 @@ impl Log {
         self.0.enter_thread();
     }
 
-    /// Begins to record, if the program or its environment asks for it.
-    pub(crate) fn start(&self, asked: Asked) -> Result<Session, SetupError> {
+    /// Chooses the clock, and begins to record, if the program or its environment asks for it.
+    pub(crate) fn start(&self, is_virtual: bool, asked: Asked) -> Result<Session, SetupError> {
+        self.0.set_time(if is_virtual {
+            TimeBase::OfThread
+        } else {
+            TimeBase::Machine
+        });
         let by_variable = || {
             std::env::var_os(VARIABLE)
                 .filter(|path| !path.is_empty())

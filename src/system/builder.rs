@@ -3,6 +3,7 @@
 use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
+use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_core::arc_cache::ArcCache;
@@ -302,6 +303,32 @@ impl ProcessBuilder {
     pub fn parameter<T: Tunable>(&self, name: &str, default: T) -> ParameterBuilder<'_, T> {
         let process = (self.spec.id(), &**self.spec.name());
         ParameterBuilder::new(&self.plan, process, name, default)
+    }
+
+    /// A [signal](crate::log) that the process records. Declared with
+    /// [`register`](SignalBuilder::register), it is moved into the body.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use std::time::Duration;
+    ///
+    /// let mut system = System::new("camera");
+    /// let main = system.executor("main").build()?;
+    /// let pan = main.process("pan").priority(20);
+    /// let angle = pan.signal("pan/angle").unit("rad").register()?;
+    /// pan.spawn(async move {
+    ///     let mut tick = luna::periodic("pan", Duration::from_millis(1))?;
+    ///     for cycle in 0..5 {
+    ///         tick.next().await;
+    ///         angle.record(0.1 * f64::from(cycle));
+    ///     }
+    ///     Ok(())
+    /// })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn signal<T: Sample>(&self, name: &str) -> SignalBuilder<T> {
+        self.plan.log.signal(name)
     }
 
     /// Measures the longest time that the process keeps the processor, for about 50 ns each time it

@@ -10,7 +10,7 @@ use super::register::REMEMBERED;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
-use crate::log::{Log, Session};
+use crate::log::Session;
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MAX_CALLBACKS, Manager, ManagerThread, Scope};
 use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
@@ -106,8 +106,8 @@ fn launch_described(
     let mut shortfalls = Vec::new();
     let memory = lock_memory(&settings, &mut shortfalls)?;
     let latency = needs.hold_latency(&mut shortfalls);
-    let log = Log::new(plan.name(), is_virtual);
-    let recording = log.start(std::mem::take(&mut settings.logging))?;
+    let log = plan.log.clone();
+    let recording = log.start(is_virtual, std::mem::take(&mut settings.logging))?;
     let recorded = settings.replay_logs.recorded_parameters();
     settings.replay_logs.parameters = plan.parameters.begin(&log, &clock, recorded.as_deref())?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {

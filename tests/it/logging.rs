@@ -342,3 +342,38 @@ fn the_examples_signal_is_in_its_recording() {
     }
     assert!(content.samples.is_sorted_by_key(|(_, time, _)| *time));
 }
+
+/// The clock may be chosen after it, and the name is taken once.
+#[test]
+fn a_signal_is_declared_where_its_process_is_spawned() {
+    let _watchdog = watchdog();
+    let kept = Kept::default();
+    let mut system = System::new("drive");
+    let main = system.executor("main").build().unwrap();
+    let drive = main.process("drive");
+    let current = drive.signal("drive/current").unit("A").register().unwrap();
+    let error = drive.signal::<f64>("drive/current").register().unwrap_err();
+    let signal = "drive/current".to_owned();
+    assert_eq!(error, RegisterError::Duplicate { signal });
+    system.virtual_clock().log(Logging::to_sink(kept.clone()));
+    current.record(7.0); // Nothing is recorded yet.
+    drive.spawn_ok(async move {
+        let mut tick = luna::periodic("drive", Duration::from_millis(1))?;
+        for n in 1..=3 {
+            tick.next().await;
+            current.record(f64::from(n));
+        }
+        Ok(())
+    });
+    system.run().unwrap();
+    let content = content(&kept.0.lock().unwrap());
+    assert_eq!(content.clock, Some(ClockBase::Virtual));
+    assert_eq!(content.signals, ["drive/current"]);
+    let ms = |n: u64| n * 1_000_000;
+    let times: Vec<_> = content.samples.iter().map(|s| (s.1, s.2)).collect();
+    let start = times[0].0;
+    assert_eq!(
+        times,
+        [(start, 1.0), (start + ms(1), 2.0), (start + ms(2), 3.0)]
+    );
+}

@@ -219,7 +219,7 @@ fn register(name: &str) -> Option<String> {
 
 fn refused(name: &str) -> Option<String> {
     Some(format!(
-        "signal `{name}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+        "signal `{name}` was registered outside of `pre_run`; declare it where its process is spawned (`process.signal({name:?})`), or register it in `pre_run` of the process (`impl luna::Process`)"
     ))
 }
 

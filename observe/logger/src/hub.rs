@@ -6,12 +6,14 @@ mod events;
 use crate::format::ClockBase;
 use crate::lane::{self, Inlet};
 use crate::registry::{Declared, Losses, RegisterError, Signals};
+use crate::sample::Sample;
+use crate::signal::SignalBuilder;
 use luna_platform::clock::{Counter, Instant};
 use std::cell::{Cell, RefCell};
 use std::fmt;
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
 #[cfg(feature = "events")]
 pub(crate) use events::EventInlet;
@@ -27,6 +29,13 @@ pub enum TimeBase {
     OfThread,
 }
 
+impl TimeBase {
+    fn with_stamp(self) -> (Self, Stamp) {
+        let counter = Counter::of_machine().filter(|_| self == TimeBase::Machine);
+        (self, counter.map_or(Stamp::Clock, Stamp::Counter))
+    }
+}
+
 /// The names of a system's signals, the rings of its threads, and whether anything is recorded.
 ///
 /// Threads [enter](Self::enter) it; what they register and record then belongs to it. Clones of its
@@ -34,9 +43,9 @@ pub enum TimeBase {
 pub struct Hub {
     /// Whether a recorder reads the rings.
     recording: AtomicBool,
-    pub(crate) stamp: Stamp,
+    /// Of a system, it is known when the system starts.
+    time: OnceLock<(TimeBase, Stamp)>,
     pub(crate) system: String,
-    base: TimeBase,
     /// Messages lost on threads that have no ring.
     pub(crate) lost_messages: AtomicU64,
     registry: Mutex<Registry>,
@@ -111,17 +120,54 @@ impl Hub {
     /// Creates a hub of `system`. It records nothing until a [`Recorder`](crate::Recorder) is
     /// started on it.
     pub fn new(system: &str, base: TimeBase) -> Arc<Hub> {
-        let counter = Counter::of_machine().filter(|_| base == TimeBase::Machine);
+        let hub = Self::of_system(system);
+        hub.set_time(base);
+        hub
+    }
+
+    /// As [`new`](Self::new), for a system whose clock may still be chosen: call
+    /// [`set_time`](Self::set_time) before a recorder is started.
+    pub fn of_system(system: &str) -> Arc<Hub> {
         Arc::new(Hub {
             recording: AtomicBool::new(false),
-            stamp: counter.map_or(Stamp::Clock, Stamp::Counter),
+            time: OnceLock::new(),
             system: system.to_owned(),
-            base,
             lost_messages: AtomicU64::new(0),
             registry: Mutex::default(),
             #[cfg(feature = "events")]
             events: events::Events::default(),
         })
+    }
+
+    /// Says what time stamps are read from. Only the first call counts.
+    pub fn set_time(&self, base: TimeBase) {
+        self.time.get_or_init(|| base.with_stamp());
+    }
+
+    /// What time stamps are read from: the machine's clock, unless something else was chosen.
+    fn time(&self) -> (TimeBase, Stamp) {
+        *self.time.get_or_init(|| TimeBase::Machine.with_stamp())
+    }
+
+    pub(crate) fn stamp(&self) -> Stamp {
+        self.time().1
+    }
+
+    /// A signal of this hub to be. Its [`register`](SignalBuilder::register) may be called on any
+    /// thread, also before a recorder is started. Not for the real-time path: it allocates.
+    ///
+    /// ```
+    /// use luna_logger::{Hub, Logging, Recorder, WriterSink};
+    ///
+    /// let hub = Hub::new("pump", Default::default());
+    /// let flow = hub.signal::<f64>("flow").unit("l/s").register().unwrap();
+    /// let recorder =
+    ///     Recorder::start(&hub, Logging::to_sink(WriterSink::new(std::io::sink()))).unwrap();
+    /// flow.record(0.5);
+    /// assert_eq!(recorder.finish().signals[0].recorded, 1);
+    /// ```
+    pub fn signal<T: Sample>(self: &Arc<Self>, name: &str) -> SignalBuilder<T> {
+        SignalBuilder::of_hub(Some(self.clone()), name)
     }
 
     /// Makes this the hub of the calling thread until the guard is dropped; then the previous hub
@@ -246,7 +292,7 @@ impl Hub {
 
     /// What times count from, as written in a recording.
     pub(crate) fn clock_base(&self) -> ClockBase {
-        match self.base {
+        match self.time().0 {
             TimeBase::Machine => ClockBase::Monotonic,
             TimeBase::OfThread => ClockBase::Virtual,
         }

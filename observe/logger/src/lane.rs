@@ -155,7 +155,7 @@ impl Lane {
                     hub: hub.clone(),
                     #[cfg(feature = "events")]
                     number,
-                    stamp: hub.stamp,
+                    stamp: hub.stamp(),
                     samples: Ring(UnsafeCell::new(samples)),
                     messages: Ring(UnsafeCell::new(messages)),
                     lost_messages: lost_messages.clone(),

@@ -126,7 +126,7 @@ impl Signals {
 pub enum RegisterError {
     /// It was not registered in `pre_run` of a process.
     #[error(
-        "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+        "signal `{signal}` was registered outside of `pre_run`; declare it where its process is spawned (`process.signal({signal:?})`), or register it in `pre_run` of the process (`impl luna::Process`)"
     )]
     NotInPreRun {
         /// The signal's name.

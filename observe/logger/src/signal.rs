@@ -15,8 +15,9 @@ use std::sync::Arc;
 /// real-time path. Clones are the same signal, for processes on other threads. When all of them are
 /// dropped the name can be used again for a signal of the same type and unit.
 ///
-/// Everywhere else registering is refused: in `main` no system would record the signal, and in a
-/// body it would allocate on the real-time path. A system calls `pre_run` between [`Hub::enter`] and
+/// A process that is an `async` block has its signals declared where it is spawned, from a builder
+/// that knows the system ([`Hub::signal`]). Everywhere else registering is refused: in `main` no
+/// system would record the signal, and in a body it would allocate on the real-time path. A system calls `pre_run` between [`Hub::enter`] and
 /// the end of its guard. A program without a system does the same by hand.
 ///
 /// ```
@@ -55,12 +56,12 @@ impl<T: Sample> Signal<T> {
     /// The call is outside of `pre_run`; the name is taken, empty or of more than 255 bytes; or
     /// there are 65 536 signals.
     pub fn register(name: &str) -> Result<Signal<T>, RegisterError> {
-        SignalBuilder::new(name, "").register()
+        SignalBuilder::of_hub(None, name).register()
     }
 
     /// A signal to be, measured in `unit`.
     pub fn with_unit(name: &str, unit: &str) -> SignalBuilder<T> {
-        SignalBuilder::new(name, unit)
+        SignalBuilder::of_hub(None, name).unit(unit)
     }
 
     /// Records a sample, with the time of the call.
@@ -107,6 +108,8 @@ impl<T> fmt::Debug for Signal<T> {
 #[must_use = "a signal is made by `register`"]
 #[derive(Debug, Clone)]
 pub struct SignalBuilder<T> {
+    /// That of the `pre_run` that runs when it is registered, if none is stated.
+    hub: Option<Arc<Hub>>,
     name: Arc<str>,
     unit: Arc<str>,
     description: Arc<str>,
@@ -114,13 +117,20 @@ pub struct SignalBuilder<T> {
 }
 
 impl<T: Sample> SignalBuilder<T> {
-    fn new(name: &str, unit: &str) -> Self {
+    pub(crate) fn of_hub(hub: Option<Arc<Hub>>, name: &str) -> Self {
         Self {
+            hub,
             name: name.into(),
-            unit: unit.into(),
+            unit: "".into(),
             description: "".into(),
             carries: PhantomData,
         }
+    }
+
+    /// What the signal is measured in.
+    pub fn unit(mut self, unit: &str) -> Self {
+        self.unit = unit.into();
+        self
     }
 
     /// A short description of the signal.
@@ -129,11 +139,13 @@ impl<T: Sample> SignalBuilder<T> {
         self
     }
 
-    /// Registers the signal with the system that runs a `pre_run` on the calling thread.
+    /// Registers the signal: with its hub, or with the system that runs a `pre_run` on the calling
+    /// thread.
     ///
     /// # Errors
     ///
-    /// As [`Signal::register`]; also a unit longer than 63 bytes or a description longer than 1023.
+    /// As [`Signal::register`], but with a hub of its own the signal may be registered anywhere;
+    /// also a unit longer than 63 bytes or a description longer than 1023.
     pub fn register(self) -> Result<Signal<T>, RegisterError> {
         let declared = Declared {
             name: self.name,
@@ -143,7 +155,7 @@ impl<T: Sample> SignalBuilder<T> {
             elements: T::ELEMENTS as u8,
             losses: Arc::default(),
         };
-        let Some(hub) = Hub::for_registration() else {
+        let Some(hub) = self.hub.or_else(Hub::for_registration) else {
             // What is wrong with its texts is wrong everywhere, and is reported first.
             declared.check()?;
             return Err(RegisterError::NotInPreRun {

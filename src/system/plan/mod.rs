@@ -13,7 +13,7 @@ use super::stand_in::StandIns;
 use crate::csp::composition::ThreadPart;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
-use crate::log::Asked;
+use crate::log::{Asked, Log};
 use crate::notice::notice;
 use crate::parameters::Store;
 use crate::replay::TapePlan;
@@ -41,6 +41,7 @@ pub(crate) struct Plan {
     pub(crate) tree: Arc<Tree>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) parameters: Arc<Store>,
+    pub(crate) log: Log,
     /// A call of the set-up, or of `run`, has returned an error.
     was_refused: AtomicBool,
 }
@@ -138,6 +139,7 @@ impl Plan {
             tree: Tree::new(),
             emergency: Emergency::new(plan.clone()),
             parameters: Store::new(name),
+            log: Log::new(name),
             was_refused: AtomicBool::new(false),
         })
     }

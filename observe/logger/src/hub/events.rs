@@ -86,7 +86,7 @@ impl Hub {
         };
         // Executors that share a thread are distinguished; otherwise the thread is known by its
         // samples and messages.
-        let known = match self.base {
+        let known = match self.time().0 {
             TimeBase::Machine => lane::number(self),
             TimeBase::OfThread => None,
         };
@@ -106,7 +106,7 @@ impl Hub {
         room: usize,
         name: impl FnOnce(u32) -> String,
     ) -> (u32, events::Writer) {
-        let counter = match self.stamp {
+        let counter = match self.stamp() {
             Stamp::Counter(counter) => Some(counter),
             Stamp::Clock => None,
         };

@@ -30,7 +30,7 @@ pub(super) struct Drain {
 
 impl Drain {
     pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<(Level, Show)>) -> Self {
-        let timeline = Timeline::begin(hub.stamp);
+        let timeline = Timeline::begin(hub.stamp());
         let output = Output::new(hub.clone(), to, way, show);
         Self {
             hub,
