@@ -173,6 +173,9 @@ pub struct ProcessReport {
     pub name: String,
     /// How it ended; `None` if it did not.
     pub exit: Option<Exit>,
+    /// Whether it ended with an error: one that its body returned, although that counts as
+    /// [`Exit::Completed`], or a cancellation, an overrun or a panic.
+    pub failed: bool,
     /// How often it was given the processor.
     pub polls: u64,
     /// The longest that it kept it, if its polls were timed.

@@ -41,12 +41,12 @@ pub(crate) fn measurement(
     }
 }
 
-/// Whether every process returned by itself, and every thread ended.
+/// Whether every process returned by itself and without an error, and every thread ended.
 fn complete(report: &Report) -> bool {
     let all_returned = report
         .processes
         .iter()
-        .all(|process| process.exit == Some(Exit::Completed));
+        .all(|process| process.exit == Some(Exit::Completed) && !process.failed);
     report.end == End::Completed
         && all_returned
         && !report.threads.iter().any(|thread| thread.abandoned)

@@ -369,6 +369,7 @@ fn process_report(member: &Member) -> ProcessReport {
     ProcessReport {
         name: member.name().to_owned(),
         exit: member.handle.exit(),
+        failed: member.has_failed,
         polls: member.handle.polls(),
         longest_poll: member.handle.longest_poll(),
         budgets: member

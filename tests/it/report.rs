@@ -270,3 +270,22 @@ fn a_threads_processor_time_is_told_where_there_is_one() {
         }
     }
 }
+
+#[test]
+fn a_process_that_returned_an_error_has_failed() {
+    let _watch = watchdog();
+    let mut system = System::new("failing");
+    let main = system.executor("main").build().unwrap();
+    main.process("good").spawn_ok(async { Ok(()) });
+    main.process("bad")
+        .spawn_ok(async { Err(Error::other("broken")) });
+    system.run().unwrap_err();
+    let report = system.report().unwrap();
+    let ends = report.processes.iter().map(|one| (&*one.name, one.failed));
+    assert_eq!(
+        ends.collect::<Vec<_>>(),
+        [("good", false), ("bad", true)],
+        "{report}"
+    );
+    assert_eq!(report.processes[1].exit, Some(Exit::Completed));
+}
