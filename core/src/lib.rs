@@ -7,7 +7,7 @@
 //! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
 //! - [`deferred_free`], [`arc_cache`], [`byte_ring`]: memory off the real-time path, and bytes that
 //!   one thread writes while another reads them.
-//! - [`failover`], [`standby`], [`park`], [`spin`]: how threads take turns, wait and spin.
+//! - [`failover`], [`park`], [`spin`]: how threads take turns, wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 
 #![allow(
@@ -32,6 +32,5 @@ pub mod park;
 pub mod path;
 pub mod replay_log;
 pub mod spin;
-pub mod standby;
 pub mod timer_queue;
 pub mod wait_list;
