@@ -116,8 +116,9 @@ impl Parker {
         }
     }
 
-    /// Wakes the thread, or lets its next `park` return at once. From any thread. Returns whether it
-    /// was parked: then it sees, when it returns from this `park`, what was done before this call.
+    /// Wakes the thread, or lets its next `park` return at once. From any thread. Returns whether
+    /// it was parked: then it sees, when it returns from this `park`, what was done before this
+    /// call.
     ///
     /// Every thread that finds it parked rings, not the first alone: the first may be preempted
     /// before it does, and a more urgent one must not have to wait for it.
