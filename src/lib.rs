@@ -108,13 +108,6 @@ pub use system::{Executor, Policy, System};
 pub use time::{Instant, Periodic, Timer, after, at, now, periodic, ticks};
 
 #[doc(hidden)]
-#[deprecated(since = "0.1.0", note = "use `luna::sync::LocalBarrier`")]
-pub type LocalBarrier = sync::LocalBarrier;
-#[doc(hidden)]
-#[deprecated(since = "0.1.0", note = "use `luna::sync::LocalSync`")]
-pub type LocalSync<'a> = sync::LocalSync<'a>;
-
-#[doc(hidden)]
 pub use csp::par as __par;
 
 /// The programs on the pages of the documentation are tests.

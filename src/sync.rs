@@ -27,4 +27,11 @@ pub use luna_channels::lock_sync::{
     LockTimeout, LockTimeoutError, Mutex, MutexGuard, OwnerDied, Semaphore, SemaphorePermit,
     TryLockError, WaitOp, WaitTimeout, WaitTimeoutResult,
 };
-pub use luna_channels::{Barrier, LocalBarrier, LocalSync, Party, SyncOp};
+pub use luna_channels::{Barrier, Party, SyncOp};
+
+#[doc(hidden)]
+#[deprecated(since = "0.1.0", note = "`Barrier::local` returns a `luna::Barrier`")]
+pub type LocalBarrier = Barrier;
+#[doc(hidden)]
+#[deprecated(since = "0.1.0", note = "use `luna::sync::SyncOp`")]
+pub type LocalSync<'a> = SyncOp<'a>;

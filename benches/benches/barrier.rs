@@ -101,35 +101,6 @@ fn barrier<E: Executor, M: Meeting>(parties: u64, comings: u64) -> Duration {
     })
 }
 
-/// The second level of LUNA's barrier, for processes of one executor, which is the only party of
-/// the barrier above.
-fn local(parties: u64, comings: u64) -> Duration {
-    on_one_core(|luna: &Luna| {
-        let group = luna::Barrier::new(1).local(parties as usize);
-        let meetings = meetings(comings, parties);
-        let (elapsed, result) = std::sync::mpsc::channel();
-        for _ in 0..parties {
-            let (group, elapsed) = (group.clone(), elapsed.clone());
-            // Its future stays on its thread, so it is made there.
-            let spawned = luna.process().spawn(move || async move {
-                for _ in 0..warm_up(meetings) {
-                    group.sync().await;
-                }
-                let start = Instant::now();
-                for _ in 0..meetings {
-                    group.sync().await;
-                }
-                elapsed.send(start.elapsed()).map_err(luna::Error::other)?;
-                Ok(())
-            });
-            spawned.expect("the names differ");
-        }
-        luna.block_on(std::future::ready(()));
-        let elapsed = result.recv().expect("each party has sent its own");
-        scale(elapsed, comings, parties)
-    })
-}
-
 fn case(peer: &'static str, size: u64, block: fn(u64, u64) -> Duration) -> Case {
     Case::new(NAME, peer, UNIT, move |comings| block(size, comings))
         .size(size)
@@ -141,7 +112,6 @@ fn main() {
     for &size in sizes() {
         cases.extend([
             case("LUNA", size, barrier::<Luna, luna::Barrier>),
-            case("LUNA, local", size, local),
             case(
                 "tokio Barrier, spawn",
                 size,

@@ -69,7 +69,7 @@ mod loom_tests;
 #[doc(hidden)]
 pub use alternative::Due;
 pub use alternative::{After, Alternative, AlternativeRecv, Guard, When, after, at};
-pub use barrier::{Barrier, LocalBarrier, LocalSync, Party, SyncOp};
+pub use barrier::{Barrier, Party, SyncOp};
 pub use buffer::Buffer;
 pub use call::{AcceptOp, Call, CallError, CallOp, Client, Reply, Server, call_channel};
 pub use ended::{ChannelEnd, Ended};

@@ -5,10 +5,9 @@
 //!   module knows how a process becomes ready.
 //! - [`wait_list`], [`timer_queue`]: intrusive lists of waiting operations, and deadlines.
 //! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
-//! - [`deferred_free`], [`arc_cache`], [`latest_slots`], [`byte_ring`]: memory off the real-time
-//!   path,
-//!   and values that one thread replaces while others read them.
-//! - [`failover`], [`standby`], [`park`], [`spin`]: how threads take turns, wait and spin.
+//! - [`deferred_free`], [`arc_cache`], [`byte_ring`]: memory off the real-time path, and bytes that
+//!   one thread writes while another reads them.
+//! - [`failover`], [`park`], [`spin`]: how threads take turns, wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 
 #![allow(
@@ -28,12 +27,10 @@ pub mod deferred_free;
 pub mod events;
 pub mod failover;
 mod fetch;
-pub mod latest_slots;
 mod model_local;
 pub mod park;
 pub mod path;
 pub mod replay_log;
 pub mod spin;
-pub mod standby;
 pub mod timer_queue;
 pub mod wait_list;

@@ -116,15 +116,19 @@ impl Parker {
         }
     }
 
-    /// Wakes the thread, or lets its next `park` return at once. From any thread.
+    /// Wakes the thread, or lets its next `park` return at once. From any thread. Returns whether
+    /// it was parked: then it sees, when it returns from this `park`, what was done before this
+    /// call.
     ///
     /// Every thread that finds it parked rings, not the first alone: the first may be preempted
     /// before it does, and a more urgent one must not have to wait for it.
     #[inline]
-    pub fn unpark(&self) {
-        if self.state.fetch_or(NOTIFIED, Ordering::AcqRel) & PARKED != 0 {
+    pub fn unpark(&self) -> bool {
+        let was_parked = self.state.fetch_or(NOTIFIED, Ordering::AcqRel) & PARKED != 0;
+        if was_parked {
             self.bell.ring();
         }
+        was_parked
     }
 }
 
@@ -379,6 +383,32 @@ mod loom_tests {
                 assert!(parker.park(Instant::NEVER));
             }
             assert_eq!(parker.state.load(Ordering::Relaxed), EMPTY);
+        });
+    }
+
+    /// Of two wakers, each is seen by the thread, or knows that it is not.
+    #[test]
+    fn a_waker_that_finds_the_thread_parked_is_seen() {
+        let mut model = loom::model::Builder::new();
+        // Without a bound it takes four minutes.
+        model.preemption_bound = model.preemption_bound.or(Some(3));
+        model.check(|| {
+            let shared = Arc::new((Parker::new(), AtomicU32::new(0)));
+            let wakers = [1, 2].map(|work| {
+                let shared = shared.clone();
+                thread::spawn(move || {
+                    shared.1.fetch_or(work, Ordering::Relaxed);
+                    if shared.0.unpark() { work } else { 0 }
+                })
+            });
+            if shared.1.load(Ordering::Relaxed) != 3 {
+                assert!(shared.0.park(Instant::NEVER));
+            }
+            let seen = shared.1.load(Ordering::Relaxed);
+            for waker in wakers {
+                let promised = waker.join().unwrap();
+                assert_eq!(seen & promised, promised);
+            }
         });
     }
 

@@ -1,10 +1,11 @@
 //! From a file to a channel.
 
-use super::device::{Device, Stop};
+use super::device::Device;
 use super::error::LinkError;
 use super::framing::Framing;
 use super::record::{Fault, FromBytes};
 use super::splitter::Splitter;
+use super::wire::WireStop as Stop;
 use crate::Sender;
 use crate::csp::process::Process;
 use crate::error::{Error, Result};

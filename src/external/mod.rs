@@ -47,6 +47,7 @@ mod output;
 mod packer;
 mod record;
 mod splitter;
+mod wire;
 
 pub use error::{LinkError, OsError};
 pub use frame::Frame;
@@ -57,3 +58,5 @@ pub use output::{Output, output};
 pub use packer::Packer;
 pub use record::{BadRecord, Fault, FromBytes, Malformed, ToBytes};
 pub use splitter::Splitter;
+#[doc(hidden)]
+pub use wire::{Wire, WireStop};

@@ -1,10 +1,11 @@
 //! From a channel to a file.
 
-use super::device::{Device, Stop};
+use super::device::Device;
 use super::error::LinkError;
 use super::framing::Framing;
 use super::packer::Packer;
 use super::record::ToBytes;
+use super::wire::WireStop as Stop;
 use crate::Receiver;
 use crate::csp::process::Process;
 use crate::error::{Error, Result};

@@ -1,57 +1,105 @@
 //! What the real-time path sees: the words of parameters, and which thread may change which of them
 //! when.
+//!
+//! Each parameter of a process has its words twice: those that the process reads, and those that
+//! were offered last. A set changes the offered words of all parameters of the process under one
+//! lock, which inherits priority. The process copies them to the words that it reads, at the begin
+//! of a cycle, under the same lock, and only if there was an offer. So the words that are read
+//! change on the process' own thread alone, and the process reads them without the lock.
 
 use crate::replay;
 use luna_core::current;
-use luna_core::latest_slots::{LatestSlots, SlotMemory};
 use luna_platform::lock::PiLock;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// The parameters of a process, which it takes all together.
 pub(crate) struct Reader {
     /// The process: 0 is none.
     pub(super) process: u32,
     pub(super) name: Arc<str>,
-    pub(super) slots: LatestSlots,
-    /// What was declared for its process, for recordings. All of it before the process runs.
-    pub(super) cells: PiLock<Vec<Weak<Cells>>>,
+    /// Whether words were offered that the process has not taken. Set and cleared under the lock.
+    is_fresh: AtomicBool,
+    /// What was declared for its process. All of it before the process runs.
+    words: PiLock<Vec<Arc<Words>>>,
 }
 
-/// The words of a parameter in a process, once in each slot.
+/// The words of a parameter in a process.
+struct Words {
+    /// What it is called in recordings.
+    name: Arc<str>,
+    /// What the process reads. Stored under the lock, by the process or before it runs.
+    taken: Box<[AtomicU64]>,
+    /// The latest values. Accessed under the lock.
+    offered: Box<[AtomicU64]>,
+}
+
+/// A parameter of a process, as its handles know it.
 pub(super) struct Cells {
     pub(super) reader: Arc<Reader>,
-    /// What it is called in recordings.
-    pub(super) name: Arc<str>,
     /// Which entry of the store.
     pub(super) entry: usize,
-    words: SlotMemory<AtomicU64>,
+    words: Arc<Words>,
 }
 
 impl Reader {
-    /// Takes the latest values, if it is the reader's process that asks. Wait-free; O(1), in a
-    /// process that is recorded O(words).
+    pub(super) fn new(process: u32, name: &str) -> Arc<Self> {
+        Arc::new(Self {
+            process,
+            name: name.into(),
+            is_fresh: AtomicBool::new(false),
+            words: PiLock::new(Vec::new()),
+        })
+    }
+
+    /// Whether a set was offered that the process has not taken.
+    #[inline]
+    pub(super) fn is_fresh(&self) -> bool {
+        self.is_fresh.load(Ordering::Relaxed)
+    }
+
+    /// Offers what `fill` [fills in](Cells::fill). Returns whether the process had taken the offer
+    /// before.
+    pub(super) fn offer(&self, fill: impl FnOnce()) -> bool {
+        let _words = self.words.lock();
+        fill();
+        !self.is_fresh.swap(true, Ordering::Relaxed)
+    }
+
+    /// Takes the latest values, if it is the reader's process that asks. O(1) without a new set,
+    /// else O(words).
     #[inline]
     pub(crate) fn latch(&self) {
         if is_current(self.process) {
             match current::has_replay_log() {
-                false => drop(self.slots.latch()),
                 true => self.latch_with_log(),
+                false if self.is_fresh() => drop(self.take_offer()),
+                false => {}
             }
         }
+    }
+
+    /// Takes the latest values; returns whether there was an offer. By the process, or before it
+    /// runs.
+    #[cold]
+    pub(super) fn take_offer(&self) -> bool {
+        if !self.is_fresh() {
+            return false;
+        }
+        let words = self.words.lock();
+        for Words { taken, offered, .. } in words.iter().map(|words| &**words) {
+            for (taken, offered) in taken.iter().zip(offered) {
+                taken.store(offered.load(Ordering::Relaxed), Ordering::Relaxed);
+            }
+        }
+        self.is_fresh.swap(false, Ordering::Relaxed)
     }
 
     /// Latches a set that is recorded or replayed.
     #[cold]
     fn latch_with_log(&self) {
-        if !replay::input("parameters", || self.slots.latch()) {
-            return;
-        }
-        for cells in self.cells.lock().iter() {
-            // They are freed when no process can latch any more: so not here.
-            if let Some(cells) = cells.upgrade() {
-                cells.note();
-            }
+        if replay::input("parameters", || self.take_offer()) {
+            self.words.lock().iter().for_each(|words| words.note());
         }
     }
 }
@@ -64,55 +112,61 @@ fn is_current(process: u32) -> bool {
 
 impl Cells {
     pub(super) fn new(reader: Arc<Reader>, name: Arc<str>, entry: usize, words: &[u64]) -> Self {
-        let make = |_, index: usize| AtomicU64::new(words[index]);
-        let memory = SlotMemory::new(words.len(), make);
-        // Sets may have come before it was declared.
-        memory.reach(reader.slots.front(), make);
+        let copy = || words.iter().map(|&word| AtomicU64::new(word)).collect();
+        let words = Arc::new(Words {
+            name,
+            taken: copy(),
+            offered: copy(),
+        });
+        reader.words.lock().push(words.clone());
         Self {
             reader,
-            name,
             entry,
-            words: memory,
+            words,
         }
     }
 
-    /// Fills the slot, for [`LatestSlots::publish`]. Allocates, if there was no such slot yet.
-    pub(super) fn fill(&self, slot: usize, words: &[u64]) {
-        self.words
-            .reach(slot, |_, index| AtomicU64::new(words[index]));
-        for (cell, &word) in self.words.slot(slot).iter().zip(words) {
-            cell.store(word, Ordering::Release);
+    /// What it is called in recordings.
+    pub(super) fn name(&self) -> &str {
+        &self.words.name
+    }
+
+    /// Fills the words to be offered, in [`Reader::offer`].
+    pub(super) fn fill(&self, words: &[u64]) {
+        for (offered, &word) in self.words.offered.iter().zip(words) {
+            offered.store(word, Ordering::Relaxed);
         }
     }
 
-    /// Its only word. By [`LatestSlots::read`] too: a handle may be in another process, where the
-    /// slot may be written again while it is read.
+    /// Its only word.
     #[inline(always)]
     pub(super) fn word(&self) -> u64 {
-        let load = |slot: usize| self.words.slot(slot)[0].load(Ordering::Acquire);
-        self.reader.slots.read(load)
+        self.words.taken[0].load(Ordering::Relaxed)
     }
 
-    /// Several words, all of one value.
+    /// Several words, all of one value: `make` reads them. A handle may be in another process, where
+    /// they may change meanwhile, but for the lock.
     #[inline]
     pub(super) fn several<T>(&self, make: impl Fn(&[AtomicU64]) -> T) -> T {
-        self.reader.slots.read(|slot| make(self.words.slot(slot)))
+        let _changes = (!is_current(self.reader.process)).then(|| self.reader.words.lock());
+        make(&self.words.taken)
     }
+}
 
+impl Words {
     /// Records its value, or takes the recorded one.
     fn note(&self) {
-        let slot = self.words.slot(self.reader.slots.front());
         let mut bytes = [0; replay::LONGEST];
-        let bytes = &mut bytes[..8 * slot.len()];
+        let bytes = &mut bytes[..8 * self.taken.len()];
         let fill = |bytes: &mut [u8]| {
-            for (word, eight) in slot.iter().zip(bytes.chunks_exact_mut(8)) {
+            for (word, eight) in self.taken.iter().zip(bytes.chunks_exact_mut(8)) {
                 eight.copy_from_slice(&word.load(Ordering::Relaxed).to_le_bytes());
             }
         };
         if replay::input_bytes(&self.name, bytes, fill) {
             let (eights, _) = bytes.as_chunks::<8>();
-            for (word, eight) in slot.iter().zip(eights) {
-                word.store(u64::from_le_bytes(*eight), Ordering::Release);
+            for (word, eight) in self.taken.iter().zip(eights) {
+                word.store(u64::from_le_bytes(*eight), Ordering::Relaxed);
             }
         }
     }

@@ -53,17 +53,17 @@ pub struct Parameter<T> {
 impl<T: Tunable> Parameter<T> {
     /// The value, of the set that the process has taken last; before the start the default.
     ///
-    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one for
-    /// each element. All elements are of one set. In another process, or on another thread, it
-    /// looks again if the process has taken a new set meanwhile: it never gives a value that the
-    /// process has not taken.
+    /// Real-time path: yes. O(elements), no allocation: a load for each element. All elements are of
+    /// one set. In another process, or on another thread, an array is read under a lock, which the
+    /// process holds while it takes a new set. It never gives a value that the process has not
+    /// taken.
     #[inline]
     pub fn get(&self) -> T {
         if T::IS_ARRAY {
             let make = |words: &[_]| {
                 T::of_words(|index| {
                     let word: &std::sync::atomic::AtomicU64 = &words[index];
-                    word.load(Ordering::Acquire)
+                    word.load(Ordering::Relaxed)
                 })
             };
             self.cells.several(make)
@@ -75,9 +75,9 @@ impl<T: Tunable> Parameter<T> {
     /// Takes the latest set, for all parameters of the process: for a process without a
     /// [loop](crate::periodic), since a loop's `next` does it.
     ///
-    /// Real-time path: yes. Wait-free, O(1), no allocation: a load, and an atomic exchange if there
-    /// is a new set. While the process is recorded O(its parameters). Elsewhere than in the process
-    /// that the parameter was declared for it does nothing.
+    /// Real-time path: yes. No allocation: a load, and if there is a new set O(the process'
+    /// parameters) under a lock, which a set holds as long. Elsewhere than in the process that the
+    /// parameter was declared for it does nothing.
     #[inline]
     pub fn latch(&self) {
         self.cells.reader.latch();
@@ -93,7 +93,7 @@ impl<T> Clone for Parameter<T> {
     }
 }
 
-debug_parts!(Parameter<T> as parameter: name = parameter.cells.name);
+debug_parts!(Parameter<T> as parameter: name = parameter.cells.name());
 
 /// A parameter to be: see
 /// [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter).

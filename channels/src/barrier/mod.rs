@@ -17,11 +17,9 @@
 //! do not meet.)
 
 mod fast_path;
-mod local;
 mod party;
 mod sync;
 
-pub use local::{LocalBarrier, LocalSync};
 pub use party::Party;
 pub use sync::SyncOp;
 
@@ -140,8 +138,8 @@ impl Barrier {
         unsafe { self.meeting.state(&lists, |round| round.parties) }
     }
 
-    /// A second level: a group of `parties` processes of one executor that is one party of this
-    /// barrier. Allocates.
+    /// Puts a group of `parties` processes in the place of one party that [`new`](Self::new)
+    /// counted. Each member comes to the barrier itself; the group's barrier is this one.
     ///
     /// ```
     /// use luna_channels::Barrier;
@@ -160,8 +158,13 @@ impl Barrier {
     /// executor.stop();
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    pub fn local(&self, parties: usize) -> LocalBarrier {
-        LocalBarrier::new(self.clone(), parties)
+    pub fn local(&self, parties: usize) -> Barrier {
+        let lists = self.meeting.lock();
+        let more = parties.saturating_sub(1);
+        // SAFETY: the lists are the barrier's own.
+        unsafe { self.meeting.state(&lists, |round| round.parties += more) };
+        drop(lists);
+        self.clone()
     }
 
     /// Declares that a party is outside of the system: a plain thread, or a process of another

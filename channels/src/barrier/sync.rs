@@ -31,7 +31,7 @@ enum Phase {
 /// What one [look](SyncOp::look) at the barrier has led to. Its caller carries it out once its own
 /// state is changed, since all of it may run user code.
 #[must_use]
-pub(super) enum Came {
+enum Came {
     /// The round is not complete.
     Waits,
     /// This party has completed the round, and the others are to be [released](Meeting::release).
@@ -94,7 +94,7 @@ impl<'a> SyncOp<'a> {
     /// # Safety
     ///
     /// It is pinned, new or listed, and in no alternative unless that has chosen it.
-    pub(super) unsafe fn look(&mut self, renewal: &mut Renewal<'_, '_>) -> Came {
+    unsafe fn look(&mut self, renewal: &mut Renewal<'_, '_>) -> Came {
         let meeting = self.meeting();
         let is_new = self.phase == Phase::New;
         let mut lists = meeting.lock();
@@ -216,27 +216,19 @@ impl<'a> SyncOp<'a> {
 
     /// Takes a listed party back, if the round is not complete. Returns whether the round is
     /// complete.
-    pub(super) fn leave(&mut self) -> bool {
-        let (is_complete, former) = self.take_back();
-        // Dropping a waker can run anything, so at the end.
-        drop(former);
-        is_complete
-    }
-
-    /// As [`leave`](Self::leave), without user code: returns the handle to drop.
-    pub(super) fn take_back(&mut self) -> (bool, Option<WakeHandle>) {
+    fn leave(&mut self) -> bool {
         match self.phase {
             Phase::Listed => {}
-            Phase::New => return (false, None),
-            Phase::Completed | Phase::GaveWay | Phase::Over => return (true, None),
+            Phase::New => return false,
+            Phase::Completed | Phase::GaveWay | Phase::Over => return true,
         }
         self.meeting().waits_no_more();
         let mut lists = self.meeting().lock();
         // SAFETY: as in `poll_round`.
         unsafe {
             match self.outcome() {
-                Outcome::Done => return (true, None),
-                Outcome::Stale => return (false, None),
+                Outcome::Done => return true,
+                Outcome::Stale => return false,
                 _ => {}
             }
             let node = Waiter::link(self.node());
@@ -259,7 +251,9 @@ impl<'a> SyncOp<'a> {
             (*node).outcome.store(outcome as u8, Ordering::Relaxed);
             let former = (*node).wait.wake_handle_mut().take();
             drop(lists);
-            (is_complete, former)
+            // Dropping a waker can run anything, so at the end.
+            drop(former);
+            is_complete
         }
     }
 }

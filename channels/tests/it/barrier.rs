@@ -260,7 +260,10 @@ fn members_of_a_group_may_be_dropped_at_any_point() {
         }
         assert!(is_pending(&mut first));
         let mut outside = Box::pin(barrier.sync());
-        assert!(is_pending(&mut outside), "the group's coming was withdrawn");
+        assert!(
+            is_pending(&mut outside),
+            "the member's coming was withdrawn"
+        );
         let mut leader = Box::pin(group.sync());
         assert!(!is_pending(&mut leader));
         assert!(!is_pending(&mut first) && !is_pending(&mut outside));
@@ -276,9 +279,13 @@ fn members_of_a_group_may_be_dropped_at_any_point() {
 }
 
 #[test]
-#[should_panic(expected = "runs no LUNA process")]
-fn a_group_where_no_process_runs_says_so() {
-    block_on(Barrier::new(1).local(1).sync());
+fn a_group_counts_as_the_one_party_whose_place_it_takes() {
+    let barrier = Barrier::new(3);
+    let group = barrier.local(4);
+    assert_eq!(barrier.parties(), 6);
+    group.local(1);
+    barrier.local(0);
+    assert_eq!(group.parties(), 6);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use luna::channel::ChannelEnd;
 use luna::devices::Device;
-use luna::external::{BadRecord, LinkError};
+use luna::external::{BadRecord, LinkError, WireStop};
 use luna::{Error, RecvError, SendError};
 use std::convert::Infallible;
 use std::time::Duration;
@@ -28,6 +28,15 @@ pub(crate) enum Stop {
 impl From<LinkError> for Stop {
     fn from(error: LinkError) -> Self {
         Stop::Failed(error)
+    }
+}
+
+impl From<WireStop> for Stop {
+    fn from(stop: WireStop) -> Self {
+        match stop {
+            WireStop::Failed(error) => Stop::Failed(error),
+            WireStop::Ended(end) => end.into(),
+        }
     }
 }
 

@@ -41,7 +41,6 @@ mod stream;
 pub mod tcp;
 #[cfg(feature = "net")]
 pub mod udp;
-mod wire;
 
 pub use counts::Counts;
 pub use pump::OnBad;

@@ -2,8 +2,7 @@
 
 use crate::Counts;
 use crate::end::{Stop, UntilStopped};
-use crate::wire::Wire;
-use luna::external::{Fault, FromBytes, LinkError, Packer, Splitter, ToBytes};
+use luna::external::{Fault, FromBytes, LinkError, Packer, Splitter, ToBytes, Wire, WireStop};
 use luna::{Receiver, Sender};
 use std::io::ErrorKind;
 use std::pin::pin;
@@ -112,14 +111,14 @@ pub(crate) async fn pump_out<T: ToBytes + Send>(
 }
 
 /// A packet that was refused because no program listens does not end the link.
-fn unless_refused(stop: Stop, kind: Kind, counts: &Counts) -> Result<(), Stop> {
+fn unless_refused(stop: WireStop, kind: Kind, counts: &Counts) -> Result<(), Stop> {
     match &stop {
-        Stop::Failed(LinkError::Read(error) | LinkError::Write { error, .. })
+        WireStop::Failed(LinkError::Read(error) | LinkError::Write { error, .. })
             if kind == Kind::Packets && error.kind() == ErrorKind::ConnectionRefused =>
         {
             counts.one_refused();
             Ok(())
         }
-        _ => Err(stop),
+        _ => Err(stop.into()),
     }
 }

@@ -3,9 +3,8 @@
 use crate::Counts;
 use crate::end::Lose;
 use crate::pump::{Kind, OnBad, pump_in, pump_out};
-use crate::wire::Wire;
 use luna::devices::Device;
-use luna::external::{Framing, FromBytes, LinkError, Packer, Splitter, ToBytes};
+use luna::external::{Framing, FromBytes, LinkError, Packer, Splitter, ToBytes, Wire};
 use luna::{Process, Receiver, Sender};
 use std::fmt;
 use std::future::Future;

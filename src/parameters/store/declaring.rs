@@ -1,11 +1,9 @@
 //! What is declared for processes that are to be spawned, and which process reads it.
 
-use super::{Declared, Entry, Group, State, Store, note_outside, slot_number};
+use super::{Declared, Entry, Group, State, Store, note_outside};
 use crate::parameters::cells::{Cells, Reader};
 use crate::parameters::error::DeclareError;
 use luna_core::current::ProcessId;
-use luna_core::latest_slots::LatestSlots;
-use luna_platform::lock::PiLock;
 use std::sync::Arc;
 
 /// The most bytes of a name, a unit and a description, as of a signal.
@@ -67,12 +65,7 @@ impl Store {
         {
             Some(group) => group,
             None => {
-                let reader = Arc::new(Reader {
-                    process,
-                    name: process_name.into(),
-                    slots: LatestSlots::new(),
-                    cells: PiLock::new(Vec::new()),
-                });
+                let reader = Reader::new(process, process_name);
                 let taken = state.sets;
                 state.groups.push(Group {
                     reader,
@@ -89,11 +82,10 @@ impl Store {
         let Group { reader, cells, .. } = &mut groups[group];
         // All that this process has declared is of one set. Its owner does not run yet, and setters
         // wait for the lock.
-        reader.slots.latch();
+        reader.take_offer();
         let words = &entries[number].words;
         let new = Arc::new(Cells::new(reader.clone(), name, number, words));
         cells.push(new.clone());
-        reader.cells.lock().push(Arc::downgrade(&new));
         Ok(new)
     }
 
@@ -168,13 +160,13 @@ impl State {
     pub(super) fn give_wishes(&mut self) {
         (0..self.entries.len()).for_each(|number| self.give_wish(number));
         for Group { reader, cells, .. } in &self.groups {
-            reader.slots.publish(slot_number(0), |slot| {
+            reader.offer(|| {
                 for cells in cells {
-                    cells.fill(slot, &self.entries[cells.entry].words);
+                    cells.fill(&self.entries[cells.entry].words);
                 }
             });
             // No process runs yet, so this thread is the owner.
-            reader.slots.latch();
+            reader.take_offer();
         }
     }
 

@@ -81,7 +81,7 @@ impl Group {
     /// Whether what it reads is of this set, or a later one; it is of all sets if nothing is on
     /// offer.
     fn has_taken(&self, set: u64) -> bool {
-        set <= self.taken || !self.reader.slots.is_fresh()
+        set <= self.taken || !self.reader.is_fresh()
     }
 
     /// Whether a handle of it is left, or a loop that takes it.
@@ -210,11 +210,6 @@ impl Store {
     pub(crate) fn file(&self) -> Option<PathBuf> {
         self.sources().0
     }
-}
-
-/// By which number the slots of a process know a set: from 2 on.
-fn slot_number(set: u64) -> u64 {
-    set + 2
 }
 
 /// What a process that is recorded does here cannot be replayed.

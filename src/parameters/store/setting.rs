@@ -1,6 +1,6 @@
 //! Sets of values that take the place of others while the system runs.
 
-use super::{Group, Phase, State, Store, note_outside, slot_number};
+use super::{Group, Phase, State, Store, note_outside};
 use crate::parameters::error::{Reason, Refusal, SetError, Source};
 use crate::parameters::nearest::nearest;
 use crate::parameters::sources::{self, Given, merge};
@@ -114,9 +114,9 @@ impl Store {
             if !cells.iter().any(|cells| former.contains_key(&cells.entry)) {
                 continue;
             }
-            let had_taken = reader.slots.publish(slot_number(set), |slot| {
+            let had_taken = reader.offer(|| {
                 for cells in cells {
-                    cells.fill(slot, &state.entries[cells.entry].words);
+                    cells.fill(&state.entries[cells.entry].words);
                 }
             });
             if had_taken {

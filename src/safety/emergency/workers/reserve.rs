@@ -5,8 +5,9 @@
 //! worker, which preempts the core and runs the functions.
 
 use super::{EmergencyWorkers, MAX, ON_DUTY};
+use luna_core::park::Parker;
 use luna_core::path::{self, Call};
-use luna_core::standby::Standby;
+use luna_platform::clock::Instant;
 use luna_platform::thread::{self, EMERGENCY_PRIORITY, Obtained, Policy, ThreadNumber};
 use std::sync::OnceLock;
 
@@ -14,7 +15,7 @@ use std::sync::OnceLock;
 #[derive(Debug)]
 pub(super) struct Reserve {
     /// Of those that are on duty from the start nothing is used.
-    standbys: [Standby; MAX],
+    parkers: [Parker; MAX],
     /// The core on which each worker waits. None for a worker that would not preempt a core.
     cores: [OnceLock<usize>; MAX],
     /// The policy of the workers on duty.
@@ -24,7 +25,7 @@ pub(super) struct Reserve {
 impl Default for Reserve {
     fn default() -> Self {
         Self {
-            standbys: std::array::from_fn(|_| Standby::new()),
+            parkers: std::array::from_fn(|_| Parker::new()),
             cores: [const { OnceLock::new() }; MAX],
             policy: OnceLock::new(),
         }
@@ -46,9 +47,9 @@ impl Reserve {
         }
     }
 
-    /// Sleeps until the worker is called, or `is_wanted` without a call.
-    pub(super) fn sleep(&self, member: u8, is_wanted: impl FnOnce() -> bool) {
-        self.standbys[usize::from(member)].sleep(is_wanted);
+    /// Sleeps until the worker is called. A call that comes before it sleeps is taken then.
+    pub(super) fn sleep(&self, member: u8) {
+        self.parkers[usize::from(member)].park(Instant::NEVER);
     }
 
     /// `member`, the thread with this number, is on duty, and gets the priority for it. Two system
@@ -58,14 +59,13 @@ impl Reserve {
         if let Some(policy) = self.policy.get() {
             thread::promote(number, *policy);
         }
-        // A busy worker checks before it sleeps.
-        self.standbys[member].call();
+        self.parkers[member].unpark();
     }
 
     /// All are to end.
     pub(super) fn call_all(&self) {
-        for parker in &self.standbys[ON_DUTY..] {
-            parker.call();
+        for parker in &self.parkers[ON_DUTY..] {
+            parker.unpark();
         }
     }
 }
@@ -82,7 +82,7 @@ impl EmergencyWorkers {
             // One of the same priority, such as a function of another system, does not give way,
             // nor does a thread with a deadline.
             path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
-                && reserve.standbys[member].call()
+                && reserve.parkers[member].unpark()
         })
     }
 }

@@ -40,7 +40,6 @@ pub(crate) fn barriers_as_guards(places: &mut Places) {
 
 pub(crate) fn barriers_of_two_levels(places: &mut Places) {
     let barrier = Barrier::new(2);
-    // A group belongs to one executor, so it has one of its own here.
     let group = barrier.local(3);
     let executor = places.system.executor("group").build().unwrap();
     for member in 0..3 {
