@@ -108,6 +108,10 @@ pub use system::{Executor, Policy, System};
 pub use time::{Instant, Periodic, Timer, after, at, now, periodic, ticks};
 
 #[doc(hidden)]
+#[allow(deprecated)]
+pub use sync::{LocalBarrier, LocalSync};
+
+#[doc(hidden)]
 pub use csp::par as __par;
 
 /// The programs on the pages of the documentation are tests.
