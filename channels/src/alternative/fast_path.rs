@@ -17,6 +17,7 @@
 //! Where nothing else waits, a guard waits alone, outside of the queues: see
 //! [`Waiting`](crate::wait_point::Waiting).
 
+use super::guard::Guard;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
@@ -24,6 +25,7 @@ use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User};
 use luna_core::wait_list::{WaitList, WaitNode};
+use std::pin::Pin;
 use std::ptr::NonNull;
 
 /// A guard on the fast path: a plain send or receive, of which the value does not matter.
@@ -41,7 +43,7 @@ pub struct PlainGuard<'a> {
 /// turn of its process.
 pub trait Visit {
     /// Goes to a guard. Returns whether to go on to the next one.
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool;
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool;
 }
 
 /// The ends among which a fair alternative chooses the least recently chosen one.
@@ -98,7 +100,8 @@ pub(super) struct Ready {
     pub(super) of_sender: bool,
 }
 
-/// Looks at new guards, and keeps the locks of those that it has seen.
+/// Looks at new guards, and keeps the locks of those that it has seen. A guard that comes behind one
+/// that is ready, in the order of preference, cannot be chosen: it is not looked at.
 #[derive(Debug)]
 pub(super) struct Looks<'a> {
     turn: PlainTurn<'a>,
@@ -106,8 +109,8 @@ pub(super) struct Looks<'a> {
     /// When the end of `ready` was last chosen.
     least: u64,
     ends: Ends,
-    /// One more than the number of the last guard with a locked wait point.
-    end: u32,
+    /// A bit for each guard with a locked wait point.
+    locked: u32,
     /// The fast path is unavailable: no guard is there, or one cannot take it.
     pub(super) is_refused: bool,
 }
@@ -120,7 +123,7 @@ impl<'a> Looks<'a> {
             ready: None,
             least: u64::MAX,
             ends: Ends::new(is_fair),
-            end: 0,
+            locked: 0,
             is_refused: true,
         }
     }
@@ -141,10 +144,9 @@ impl<'a> Looks<'a> {
     pub(super) fn leaving(&self) -> Leaving<'_> {
         Leaving {
             turn: self.turn,
-            end: self.end,
-            kept: match (&self.ready, self.is_refused) {
-                (Some(ready), false) => ready.number,
-                _ => u32::MAX,
+            locked: match (&self.ready, self.is_refused) {
+                (Some(ready), false) => self.locked & !(1 << ready.number),
+                _ => self.locked,
             },
         }
     }
@@ -152,7 +154,13 @@ impl<'a> Looks<'a> {
 
 impl Visit for Looks<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
+        let guard = guard.plain();
+        let stamp = self.ends.note(guard.stamp);
+        // Of two that were never chosen, the first.
+        if stamp >= self.least {
+            return true;
+        }
         let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
             self.is_refused = true;
             return false;
@@ -172,23 +180,19 @@ impl Visit for Looks<'_> {
             }
         };
         self.is_refused = false;
-        self.end = number + 1;
-        let stamp = self.ends.note(guard.stamp);
-        // Of two that were never chosen, the first.
-        if let Some(partner) = partner
-            && stamp < self.least
-        {
-            self.least = stamp;
-            self.ends.chosen = Some(NonNull::from(guard.stamp));
-            self.ready = Some(Ready {
-                number,
-                partner,
-                wait_point: NonNull::from(guard.wait_point),
-                of_sender: guard.of_sender,
-            });
-            return self.ends.is_fair;
-        }
-        true
+        self.locked |= 1 << number;
+        let Some(partner) = partner else {
+            return true;
+        };
+        self.least = stamp;
+        self.ends.chosen = Some(NonNull::from(guard.stamp));
+        self.ready = Some(Ready {
+            number,
+            partner,
+            wait_point: NonNull::from(guard.wait_point),
+            of_sender: guard.of_sender,
+        });
+        self.ends.is_fair
     }
 }
 
@@ -227,18 +231,17 @@ unsafe fn look_at_queues(
 #[derive(Debug)]
 pub(super) struct Leaving<'a> {
     turn: PlainTurn<'a>,
-    end: u32,
-    kept: u32,
+    locked: u32,
 }
 
 impl Visit for Leaving<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
-        if number != self.end && number != self.kept {
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
+        if self.locked & (1 << number) != 0 {
             // SAFETY: the look has kept the lock, on this thread.
-            drop(unsafe { guard.wait_point.kept(self.turn) });
+            drop(unsafe { guard.plain().wait_point.kept(self.turn) });
         }
-        number != self.end
+        true
     }
 }
 
@@ -268,12 +271,17 @@ impl<'a> Listing<'a> {
 
 impl Visit for Listing<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
-        let (node, of_sender) = (guard.node, guard.of_sender);
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
+        let PlainGuard {
+            wait_point,
+            node,
+            of_sender,
+            ..
+        } = guard.plain();
         // SAFETY: the look has kept the lock, on this thread. The node is new, so no other thread
         // knows it.
         unsafe {
-            let mut lists = guard.wait_point.kept(self.turn);
+            let mut lists = wait_point.kept(self.turn);
             Waiter::<()>::begin_guard(node.cast(), self.by, self.select_state, number);
             match of_sender {
                 true => lists.sender = LastUser::of(self.by.0),
@@ -284,6 +292,7 @@ impl Visit for Listing<'_> {
                 false => list_in_queue(&mut lists, node, self.by.1, of_sender),
             }
         }
+        guard.note_listed();
         true
     }
 }
@@ -346,7 +355,8 @@ impl<'a> Withdrawing<'a> {
 
 impl Visit for Withdrawing<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
+        let guard = guard.plain();
         self.ends.note(guard.stamp);
         let node = guard.node.cast::<Waiter<()>>();
         // SAFETY: the node was begun when it was listed. This thread holds no other lock of a wait
@@ -406,20 +416,18 @@ pub(crate) enum Commit {
     No,
 }
 
-/// Commits the alternative of a guard that waits.
+/// Commits an alternative through this guard of it.
 ///
 /// # Safety
 ///
-/// It waits at a wait point in whose lock this thread is, as a guard.
+/// The guard waits at a wait point in whose lock this thread is: so the select state is live.
 #[inline(always)]
-pub(crate) unsafe fn commit(node: NonNull<WaitNode>, turn: PlainTurn<'_>) -> Commit {
-    let node = node.cast::<Waiter<()>>();
-    // SAFETY: the lock guards the node; its select state is live. The type of the value does not
-    // matter.
+pub(crate) unsafe fn commit(
+    (select_state, guard): (NonNull<SelectState>, u32),
+    turn: PlainTurn<'_>,
+) -> Commit {
+    // SAFETY: the contract. This is a partner, and holds the commit lock by its bias.
     unsafe {
-        let Some((select_state, guard)) = Waiter::select_state(node) else {
-            return Commit::No;
-        };
         let select_state = select_state.as_ref();
         if !select_state.is_open() {
             return Commit::Stale;
@@ -451,7 +459,10 @@ pub(crate) unsafe fn take_first(
         unsafe {
             let found = match Waiter::<()>::take_plain_wake_handle(first.cast()) {
                 Some(ready) => Commit::Chosen(ready),
-                None => commit(first, turn),
+                None => match Waiter::<()>::select_state(first.cast()) {
+                    Some(select_state) => commit(select_state, turn),
+                    None => Commit::No,
+                },
             };
             match found {
                 Commit::Chosen(ready) => {

@@ -155,10 +155,7 @@ pub trait Guards {
     fn collect<'a>(self: Pin<&'a mut Self>, number: u32, into: &mut Collected<'a>);
 
     /// Goes to the open guards, until told not to. Only for a [plain](Self::PLAIN) list.
-    fn each(&self, number: u32, step: &mut impl Visit);
-
-    /// The open guards are listed by the fast path from now on.
-    fn note_listed(self: Pin<&mut Self>);
+    fn each(self: Pin<&mut Self>, number: u32, step: &mut impl Visit);
 
     /// Moves the value between guard `index` and its partner.
     ///
@@ -199,10 +196,7 @@ macro_rules! end_of_list {
             fn collect<'a>(self: Pin<&'a mut Self>, _: u32, _: &mut Collected<'a>) {}
 
             #[inline(always)]
-            fn each(&self, _: u32, _: &mut impl Visit) {}
-
-            #[inline(always)]
-            fn note_listed(self: Pin<&mut Self>) {}
+            fn each(self: Pin<&mut Self>, _: u32, _: &mut impl Visit) {}
 
             #[inline(always)]
             unsafe fn meet(self: Pin<&mut Self>, _: u32, _: NonNull<WaitNode>) {}
@@ -254,22 +248,14 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
     }
 
     #[inline(always)]
-    fn each(&self, number: u32, step: &mut impl Visit) {
-        if let Some(first) = &self.0
-            && !step.visit(number, first.plain())
+    fn each(self: Pin<&mut Self>, number: u32, step: &mut impl Visit) {
+        let (first, rest) = self.parts();
+        if let Some(first) = first
+            && !step.visit(number, first)
         {
             return;
         }
-        self.1.each(number + 1, step);
-    }
-
-    #[inline(always)]
-    fn note_listed(self: Pin<&mut Self>) {
-        let (first, rest) = self.parts();
-        if let Some(first) = first {
-            first.note_listed();
-        }
-        rest.note_listed();
+        rest.each(number + 1, step);
     }
 
     #[inline(always)]

@@ -76,7 +76,7 @@ unsafe fn meet<const SEND: bool>(
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: a thread holds no lock of a wait point when it polls.
-    let mut lists = match unsafe { wait_point.enter(turn) } {
+    let lists = match unsafe { wait_point.enter(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,
         Err(Refused::Revoked) => return revoked(wait_point, FastPath::No),
@@ -97,22 +97,40 @@ unsafe fn meet<const SEND: bool>(
             return part::<SEND>(wait_point, lists, partner, turn);
         }
         if lists.waiting.is_idle() {
-            let process = turn.process();
-            lists.note_user(SEND, LastUser::process(process.id()));
-            Waiter::begin_alone(node, turn);
-            lists.set_alone(node.cast(), SEND);
-            if !lists.leave() {
-                return revoked(wait_point, FastPath::Waits);
-            }
-            return FastPath::Waits;
+            return wait_alone::<SEND>(wait_point, lists, node, turn);
         }
-        let is_store = lists.waiting.is_store();
+        let waiting = lists.waiting;
         lists.keep();
-        if is_store {
+        if waiting.is_store() {
             return FastPath::Store;
         }
-        meet_otherwise::<SEND>(wait_point, node, turn)
+        match waiting.guard(!SEND) {
+            Some(guard) => meet_guard::<SEND>(wait_point, node, turn, guard),
+            None => meet_otherwise::<SEND>(wait_point, node, turn),
+        }
     }
+}
+
+/// Lets the operation wait alone.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lists are those of `wait_point`, where nothing waits.
+#[inline(always)]
+unsafe fn wait_alone<const SEND: bool>(
+    wait_point: &WaitPoint,
+    mut lists: InsideGuard<'_, WaitQueues>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    lists.note_user(SEND, LastUser::process(turn.process().id()));
+    // SAFETY: the contract.
+    unsafe { Waiter::begin_alone(node, turn) };
+    lists.set_alone(node.cast(), SEND);
+    if !lists.leave() {
+        return revoked(wait_point, FastPath::Waits);
+    }
+    FastPath::Waits
 }
 
 /// Lets the partner go after the value was moved: it is ready from here on.
@@ -246,6 +264,35 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
     }
 }
 
+/// As [`meet`], where a guard waits alone for an operation of this side. The lock was kept.
+///
+/// # Safety
+///
+/// As there, and for [`part_long`].
+#[inline(never)]
+unsafe fn meet_guard<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+    guard: NonNull<WaitNode>,
+) -> FastPath {
+    // SAFETY: the contract; the lock was kept, and a guard that waits alone was begun as one.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
+        match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
+            Commit::Chosen(ready) => {
+                lists.set_nothing_waits();
+                give::<SEND>(wait_point, lists, node, (guard, ready), turn)
+            }
+            Commit::Stale => {
+                Waiter::<()>::settle_stale(guard.cast());
+                wait_alone::<SEND>(wait_point, lists, node, turn)
+            }
+            Commit::No => FastPath::No,
+        }
+    }
+}
+
 /// As [`meet`], where neither nothing nor a partner waits alone. The lock was kept.
 ///
 /// # Safety
@@ -262,23 +309,7 @@ unsafe fn meet_otherwise<const SEND: bool>(
     unsafe {
         let mut lists = wait_point.kept(turn);
         let mut nothing_waits = lists.leave_queues();
-        if let Some(guard) = lists.waiting.guard(!SEND) {
-            match commit(guard, turn) {
-                Commit::Chosen(ready) => {
-                    lists.set_nothing_waits();
-                    return give::<SEND>(wait_point, lists, node, (guard, ready), turn);
-                }
-                Commit::Stale => {
-                    lists.set_nothing_waits();
-                    Waiter::<()>::settle_stale(guard.cast());
-                    nothing_waits = true;
-                }
-                Commit::No => return FastPath::No,
-            }
-        } else if lists.waiting == Waiting::QUEUES
-            && lists.is_plain_rendezvous()
-            && !lists.is_storing
-        {
+        if lists.waiting == Waiting::QUEUES && lists.is_plain_rendezvous() && !lists.is_storing {
             match take_first(lists.waiting_for::<SEND>(), turn) {
                 Some(Some(partner)) => return give::<SEND>(wait_point, lists, node, partner, turn),
                 Some(None) => nothing_waits = lists.leave_queues(),

@@ -227,6 +227,21 @@ impl<T> Waiter<T> {
         }
     }
 
+    /// As [`select_state`](Self::select_state), of a node that was begun as a guard's.
+    ///
+    /// # Safety
+    ///
+    /// As there; and it was begun so.
+    #[inline(always)]
+    pub(crate) unsafe fn guard_of(node: NonNull<Waiter<T>>) -> (NonNull<SelectState>, u32) {
+        // SAFETY: the contract: the select state is there.
+        unsafe {
+            debug_assert!((*Self::link(node)).begun == Begun::AsGuard);
+            let select_state = (*Self::link(node)).select_state.assume_init();
+            select_state.unwrap_unchecked()
+        }
+    }
+
     /// Detaches the node from its alternative, which has chosen it.
     ///
     /// # Safety

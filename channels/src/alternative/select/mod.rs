@@ -143,7 +143,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         // SAFETY: as above; they are there since the poll began.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let mut looks = Looks::new(turn, FAIR);
-        guards.each(0, &mut looks);
+        guards.as_mut().each(0, &mut looks);
         if looks.ready.is_none() && !looks.is_refused && !S::Guards::SKIP {
             // Before another thread can find a node that leads to it.
             // SAFETY: by the contract, and a wait point is locked by its bias.
@@ -154,12 +154,11 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             this.has_selection = true;
             // SAFETY: none is ready; the guards are pinned, and go before the select state.
             guards.each(0, &mut unsafe { Listing::of(turn, select_state) });
-            guards.note_listed();
             this.state = State::Listed;
             this.polled_by = identity(cx);
             return Some(Poll::Pending);
         }
-        guards.each(0, &mut looks.leaving());
+        guards.as_mut().each(0, &mut looks.leaving());
         if looks.is_refused {
             return None;
         }
@@ -201,7 +200,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; both are there since the guards were listed.
-        let (guards, select_state) = unsafe {
+        let (mut guards, select_state) = unsafe {
             (
                 Pin::new_unchecked(this.guards.assume_init_mut()),
                 this.select_state.assume_init_ref(),
@@ -209,7 +208,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         };
         let chosen = select_state.chosen()?;
         let mut others = Withdrawing::but(chosen, turn, FAIR);
-        guards.each(0, &mut others);
+        guards.as_mut().each(0, &mut others);
         // SAFETY: the guards are there.
         unsafe { others.stamp() };
         this.state = State::Chosen(chosen);
