@@ -45,11 +45,16 @@ pub(crate) enum FastPath {
     /// Fast path unavailable: no value has moved, and the operation is as new. Take the slow path.
     /// Stale guards of alternatives may have been taken off.
     No,
-    /// There is a buffer. The lock is kept.
-    Store,
-    /// An alternative is registered. The lock is kept.
-    Registered,
 }
+
+/// A step of the fast path that depends on the type of the channel's values: the rest of [`meet`]
+/// where its condition holds. The lock was kept.
+///
+/// # Safety
+///
+/// As for `meet`, with the wait point of such a channel.
+pub(crate) type Meet =
+    unsafe fn(NonNull<WaitPoint>, NonNull<Waiter<()>>, PlainTurn<'_>) -> FastPath;
 
 impl FastPath {
     /// Of an operation that is done.
@@ -68,13 +73,15 @@ impl FastPath {
 ///
 /// `node` is that of an operation of the channel around `wait_point`, a send if `SEND`, and not
 /// listed. A send's holds its value, and a receive's none. No other thread accesses it, and it
-/// stays where it is until it is settled or withdrawn.
+/// stays where it is until it is settled or withdrawn. `channel` is a pointer to the whole channel.
 #[inline(always)]
 unsafe fn meet<const SEND: bool>(
-    wait_point: &WaitPoint,
+    channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
+    // SAFETY: the contract; the operation keeps its channel.
+    let wait_point = unsafe { channel.as_ref() };
     // SAFETY: a thread holds no lock of a wait point when it polls.
     let lists = match unsafe { wait_point.enter(turn) } {
         Ok(lists) => lists,
@@ -102,11 +109,35 @@ unsafe fn meet<const SEND: bool>(
         let waiting = lists.waiting;
         lists.keep();
         if waiting.is_store() {
-            return FastPath::Store;
+            return meet_store::<SEND>(channel, node, turn);
+        }
+        if SEND && waiting == Waiting::REGISTERED {
+            return (wait_point.identity.values.send_to_registered)(channel, node, turn);
         }
         match waiting.guard(!SEND) {
             Some(guard) => meet_guard::<SEND>(wait_point, node, turn, guard),
-            None => meet_otherwise::<SEND>(wait_point, node, turn),
+            None => meet_otherwise::<SEND>(channel, node, turn),
+        }
+    }
+}
+
+/// As the rest of [`meet`], at a channel with a buffer.
+///
+/// # Safety
+///
+/// As there. The lock was kept.
+#[inline(always)]
+unsafe fn meet_store<const SEND: bool>(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        let values = channel.as_ref().identity.values;
+        match SEND {
+            true => (values.store)(channel, node, turn),
+            false => (values.take)(channel, node, turn),
         }
     }
 }
@@ -117,7 +148,7 @@ unsafe fn meet<const SEND: bool>(
 ///
 /// As for [`meet`]; the lists are those of `wait_point`, where nothing waits.
 #[inline(always)]
-unsafe fn wait_alone<const SEND: bool>(
+pub(super) unsafe fn wait_alone<const SEND: bool>(
     wait_point: &WaitPoint,
     mut lists: InsideGuard<'_, WaitQueues>,
     node: NonNull<Waiter<()>>,
@@ -162,7 +193,7 @@ unsafe fn part<const SEND: bool>(
 /// The lists are those of `wait_point`. The partner's node is listed nowhere and not settled.
 /// `ready` is its wake, made in a plain turn on this thread.
 #[inline(always)]
-unsafe fn depart<const SEND: bool>(
+pub(super) unsafe fn depart<const SEND: bool>(
     wait_point: &WaitPoint,
     mut lists: InsideGuard<'_, WaitQueues>,
     (partner, ready): (NonNull<WaitNode>, PlainPendingWake),
@@ -301,12 +332,13 @@ unsafe fn meet_guard<const SEND: bool>(
 #[cold]
 #[inline(never)]
 unsafe fn meet_otherwise<const SEND: bool>(
-    wait_point: &WaitPoint,
+    channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the contract; the lock was kept.
     unsafe {
+        let wait_point = channel.as_ref();
         let mut lists = wait_point.kept(turn);
         let mut nothing_waits = lists.leave_queues();
         if lists.waiting == Waiting::QUEUES && lists.is_plain_rendezvous() && !lists.is_storing {
@@ -319,21 +351,17 @@ unsafe fn meet_otherwise<const SEND: bool>(
         if nothing_waits {
             drop(lists);
             return match SEND {
-                true => send(wait_point, node, turn),
-                false => recv(wait_point, node, turn),
+                true => send(channel, node, turn),
+                false => recv(channel, node, turn),
             };
         }
         if lists.waiting != Waiting::QUEUES {
             // A second operation of the same side.
             return FastPath::No;
         }
-        if !lists.is_rendezvous() && lists.is_plain() && lists.receivers.is_empty() {
+        if !lists.is_rendezvous() && lists.is_plain && lists.receivers.is_empty() {
             lists.keep();
-            return FastPath::Store;
-        }
-        if SEND && lists.is_plain_but_registered() {
-            lists.keep();
-            return FastPath::Registered;
+            return meet_store::<SEND>(channel, node, turn);
         }
         FastPath::No
     }
@@ -413,9 +441,13 @@ unsafe fn part_kept<const SEND: bool>(
 ///
 /// As there.
 #[inline(never)]
-unsafe fn send(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
+unsafe fn send(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<true>(wait_point, node, turn) }
+    unsafe { meet::<true>(channel, node, turn) }
 }
 
 /// As [`meet`].
@@ -424,15 +456,17 @@ unsafe fn send(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTur
 ///
 /// As there.
 #[inline(never)]
-unsafe fn recv(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
+unsafe fn recv(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<false>(wait_point, node, turn) }
+    unsafe { meet::<false>(channel, node, turn) }
 }
 
 impl<T> Channel<T> {
-    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes. If
-    /// the result is `Store` or `Registered`, [`meet_found`](Self::meet_found) is to be called at
-    /// once.
+    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes.
     ///
     /// # Safety
     ///
@@ -445,36 +479,13 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
+        // The wait point is the channel's first field.
+        let channel = NonNull::from(self).cast();
         // SAFETY: the contract.
         unsafe {
             match is_sender {
-                true => send(&self.wait_point, node.cast(), turn),
-                false => recv(&self.wait_point, node.cast(), turn),
-            }
-        }
-    }
-
-    /// Meets what the fast path has found beside a plain partner.
-    ///
-    /// # Safety
-    ///
-    /// As for [`meet_fast`](Self::meet_fast), which was called just before and has returned
-    /// `found`.
-    #[inline(always)]
-    pub(crate) unsafe fn meet_found(
-        &self,
-        is_sender: bool,
-        found: FastPath,
-        node: NonNull<Waiter<T>>,
-        turn: PlainTurn<'_>,
-    ) -> FastPath {
-        // SAFETY: the contract. With `Store` and `Registered` the executor has kept the lock.
-        unsafe {
-            match (found, is_sender) {
-                (FastPath::Store, true) => self.store_fast(node, turn),
-                (FastPath::Store, false) => self.take_stored_fast(node, turn),
-                (FastPath::Registered, _) => self.send_to_registered(node, turn),
-                (other, _) => other,
+                true => send(channel, node.cast(), turn),
+                false => recv(channel, node.cast(), turn),
             }
         }
     }
@@ -511,29 +522,4 @@ fn leave_revoked(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
 #[inline(never)]
 fn give_way(turn: PlainTurn<'_>) -> FastPath {
     FastPath::done(turn)
-}
-
-/// Takes the value of the first waiting sender, if that is a plain operation's. The caller wakes it
-/// when the lock is released. `None`: no state changed.
-///
-/// # Safety
-///
-/// `first` is the first of the senders, in a channel of values of this type; this executor holds
-/// its lock.
-#[inline(always)]
-pub(super) unsafe fn take_from_first<T>(
-    lists: &mut WaitQueues,
-    first: NonNull<WaitNode>,
-    turn: PlainTurn<'_>,
-) -> Option<(T, PlainPendingWake)> {
-    // SAFETY: the contract; a listed sender's node holds its value.
-    unsafe {
-        let sender = first.cast::<Waiter<T>>();
-        let ready = Waiter::take_plain_wake_handle(sender)?;
-        lists.note_user(false, LastUser::process(turn.process().id()));
-        lists.senders.remove_first(first);
-        let value = Waiter::take_value_of(sender);
-        Waiter::settle_plain(sender);
-        Some((value, ready))
-    }
 }

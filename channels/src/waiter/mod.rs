@@ -227,7 +227,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// As [`select_state`](Self::select_state), of a node that was begun as a guard's.
+    /// As [`select_state`](Self::select_state), of a node that was begun with a select state.
     ///
     /// # Safety
     ///
@@ -236,9 +236,11 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn guard_of(node: NonNull<Waiter<T>>) -> (NonNull<SelectState>, u32) {
         // SAFETY: the contract: the select state is there.
         unsafe {
-            debug_assert!((*Self::link(node)).begun == Begun::AsGuard);
-            let select_state = (*Self::link(node)).select_state.assume_init();
-            select_state.unwrap_unchecked()
+            debug_assert!(Self::select_state(node).is_some());
+            (*Self::link(node))
+                .select_state
+                .assume_init()
+                .unwrap_unchecked()
         }
     }
 
