@@ -12,7 +12,7 @@ use std::task::{Context, Poll};
 
 impl<T> Alternative<'_, T> {
     /// Polls in a plain turn. `None`: take the slow path.
-    #[inline]
+    #[inline(always)]
     pub(super) fn poll_fast(
         &mut self,
         turn: PlainTurn<'_>,
