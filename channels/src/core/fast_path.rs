@@ -206,6 +206,19 @@ pub(super) unsafe fn depart<const SEND: bool>(
         if !lists.leave() {
             return part_revoked(wait_point, ready, turn);
         }
+        wake_partner(ready, turn)
+    }
+}
+
+/// Readies the partner of an operation that is done, and yields if another process is to run first.
+///
+/// # Safety
+///
+/// The wake handle was made in a plain turn on this thread, which holds no lock.
+#[inline(always)]
+pub(crate) unsafe fn wake_partner(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
         match ready.wake_if_none_ready(turn) {
             Ok(()) => FastPath::Done,
             Err(ready) => wake_otherwise(ready, turn),
