@@ -30,8 +30,8 @@ use std::ptr::NonNull;
 const CLOSED: u32 = 0;
 /// The first commit succeeds.
 const OPEN: u32 = 1;
-/// As `OPEN`, by a process in its plain turn on the executor to which the commit lock is biased: the
-/// wake handle is a plain one, commits need the commit lock, and no delay limits them.
+/// As `OPEN`, by a process in its plain turn on the executor to which the commit lock is biased:
+/// the wake handle is a plain one, commits need the commit lock, and no delay limits them.
 const OPEN_PLAINLY: u32 = 2;
 /// Guard `state - CHOSEN` was chosen.
 const CHOSEN: u32 = 3;
@@ -308,8 +308,8 @@ impl SelectState {
         if !self.is_open() {
             return None;
         }
-        // SAFETY: no other thread leaves an open state while the commit lock is held, so the wake handle
-        // is this thread's.
+        // SAFETY: no other thread leaves an open state while the commit lock is held, so the wake
+        // handle is this thread's.
         let wake_handle = self.wake_handle.with_mut(|cell| unsafe { (*cell).take() });
         // After it was taken: the owner, when it sees that the state was left, may open it again.
         self.state.store(state, Ordering::Release);

@@ -49,8 +49,7 @@ impl Waiting {
     /// Nothing waits at a buffered channel, which is used for plain operations only. There may be
     /// stored values.
     const STORE: u8 = 4;
-    /// Nothing waits at an unbuffered channel, which is used for plain operations only, but that one
-    /// alternative is registered. It is as for `IDLE` from there, but that no receiver waits alone.
+    /// As `IDLE`, at a channel where one alternative is registered: no receiver waits alone here.
     pub(crate) const REGISTERED: Waiting = Waiting::special(7);
     /// See the queues.
     pub(crate) const QUEUES: Waiting = Waiting::special(3);

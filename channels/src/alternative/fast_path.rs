@@ -82,8 +82,8 @@ impl Ends {
     }
 }
 
-/// Looks at new guards, and keeps the locks of those that it has seen. A guard that comes behind one
-/// that is ready, in the order of preference, cannot be chosen: it is not looked at.
+/// Looks at new guards, and keeps the locks of those that it has seen. A guard that comes behind a
+/// ready one, in the order of preference, cannot be chosen: it is not looked at.
 #[derive(Debug)]
 pub(super) struct Looks<'a> {
     turn: PlainTurn<'a>,

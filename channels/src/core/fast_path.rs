@@ -3,15 +3,17 @@
 //!
 //! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
 //! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
-//! is cloned or called; no alternative is registered, no call is served, no buffer overwrites; the
-//! process is neither recorded nor has a replay log. Whenever one of these conditions does not
-//! hold, no state has changed, and the operation takes the slow path.
+//! is cloned or called; at most one alternative is registered, no call is served, no buffer
+//! overwrites; the process is neither recorded nor has a replay log. Whenever one of these
+//! conditions does not hold, no state has changed, and the operation takes the slow path.
 //!
 //! ```text
 //!   plain turn? --> lock biased to this executor? --> what waits, one word?
 //!      | no              | no                           | nothing: the node waits alone
 //!      '--> slow path <--'                              | a partner alone: move, leave, ready it
-//!                ^                                      | a buffer: store or take a value
+//!                ^                                      | a guard alone: commit it, then as above
+//!                |                                      | a registered alternative: as a guard
+//!                |                                      | a buffer: store or take a value
 //!                '--------------------------------------' anything else
 //! ```
 //!
