@@ -4,6 +4,7 @@
 //! Not for the real-time path: [`wait_points`] looks at each channel under its lock, one after the
 //! other, so the result is no snapshot of one instant, unless all processes wait.
 
+use crate::core::{FastPath, Meet};
 use crate::wait_point::{Ending, Mover, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use luna_core::current::User;
@@ -162,6 +163,10 @@ pub(crate) struct ValueMethods {
     pub(crate) stored: CountStored,
     /// How the fast path moves a value; `None`: as one word, behind the link of the node.
     pub(crate) mover: Option<Mover>,
+    /// How it stores a value in a buffer, takes one from it, and sends to a registered alternative.
+    pub(crate) store: Meet,
+    pub(crate) take: Meet,
+    pub(crate) send_to_registered: Meet,
 }
 
 impl ValueMethods {
@@ -169,6 +174,9 @@ impl ValueMethods {
     const NONE: &Self = &Self {
         stored: |_| Stored::default(),
         mover: None,
+        store: |_, _, _| FastPath::No,
+        take: |_, _, _| FastPath::No,
+        send_to_registered: |_, _, _| FastPath::No,
     };
 }
 

@@ -30,18 +30,21 @@ use std::ptr::NonNull;
 const CLOSED: u32 = 0;
 /// The first commit succeeds.
 const OPEN: u32 = 1;
+/// As `OPEN`, by a process in its plain turn on the executor to which the commit lock is biased:
+/// the wake handle is a plain one, commits need the commit lock, and no delay limits them.
+const OPEN_PLAINLY: u32 = 2;
 /// Guard `state - CHOSEN` was chosen.
-const CHOSEN: u32 = 2;
+const CHOSEN: u32 = 3;
 
 /// The choice of one alternative.
 ///
 /// # Invariants
 ///
-/// `wake_handle` belongs to the owner unless the state is `OPEN`; from `OPEN`, to the thread that
-/// left it. Where that was no choice but a closing by another thread
+/// `wake_handle` belongs to the owner unless the state is `OPEN` or `OPEN_PLAINLY`; from these, to
+/// the thread that left them. Where that was no choice but a closing by another thread
 /// ([`close`](SelectState::close)), the owner learns of it before the other has taken the wake
 /// handle: such select states are `needs_lock`, and the commit lock is held around both.
-/// `has_plain_wake_handle` goes with it. `needs_lock` is changed by the owner alone, while no node
+/// `needs_lock` is changed by the owner alone, while no node
 /// leads here that is listed. `entered` belongs to the thread that holds the commit lock. While a
 /// node that leads here is listed, this is live: its owner takes each node off, under its list's
 /// lock, before it goes.
@@ -52,9 +55,6 @@ pub struct SelectState {
     /// several select states at once, a partner may close this one for its owner, or all wait
     /// points are biased to one executor.
     needs_lock: AtomicBool,
-    /// Whether the wake handle is one of a plain turn on the executor that owns the bias of the
-    /// commit lock.
-    has_plain_wake_handle: AtomicBool,
     /// The guards from `first_late` on cannot be committed from this instant on, in nanoseconds: a
     /// delay before them in the order of preference has passed then, and the owner chooses that
     /// delay, though it may not have run yet.
@@ -81,7 +81,6 @@ impl SelectState {
         Self {
             state: AtomicU32::new(CLOSED),
             needs_lock: AtomicBool::new(false),
-            has_plain_wake_handle: AtomicBool::new(false),
             late_from: AtomicU64::new(u64::MAX),
             first_late: AtomicU32::new(0),
             clock: AtomicUsize::new(0),
@@ -110,7 +109,6 @@ impl SelectState {
         limit: Option<(Instant, u32)>,
     ) {
         self.needs_lock.store(several, Ordering::Relaxed);
-        self.has_plain_wake_handle.store(false, Ordering::Relaxed);
         if let Some((instant, first_late)) = limit {
             self.first_late.store(first_late, Ordering::Relaxed);
             self.clock.store(Clock::number_here(), Ordering::Relaxed);
@@ -132,9 +130,8 @@ impl SelectState {
     #[inline(always)]
     pub(crate) unsafe fn opened_fast(turn: PlainTurn<'_>) -> Self {
         Self {
-            state: AtomicU32::new(OPEN),
+            state: AtomicU32::new(OPEN_PLAINLY),
             needs_lock: AtomicBool::new(true),
-            has_plain_wake_handle: AtomicBool::new(true),
             wake_handle: UnsafeCell::new(Some(WakeHandle::of_plain_turn(turn))),
             // SAFETY: a turn is that of this thread; the contract says that another lock is biased
             // to its executor.
@@ -158,7 +155,9 @@ impl SelectState {
     /// As [`commit_lock`](Self::commit_lock), if it is biased to this executor.
     #[inline(always)]
     pub(crate) fn commit_lock_if_biased(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, ()>> {
-        self.commit_lock.lock_if_biased(turn)
+        // SAFETY: the executor of this turn holds a commit lock for one step alone, in which it
+        // takes no other lock. Only a barrier's last party keeps one, and polls nothing meanwhile.
+        unsafe { self.commit_lock.try_enter(turn) }
     }
 
     /// Opens a select state that needs its commit lock for good.
@@ -167,7 +166,6 @@ impl SelectState {
     ///
     /// The owner calls this, the select state is closed, and the commit lock is held.
     pub(crate) unsafe fn open_with_lock(&self, wake_handle: WakeHandle) {
-        self.has_plain_wake_handle.store(false, Ordering::Relaxed);
         // SAFETY: in a closed select state it is the owner's; a thread that has closed it for the
         // owner has left the commit lock.
         self.wake_handle
@@ -182,17 +180,16 @@ impl SelectState {
     /// As there; the commit lock is biased to the executor of this turn.
     #[inline]
     pub(crate) unsafe fn open_plainly(&self, turn: PlainTurn<'_>) {
-        self.has_plain_wake_handle.store(true, Ordering::Relaxed);
         let wake_handle = Some(WakeHandle::of_plain_turn(turn));
-        // SAFETY: as for `open_with_lock`. A wake handle could be left here only by an opening that
-        // no thread has left: there is none.
+        // SAFETY: as for `open_with_lock`. The former one is not dropped: it could be left here
+        // only by an opening that no thread has left, and there is none.
         self.wake_handle
-            .with_mut(|cell| unsafe { *cell = wake_handle });
-        self.state.store(OPEN, Ordering::Release);
+            .with_mut(|cell| unsafe { cell.write(wake_handle) });
+        self.state.store(OPEN_PLAINLY, Ordering::Release);
     }
 
-    /// Chooses `guard`, if the select state is open with a [plain](Self::open_plainly) wake handle:
-    /// returns the owner's pending wake.
+    /// Chooses `guard`, if the select state was opened [plainly](Self::open_plainly): returns the
+    /// owner's pending wake.
     ///
     /// # Safety
     ///
@@ -200,17 +197,19 @@ impl SelectState {
     /// [`commit`](Self::commit).
     #[inline(always)]
     pub(crate) unsafe fn commit_plainly(&self, guard: u32) -> Option<PlainPendingWake> {
-        if !self.is_open()
-            || !self.has_plain_wake_handle.load(Ordering::Relaxed)
-            || self.is_late(guard)
-        {
+        if self.state.load(Ordering::Acquire) != OPEN_PLAINLY {
             return None;
         }
         let ready = self.wake_handle.with_mut(|cell| {
-            // SAFETY: the commit lock is held, and the state is `OPEN` and about to be left. The
-            // wake handle was made on this thread.
-            unsafe { WakeHandle::take_plain(&mut *cell) }
-        })?;
+            // SAFETY: the commit lock is held, and the state is about to be left. In
+            // `OPEN_PLAINLY` there is a plain wake handle, made by the executor that owns the bias:
+            // on this thread. It is overwritten, not dropped, after it was read.
+            unsafe {
+                let ready = WakeHandle::plain_of(cell);
+                cell.write(None);
+                ready
+            }
+        });
         self.state
             .store(guard.saturating_add(CHOSEN), Ordering::Release);
         Some(ready)
@@ -223,7 +222,10 @@ impl SelectState {
     /// The owner calls this, and no thread can commit the select state meanwhile: it is closed, or
     /// the owner holds the locks of all lists that its nodes are in.
     pub(crate) unsafe fn replace_wake_handle(&self, wake_handle: WakeHandle) -> Option<WakeHandle> {
-        self.has_plain_wake_handle.store(false, Ordering::Relaxed);
+        if self.state.load(Ordering::Relaxed) == OPEN_PLAINLY {
+            // Release: the owner's next store of the wake handle follows under the same locks.
+            self.state.store(OPEN, Ordering::Release);
+        }
         // SAFETY: by the contract no other thread accesses the wake handle.
         self.wake_handle
             .with_mut(|cell| unsafe { (*cell).replace(wake_handle) })
@@ -238,7 +240,7 @@ impl SelectState {
     /// Whether nothing is chosen and its owner waits.
     #[inline]
     pub(crate) fn is_open(&self) -> bool {
-        self.state.load(Ordering::Acquire) == OPEN
+        matches!(self.state.load(Ordering::Acquire), OPEN | OPEN_PLAINLY)
     }
 
     /// Chooses `guard`, if nothing is chosen yet: returns the owner's pending wake.
@@ -246,7 +248,7 @@ impl SelectState {
     /// For partners, under the lock of the list in which they found a node that leads here.
     #[inline]
     pub(crate) fn commit(&self, guard: u32) -> Option<Option<WakeHandle>> {
-        if self.state.load(Ordering::Acquire) != OPEN || self.is_late(guard) {
+        if !self.is_open() || self.is_late(guard) {
             return None;
         }
         self.leave_open(guard.saturating_add(CHOSEN))
@@ -281,7 +283,7 @@ impl SelectState {
         self.leave_open(CLOSED)
     }
 
-    /// Leaves `OPEN` for `state`, if the state is `OPEN`: returns the wake handle, if there is one.
+    /// Leaves an open state for `state`: returns the wake handle, if there is one.
     #[inline]
     fn leave_open(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.needs_lock.load(Ordering::Relaxed) {
@@ -303,11 +305,11 @@ impl SelectState {
     /// The select state needs its commit lock, and the calling thread holds it.
     #[inline]
     unsafe fn leave_open_with_lock(&self, state: u32) -> Option<Option<WakeHandle>> {
-        if self.state.load(Ordering::Acquire) != OPEN {
+        if !self.is_open() {
             return None;
         }
-        // SAFETY: no other thread leaves `OPEN` while the commit lock is held, so the wake handle
-        // is this thread's.
+        // SAFETY: no other thread leaves an open state while the commit lock is held, so the wake
+        // handle is this thread's.
         let wake_handle = self.wake_handle.with_mut(|cell| unsafe { (*cell).take() });
         // After it was taken: the owner, when it sees that the state was left, may open it again.
         self.state.store(state, Ordering::Release);
@@ -343,7 +345,7 @@ impl SelectState {
         select_state
             .entered
             .with_mut(|cell| unsafe { *cell = Some(commit_lock) });
-        select_state.state.load(Ordering::Acquire) == OPEN && !select_state.is_late(guard)
+        select_state.is_open() && !select_state.is_late(guard)
     }
 
     /// Leaves the commit lock; before that, chooses `guard` if one is given, and returns the

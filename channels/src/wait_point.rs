@@ -30,10 +30,10 @@ pub(crate) type Mover = unsafe fn(NonNull<Waiter<()>>, NonNull<Waiter<()>>);
 /// Before anything else is done here, the slow path [lists](WaitQueues::list_lone) it.
 ///
 /// ```text
-///   IDLE or STORE <---> alone, sender or receiver
-///     |      ^               |
+///   IDLE, STORE or REGISTERED <---> alone, sender or receiver
+///     |      ^                           |
 ///     |      '-- fast path: plain, and both queues are empty
-///     v                      v
+///     v                                  v
 ///   QUEUES <--- slow path, with each lock
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +49,8 @@ impl Waiting {
     /// Nothing waits at a buffered channel, which is used for plain operations only. There may be
     /// stored values.
     const STORE: u8 = 4;
+    /// As `IDLE`, at a channel where one alternative is registered: no receiver waits alone here.
+    pub(crate) const REGISTERED: Waiting = Waiting::special(7);
     /// See the queues.
     pub(crate) const QUEUES: Waiting = Waiting::special(3);
     const SENDER: usize = 1;
@@ -119,15 +121,6 @@ impl Waiting {
     }
 }
 
-/// Whether a wait point is used for plain sends and receives only.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Usage {
-    No,
-    /// But for one registered alternative, and it has no buffer.
-    ButRegistered,
-    Yes,
-}
-
 /// What a wait point's lock guards. The nodes in the lists are guarded with it.
 ///
 /// Fields that each rendezvous writes come first, so that they lie on one cache line with the lock
@@ -144,10 +137,12 @@ pub struct WaitQueues {
     /// Whether it has ended, or a recorded process has come: operations then take the slow path
     /// here. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
-    usage: Usage,
+    /// Whether the fast path may decide here. See
+    /// [`find_whether_plain`](WaitQueues::find_whether_plain).
+    pub(crate) is_plain: bool,
     pub(crate) may_be_plain: bool,
-    /// What `waiting` is while nothing waits and the fast path decides: `IDLE` where there is no
-    /// buffer, or `STORE`.
+    /// What `waiting` is while nothing waits and the fast path decides: `STORE` where there is a
+    /// buffer, else `IDLE` or `REGISTERED`.
     nothing: u8,
     /// Whether the fast path moves a value as one word, which lies behind the link of the node.
     pub(crate) moves_word: bool,
@@ -210,7 +205,7 @@ impl WaitQueues {
     #[inline]
     pub(crate) fn leave_queues(&mut self) -> bool {
         let may = self.waiting == Waiting::QUEUES
-            && self.is_plain()
+            && self.is_plain
             && self.senders.is_empty()
             && self.receivers.is_empty()
             && !(self.is_rendezvous() && self.is_storing);
@@ -264,29 +259,22 @@ impl WaitQueues {
         }
     }
 
-    /// Whether it is plain and has no buffer.
+    /// Whether it is plain and has no buffer, and no alternative is registered.
     #[inline]
     pub(crate) fn is_plain_rendezvous(&self) -> bool {
-        self.is_plain() && self.is_rendezvous()
+        self.is_plain && self.nothing == Waiting::IDLE
     }
 
     /// Whether it has no buffer.
     #[inline(always)]
     pub(crate) fn is_rendezvous(&self) -> bool {
-        self.nothing == Waiting::IDLE
-    }
-
-    /// Whether it is a channel that is used for plain sends and receives only: see
-    /// [`find_whether_plain`](WaitQueues::find_whether_plain).
-    #[inline(always)]
-    pub(crate) fn is_plain(&self) -> bool {
-        self.usage == Usage::Yes
+        self.nothing != Waiting::STORE
     }
 
     /// Whether it is unbuffered, and plain but for one registered alternative.
     #[inline(always)]
     pub(crate) fn is_plain_but_registered(&self) -> bool {
-        self.usage == Usage::ButRegistered
+        self.is_plain && Waiting::special(self.nothing) == Waiting::REGISTERED
     }
 
     /// Notes which user was the last one of this side.
@@ -317,11 +305,15 @@ impl WaitQueues {
         // SAFETY: it is the first of this list.
         let is_one =
             registered.is_some_and(|first| unsafe { self.registered.after(first) }.is_none());
-        self.usage = match registered {
-            None if is_plain => Usage::Yes,
-            Some(_) if is_plain && self.is_rendezvous() && is_one => Usage::ButRegistered,
-            _ => Usage::No,
-        };
+        // It is called under a lock that has listed what waited alone.
+        debug_assert!(self.waiting == Waiting::QUEUES);
+        self.is_plain = is_plain && (registered.is_none() || is_one && self.is_rendezvous());
+        if self.is_rendezvous() {
+            self.nothing = match registered {
+                None => Waiting::IDLE,
+                Some(_) => Waiting::REGISTERED.0.addr() as u8,
+            };
+        }
         self.is_unusual = self.ending != Ending::Open || self.log_state.is_used();
     }
 }
@@ -392,7 +384,7 @@ impl WaitPoint {
                 watching: WaitList::new(),
                 ending: Ending::Open,
                 is_unusual: false,
-                usage: Usage::No,
+                is_plain: false,
                 may_be_plain: false,
                 extends: false,
                 is_storing: false,

@@ -229,10 +229,25 @@ impl<T> BiasedLock<T> {
     /// The calling thread does not hold the lock.
     #[inline(always)]
     pub unsafe fn enter_trusted(&self, turn: PlainTurn<'_>) -> Result<InsideGuard<'_, T>, Refused> {
-        let executor = turn.executor_number();
-        if self.bias.load(Ordering::Acquire) != executor {
+        if self.bias.load(Ordering::Acquire) != turn.executor_number() {
             return Err(Refused::NotBiased);
         }
+        // SAFETY: the contract is the same.
+        unsafe { self.enter_if_still_biased(turn) }
+    }
+
+    /// The rest of [`enter_trusted`](Self::enter_trusted), for a lock that was just seen biased to
+    /// the executor of this turn.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    unsafe fn enter_if_still_biased(
+        &self,
+        turn: PlainTurn<'_>,
+    ) -> Result<InsideGuard<'_, T>, Refused> {
+        let executor = turn.executor_number();
         // SAFETY: a turn is that of the calling thread. The caller promises that the thread does
         // not hold this lock.
         unsafe { self.inside.enter_unchecked(turn.thread_id()) };
@@ -259,14 +274,19 @@ impl<T> BiasedLock<T> {
     #[inline(always)]
     pub unsafe fn try_enter(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
         // SAFETY: the contract is the same.
-        match unsafe { self.enter_trusted(turn) } {
-            Ok(inside) => Some(inside),
-            Err(Refused::NotBiased) => None,
-            Err(Refused::Revoked) => {
-                self.after_revocation();
-                None
-            }
+        let entered = unsafe { self.enter_trusted(turn) };
+        self.or_after_revocation(entered)
+    }
+
+    #[inline(always)]
+    fn or_after_revocation<'a>(
+        &self,
+        entered: Result<InsideGuard<'a, T>, Refused>,
+    ) -> Option<InsideGuard<'a, T>> {
+        if let Err(Refused::Revoked) = entered {
+            self.after_revocation();
         }
+        entered.ok()
     }
 
     /// As [`try_enter`](Self::try_enter), for callers that take several such locks at once, two of
@@ -277,8 +297,9 @@ impl<T> BiasedLock<T> {
         if !is_biased || self.inside.is_entered() {
             return None;
         }
-        // SAFETY: the lock is biased to this thread, so the thread would be the one inside.
-        unsafe { self.try_enter(turn) }
+        // SAFETY: the lock was biased to this thread, so the thread would be the one inside.
+        let entered = unsafe { self.enter_if_still_biased(turn) };
+        self.or_after_revocation(entered)
     }
 
     /// The guard that was [kept](InsideGuard::keep).

@@ -17,6 +17,8 @@
 //! Where nothing else waits, a guard waits alone, outside of the queues: see
 //! [`Waiting`](crate::wait_point::Waiting).
 
+use super::guard::Guard;
+use crate::core::{FastPath, part_from};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
@@ -24,6 +26,7 @@ use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User};
 use luna_core::wait_list::{WaitList, WaitNode};
+use std::pin::Pin;
 use std::ptr::NonNull;
 
 /// A guard on the fast path: a plain send or receive, of which the value does not matter.
@@ -41,16 +44,14 @@ pub struct PlainGuard<'a> {
 /// turn of its process.
 pub trait Visit {
     /// Goes to a guard. Returns whether to go on to the next one.
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool;
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool;
 }
 
-/// The ends among which a fair alternative chooses the least recently chosen one.
-#[derive(Debug)]
-struct Ends {
+/// The greatest stamp among the ends of an alternative, if it is fair; else no end has one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ends {
     is_fair: bool,
-    /// When an end was last chosen.
     greatest: u64,
-    chosen: Option<NonNull<Stamp>>,
 }
 
 impl Ends {
@@ -58,7 +59,6 @@ impl Ends {
         Self {
             is_fair,
             greatest: 0,
-            chosen: None,
         }
     }
 
@@ -73,43 +73,28 @@ impl Ends {
         stamp
     }
 
-    /// Gives the chosen end its new stamp.
-    ///
-    /// # Safety
-    ///
-    /// The guards are still there.
+    /// Gives the chosen end its new stamp, after all were noted.
     #[inline(always)]
-    unsafe fn stamp(&self) {
-        if let Some(stamp) = self.chosen
-            && self.is_fair
-        {
-            // SAFETY: it lies in an end that the guard borrows.
-            unsafe { stamp.as_ref() }.choose(self.greatest);
+    fn choose(self, chosen: &Stamp) {
+        if self.is_fair {
+            chosen.choose(self.greatest);
         }
     }
 }
 
-/// The guard to choose.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Ready {
-    pub(super) number: u32,
-    pub(super) partner: NonNull<WaitNode>,
-    pub(super) wait_point: NonNull<WaitPoint>,
-    pub(super) of_sender: bool,
-}
-
-/// Looks at new guards, and keeps the locks of those that it has seen.
+/// Looks at new guards, and keeps the locks of those that it has seen. A guard that comes behind a
+/// ready one, in the order of preference, cannot be chosen: it is not looked at.
 #[derive(Debug)]
 pub(super) struct Looks<'a> {
     turn: PlainTurn<'a>,
-    pub(super) ready: Option<Ready>,
+    /// The number of the guard to choose.
+    pub(super) ready: Option<u32>,
     /// When the end of `ready` was last chosen.
     least: u64,
     ends: Ends,
-    /// One more than the number of the last guard with a locked wait point.
-    end: u32,
-    /// The fast path is unavailable: no guard is there, or one cannot take it.
-    pub(super) is_refused: bool,
+    /// A bit for each guard with a locked wait point.
+    locked: u32,
+    is_refused: bool,
 }
 
 impl<'a> Looks<'a> {
@@ -120,20 +105,15 @@ impl<'a> Looks<'a> {
             ready: None,
             least: u64::MAX,
             ends: Ends::new(is_fair),
-            end: 0,
-            is_refused: true,
+            locked: 0,
+            is_refused: false,
         }
     }
 
-    /// See [`Ends::stamp`].
-    ///
-    /// # Safety
-    ///
-    /// As there.
+    /// Whether the fast path is unavailable: no guard is there, or one cannot take it.
     #[inline(always)]
-    pub(super) unsafe fn stamp(&self) {
-        // SAFETY: the contract.
-        unsafe { self.ends.stamp() };
+    pub(super) fn is_refused(&self) -> bool {
+        self.is_refused || self.locked == 0
     }
 
     /// What releases the locks, but for the lock of the guard that is ready.
@@ -141,58 +121,66 @@ impl<'a> Looks<'a> {
     pub(super) fn leaving(&self) -> Leaving<'_> {
         Leaving {
             turn: self.turn,
-            end: self.end,
-            kept: match (&self.ready, self.is_refused) {
-                (Some(ready), false) => ready.number,
-                _ => u32::MAX,
+            locked: match (self.ready, self.is_refused) {
+                (Some(ready), false) => self.locked & !(1 << ready),
+                _ => self.locked,
             },
+        }
+    }
+
+    /// What lets the guard that is ready meet its partner.
+    ///
+    /// # Safety
+    ///
+    /// It visits that guard, which is new, and the lock of its wait point is kept.
+    #[inline(always)]
+    pub(super) unsafe fn meeting(&self) -> Meeting<'_> {
+        Meeting {
+            turn: self.turn,
+            ends: self.ends,
+            result: FastPath::No,
         }
     }
 }
 
 impl Visit for Looks<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
+        let guard = guard.plain();
+        let stamp = self.ends.note(guard.stamp);
+        // Of two that were never chosen, the first.
+        if stamp >= self.least {
+            return true;
+        }
         let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
             self.is_refused = true;
             return false;
         };
-        let partner = match lists.waiting.one(!guard.of_sender) {
-            None if !lists.waiting.is_idle() => {
-                // SAFETY: the lock is held.
-                let Some(found) = (unsafe { look_at_queues(lists, guard.of_sender) }) else {
-                    self.is_refused = true;
-                    return false;
-                };
-                found
-            }
-            partner => {
-                lists.keep();
-                partner
-            }
+        let is_ready = if lists.waiting.is_idle() {
+            lists.keep();
+            false
+        } else if lists.waiting.one(!guard.of_sender).is_some() {
+            lists.keep();
+            true
+        } else {
+            // SAFETY: the lock is held.
+            let Some(found) = (unsafe { look_at_queues(lists, guard.of_sender) }) else {
+                self.is_refused = true;
+                return false;
+            };
+            found
         };
-        self.is_refused = false;
-        self.end = number + 1;
-        let stamp = self.ends.note(guard.stamp);
-        // Of two that were never chosen, the first.
-        if let Some(partner) = partner
-            && stamp < self.least
-        {
-            self.least = stamp;
-            self.ends.chosen = Some(NonNull::from(guard.stamp));
-            self.ready = Some(Ready {
-                number,
-                partner,
-                wait_point: NonNull::from(guard.wait_point),
-                of_sender: guard.of_sender,
-            });
-            return self.ends.is_fair;
+        self.locked |= 1 << number;
+        if !is_ready {
+            return true;
         }
-        true
+        self.least = stamp;
+        self.ready = Some(number);
+        self.ends.is_fair
     }
 }
 
-/// Looks for a partner where neither nothing nor a partner waits alone. `None`: fast path
+/// Whether there is a partner, where neither nothing nor a partner waits alone. `None`: fast path
 /// unavailable, and the lock is released. Else it is kept.
 ///
 /// # Safety
@@ -200,10 +188,7 @@ impl Visit for Looks<'_> {
 /// The lists are those of a wait point.
 #[cold]
 #[inline(never)]
-unsafe fn look_at_queues(
-    mut lists: InsideGuard<'_, WaitQueues>,
-    of_sender: bool,
-) -> Option<Option<NonNull<WaitNode>>> {
+unsafe fn look_at_queues(mut lists: InsideGuard<'_, WaitQueues>, of_sender: bool) -> Option<bool> {
     // What a buffer stores, and a guard of another alternative on the other side, are left to the
     // slow path.
     if !lists.is_plain_rendezvous()
@@ -211,34 +196,77 @@ unsafe fn look_at_queues(
     {
         return None;
     }
-    let partner = match of_sender {
-        true => lists.receivers.first(),
-        false => lists.senders.first(),
-    };
+    let partner = first_partner(&mut lists, of_sender);
     // SAFETY: under the lock the nodes in the queues are accessible.
     if partner.is_some_and(|first| !unsafe { Waiter::<()>::has_plain_wake_handle(first.cast()) }) {
         return None;
     }
     lists.keep();
-    Some(partner)
+    Some(partner.is_some())
+}
+
+/// The first in the queue of the other side.
+fn first_partner(lists: &mut WaitQueues, of_sender: bool) -> Option<NonNull<WaitNode>> {
+    match of_sender {
+        true => lists.waiting_for::<true>().first(),
+        false => lists.waiting_for::<false>().first(),
+    }
+}
+
+/// Lets the guard that is ready meet its partner, and the partner go.
+#[derive(Debug)]
+pub(super) struct Meeting<'a> {
+    turn: PlainTurn<'a>,
+    ends: Ends,
+    pub(super) result: FastPath,
+}
+
+impl Visit for Meeting<'_> {
+    #[inline(always)]
+    fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
+        let PlainGuard {
+            wait_point,
+            of_sender,
+            stamp,
+            ..
+        } = guard.plain();
+        self.ends.choose(stamp);
+        // The end that the guard borrows keeps the wait point.
+        let wait_point = NonNull::from(wait_point);
+        // SAFETY: the look has kept the lock, on this thread, and has found the partner.
+        unsafe {
+            let wait_point = wait_point.as_ref();
+            let mut lists = wait_point.kept(self.turn);
+            let partner = match lists.waiting.one(!of_sender) {
+                Some(partner) => partner,
+                None => match first_partner(&mut lists, of_sender) {
+                    Some(first) => first,
+                    None => unreachable!("a partner has gone under the lock"),
+                },
+            };
+            lists.keep();
+            guard.meet(partner);
+            self.result = part_from(wait_point, partner, of_sender, self.turn);
+        }
+        false
+    }
 }
 
 /// Releases the locks that [`Looks`] have kept, but for one.
 #[derive(Debug)]
 pub(super) struct Leaving<'a> {
     turn: PlainTurn<'a>,
-    end: u32,
-    kept: u32,
+    locked: u32,
 }
 
 impl Visit for Leaving<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
-        if number != self.end && number != self.kept {
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
+        if self.locked & (1 << number) != 0 {
             // SAFETY: the look has kept the lock, on this thread.
-            drop(unsafe { guard.wait_point.kept(self.turn) });
+            drop(unsafe { guard.plain().wait_point.kept(self.turn) });
         }
-        number != self.end
+        true
     }
 }
 
@@ -268,12 +296,17 @@ impl<'a> Listing<'a> {
 
 impl Visit for Listing<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
-        let (node, of_sender) = (guard.node, guard.of_sender);
+    fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
+        let PlainGuard {
+            wait_point,
+            node,
+            of_sender,
+            ..
+        } = guard.plain();
         // SAFETY: the look has kept the lock, on this thread. The node is new, so no other thread
         // knows it.
         unsafe {
-            let mut lists = guard.wait_point.kept(self.turn);
+            let mut lists = wait_point.kept(self.turn);
             Waiter::<()>::begin_guard(node.cast(), self.by, self.select_state, number);
             match of_sender {
                 true => lists.sender = LastUser::of(self.by.0),
@@ -284,6 +317,7 @@ impl Visit for Listing<'_> {
                 false => list_in_queue(&mut lists, node, self.by.1, of_sender),
             }
         }
+        guard.note_listed();
         true
     }
 }
@@ -311,51 +345,70 @@ unsafe fn list_in_queue(
     }
 }
 
+/// Whether the chosen guard is over, and its stamp.
+#[derive(Debug, Default)]
+pub(super) struct Chosen(Option<NonNull<Stamp>>);
+
+impl Visit for Chosen {
+    #[inline(always)]
+    fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
+        let guard = guard.plain();
+        // SAFETY: the node was begun when it was listed.
+        let outcome = unsafe { Waiter::outcome(guard.node.cast::<Waiter<()>>()) };
+        self.0 = (outcome == Outcome::Done).then(|| NonNull::from(guard.stamp));
+        false
+    }
+}
+
+impl Chosen {
+    /// What withdraws the other guards; `None` if the chosen one is not over.
+    ///
+    /// # Safety
+    ///
+    /// The guards stay until the result is gone, and it visits all of them.
+    #[inline(always)]
+    pub(super) unsafe fn withdrawing(
+        self,
+        turn: PlainTurn<'_>,
+        is_fair: bool,
+    ) -> Option<Withdrawing<'_>> {
+        Some(Withdrawing {
+            turn,
+            chosen: self.0?,
+            ends: Ends::new(is_fair),
+        })
+    }
+}
+
 /// Withdraws the guards that were listed and not chosen.
 #[derive(Debug)]
 pub(super) struct Withdrawing<'a> {
     turn: PlainTurn<'a>,
-    chosen: u32,
+    /// Of the chosen guard, which is over.
+    chosen: NonNull<Stamp>,
     ends: Ends,
-    /// Whether the chosen guard is over.
-    pub(super) is_over: bool,
 }
 
-impl<'a> Withdrawing<'a> {
+impl Withdrawing<'_> {
+    /// Gives the end of the chosen guard its new stamp, after all guards were visited.
     #[inline(always)]
-    pub(super) fn but(chosen: u32, turn: PlainTurn<'a>, is_fair: bool) -> Self {
-        Self {
-            turn,
-            chosen,
-            ends: Ends::new(is_fair),
-            is_over: false,
-        }
-    }
-
-    /// See [`Ends::stamp`].
-    ///
-    /// # Safety
-    ///
-    /// As there.
-    #[inline(always)]
-    pub(super) unsafe fn stamp(&self) {
-        // SAFETY: the contract.
-        unsafe { self.ends.stamp() };
+    pub(super) fn stamp(self) {
+        // SAFETY: it lies in an end that the guard borrows, and `withdrawing` requires that the
+        // guards stay.
+        self.ends.choose(unsafe { self.chosen.as_ref() });
     }
 }
 
 impl Visit for Withdrawing<'_> {
     #[inline(always)]
-    fn visit(&mut self, number: u32, guard: PlainGuard<'_>) -> bool {
+    fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
+        let guard = guard.plain();
         self.ends.note(guard.stamp);
         let node = guard.node.cast::<Waiter<()>>();
         // SAFETY: the node was begun when it was listed. This thread holds no other lock of a wait
-        // point, and under the lock a waiting node is listed.
+        // point, and under the lock a waiting node is listed. The chosen one is over.
         unsafe {
-            if number == self.chosen {
-                self.ends.chosen = Some(NonNull::from(guard.stamp));
-                self.is_over = Waiter::outcome(node) == Outcome::Done;
-            } else if Waiter::is_waiting(node) {
+            if Waiter::is_waiting(node) {
                 match guard.wait_point.try_enter(self.turn) {
                     Some(mut lists)
                         if lists.waiting == Waiting::alone_guard(guard.node, guard.of_sender) =>
@@ -406,20 +459,18 @@ pub(crate) enum Commit {
     No,
 }
 
-/// Commits the alternative of a guard that waits.
+/// Commits an alternative through this guard of it.
 ///
 /// # Safety
 ///
-/// It waits at a wait point in whose lock this thread is, as a guard.
+/// The guard waits at a wait point in whose lock this thread is: so the select state is live.
 #[inline(always)]
-pub(crate) unsafe fn commit(node: NonNull<WaitNode>, turn: PlainTurn<'_>) -> Commit {
-    let node = node.cast::<Waiter<()>>();
-    // SAFETY: the lock guards the node; its select state is live. The type of the value does not
-    // matter.
+pub(crate) unsafe fn commit(
+    (select_state, guard): (NonNull<SelectState>, u32),
+    turn: PlainTurn<'_>,
+) -> Commit {
+    // SAFETY: the contract. This is a partner, and holds the commit lock by its bias.
     unsafe {
-        let Some((select_state, guard)) = Waiter::select_state(node) else {
-            return Commit::No;
-        };
         let select_state = select_state.as_ref();
         if !select_state.is_open() {
             return Commit::Stale;
@@ -451,7 +502,10 @@ pub(crate) unsafe fn take_first(
         unsafe {
             let found = match Waiter::<()>::take_plain_wake_handle(first.cast()) {
                 Some(ready) => Commit::Chosen(ready),
-                None => commit(first, turn),
+                None => match Waiter::<()>::select_state(first.cast()) {
+                    Some(select_state) => commit(select_state, turn),
+                    None => Commit::No,
+                },
             };
             match found {
                 Commit::Chosen(ready) => {

@@ -8,9 +8,7 @@ use crate::barrier::SyncOp;
 use crate::call::CallOp;
 use crate::operation::{Direction, Operation};
 use arrayvec::ArrayVec;
-use luna_core::wait_list::WaitNode;
 use std::pin::Pin;
-use std::ptr::NonNull;
 
 /// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
 /// which also costs less for many.
@@ -155,17 +153,10 @@ pub trait Guards {
     fn collect<'a>(self: Pin<&'a mut Self>, number: u32, into: &mut Collected<'a>);
 
     /// Goes to the open guards, until told not to. Only for a [plain](Self::PLAIN) list.
-    fn each(&self, number: u32, step: &mut impl Visit);
+    fn each(self: Pin<&mut Self>, number: u32, step: &mut impl Visit);
 
-    /// The open guards are listed by the fast path from now on.
-    fn note_listed(self: Pin<&mut Self>);
-
-    /// Moves the value between guard `index` and its partner.
-    ///
-    /// # Safety
-    ///
-    /// As for [`Guard::meet`].
-    unsafe fn meet(self: Pin<&mut Self>, index: u32, partner: NonNull<WaitNode>);
+    /// Goes to guard `index`, which is open. Only for a [plain](Self::PLAIN) list.
+    fn one(self: Pin<&mut Self>, index: u32, step: &mut impl Visit);
 
     /// The output of guard `index`, or of `skip` if that is their number.
     ///
@@ -199,13 +190,10 @@ macro_rules! end_of_list {
             fn collect<'a>(self: Pin<&'a mut Self>, _: u32, _: &mut Collected<'a>) {}
 
             #[inline(always)]
-            fn each(&self, _: u32, _: &mut impl Visit) {}
+            fn each(self: Pin<&mut Self>, _: u32, _: &mut impl Visit) {}
 
             #[inline(always)]
-            fn note_listed(self: Pin<&mut Self>) {}
-
-            #[inline(always)]
-            unsafe fn meet(self: Pin<&mut Self>, _: u32, _: NonNull<WaitNode>) {}
+            fn one(self: Pin<&mut Self>, _: u32, _: &mut impl Visit) {}
 
             #[inline(always)]
             unsafe fn output(self: Pin<&mut Self>, _: u32) -> $output {
@@ -254,34 +242,23 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
     }
 
     #[inline(always)]
-    fn each(&self, number: u32, step: &mut impl Visit) {
-        if let Some(first) = &self.0
-            && !step.visit(number, first.plain())
+    fn each(self: Pin<&mut Self>, number: u32, step: &mut impl Visit) {
+        let (first, rest) = self.parts();
+        if let Some(first) = first
+            && !step.visit(number, first)
         {
             return;
         }
-        self.1.each(number + 1, step);
+        rest.each(number + 1, step);
     }
 
     #[inline(always)]
-    fn note_listed(self: Pin<&mut Self>) {
+    fn one(self: Pin<&mut Self>, index: u32, step: &mut impl Visit) {
         let (first, rest) = self.parts();
-        if let Some(first) = first {
-            first.note_listed();
-        }
-        rest.note_listed();
-    }
-
-    #[inline(always)]
-    unsafe fn meet(self: Pin<&mut Self>, index: u32, partner: NonNull<WaitNode>) {
-        let (first, rest) = self.parts();
-        // SAFETY: the contract.
-        unsafe {
-            match (index.checked_sub(1), first) {
-                (None, Some(first)) => first.meet(partner),
-                (None, None) => {}
-                (Some(index), _) => rest.meet(index, partner),
-            }
+        match (index.checked_sub(1), first) {
+            (None, Some(first)) => _ = step.visit(index, first),
+            (None, None) => {}
+            (Some(index), _) => rest.one(index, step),
         }
     }
 

@@ -121,7 +121,7 @@ impl ReadySet {
             self.position.resize(member + 1, NONE);
         }
         self.members += 1;
-        let wanted = (self.members * 2).next_power_of_two().max(64);
+        let wanted = (self.members * 4).next_power_of_two().max(64);
         if wanted > self.at.len() {
             let ready: Vec<u32> = self.ready_members().collect();
             self.at.resize(wanted, NONE);
@@ -174,7 +174,7 @@ impl ReadySet {
     }
 
     /// As [`put_behind`](Self::put_behind), for a member that is ready until now.
-    #[inline]
+    #[inline(always)]
     pub(super) fn choose(&mut self, member: usize, stays_ready: bool) {
         self.clear(member);
         self.move_last(member);

@@ -355,16 +355,14 @@ impl<'a, T> Alternative<'a, T> {
     fn note_ready(&mut self, taken: *mut Entry<T>) {
         let mut next = taken;
         while let Some(entry) = NonNull::new(next) {
-            // SAFETY: an entry on the stack is live, and what was taken off it is this thread's.
+            // SAFETY: an entry on the stack is live, and what was taken off it is this thread's. It
+            // was begun with its select state.
             let index = unsafe {
                 next = (*entry.as_ptr()).next;
-                Waiter::select_state(entry.cast::<Waiter<T>>()).map(|(_, index)| index)
+                Waiter::guard_of(entry.cast::<Waiter<T>>()).1
             };
-            if let Some(index) = index
-                && self.entries[index as usize] == Some(entry)
-            {
-                self.ready.set(index as usize);
-            }
+            // One that is about to be removed is a member of the set until its pushes are drained.
+            self.ready.set(index as usize);
         }
     }
 
@@ -376,7 +374,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     /// Hands on what an entry holds.
-    #[inline]
+    #[inline(always)]
     fn take_held(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
         // SAFETY: the select state was chosen through this entry, so it was committed; its settled

@@ -5,7 +5,7 @@
 
 use super::fast_path::leave_done;
 use super::{Channel, FastPath};
-use crate::wait_point::LastUser;
+use crate::wait_point::{LastUser, WaitPoint};
 use crate::waiter::Waiter;
 use luna_core::current::PlainTurn;
 use std::hint::assert_unchecked;
@@ -16,21 +16,22 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`meet_found`](Self::meet_found), of a send that has found `Store`.
-    #[inline(never)]
+    /// As for [`Meet`](super::Meet), of a send at a channel with a buffer.
     pub(super) unsafe fn store_fast(
-        &self,
-        node: NonNull<Waiter<T>>,
+        channel: NonNull<WaitPoint>,
+        node: NonNull<Waiter<()>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
+        // SAFETY: the contract: the wait point is the first field of such a channel.
+        let (this, node) = unsafe { (channel.cast::<Self>().as_ref(), node.cast::<Waiter<T>>()) };
         // SAFETY: the contract: the executor has kept the lock, which guards the store too, and the
         // node holds a value. The store of such a buffer was made with room for all that the buffer
         // holds, and one that is not full has room for one more.
         unsafe {
-            let mut lists = self.wait_point.kept(turn);
-            let is_stored = self.store.with_mut(|store| {
+            let mut lists = this.wait_point.kept(turn);
+            let is_stored = this.store.with_mut(|store| {
                 let store = &mut *store;
-                if store.len() >= self.capacity() {
+                if store.len() >= this.capacity() {
                     return false;
                 }
                 assert_unchecked(store.len() < store.capacity());
@@ -39,11 +40,11 @@ impl<T> Channel<T> {
             });
             if !is_stored {
                 lists.keep();
-                return self.wait_for_room(node, turn);
+                return this.wait_for_room(node, turn);
             }
             lists.note_user(true, LastUser::process(turn.process().id()));
             lists.is_storing = true;
-            leave_done(&self.wait_point, lists, turn)
+            leave_done(&this.wait_point, lists, turn)
         }
     }
 
@@ -72,27 +73,28 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`meet_found`](Self::meet_found), of a receive that has found `Store`.
-    #[inline(never)]
+    /// As for [`Meet`](super::Meet), of a receive at a channel with a buffer.
     pub(super) unsafe fn take_stored_fast(
-        &self,
-        node: NonNull<Waiter<T>>,
+        channel: NonNull<WaitPoint>,
+        node: NonNull<Waiter<()>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
+        // SAFETY: the contract: the wait point is the first field of such a channel.
+        let (this, node) = unsafe { (channel.cast::<Self>().as_ref(), node.cast::<Waiter<T>>()) };
         // SAFETY: the contract: the executor has kept the lock, which guards the store too.
         unsafe {
-            let mut lists = self.wait_point.kept(turn);
-            let stored = self.store.with(|store| (*store).len());
+            let mut lists = this.wait_point.kept(turn);
+            let stored = this.store.with(|store| (*store).len());
             // Values given back by dropped futures may exceed the capacity.
-            if stored == 0 || stored > self.capacity() || !lists.senders.is_empty() {
+            if stored == 0 || stored > this.capacity() || !lists.senders.is_empty() {
                 lists.keep();
-                return self.take_stored_otherwise(node, turn);
+                return this.take_stored_otherwise(node, turn);
             }
-            let value = self.store.with_mut(|store| (*store).pop_front());
+            let value = this.store.with_mut(|store| (*store).pop_front());
             Waiter::put_value_of(node, value.unwrap_unchecked());
             lists.note_user(false, LastUser::process(turn.process().id()));
             lists.is_storing = stored > 1;
-            leave_done(&self.wait_point, lists, turn)
+            leave_done(&this.wait_point, lists, turn)
         }
     }
 

@@ -3,15 +3,17 @@
 //!
 //! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
 //! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
-//! is cloned or called; no alternative is registered, no call is served, no buffer overwrites; the
-//! process is neither recorded nor has a replay log. Whenever one of these conditions does not
-//! hold, no state has changed, and the operation takes the slow path.
+//! is cloned or called; at most one alternative is registered, no call is served, no buffer
+//! overwrites; the process is neither recorded nor has a replay log. Whenever one of these
+//! conditions does not hold, no state has changed, and the operation takes the slow path.
 //!
 //! ```text
 //!   plain turn? --> lock biased to this executor? --> what waits, one word?
 //!      | no              | no                           | nothing: the node waits alone
 //!      '--> slow path <--'                              | a partner alone: move, leave, ready it
-//!                ^                                      | a buffer: store or take a value
+//!                ^                                      | a guard alone: commit it, then as above
+//!                |                                      | a registered alternative: as a guard
+//!                |                                      | a buffer: store or take a value
 //!                '--------------------------------------' anything else
 //! ```
 //!
@@ -45,11 +47,16 @@ pub(crate) enum FastPath {
     /// Fast path unavailable: no value has moved, and the operation is as new. Take the slow path.
     /// Stale guards of alternatives may have been taken off.
     No,
-    /// There is a buffer. The lock is kept.
-    Store,
-    /// An alternative is registered. The lock is kept.
-    Registered,
 }
+
+/// A step of the fast path that depends on the type of the channel's values: the rest of [`meet`]
+/// where its condition holds. The lock was kept.
+///
+/// # Safety
+///
+/// As for `meet`, with the wait point of such a channel.
+pub(crate) type Meet =
+    unsafe fn(NonNull<WaitPoint>, NonNull<Waiter<()>>, PlainTurn<'_>) -> FastPath;
 
 impl FastPath {
     /// Of an operation that is done.
@@ -68,15 +75,17 @@ impl FastPath {
 ///
 /// `node` is that of an operation of the channel around `wait_point`, a send if `SEND`, and not
 /// listed. A send's holds its value, and a receive's none. No other thread accesses it, and it
-/// stays where it is until it is settled or withdrawn.
+/// stays where it is until it is settled or withdrawn. `channel` is a pointer to the whole channel.
 #[inline(always)]
 unsafe fn meet<const SEND: bool>(
-    wait_point: &WaitPoint,
+    channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
+    // SAFETY: the contract; the operation keeps its channel.
+    let wait_point = unsafe { channel.as_ref() };
     // SAFETY: a thread holds no lock of a wait point when it polls.
-    let mut lists = match unsafe { wait_point.enter(turn) } {
+    let lists = match unsafe { wait_point.enter(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,
         Err(Refused::Revoked) => return revoked(wait_point, FastPath::No),
@@ -97,22 +106,64 @@ unsafe fn meet<const SEND: bool>(
             return part::<SEND>(wait_point, lists, partner, turn);
         }
         if lists.waiting.is_idle() {
-            let process = turn.process();
-            lists.note_user(SEND, LastUser::process(process.id()));
-            Waiter::begin_alone(node, turn);
-            lists.set_alone(node.cast(), SEND);
-            if !lists.leave() {
-                return revoked(wait_point, FastPath::Waits);
-            }
-            return FastPath::Waits;
+            return wait_alone::<SEND>(wait_point, lists, node, turn);
         }
-        let is_store = lists.waiting.is_store();
+        let waiting = lists.waiting;
         lists.keep();
-        if is_store {
-            return FastPath::Store;
+        if waiting.is_store() {
+            return meet_store::<SEND>(channel, node, turn);
         }
-        meet_otherwise::<SEND>(wait_point, node, turn)
+        if SEND && waiting == Waiting::REGISTERED {
+            return (wait_point.identity.values.send_to_registered)(channel, node, turn);
+        }
+        match waiting.guard(!SEND) {
+            Some(guard) => meet_guard::<SEND>(wait_point, node, turn, guard),
+            None => meet_otherwise::<SEND>(channel, node, turn),
+        }
     }
+}
+
+/// As the rest of [`meet`], at a channel with a buffer.
+///
+/// # Safety
+///
+/// As there. The lock was kept.
+#[inline(always)]
+unsafe fn meet_store<const SEND: bool>(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        let values = channel.as_ref().identity.values;
+        match SEND {
+            true => (values.store)(channel, node, turn),
+            false => (values.take)(channel, node, turn),
+        }
+    }
+}
+
+/// Lets the operation wait alone.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lists are those of `wait_point`, where nothing waits.
+#[inline(always)]
+pub(super) unsafe fn wait_alone<const SEND: bool>(
+    wait_point: &WaitPoint,
+    mut lists: InsideGuard<'_, WaitQueues>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    lists.note_user(SEND, LastUser::process(turn.process().id()));
+    // SAFETY: the contract.
+    unsafe { Waiter::begin_alone(node, turn) };
+    lists.set_alone(node.cast(), SEND);
+    if !lists.leave() {
+        return revoked(wait_point, FastPath::Waits);
+    }
+    FastPath::Waits
 }
 
 /// Lets the partner go after the value was moved: it is ready from here on.
@@ -144,7 +195,7 @@ unsafe fn part<const SEND: bool>(
 /// The lists are those of `wait_point`. The partner's node is listed nowhere and not settled.
 /// `ready` is its wake, made in a plain turn on this thread.
 #[inline(always)]
-unsafe fn depart<const SEND: bool>(
+pub(super) unsafe fn depart<const SEND: bool>(
     wait_point: &WaitPoint,
     mut lists: InsideGuard<'_, WaitQueues>,
     (partner, ready): (NonNull<WaitNode>, PlainPendingWake),
@@ -157,6 +208,19 @@ unsafe fn depart<const SEND: bool>(
         if !lists.leave() {
             return part_revoked(wait_point, ready, turn);
         }
+        wake_partner(ready, turn)
+    }
+}
+
+/// Readies the partner of an operation that is done, and yields if another process is to run first.
+///
+/// # Safety
+///
+/// The wake handle was made in a plain turn on this thread, which holds no lock.
+#[inline(always)]
+pub(crate) unsafe fn wake_partner(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
         match ready.wake_if_none_ready(turn) {
             Ok(()) => FastPath::Done,
             Err(ready) => wake_otherwise(ready, turn),
@@ -246,6 +310,35 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
     }
 }
 
+/// As [`meet`], where a guard waits alone for an operation of this side. The lock was kept.
+///
+/// # Safety
+///
+/// As there, and for [`part_long`].
+#[inline(never)]
+unsafe fn meet_guard<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+    guard: NonNull<WaitNode>,
+) -> FastPath {
+    // SAFETY: the contract; the lock was kept, and a guard that waits alone was begun as one.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
+        match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
+            Commit::Chosen(ready) => {
+                lists.set_nothing_waits();
+                give::<SEND>(wait_point, lists, node, (guard, ready), turn)
+            }
+            Commit::Stale => {
+                Waiter::<()>::settle_stale(guard.cast());
+                wait_alone::<SEND>(wait_point, lists, node, turn)
+            }
+            Commit::No => FastPath::No,
+        }
+    }
+}
+
 /// As [`meet`], where neither nothing nor a partner waits alone. The lock was kept.
 ///
 /// # Safety
@@ -254,31 +347,16 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
 #[cold]
 #[inline(never)]
 unsafe fn meet_otherwise<const SEND: bool>(
-    wait_point: &WaitPoint,
+    channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the contract; the lock was kept.
     unsafe {
+        let wait_point = channel.as_ref();
         let mut lists = wait_point.kept(turn);
         let mut nothing_waits = lists.leave_queues();
-        if let Some(guard) = lists.waiting.guard(!SEND) {
-            match commit(guard, turn) {
-                Commit::Chosen(ready) => {
-                    lists.set_nothing_waits();
-                    return give::<SEND>(wait_point, lists, node, (guard, ready), turn);
-                }
-                Commit::Stale => {
-                    lists.set_nothing_waits();
-                    Waiter::<()>::settle_stale(guard.cast());
-                    nothing_waits = true;
-                }
-                Commit::No => return FastPath::No,
-            }
-        } else if lists.waiting == Waiting::QUEUES
-            && lists.is_plain_rendezvous()
-            && !lists.is_storing
-        {
+        if lists.waiting == Waiting::QUEUES && lists.is_plain_rendezvous() && !lists.is_storing {
             match take_first(lists.waiting_for::<SEND>(), turn) {
                 Some(Some(partner)) => return give::<SEND>(wait_point, lists, node, partner, turn),
                 Some(None) => nothing_waits = lists.leave_queues(),
@@ -288,21 +366,17 @@ unsafe fn meet_otherwise<const SEND: bool>(
         if nothing_waits {
             drop(lists);
             return match SEND {
-                true => send(wait_point, node, turn),
-                false => recv(wait_point, node, turn),
+                true => send(channel, node, turn),
+                false => recv(channel, node, turn),
             };
         }
         if lists.waiting != Waiting::QUEUES {
             // A second operation of the same side.
             return FastPath::No;
         }
-        if !lists.is_rendezvous() && lists.is_plain() && lists.receivers.is_empty() {
+        if !lists.is_rendezvous() && lists.is_plain && lists.receivers.is_empty() {
             lists.keep();
-            return FastPath::Store;
-        }
-        if SEND && lists.is_plain_but_registered() {
-            lists.keep();
-            return FastPath::Registered;
+            return meet_store::<SEND>(channel, node, turn);
         }
         FastPath::No
     }
@@ -382,9 +456,13 @@ unsafe fn part_kept<const SEND: bool>(
 ///
 /// As there.
 #[inline(never)]
-unsafe fn send(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
+unsafe fn send(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<true>(wait_point, node, turn) }
+    unsafe { meet::<true>(channel, node, turn) }
 }
 
 /// As [`meet`].
@@ -393,15 +471,17 @@ unsafe fn send(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTur
 ///
 /// As there.
 #[inline(never)]
-unsafe fn recv(wait_point: &WaitPoint, node: NonNull<Waiter<()>>, turn: PlainTurn<'_>) -> FastPath {
+unsafe fn recv(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
     // SAFETY: the contract.
-    unsafe { meet::<false>(wait_point, node, turn) }
+    unsafe { meet::<false>(channel, node, turn) }
 }
 
 impl<T> Channel<T> {
-    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes. If
-    /// the result is `Store` or `Registered`, [`meet_found`](Self::meet_found) is to be called at
-    /// once.
+    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes.
     ///
     /// # Safety
     ///
@@ -414,36 +494,13 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
+        // The wait point is the channel's first field.
+        let channel = NonNull::from(self).cast();
         // SAFETY: the contract.
         unsafe {
             match is_sender {
-                true => send(&self.wait_point, node.cast(), turn),
-                false => recv(&self.wait_point, node.cast(), turn),
-            }
-        }
-    }
-
-    /// Meets what the fast path has found beside a plain partner.
-    ///
-    /// # Safety
-    ///
-    /// As for [`meet_fast`](Self::meet_fast), which was called just before and has returned
-    /// `found`.
-    #[inline(always)]
-    pub(crate) unsafe fn meet_found(
-        &self,
-        is_sender: bool,
-        found: FastPath,
-        node: NonNull<Waiter<T>>,
-        turn: PlainTurn<'_>,
-    ) -> FastPath {
-        // SAFETY: the contract. With `Store` and `Registered` the executor has kept the lock.
-        unsafe {
-            match (found, is_sender) {
-                (FastPath::Store, true) => self.store_fast(node, turn),
-                (FastPath::Store, false) => self.take_stored_fast(node, turn),
-                (FastPath::Registered, _) => self.send_to_registered(node, turn),
-                (other, _) => other,
+                true => send(channel, node.cast(), turn),
+                false => recv(channel, node.cast(), turn),
             }
         }
     }
@@ -480,29 +537,4 @@ fn leave_revoked(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
 #[inline(never)]
 fn give_way(turn: PlainTurn<'_>) -> FastPath {
     FastPath::done(turn)
-}
-
-/// Takes the value of the first waiting sender, if that is a plain operation's. The caller wakes it
-/// when the lock is released. `None`: no state changed.
-///
-/// # Safety
-///
-/// `first` is the first of the senders, in a channel of values of this type; this executor holds
-/// its lock.
-#[inline(always)]
-pub(super) unsafe fn take_from_first<T>(
-    lists: &mut WaitQueues,
-    first: NonNull<WaitNode>,
-    turn: PlainTurn<'_>,
-) -> Option<(T, PlainPendingWake)> {
-    // SAFETY: the contract; a listed sender's node holds its value.
-    unsafe {
-        let sender = first.cast::<Waiter<T>>();
-        let ready = Waiter::take_plain_wake_handle(sender)?;
-        lists.note_user(false, LastUser::process(turn.process().id()));
-        lists.senders.remove_first(first);
-        let value = Waiter::take_value_of(sender);
-        Waiter::settle_plain(sender);
-        Some((value, ready))
-    }
 }

@@ -23,7 +23,7 @@ mod guard;
 mod hand_off;
 mod registered;
 
-pub(crate) use fast_path::{FastPath, part_from};
+pub(crate) use fast_path::{FastPath, Meet, part_from, wake_partner};
 pub(crate) use guard::{Attempted, ChannelGuard, Locked};
 pub(crate) use hand_off::HandOff;
 
@@ -79,6 +79,9 @@ impl<T> Channel<T> {
             &ValueMethods {
                 stored: Self::stored,
                 mover: Waiter::<T>::MOVER,
+                store: Self::store_fast,
+                take: Self::take_stored_fast,
+                send_to_registered: Self::send_to_registered,
             }
         };
         let mut wait_point = WaitPoint::new(identity);

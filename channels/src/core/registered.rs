@@ -2,53 +2,45 @@
 //! [`fast_path`](super::fast_path), with an [`Alternative`](crate::Alternative) on the receiving
 //! side.
 
-use super::fast_path::take_from_first;
+use super::fast_path::{depart, wait_alone};
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
-use crate::wait_point::{LastUser, WaitQueues};
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use luna_core::current::{PlainPendingWake, PlainTurn};
+use luna_core::wait_list::WaitNode;
 use std::ptr::NonNull;
 
 impl<T> Channel<T> {
-    /// Sends to the alternative that is registered here, or lists the sender and reports the
-    /// channel to it.
+    /// Sends to the alternative that is registered here, or lets the sender wait alone and reports
+    /// the channel to the alternative.
     ///
     /// # Safety
     ///
-    /// As for [`meet_found`](Self::meet_found), of a send that has found `Registered`: the lists
-    /// are plain but for one registered alternative.
-    #[inline(never)]
+    /// As for [`Meet`](super::Meet), of a send where `waiting` is `REGISTERED`.
     pub(super) unsafe fn send_to_registered(
-        &self,
-        sender: NonNull<Waiter<T>>,
+        channel: NonNull<WaitPoint>,
+        sender: NonNull<Waiter<()>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
-        // SAFETY: the contract: the executor has kept the lock.
-        let mut lists = unsafe { self.wait_point.kept(turn) };
-        if !lists.receivers.is_empty() || !lists.senders.is_empty() {
-            return FastPath::No;
-        }
-        let Some(node) = lists.registered.first() else {
-            return FastPath::No;
-        };
-        let entry = node.cast::<Entry<T>>();
-        let receiver = node.cast::<Waiter<T>>();
-        // SAFETY: a registered node is that of a live entry, which the lock guards.
-        let committed = unsafe { Entry::commit_or_announce(entry, turn) };
-        match committed {
-            None => FastPath::No,
-            // SAFETY: the contract; the entry was just committed, and holds no value before it is
-            // done.
-            Some(Some(ready)) => unsafe {
-                lists.sender = LastUser::process(turn.process().id());
-                Waiter::put_value_of(receiver, Waiter::take_value_of(sender));
-                Waiter::settle_plain(receiver);
-                drop(lists);
-                go_on(ready, turn)
-            },
-            // SAFETY: by the contract on `sender` and the lock; no other node is listed.
-            Some(None) => unsafe { wait_as_sender(&mut lists, sender, turn) },
+        // SAFETY: the contract: the executor has kept the lock, and the wait point is that of a
+        // channel of values of this type. A registered node is that of a live entry, which the lock
+        // guards. If it is committed, it holds no value before it is done.
+        unsafe {
+            let wait_point = channel.as_ref();
+            let lists = wait_point.kept(turn);
+            let Some(node) = lists.registered.first() else {
+                return FastPath::No;
+            };
+            match Entry::<T>::commit_or_announce(node.cast(), turn) {
+                None => FastPath::No,
+                Some(None) => wait_alone::<true>(wait_point, lists, sender, turn),
+                Some(Some(ready)) => {
+                    let value = Waiter::<T>::take_value_of(sender.cast());
+                    Waiter::<T>::put_value_of(node.cast(), value);
+                    depart::<true>(wait_point, lists, (node, ready), turn)
+                }
+            }
         }
     }
 
@@ -62,47 +54,50 @@ impl<T> Channel<T> {
         still: impl FnOnce() -> bool,
         note: impl FnOnce(bool),
     ) -> Option<(T, PlainPendingWake)> {
-        let mut lists = self.wait_point.lock_if_biased(turn)?;
+        // SAFETY: a thread holds no lock of a wait point when it polls.
+        let mut lists = unsafe { self.wait_point.try_enter(turn) }?;
         if !lists.is_plain_but_registered() || lists.is_storing || !still() {
             return None;
         }
-        let first = lists.senders.first()?;
-        // SAFETY: under the lock a listed node is one of this channel's, and a sender's holds its
-        // value.
-        let taken = unsafe { take_from_first::<T>(&mut lists, first, turn) }?;
+        // SAFETY: under the lock a node that waits is one of this channel's, and a sender's holds
+        // its value. One that waits alone was begun so by this executor.
+        let taken = unsafe {
+            match lists.waiting.one(true) {
+                Some(sender) => {
+                    let ready = WaitNode::take_alone(sender.as_ptr());
+                    lists.set_nothing_waits();
+                    taken_from(&mut lists, sender, ready, turn)
+                }
+                None => {
+                    let first = lists.senders.first()?;
+                    let ready = Waiter::<()>::take_plain_wake_handle(first.cast())?;
+                    lists.senders.remove_first(first);
+                    taken_from(&mut lists, first, ready, turn)
+                }
+            }
+        };
         note(lists.senders.is_empty());
         Some(taken)
     }
 }
 
-/// Lists a sender.
+/// Takes the value of a sender that was taken off. The caller wakes it when the lock is released.
 ///
 /// # Safety
 ///
-/// As for [`meet_fast`](Channel::meet_fast); and no node is listed on either side.
+/// It is a plain send of this channel of values of this type; this executor holds the lock.
 #[inline(always)]
-unsafe fn wait_as_sender<T>(
+unsafe fn taken_from<T>(
     lists: &mut WaitQueues,
-    node: NonNull<Waiter<T>>,
+    sender: NonNull<WaitNode>,
+    ready: PlainPendingWake,
     turn: PlainTurn<'_>,
-) -> FastPath {
-    lists.sender = LastUser::process(turn.process().id());
+) -> (T, PlainPendingWake) {
+    lists.note_user(false, LastUser::process(turn.process().id()));
     // SAFETY: the contract.
     unsafe {
-        Waiter::begin_plain(node, turn);
-        lists.senders.insert_into_empty(node.cast());
+        let value = Waiter::<T>::take_value_of(sender.cast());
+        Waiter::<T>::settle_plain(sender.cast());
+        (value, ready)
     }
-    FastPath::Waits
-}
-
-/// Wakes the partner, and lets others run before the current process if they are to.
-///
-/// # Safety
-///
-/// The wake handle was made on this thread.
-#[inline(always)]
-unsafe fn go_on(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
-    // SAFETY: the contract.
-    unsafe { ready.wake() };
-    FastPath::done(turn)
 }

@@ -7,6 +7,7 @@ use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::wait_list::WaitNode;
+use std::hint::cold_path;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -179,7 +180,12 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        let outcome = this.outcome();
-        this.settled(outcome)
+        match this.outcome() {
+            Outcome::Done => Ok(this.done()),
+            outcome => {
+                cold_path();
+                this.settled(outcome)
+            }
+        }
     }
 }

@@ -240,15 +240,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
             let channel = this.channel();
             // SAFETY: a new send's node holds its value, a new receive's none, and no other thread
             // knows it. The future is pinned, and its drop withdraws it.
-            let mut fast_path = unsafe { channel.meet_fast(D::SEND, this.waiter(), turn) };
-            // The two usual ways first: with more the compiler jumps by a table, which a processor
-            // that has done something else meanwhile cannot foresee.
-            if !matches!(fast_path, FastPath::Done | FastPath::Waits) {
-                cold_path();
-                // SAFETY: the fast path has just returned this for this node, which is as new.
-                fast_path = unsafe { channel.meet_found(D::SEND, fast_path, this.waiter(), turn) };
-            }
-            match fast_path {
+            match unsafe { channel.meet_fast(D::SEND, this.waiter(), turn) } {
                 FastPath::Done => return Poll::Ready(Ok(this.done())),
                 FastPath::Waits => this.phase = Phase::Listed,
                 FastPath::GaveWay => this.phase = Phase::GaveWay,

@@ -227,6 +227,23 @@ impl<T> Waiter<T> {
         }
     }
 
+    /// As [`select_state`](Self::select_state), of a node that was begun with a select state.
+    ///
+    /// # Safety
+    ///
+    /// As there; and it was begun so.
+    #[inline(always)]
+    pub(crate) unsafe fn guard_of(node: NonNull<Waiter<T>>) -> (NonNull<SelectState>, u32) {
+        // SAFETY: the contract: the select state is there.
+        unsafe {
+            debug_assert!(Self::select_state(node).is_some());
+            (*Self::link(node))
+                .select_state
+                .assume_init()
+                .unwrap_unchecked()
+        }
+    }
+
     /// Detaches the node from its alternative, which has chosen it.
     ///
     /// # Safety

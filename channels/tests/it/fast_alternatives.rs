@@ -211,3 +211,36 @@ fn what_a_buffer_stores_is_found_on_the_fast_path() {
     assert_eq!(watch.wait(), Exit::Completed);
     assert_eq!(both.wait(), Exit::Completed);
 }
+
+/// All senders wait before each choice, so the fair alternative takes their channels in turn. A
+/// choice by priority in between does not count.
+#[test]
+fn the_least_recently_chosen_end_is_taken_on_the_fast_path() {
+    let executor = Executor::start(Attributes::new("home")).unwrap();
+    let (outputs, inputs): (Vec<_>, Vec<_>) = (0..CHANNELS).map(|_| channel::<usize>()).unzip();
+    let senders: Vec<_> = (outputs.into_iter().enumerate())
+        .map(|(from, output)| {
+            executor.spawn(ProcessSpec::new("sends"), move || async move {
+                while output.send(from).await.is_ok() {}
+            })
+        })
+        .collect();
+    let server = executor.spawn(ProcessSpec::new("chooses"), move || async move {
+        let [a, b, c] = &inputs[..] else {
+            unreachable!()
+        };
+        for round in 0..3 * WARM as usize {
+            yield_now().await;
+            let fair = alt! { x = a.recv() => x, x = b.recv() => x, x = c.recv() => x };
+            assert_eq!(fair, Ok(round % CHANNELS));
+            yield_now().await;
+            let first = pri_alt! { x = c.recv() => x, x = a.recv() => x, x = b.recv() => x };
+            assert_eq!(first, Ok(CHANNELS - 1));
+        }
+    });
+    executor.release();
+    assert_eq!(server.wait(), Exit::Completed);
+    for sender in senders {
+        assert_eq!(sender.wait(), Exit::Completed);
+    }
+}

@@ -252,7 +252,7 @@ impl WakeHandle {
     ///
     /// There is such a handle at `place`, and it is not used again.
     #[inline(always)]
-    pub(crate) unsafe fn plain_of(place: *const Option<WakeHandle>) -> PlainPendingWake {
+    pub unsafe fn plain_of(place: *const Option<WakeHandle>) -> PlainPendingWake {
         // SAFETY: by the contract it is `Some`, and a process' handle; it is read once.
         unsafe {
             match &*place {

@@ -138,7 +138,7 @@ impl<T> Entry<T> {
             if hub.has_news() {
                 return None;
             }
-            let (_, index) = Waiter::select_state(node)?;
+            let (_, index) = Waiter::guard_of(node);
             hub.select_state.commit_plainly(index).map(Some)
         }
     }

@@ -5,14 +5,14 @@
 //! left to the slow path, with no state changed.
 
 use super::{Alternative, State};
-use crate::core::Channel;
+use crate::core::{Channel, FastPath, wake_partner};
 use crate::error::RecvError;
 use luna_core::current::PlainTurn;
 use std::task::{Context, Poll};
 
 impl<T> Alternative<'_, T> {
     /// Polls in a plain turn. `None`: take the slow path.
-    #[inline]
+    #[inline(always)]
     pub(super) fn poll_fast(
         &mut self,
         turn: PlainTurn<'_>,
@@ -58,8 +58,7 @@ impl<T> Alternative<'_, T> {
             false => {}
         }
         // SAFETY: the sender was listed by the executor to which the lock is biased: this thread.
-        unsafe { ready.wake() };
-        if turn.yields_after_operation() {
+        if unsafe { wake_partner(ready, turn) } == FastPath::GaveWay {
             self.keep_value(index, value);
             return Some(Poll::Pending);
         }

@@ -24,6 +24,7 @@ pub struct AlternativeRecv<'b, 'a, T> {
 impl<T> Future for AlternativeRecv<'_, '_, T> {
     type Output = (usize, Result<T, RecvError>);
 
+    #[inline(always)]
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         self.alternative.poll_recv(cx)
     }
@@ -46,7 +47,7 @@ impl<T> fmt::Debug for AlternativeRecv<'_, '_, T> {
 }
 
 impl<T> Alternative<'_, T> {
-    #[inline]
+    #[inline(always)]
     fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         // A process whose communication is recorded has no plain turn.
         if let Some(turn) = PlainTurn::of(cx)

@@ -2,10 +2,10 @@
 
 mod slow_path;
 
-use crate::alternative::fast_path::{Listing, Looks, Withdrawing};
+use crate::alternative::fast_path::{Chosen, Listing, Looks};
 use crate::alternative::list::{Collected, Guards, MAX_GUARDS, Seeds};
 use crate::alternative::stop::Stop;
-use crate::core::{FastPath, part_from};
+use crate::core::FastPath;
 use crate::finally::Finally;
 use crate::replay;
 use crate::select_state::SelectState;
@@ -143,8 +143,8 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         // SAFETY: as above; they are there since the poll began.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let mut looks = Looks::new(turn, FAIR);
-        guards.each(0, &mut looks);
-        if looks.ready.is_none() && !looks.is_refused && !S::Guards::SKIP {
+        guards.as_mut().each(0, &mut looks);
+        if looks.ready.is_none() && !looks.is_refused() && !S::Guards::SKIP {
             // Before another thread can find a node that leads to it.
             // SAFETY: by the contract, and a wait point is locked by its bias.
             let select_state = this
@@ -154,32 +154,22 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             this.has_selection = true;
             // SAFETY: none is ready; the guards are pinned, and go before the select state.
             guards.each(0, &mut unsafe { Listing::of(turn, select_state) });
-            guards.note_listed();
             this.state = State::Listed;
             this.polled_by = identity(cx);
             return Some(Poll::Pending);
         }
-        guards.each(0, &mut looks.leaving());
-        if looks.is_refused {
+        guards.as_mut().each(0, &mut looks.leaving());
+        if looks.is_refused() {
             return None;
         }
-        // SAFETY: a chosen guard's look has kept its lock, and found this partner; a channel and
-        // its ends outlive its guards. The process is in its plain turn.
-        let (number, gives_way) = unsafe {
-            looks.stamp();
-            match looks.ready {
-                Some(ready) => {
-                    guards.as_mut().meet(ready.number, ready.partner);
-                    let parted = part_from(
-                        ready.wait_point.as_ref(),
-                        ready.partner,
-                        ready.of_sender,
-                        turn,
-                    );
-                    (ready.number, parted == FastPath::GaveWay)
-                }
-                None => (S::Guards::LEN as u32, turn.yields_after_operation()),
+        let (number, gives_way) = match looks.ready {
+            Some(number) => {
+                // SAFETY: the look has kept the lock of this guard, which is new.
+                let mut meeting = unsafe { looks.meeting() };
+                guards.as_mut().one(number, &mut meeting);
+                (number, meeting.result == FastPath::GaveWay)
             }
+            None => (S::Guards::LEN as u32, turn.yields_after_operation()),
         };
         if gives_way {
             this.state = State::GaveWay(number);
@@ -201,21 +191,19 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; both are there since the guards were listed.
-        let (guards, select_state) = unsafe {
+        let (mut guards, select_state) = unsafe {
             (
                 Pin::new_unchecked(this.guards.assume_init_mut()),
                 this.select_state.assume_init_ref(),
             )
         };
         let chosen = select_state.chosen()?;
-        let mut others = Withdrawing::but(chosen, turn, FAIR);
-        guards.each(0, &mut others);
-        // SAFETY: the guards are there.
-        unsafe { others.stamp() };
-        this.state = State::Chosen(chosen);
-        if !others.is_over {
-            return None;
-        }
+        let mut settled = Chosen::default();
+        guards.as_mut().one(chosen, &mut settled);
+        // SAFETY: the guards are there, and all are visited.
+        let mut others = unsafe { settled.withdrawing(turn, FAIR) }?;
+        guards.as_mut().each(0, &mut others);
+        others.stamp();
         this.state = State::Over;
         // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
         Some(Poll::Ready(unsafe { guards.output(chosen) }))
