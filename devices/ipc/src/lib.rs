@@ -44,7 +44,8 @@
 //! value is acknowledged only if its guard is chosen. A sender is an output guard with one
 //! decision, that of its own program: the guard is chosen as soon as the other program has joined
 //! and no other value is under way. The branch begins when the value was taken. It does not
-//! choose by whether the other program's process waits at that instant.
+//! choose by whether the other program's process waits at that instant. With a
+//! [buffer](Endpoint::buffered_sender) it is chosen as in one program.
 //!
 //! # Limits
 //!
@@ -153,7 +154,7 @@ pub use receive_link::ReceiveLink;
 pub use send_link::SendLink;
 pub use status::Status;
 
-use luna::{Receiver, Sender};
+use luna::{Buffer, Receiver, Sender};
 use name::Name;
 use session::Session;
 
@@ -243,6 +244,40 @@ impl Endpoint {
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
         let session = self.open::<T>(Role::Sender)?;
         let (sender, receiver) = luna::channel();
+        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+    }
+
+    /// Opens the sending side with a buffer in front of it, in this program: FIFO or overwriting. A
+    /// send goes on when its value is in the buffer, so an output guard is chosen exactly as in one
+    /// program. The link takes the next value when the other program has taken the one before.
+    /// [`Status::acknowledged`] counts those that have arrived.
+    ///
+    /// When the last sender is gone, the link first delivers what is in the buffer, and waits for
+    /// the other program for that. Poison, and the other program's end, drop what is in the buffer
+    /// and the value under way. All else is as for [`sender`](Self::sender).
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    ///
+    /// ```
+    /// use luna::Buffer;
+    ///
+    /// let name = format!("doc/{}/buffered", std::process::id());
+    /// let endpoint = luna_ipc::Endpoint::new(&name);
+    /// // The other program gets the newest value whenever it looks.
+    /// let (setpoint, link) = endpoint.buffered_sender::<f64>(Buffer::overwrite_oldest(1))?;
+    /// setpoint.try_send(1.0).unwrap();
+    /// setpoint.try_send(2.0).unwrap();
+    /// # drop(link);
+    /// # Ok::<(), luna_ipc::IpcError>(())
+    /// ```
+    pub fn buffered_sender<T: ZeroCopySend + Send + 'static>(
+        &self,
+        buffer: Buffer,
+    ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
+        let session = self.open::<T>(Role::Sender)?;
+        let (sender, receiver) = luna::buffered(buffer);
         Ok((sender.named(&self.name), SendLink::new(session, receiver)))
     }
 

@@ -16,7 +16,7 @@ use std::sync::atomic::Ordering::SeqCst;
 /// It is a process, to be spawned on the executor of its senders or on another one, or to be run by
 /// hand once: `link.pre_run()?`, `link.run().await`. It ends
 ///
-/// - without an error when the last local sender is gone, or when the other program's receivers are
+/// - without an error when the last local sender is gone and its values were taken, or when the other program's receivers are
 ///   gone: the local channel is then closed;
 /// - with [`Error::Poisoned`] when the channel is poisoned on either side. Both sides then are;
 /// - with [`IpcError::PartnerDied`] when the other program has ended without closing its side: the
@@ -169,7 +169,13 @@ async fn carry<T>(session: &Session<T>, receiver: &Receiver<T>, status: &Status)
     let joined = {
         let mut waits = Waits::new(session);
         let is_bound = |session: &Session<T>| session.is_bound().then_some(());
-        waits.first(pin!(receiver.ended()), is_bound).await
+        match waits.first(pin!(receiver.ended()), is_bound).await {
+            // What is in the buffer is still to be delivered.
+            Ok(First::Own(ChannelEnd::Closed)) if receiver.buffered() > 0 => {
+                waits.first(pin!(receiver.poisoned()), is_bound).await
+            }
+            joined => joined,
+        }
     };
     match joined {
         Ok(First::Own(end)) => return end_session(session, None, end),

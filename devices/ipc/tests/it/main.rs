@@ -3,6 +3,7 @@
 #[path = "../../../../tests/shared/mod.rs"]
 mod shared;
 
+mod buffers;
 mod child;
 mod death;
 mod guards;
