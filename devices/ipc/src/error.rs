@@ -56,16 +56,15 @@ impl TypeInfo {
     pub(crate) fn of<T: ZeroCopySend>(version: u32) -> Self {
         // SAFETY: the implementation of `ZeroCopySend` promises that types of this name have one
         // layout. Size, alignment and version are compared beside it.
-        let mut name = unsafe { <T as ZeroCopySend>::type_name() };
-        while name.len() > TYPE_NAME {
-            let mut characters = name.chars();
-            characters.next_back();
-            name = characters.as_str();
-        }
+        let name = unsafe { <T as ZeroCopySend>::type_name() };
+        Self::new(name, size_of::<T>(), align_of::<T>(), version)
+    }
+
+    pub(crate) fn new(name: &str, size: usize, align: usize, version: u32) -> Self {
         Self {
-            name: name.to_owned(),
-            size: size_of::<T>() as u64,
-            align: align_of::<T>() as u64,
+            name: name[..name.floor_char_boundary(TYPE_NAME)].to_owned(),
+            size: size as u64,
+            align: align as u64,
             version,
         }
     }
@@ -194,6 +193,30 @@ pub enum IpcError {
         number: u64,
         /// The number before.
         expected: u64,
+    },
+    /// A value cannot be encoded: it is larger than its place, or its type refuses.
+    #[error(
+        "channel `{name}`: a value cannot be encoded in {capacity} bytes: {why}: open both sides with a larger capacity"
+    )]
+    Encode {
+        /// The channel.
+        name: String,
+        /// The bytes that a value may have, and its length.
+        capacity: usize,
+        /// The error of postcard.
+        why: String,
+    },
+    /// A value cannot be decoded: the programs define its type differently.
+    #[error(
+        "channel `{name}`: a value of process {pid} cannot be decoded: {why}: build both programs from one definition of its type"
+    )]
+    Decode {
+        /// The channel.
+        name: String,
+        /// The other process.
+        pid: u32,
+        /// The error of postcard.
+        why: String,
     },
     /// The link runs on a virtual clock, which does not wait for other programs.
     #[error(

@@ -133,12 +133,15 @@
 // Its messages go where this says: nowhere.
 extern crate iceoryx2_bb_loggers as _;
 
+mod codec;
 mod error;
 mod files;
 mod memory;
 mod name;
 mod receive_link;
 mod send_link;
+#[cfg(feature = "serde")]
+mod serde_types;
 mod session;
 mod status;
 mod wait;
@@ -154,6 +157,7 @@ pub use receive_link::ReceiveLink;
 pub use send_link::SendLink;
 pub use status::Status;
 
+use codec::Codec;
 use luna::{Buffer, Receiver, Sender};
 use name::Name;
 use session::Session;
@@ -296,20 +300,7 @@ impl Endpoint {
     }
 
     fn open<T: ZeroCopySend>(&self, role: Role) -> Result<Session<T>, IpcError> {
-        const {
-            assert!(
-                !std::mem::needs_drop::<T>(),
-                "a value that is to be dropped is no plain data: it would be dropped in two programs"
-            );
-            assert!(
-                align_of::<T>() <= 4096,
-                "shared memory is aligned to pages of 4096 bytes"
-            );
-        }
-        Session::open(
-            Name::new(&self.name)?,
-            role,
-            TypeInfo::of::<T>(self.version),
-        )
+        let info = TypeInfo::of::<T>(self.version);
+        Session::open(Name::new(&self.name)?, role, info, Codec::plain())
     }
 }

@@ -1,5 +1,6 @@
 //! The words in shared memory. The crate's documentation says which program writes which.
 
+use crate::codec::Codec;
 use crate::error::{TYPE_NAME, TypeInfo};
 use crate::name::Name;
 use crate::{IpcError, Role};
@@ -8,10 +9,11 @@ use iceoryx2_bb_posix::creation_mode::CreationMode;
 use iceoryx2_bb_posix::permission::Permission;
 use iceoryx2_bb_posix::shared_memory::{AccessMode, SharedMemory, SharedMemoryBuilder};
 use iceoryx2_bb_system_types::file_name::FileName;
-use std::marker::PhantomData;
-use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
+
+/// Where the value is: aligned for all types that are allowed.
+const OFFSET: usize = 4096;
 
 /// What the first word of a segment is: "luna-ipc", the last byte the version of the protocol.
 const MAGIC: u64 = u64::from_be_bytes(*b"lunaipc\x01");
@@ -89,13 +91,13 @@ impl Words {
 ///
 /// # Invariants
 ///
-/// The mapping is `size()` bytes long or longer, writable, aligned to a page, and stays while this
-/// is. It began as zeros, and its words are changed by atomic operations alone.
+/// The mapping has room for the codec's size at `OFFSET`, is writable, aligned to a page, and stays
+/// while this is. It began as zeros, and its words are changed by atomic operations alone.
 #[derive(Debug)]
 pub(crate) struct Memory<T> {
     base: NonNull<u8>,
     _mapping: SharedMemory,
-    _value: PhantomData<T>,
+    codec: Codec<T>,
 }
 
 // SAFETY: the mapping may be used by any thread; what it holds is atomic, or guarded by the
@@ -105,19 +107,11 @@ unsafe impl<T: Send> Send for Memory<T> {}
 unsafe impl<T: Send> Sync for Memory<T> {}
 
 impl<T> Memory<T> {
-    const OFFSET: usize = size_of::<Words>().next_multiple_of(if align_of::<T>() > 128 {
-        align_of::<T>()
-    } else {
-        128
-    });
-
-    const SIZE: usize = Self::OFFSET + size_of::<T>();
-
     /// Makes a segment of zeros, and states the type in it. There is none of that name.
-    pub(crate) fn create(name: &Name, info: &TypeInfo) -> Result<Self, IpcError> {
+    pub(crate) fn create(name: &Name, info: &TypeInfo, codec: Codec<T>) -> Result<Self, IpcError> {
         let created = SharedMemoryBuilder::new(&file_name(name)?)
             .creation_mode(CreationMode::PurgeAndCreate)
-            .size(Self::SIZE)
+            .size(OFFSET + codec.size())
             .permission(Permission::OWNER_READ_WRITE)
             // The kernel gives zeros.
             .zero_memory(false)
@@ -125,13 +119,18 @@ impl<T> Memory<T> {
             .has_ownership(false)
             .create();
         let mapping = created.map_err(|error| refused(name, "make", error))?;
-        let memory = Self::of(mapping, name)?;
+        let memory = Self::of(mapping, name, codec)?;
         memory.words().state(info);
         Ok(memory)
     }
 
     /// Opens the segment of a channel that is in use.
-    pub(crate) fn open(name: &Name, info: &TypeInfo, role: Role) -> Result<Self, IpcError> {
+    pub(crate) fn open(
+        name: &Name,
+        info: &TypeInfo,
+        role: Role,
+        codec: Codec<T>,
+    ) -> Result<Self, IpcError> {
         let opened =
             SharedMemoryBuilder::new(&file_name(name)?).open_existing(AccessMode::ReadWrite);
         let mapping = opened.map_err(|error| refused(name, "open", error))?;
@@ -157,12 +156,12 @@ impl<T> Memory<T> {
                 pid: words.side(role.other()).pid.load(Ordering::Relaxed),
             });
         }
-        Self::of(mapping, name)
+        Self::of(mapping, name, codec)
     }
 
-    fn of(mapping: SharedMemory, name: &Name) -> Result<Self, IpcError> {
+    fn of(mapping: SharedMemory, name: &Name, codec: Codec<T>) -> Result<Self, IpcError> {
         let base = mapping.base_address();
-        if mapping.size() < Self::SIZE {
+        if mapping.size() < OFFSET + codec.size() {
             return Err(IpcError::Protocol {
                 name: name.text().to_owned(),
             });
@@ -170,7 +169,7 @@ impl<T> Memory<T> {
         Ok(Self {
             base,
             _mapping: mapping,
-            _value: PhantomData,
+            codec,
         })
     }
 
@@ -180,36 +179,47 @@ impl<T> Memory<T> {
         unsafe { self.base.cast().as_ref() }
     }
 
-    fn value(&self) -> NonNull<MaybeUninit<T>> {
-        // SAFETY: by the invariants the mapping is `SIZE` bytes long or longer.
-        unsafe { self.base.add(Self::OFFSET) }.cast()
+    /// The bytes that a value has at most.
+    pub(crate) fn capacity(&self) -> usize {
+        self.codec.size()
     }
 
-    /// Writes the value, with its padding as it is.
+    fn value(&self) -> NonNull<u8> {
+        const { assert!(size_of::<Words>() <= OFFSET) };
+        // SAFETY: by the invariants the mapping is longer.
+        unsafe { self.base.add(OFFSET) }
+    }
+
+    /// Writes the value.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be encoded; then nothing is to be published.
     ///
     /// # Safety
     ///
     /// This program is the sender of a session, and no value is under way in it.
-    pub(crate) unsafe fn write(&self, value: &T) {
-        // SAFETY: the place is in the mapping and aligned. By the contract no receiver reads it:
-        // it does so only between `published` and `taken`.
-        unsafe {
-            let from = std::ptr::from_ref(value).cast();
-            self.value().as_ptr().copy_from_nonoverlapping(from, 1);
-        }
+    pub(crate) unsafe fn write(&self, value: &T) -> Result<(), String> {
+        // SAFETY: by the invariants the place is in the mapping, aligned to a page and large enough
+        // for the codec. By the contract no receiver reads it: it does so only between `published`
+        // and `taken`.
+        unsafe { self.codec.write(self.value(), value) }
     }
 
     /// Copies the value out.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be decoded.
     ///
     /// # Safety
     ///
     /// This program is the receiver of a session, and its number was published in this session and
     /// is not yet taken.
-    pub(crate) unsafe fn read(&self) -> T {
-        // SAFETY: the place is in the mapping and aligned. By the contract the sender has written
-        // it whole, and does not write it before it is taken. Both state the same type, whose bits
-        // mean the same in both, by `ZeroCopySend`.
-        unsafe { self.value().as_ptr().read().assume_init() }
+    pub(crate) unsafe fn read(&self) -> Result<T, String> {
+        // SAFETY: as for `write`. By the contract the sender has written the value whole, with the
+        // codec of the type that both state, and does not write again before it is taken.
+        unsafe { self.codec.read(self.value()) }
     }
 }
 

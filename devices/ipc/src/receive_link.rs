@@ -127,7 +127,17 @@ async fn carry_from<T>(
         }
         // SAFETY: this is the receiver of the bound session, in which the number was published, and
         // `taken` is stored below.
-        let value = unsafe { session.memory().read() };
+        let value = match unsafe { session.memory().read() } {
+            Ok(value) => value,
+            Err(why) => {
+                end_session(session, Some(partner), ChannelEnd::Poisoned);
+                return Err(IpcError::Decode {
+                    name: session.name().to_owned(),
+                    pid: partner.pid,
+                    why,
+                });
+            }
+        };
         let send = pin!(sender.send(value));
         match waits.first(send, Session::partners_end).await? {
             First::Own(Ok(())) => {

@@ -218,8 +218,17 @@ async fn carry_to<T>(
             First::Other(Seen::Death) => return Ok(died(session, partner, status)),
         };
         // SAFETY: this is the sender of the bound session, and the value before was taken.
-        unsafe { session.memory().write(&value) };
+        let written = unsafe { session.memory().write(&value) };
         let mut offered = Offered(Some(value));
+        if let Err(why) = written {
+            offered.refuse(ChannelEnd::Poisoned);
+            end_session(session, Some(partner), ChannelEnd::Poisoned);
+            return Err(IpcError::Encode {
+                name: session.name().to_owned(),
+                capacity: session.memory().capacity(),
+                why,
+            });
+        }
         number += 1;
         session.own().number.store(number, SeqCst);
         session.ring(partner);

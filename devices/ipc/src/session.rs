@@ -1,5 +1,6 @@
 //! One opening of a side of a channel, and its partner.
 
+use crate::codec::Codec;
 use crate::error::TypeInfo;
 use crate::files::LockFile;
 use crate::memory::{Memory, Side, Words};
@@ -38,9 +39,14 @@ pub(crate) struct Session<T> {
 }
 
 impl<T> Session<T> {
-    pub(crate) fn open(name: Name, role: Role, info: TypeInfo) -> Result<Self, IpcError> {
+    pub(crate) fn open(
+        name: Name,
+        role: Role,
+        info: TypeInfo,
+        codec: Codec<T>,
+    ) -> Result<Self, IpcError> {
         let lock = LockFile::enter(&name)?;
-        let opened = Self::open_locked(&name, role, &info, &lock);
+        let opened = Self::open_locked(&name, role, &info, &lock, codec);
         match opened {
             Ok((memory, bell)) => {
                 lock.leave();
@@ -69,9 +75,10 @@ impl<T> Session<T> {
         role: Role,
         info: &TypeInfo,
         lock: &LockFile,
+        codec: Codec<T>,
     ) -> Result<(Memory<T>, File), IpcError> {
         if !lock.take(role)? {
-            let memory = Memory::<T>::open(name, info, role);
+            let memory = Memory::open(name, info, role, codec);
             let holder = memory.map(|memory| memory.words().side(role).pid.load(Relaxed));
             return Err(IpcError::Busy {
                 name: name.text().to_owned(),
@@ -81,10 +88,10 @@ impl<T> Session<T> {
         }
         let is_other_here = lock.is_held(role.other())?;
         let memory = if is_other_here {
-            Memory::open(name, info, role)?
+            Memory::open(name, info, role, codec)?
         } else {
             lock.remove_contents();
-            Memory::create(name, info)?
+            Memory::create(name, info, codec)?
         };
         let namespace = fs::metadata("/proc/self/ns/pid")
             .map_err(|error| IpcError::system(name.text(), "find its PID namespace", error))?

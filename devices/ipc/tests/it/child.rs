@@ -50,6 +50,12 @@ impl Program {
         at
     }
 
+    /// Sends SIGSTOP.
+    pub(crate) fn stop(&self) {
+        let id = nix::unistd::Pid::from_raw(self.id() as i32);
+        nix::sys::signal::kill(id, nix::sys::signal::Signal::SIGSTOP).unwrap();
+    }
+
     pub(crate) fn wait(&mut self) -> std::process::ExitStatus {
         self.0.wait().unwrap()
     }

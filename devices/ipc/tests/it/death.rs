@@ -140,6 +140,8 @@ fn files_of_programs_that_were_all_killed_are_reused_or_removed() {
         let mut holds = Program::start("hold", &name, Path::new(""));
         let mut feeds = Program::start("feed", &name, Path::new(""));
         holds.wait_until_there();
+        // So that it does not notice the other's death, and close in order.
+        feeds.stop();
         holds.kill();
         feeds.kill();
         holds.wait();

@@ -10,6 +10,8 @@ mod guards;
 mod kill;
 mod opening;
 mod rendezvous;
+#[cfg(feature = "serde")]
+mod serde_types;
 
 use luna::{Policy, System};
 use luna_ipc::ZeroCopySend;
