@@ -42,14 +42,24 @@ enum Waits {
     Asleep,
     Spinning,
     BesideBusy,
+    /// The link looks for the other program in each turn, for a bounded number of turns.
+    Looking,
 }
 
 impl Waits {
+    fn looks(self) -> u32 {
+        match self {
+            Waits::Looking => 5000,
+            _ => 0,
+        }
+    }
+
     fn word(self) -> &'static str {
         match self {
             Waits::Asleep => "luna-asleep",
             Waits::Spinning => "luna-spinning",
             Waits::BesideBusy => "luna-busy",
+            Waits::Looking => "luna-looking",
         }
     }
 }
@@ -122,6 +132,7 @@ fn luna_rendezvous(cores: [CoreId; 2], waits: Waits, messages: u64) -> Duration 
     let name = channel_name("luna");
     let other = Other::start(waits.word(), &name, cores[1]);
     let (sender, link) = luna_ipc::sender::<u64>(&name).expect("the name is this process'");
+    let link = link.looks(waits.looks());
     let elapsed = Arc::new(Mutex::new(Duration::ZERO));
     let result = elapsed.clone();
     run_luna(cores[0], waits, link, async move {
@@ -141,6 +152,7 @@ fn luna_rendezvous(cores: [CoreId; 2], waits: Waits, messages: u64) -> Duration 
 
 fn luna_other(name: &str, core: CoreId, waits: Waits) {
     let (receiver, link) = luna_ipc::receiver::<u64>(name).expect("the name is the bench's");
+    let link = link.looks(waits.looks());
     println!("{READY}");
     run_luna(core, waits, link, async move {
         while receiver.recv().await.is_ok() {}
@@ -338,6 +350,7 @@ fn other_program(task: &str) {
         }
         "luna-asleep" => luna_other(name, core, Waits::Asleep),
         "luna-spinning" => luna_other(name, core, Waits::Spinning),
+        "luna-looking" => luna_other(name, core, Waits::Looking),
         "luna-busy" => luna_other(name, core, Waits::BesideBusy),
         kind => panic!("no task: {kind:?}"),
     }
@@ -377,6 +390,7 @@ fn main() {
         case(ASLEEP, FUTEX, move |trips| bare(cores, true, trips)),
         case(AWAKE, "LUNA", luna(Waits::BesideBusy)).goal(awake()),
         case(AWAKE, "LUNA, executors that spin", luna(Waits::Spinning)).goal(awake()),
+        case(AWAKE, "LUNA, links that look", luna(Waits::Looking)).goal(awake()),
         case(AWAKE, POLLING, move |trips| {
             iceoryx2_trips(cores, false, trips)
         }),

@@ -100,7 +100,8 @@
 //! **Waking.** A link that has nothing to do sets `asleep`, looks once more, and waits for its bell
 //! as for any file. Its partner changes a word, and then exchanges `asleep` with 0: if it was set,
 //! it writes one byte to the bell. That is its only system call on behalf of the other side. All of
-//! these are sequentially consistent, so one of the two sees the other's store. No one spins.
+//! these are sequentially consistent, so one of the two sees the other's store. Nothing spins
+//! without a bound: see [`SendLink::looks`].
 //!
 //! **Death.** A link waits for the end of its partner's process too (a *pidfd*, which the kernel
 //! makes readable when all threads of that process have ended; so no store comes after it). That

@@ -29,6 +29,7 @@ pub struct ReceiveLink<T> {
     session: Session<T>,
     sender: Option<Sender<T>>,
     status: Status,
+    looks: u32,
 }
 
 impl<T: Send> ReceiveLink<T> {
@@ -37,7 +38,19 @@ impl<T: Send> ReceiveLink<T> {
             session,
             sender: Some(sender.external()),
             status: Status::default(),
+            looks: 0,
         }
+    }
+
+    /// In how many turns of its executor the link looks for the other program before it waits;
+    /// 0 if not stated. While it looks, the other program makes no system call to wake it: for
+    /// partners that answer within microseconds, on executors that are busy anyway. On one without
+    /// other ready processes it keeps the core busy for so many turns of some tens of nanoseconds; on a
+    /// busy one it takes part in each round of its priority, and processes of lower priority wait
+    /// meanwhile. Never unbounded: then it waits asleep.
+    pub fn looks(mut self, turns: u32) -> Self {
+        self.looks = turns;
+        self
     }
 
     /// What it has done.
@@ -62,13 +75,13 @@ impl<T: Send> Process for ReceiveLink<T> {
                 let name = self.session.name().to_owned();
                 return Err(Error::other(IpcError::RunTwice { name }));
             };
-            let stop = carry(&self.session, &sender, &self.status).await;
+            let stop = carry(&self.session, &sender, &self.status, self.looks).await;
             finish(stop, || sender.poison())
         }
     }
 }
 
-async fn carry<T>(session: &Session<T>, sender: &Sender<T>, status: &Status) -> Stop {
+async fn carry<T>(session: &Session<T>, sender: &Sender<T>, status: &Status, looks: u32) -> Stop {
     let joined = {
         let mut waits = Waits::new(session);
         let is_bound = |session: &Session<T>| session.is_bound().then_some(());
@@ -80,7 +93,7 @@ async fn carry<T>(session: &Session<T>, sender: &Sender<T>, status: &Status) -> 
         Err(error) => return error.into(),
     }
     match session.partner() {
-        Ok(partner) => match carry_from(session, &partner, sender, status).await {
+        Ok(partner) => match carry_from(session, &partner, sender, status, looks).await {
             Ok(stop) => stop,
             Err(error) => error.into(),
         },
@@ -99,9 +112,10 @@ async fn carry_from<T>(
     partner: &Partner,
     sender: &Sender<T>,
     status: &Status,
+    looks: u32,
 ) -> Result<Stop, IpcError> {
     let mut waits = Waits::new(session);
-    waits.watch(partner);
+    waits.watch(partner, looks);
     let words = session.words();
     let mut number = partner.start;
     status.joined(partner.pid, number, number - words.taken().min(number));

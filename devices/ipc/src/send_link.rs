@@ -33,6 +33,7 @@ pub struct SendLink<T> {
     session: Session<T>,
     receiver: Option<Receiver<T>>,
     status: Status,
+    looks: u32,
 }
 
 impl<T: Send> SendLink<T> {
@@ -41,7 +42,19 @@ impl<T: Send> SendLink<T> {
             session,
             receiver: Some(receiver.external()),
             status: Status::default(),
+            looks: 0,
         }
+    }
+
+    /// In how many turns of its executor the link looks for the other program before it waits;
+    /// 0 if not stated. While it looks, the other program makes no system call to wake it: for
+    /// partners that answer within microseconds, on executors that are busy anyway. On one without
+    /// other ready processes it keeps the core busy for so many turns of some tens of nanoseconds; on a
+    /// busy one it takes part in each round of its priority, and processes of lower priority wait
+    /// meanwhile. Never unbounded: then it waits asleep.
+    pub fn looks(mut self, turns: u32) -> Self {
+        self.looks = turns;
+        self
     }
 
     /// What it has done.
@@ -88,7 +101,7 @@ impl<T: Send> Process for SendLink<T> {
                 let name = self.session.name().to_owned();
                 return Err(Error::other(IpcError::RunTwice { name }));
             };
-            let carried = carry(&self.session, &receiver, &self.status).await;
+            let carried = carry(&self.session, &receiver, &self.status, self.looks).await;
             finish(carried, || receiver.poison())
         }
     }
@@ -165,7 +178,12 @@ impl From<End> for ChannelEnd {
     }
 }
 
-async fn carry<T>(session: &Session<T>, receiver: &Receiver<T>, status: &Status) -> Stop {
+async fn carry<T>(
+    session: &Session<T>,
+    receiver: &Receiver<T>,
+    status: &Status,
+    looks: u32,
+) -> Stop {
     let joined = {
         let mut waits = Waits::new(session);
         let is_bound = |session: &Session<T>| session.is_bound().then_some(());
@@ -183,7 +201,7 @@ async fn carry<T>(session: &Session<T>, receiver: &Receiver<T>, status: &Status)
         Err(error) => return error.into(),
     }
     match session.partner() {
-        Ok(partner) => match carry_to(session, &partner, receiver, status).await {
+        Ok(partner) => match carry_to(session, &partner, receiver, status, looks).await {
             Ok(stop) => stop,
             Err(error) => error.into(),
         },
@@ -196,9 +214,10 @@ async fn carry_to<T>(
     partner: &Partner,
     receiver: &Receiver<T>,
     status: &Status,
+    looks: u32,
 ) -> Result<Stop, IpcError> {
     let mut waits = Waits::new(session);
-    waits.watch(partner);
+    waits.watch(partner, looks);
     let words = session.words();
     let mut number = partner.start;
     status.joined(partner.pid, number, number - words.taken().min(number));

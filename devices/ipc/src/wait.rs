@@ -30,6 +30,9 @@ pub(crate) struct Waits<'a, T> {
     session: &'a Session<T>,
     bell: Pin<Box<FileReady<'a>>>,
     death: Option<Pin<Box<FileReady<'a>>>>,
+    /// Turns in which it looks before it waits, and those that are left.
+    looks: u32,
+    looks_left: u32,
 }
 
 impl<'a, T> Waits<'a, T> {
@@ -38,10 +41,13 @@ impl<'a, T> Waits<'a, T> {
             session,
             bell: Box::pin(readable(session.bell())),
             death: None,
+            looks: 0,
+            looks_left: 0,
         }
     }
 
-    pub(crate) fn watch(&mut self, partner: &'a Partner) {
+    pub(crate) fn watch(&mut self, partner: &'a Partner, looks: u32) {
+        self.looks = looks;
         self.death = Some(Box::pin(readable(&partner.process)));
     }
 
@@ -52,6 +58,7 @@ impl<'a, T> Waits<'a, T> {
         mut own: Pin<&mut impl Future<Output = A>>,
         look: impl Fn(&Session<T>) -> Option<R>,
     ) -> Result<First<A, Seen<R>>, IpcError> {
+        self.looks_left = self.looks;
         poll_fn(|cx| {
             if let Poll::Ready(done) = own.as_mut().poll(cx) {
                 return Poll::Ready(Ok(First::Own(done)));
@@ -72,6 +79,12 @@ impl<'a, T> Waits<'a, T> {
         loop {
             if let Some(seen) = look(self.session) {
                 return Poll::Ready(Ok(Seen::Word(seen)));
+            }
+            if self.looks_left > 0 {
+                self.looks_left -= 1;
+                // Another turn, after those of the processes that are ready now.
+                cx.waker().wake_by_ref();
+                return Poll::Pending;
             }
             // A partner that changes a word after the next look finds this, and rings.
             asleep.swap(1, SeqCst);

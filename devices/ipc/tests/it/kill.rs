@@ -2,7 +2,7 @@
 
 use crate::child::{Program, read_log};
 use crate::shared::{Random, watchdog};
-use crate::{channel_name, files};
+use crate::{channel_name, files, policies};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -74,20 +74,28 @@ fn kills_at_random_instants() {
     // How long after a kill the pending operation of the other program failed. Without an end the
     // two had no session, or both were killed.
     let ends = read_log(&folder.join("ends"));
-    let ends = ends.as_chunks::<2>().0.iter().map(|end| (end[0], end[1]));
+    // Of programs with SCHED_FIFO, which do not look for their partners.
+    let ends = ends.as_chunks::<3>().0.iter().filter(|end| end[2] == 0);
     let mut delays: Vec<u64> = ends
-        .filter_map(|(killed, end)| Some((end - killed_at.get(&killed)?) / 1000))
+        .filter_map(|end| Some(end[1].checked_sub(*killed_at.get(&end[0])?)? / 1000))
         .collect();
     delays.sort_unstable();
-    let (count, median) = (delays.len(), delays[delays.len() / 2]);
     println!(
-        "{kills} kills, {} values taken, {} acknowledged, none lost or doubled; \
-         {count} pending operations failed after {median} us (median), {} us (p99), {} us (longest)",
+        "{kills} kills, {} values taken, {} acknowledged, none lost or doubled",
         taken.len(),
         acknowledged.len(),
-        delays[(count * 99 / 100).min(count - 1)],
-        delays[count - 1],
     );
-    assert!(median < 10_000, "median {median} us");
+    let share = |percent: usize| delays[(delays.len() - 1) * percent / 100];
+    if !delays.is_empty() {
+        println!(
+            "{} pending operations failed after {} us (median), {} us (p99), {} us (longest)",
+            delays.len(),
+            share(50),
+            share(99),
+            share(100),
+        );
+        // With the policy the survivor does not wait for a core, and the kernel's share remains.
+        assert!(policies().len() < 2 || share(50) < 10_000);
+    }
     std::fs::remove_dir_all(&folder).unwrap();
 }

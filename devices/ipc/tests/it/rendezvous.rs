@@ -11,10 +11,14 @@ use std::sync::mpsc;
 #[test]
 fn all_values_come_in_order_and_each_send_waits_for_its_taker() {
     let _watchdog = watchdog();
-    for policy in policies() {
+    let cases = policies()
+        .into_iter()
+        .flat_map(|policy| [(policy, 0), (policy, 50)]);
+    for (policy, looks) in cases {
         let name = channel_name("order");
         let taken = Arc::new(AtomicU64::new(0));
         let (receiver, link) = luna_ipc::receiver::<Block>(&name).unwrap();
+        let link = link.looks(looks);
         let taking = taken.clone();
         let received = spawn(policy, link, async move {
             for number in 1..=500 {
@@ -28,6 +32,7 @@ fn all_values_come_in_order_and_each_send_waits_for_its_taker() {
             Ok(())
         });
         let (sender, link) = luna_ipc::sender::<Block>(&name).unwrap();
+        let link = link.looks(looks);
         let status = link.status();
         run(policy, link, async move {
             for number in 1..=500 {
