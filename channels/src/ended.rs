@@ -75,7 +75,8 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake 
     }
 }
 
-/// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended) and
+/// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended),
+/// [`Receiver::ended`](crate::Receiver::ended) and
 /// [`Receiver::poisoned`](crate::Receiver::poisoned).
 ///
 /// # Invariants

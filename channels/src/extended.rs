@@ -1,7 +1,9 @@
 //! Extended rendezvous: the sender is held until the receiver is done with the value.
 
 use crate::end::End;
+use crate::ended::ChannelEnd;
 use crate::finally::Finally;
+use crate::waiter::{Outcome, Waiter};
 use luna_core::current::Priority;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
@@ -106,6 +108,52 @@ impl<T> Extended<'_, T> {
     /// Releases the sender, and returns the value.
     pub fn finish(self) -> T {
         self.value
+    }
+
+    /// Refuses the value: the sender gets it back, with the error of a channel with this `end`. For
+    /// a receiver that passes values on, and could not pass on this one. The channel stays as it
+    /// is: poison or drop the receiver afterwards if no other value can be passed on either.
+    ///
+    /// A sender that has gone on already (at its deadline, or since it was cancelled) cannot get
+    /// the value back: it is returned here. A value that was made by
+    /// [`send_with`](crate::Sender::send_with) is dropped. Real-time path: yes, O(senders that are
+    /// held on this channel). No allocation.
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// # use luna_channels::ChannelEnd;
+    /// # block_on(async {
+    /// let (sender, receiver) = luna_channels::channel::<u32>();
+    /// let relay = async { receiver.recv_extended().await.unwrap().refuse(ChannelEnd::Closed) };
+    /// let (sent, rest) = zip(sender.send(5), relay).await;
+    /// let error = sent.unwrap_err();
+    /// assert!(error.is_closed());
+    /// assert_eq!((error.into_inner(), rest), (5, None));
+    /// # })
+    /// ```
+    pub fn refuse(self, end: ChannelEnd) -> Option<T> {
+        let Self { value, _held: held } = self;
+        let Held { end: of, ticket } = &held;
+        let mut value = Some(value);
+        let mut is_back = true;
+        if *ticket != 0 {
+            of.channel().finish_held(*ticket, |sender| {
+                // SAFETY: a held sender's node was begun and holds no value, and the lock is held.
+                unsafe {
+                    if Waiter::makes(sender) {
+                        is_back = false;
+                    } else if let Some(value) = value.take() {
+                        sender.as_ref().put_value(value);
+                    }
+                }
+                match end {
+                    ChannelEnd::Closed => Outcome::Closed,
+                    ChannelEnd::Poisoned => Outcome::Poisoned,
+                }
+            });
+        }
+        // The ticket is used up: what drops `held` finds no sender.
+        value.filter(|_| is_back)
     }
 }
 

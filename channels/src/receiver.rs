@@ -278,6 +278,21 @@ impl<T> Receiver<T> {
         Ended::new(self.channel().wait_point(), true)
     }
 
+    /// Waits until the senders are gone or the channel is poisoned, and takes nothing from it:
+    /// values may be left in its buffer. For a process that does other things before it receives.
+    /// All else is as for [`Sender::ended`](crate::Sender::ended).
+    ///
+    /// ```
+    /// # use futures_lite::future::block_on;
+    /// use luna_channels::ChannelEnd;
+    /// let (sender, receiver) = luna_channels::channel::<u32>();
+    /// drop(sender);
+    /// assert_eq!(block_on(receiver.ended()), ChannelEnd::Closed);
+    /// ```
+    pub fn ended(&self) -> Ended<'_> {
+        Ended::new(self.channel().wait_point(), false)
+    }
+
     /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {

@@ -363,6 +363,22 @@ impl<T> Waiter<T> {
         }
     }
 
+    /// Whether a sender's value is made when it is taken, so that its node has no place for one
+    /// that comes back.
+    ///
+    /// # Safety
+    ///
+    /// `node` is a sender's that was begun, and no other thread accesses it.
+    pub(crate) unsafe fn makes(node: NonNull<Waiter<T>>) -> bool {
+        // SAFETY: the contract, and the type's invariant for `make`.
+        unsafe {
+            match (*Self::link(node)).begun {
+                Begun::InFull => (*node.as_ptr()).seldom.make.assume_init().is_some(),
+                _ => false,
+            }
+        }
+    }
+
     /// Notes the stamp of the operation's coming result.
     ///
     /// # Safety

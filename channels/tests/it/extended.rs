@@ -7,7 +7,7 @@ use crate::common;
 use common::{Ledger, Wakes, Watchdog, pending, poll_with, ready};
 use futures_lite::future::block_on;
 use luna_channels::inspect::{self, Role};
-use luna_channels::{Buffer, RecvError, TryRecvError, alt, buffered, channel, pri_alt};
+use luna_channels::{Buffer, ChannelEnd, RecvError, TryRecvError, alt, buffered, channel, pri_alt};
 use luna_core::current;
 use luna_executors::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
@@ -397,4 +397,53 @@ fn across_threads_the_sender_sees_what_the_receiver_did() {
         }
         drop(sender);
     });
+}
+
+#[test]
+fn a_refused_value_goes_back_to_its_sender() {
+    let (sender, receiver) = channel();
+    let (wakes, waker) = Wakes::new();
+    let ends = [ChannelEnd::Closed, ChannelEnd::Poisoned];
+    for (is_chosen, end) in [false, true].into_iter().zip(ends) {
+        let mut send = Box::pin(async {
+            match is_chosen {
+                false => sender.send(5).await,
+                true => alt! { sent = sender.send(5) => sent },
+            }
+        });
+        assert!(poll_with(&mut send, &waker).is_pending());
+        let extended = ready(&mut Box::pin(receiver.recv_extended())).unwrap();
+        assert!(poll_with(&mut send, &waker).is_pending());
+        let before = wakes.count();
+        assert_eq!(extended.refuse(end), None);
+        assert_eq!(wakes.count(), before + 1);
+        let error = ready(&mut send).unwrap_err();
+        assert_eq!(error.is_poisoned(), end == ChannelEnd::Poisoned);
+        assert_eq!(error.into_inner(), 5);
+        assert_eq!(receiver.try_recv(), Err(TryRecvError::Empty));
+    }
+    // The channel goes on.
+    let mut send = Box::pin(sender.send(6));
+    pending(&mut send);
+    assert_eq!(receiver.try_recv(), Ok(6));
+    assert_eq!(ready(&mut send), Ok(()));
+}
+
+#[test]
+fn a_refused_value_without_a_sender_stays_with_the_receiver() {
+    let ledger = Ledger::new(2);
+    let (sender, receiver) = channel();
+    let mut send = Box::pin(sender.send(ledger.token(0)));
+    pending(&mut send);
+    let extended = ready(&mut Box::pin(receiver.recv_extended())).unwrap();
+    drop(send); // cancelled
+    assert!(extended.refuse(ChannelEnd::Closed).is_some());
+    let token = ledger.token(1);
+    let mut send = Box::pin(sender.send_with(move || token));
+    pending(&mut send);
+    let extended = ready(&mut Box::pin(receiver.recv_extended())).unwrap();
+    assert!(extended.refuse(ChannelEnd::Poisoned).is_none());
+    assert!(ready(&mut send).unwrap_err().is_poisoned());
+    drop(send);
+    assert_eq!(ledger.dropped(), [0, 1]);
 }

@@ -1,0 +1,251 @@
+//! What can go wrong.
+
+use crate::ZeroCopySend;
+use std::fmt;
+use std::io;
+
+/// The side of a channel that a program has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// It sends.
+    Sender,
+    /// It receives.
+    Receiver,
+}
+
+impl Role {
+    pub(crate) fn other(self) -> Role {
+        match self {
+            Role::Sender => Role::Receiver,
+            Role::Receiver => Role::Sender,
+        }
+    }
+
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Role::Sender => "sender",
+            Role::Receiver => "receiver",
+        }
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+/// A value's type, as a program states it.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub struct TypeInfo {
+    /// Its name, cut to 240 bytes.
+    pub name: String,
+    /// Its size in bytes.
+    pub size: u64,
+    /// Its alignment in bytes.
+    pub align: u64,
+    /// The [layout version](crate::Endpoint::layout_version).
+    pub version: u32,
+}
+
+/// The longest name of a type that is compared.
+pub(crate) const TYPE_NAME: usize = 240;
+
+impl TypeInfo {
+    pub(crate) fn of<T: ZeroCopySend>(version: u32) -> Self {
+        // SAFETY: the implementation of `ZeroCopySend` promises that types of this name have one
+        // layout. Size, alignment and version are compared beside it.
+        let name = unsafe { <T as ZeroCopySend>::type_name() };
+        Self::new(name, size_of::<T>(), align_of::<T>(), version)
+    }
+
+    pub(crate) fn new(name: &str, size: usize, align: usize, version: u32) -> Self {
+        Self {
+            name: name[..name.floor_char_boundary(TYPE_NAME)].to_owned(),
+            size: size as u64,
+            align: align as u64,
+            version,
+        }
+    }
+}
+
+impl fmt::Display for TypeInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            name,
+            size,
+            align,
+            version,
+        } = self;
+        write!(
+            f,
+            "`{name}` ({size} bytes, alignment {align}, layout version {version})"
+        )
+    }
+}
+
+/// Why a channel cannot be opened, or has failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum IpcError {
+    /// The name cannot be that of a channel.
+    #[error(
+        "`{name}` cannot be the name of a channel: use 1 to 180 letters, digits, `_`, `-`, `.` and `/`"
+    )]
+    Name {
+        /// The name.
+        name: String,
+    },
+    /// Another program, or another part of this one, has this side of the channel.
+    #[error(
+        "channel `{name}` has a {role} already, process {pid}: end that process, or use another name"
+    )]
+    Busy {
+        /// The channel.
+        name: String,
+        /// The side.
+        role: Role,
+        /// The process that has it; 0 if it has not said so yet.
+        pid: u32,
+    },
+    /// The other program states another type.
+    #[error(
+        "channel `{name}`: this program's {role} carries {here}, process {pid} carries {there}: build both from one definition, or name the type by #[type_name(..)]"
+    )]
+    Type {
+        /// The channel.
+        name: String,
+        /// The side of this program.
+        role: Role,
+        /// What this program states.
+        here: Box<TypeInfo>,
+        /// What the other program states.
+        there: Box<TypeInfo>,
+        /// The other process.
+        pid: u32,
+    },
+    /// The other program speaks another version of the protocol, or the memory is no channel's.
+    #[error(
+        "channel `{name}`: its shared memory is not of this version of luna-ipc: build both programs with the same one"
+    )]
+    Protocol {
+        /// The channel.
+        name: String,
+    },
+    /// The other program is in another namespace for process numbers, so its death could not be
+    /// noticed.
+    #[error(
+        "channel `{name}`: process {pid} of the other program belongs to another PID namespace, so its end cannot be noticed: run both in one (docker: --pid)"
+    )]
+    Namespace {
+        /// The channel.
+        name: String,
+        /// The other process, by its own namespace.
+        pid: u32,
+    },
+    /// The system refuses something.
+    #[error("channel `{name}`: cannot {what}: {source}")]
+    System {
+        /// The channel.
+        name: String,
+        /// What was to be done.
+        what: &'static str,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// iceoryx2 refuses the shared memory.
+    #[error(
+        "channel `{name}`: cannot {what} shared memory: {why}: check the space in /dev/shm and the limit of memory"
+    )]
+    Memory {
+        /// The channel.
+        name: String,
+        /// What was to be done.
+        what: &'static str,
+        /// iceoryx2's error.
+        why: String,
+    },
+    /// The other program has ended without closing the channel: it was killed, or has crashed.
+    #[error(
+        "channel `{name}`: the {role}, process {pid}, has ended without closing it; {acknowledged} values were acknowledged: open the channel again for the next session"
+    )]
+    PartnerDied {
+        /// The channel.
+        name: String,
+        /// The side of the program that has ended.
+        role: Role,
+        /// The process that has ended.
+        pid: u32,
+        /// Values of this session that were acknowledged.
+        acknowledged: u64,
+    },
+    /// The other program has written what the protocol does not allow.
+    #[error(
+        "channel `{name}`: process {pid} has published number {number} after {expected}: it is not a luna-ipc of this version, or its memory was overwritten"
+    )]
+    Broken {
+        /// The channel.
+        name: String,
+        /// The other process.
+        pid: u32,
+        /// What it has written.
+        number: u64,
+        /// The number before.
+        expected: u64,
+    },
+    /// A value cannot be encoded: it is larger than its place, or its type refuses.
+    #[error(
+        "channel `{name}`: a value cannot be encoded in {capacity} bytes: {why}: open both sides with a larger capacity"
+    )]
+    Encode {
+        /// The channel.
+        name: String,
+        /// The bytes that a value may have, and its length.
+        capacity: usize,
+        /// The error of postcard.
+        why: String,
+    },
+    /// A value cannot be decoded: the programs define its type differently.
+    #[error(
+        "channel `{name}`: a value of process {pid} cannot be decoded: {why}: build both programs from one definition of its type"
+    )]
+    Decode {
+        /// The channel.
+        name: String,
+        /// The other process.
+        pid: u32,
+        /// The error of postcard.
+        why: String,
+    },
+    /// The link runs on a virtual clock, which does not wait for other programs.
+    #[error(
+        "channel `{name}`: another program does not follow a virtual clock: connect the processes by an ordinary channel in a simulation"
+    )]
+    VirtualClock {
+        /// The channel.
+        name: String,
+    },
+    /// The link was run twice.
+    #[error("channel `{name}`: a link runs once: open the channel again")]
+    RunTwice {
+        /// The channel.
+        name: String,
+    },
+}
+
+impl IpcError {
+    pub(crate) fn system(name: &str, what: &'static str, source: impl Into<io::Error>) -> Self {
+        Self::System {
+            name: name.to_owned(),
+            what,
+            source: source.into(),
+        }
+    }
+}
+
+impl From<IpcError> for luna::Error {
+    fn from(error: IpcError) -> Self {
+        luna::Error::other(error)
+    }
+}

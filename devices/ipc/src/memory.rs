@@ -1,0 +1,238 @@
+//! The words in shared memory. The crate's documentation says which program writes which.
+
+use crate::codec::Codec;
+use crate::error::{TYPE_NAME, TypeInfo};
+use crate::name::Name;
+use crate::{IpcError, Role};
+use iceoryx2_bb_container::semantic_string::SemanticString;
+use iceoryx2_bb_posix::creation_mode::CreationMode;
+use iceoryx2_bb_posix::permission::Permission;
+use iceoryx2_bb_posix::shared_memory::{AccessMode, SharedMemory, SharedMemoryBuilder};
+use iceoryx2_bb_system_types::file_name::FileName;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
+
+/// Where the value is: aligned for all types that are allowed.
+const OFFSET: usize = 4096;
+
+/// What the first word of a segment is: "luna-ipc", the last byte the version of the protocol.
+const MAGIC: u64 = u64::from_be_bytes(*b"lunaipc\x01");
+
+/// The words of one role, on cache lines of their own.
+#[repr(C, align(128))]
+pub(crate) struct Side {
+    pub(crate) epoch: AtomicU64,
+    pub(crate) bound: AtomicU64,
+    /// Of the process, and of its namespace of process numbers.
+    pub(crate) pid: AtomicU32,
+    pub(crate) end: AtomicU32,
+    pub(crate) namespace: AtomicU64,
+    pub(crate) asleep: AtomicU32,
+    /// The sender's `published`, the receiver's `taken`.
+    pub(crate) number: AtomicU64,
+}
+
+/// The head of a segment. The value follows.
+#[repr(C, align(128))]
+pub(crate) struct Words {
+    magic: AtomicU64,
+    size: AtomicU64,
+    align: AtomicU64,
+    version: AtomicU32,
+    name_length: AtomicU32,
+    name: [AtomicU8; TYPE_NAME],
+    pub(crate) start: AtomicU64,
+    sides: [Side; 2],
+}
+
+impl Words {
+    pub(crate) fn side(&self, role: Role) -> &Side {
+        match role {
+            Role::Sender => &self.sides[0],
+            Role::Receiver => &self.sides[1],
+        }
+    }
+
+    pub(crate) fn published(&self) -> u64 {
+        self.side(Role::Sender).number.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn taken(&self) -> u64 {
+        self.side(Role::Receiver).number.load(Ordering::Acquire)
+    }
+
+    fn state(&self, info: &TypeInfo) {
+        self.size.store(info.size, Ordering::Relaxed);
+        self.align.store(info.align, Ordering::Relaxed);
+        self.version.store(info.version, Ordering::Relaxed);
+        for (word, byte) in self.name.iter().zip(info.name.bytes()) {
+            word.store(byte, Ordering::Relaxed);
+        }
+        let length = info.name.len().min(TYPE_NAME) as u32;
+        self.name_length.store(length, Ordering::Relaxed);
+        self.magic.store(MAGIC, Ordering::Release);
+    }
+
+    /// What the segment's maker has stated.
+    fn stated(&self) -> TypeInfo {
+        let length = self.name_length.load(Ordering::Relaxed) as usize;
+        let bytes = self.name.iter().take(length);
+        let bytes: Vec<u8> = bytes.map(|word| word.load(Ordering::Relaxed)).collect();
+        TypeInfo {
+            name: String::from_utf8_lossy(&bytes).into_owned(),
+            size: self.size.load(Ordering::Relaxed),
+            align: self.align.load(Ordering::Relaxed),
+            version: self.version.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// A mapped segment for values of type `T`.
+///
+/// # Invariants
+///
+/// The mapping has room for the codec's size at `OFFSET`, is writable, aligned to a page, and stays
+/// while this is. It began as zeros, and its words are changed by atomic operations alone.
+#[derive(Debug)]
+pub(crate) struct Memory<T> {
+    base: NonNull<u8>,
+    _mapping: SharedMemory,
+    codec: Codec<T>,
+}
+
+// SAFETY: the mapping may be used by any thread; what it holds is atomic, or guarded by the
+// numbers of the protocol.
+unsafe impl<T: Send> Send for Memory<T> {}
+// SAFETY: as above; reading and writing the value are `unsafe`, with a contract of their own.
+unsafe impl<T: Send> Sync for Memory<T> {}
+
+impl<T> Memory<T> {
+    /// Makes a segment of zeros, and states the type in it. There is none of that name.
+    pub(crate) fn create(name: &Name, info: &TypeInfo, codec: Codec<T>) -> Result<Self, IpcError> {
+        let created = SharedMemoryBuilder::new(&file_name(name)?)
+            .creation_mode(CreationMode::PurgeAndCreate)
+            .size(OFFSET + codec.size())
+            .permission(Permission::OWNER_READ_WRITE)
+            // The kernel gives zeros.
+            .zero_memory(false)
+            // The last side to close removes it, with the other files.
+            .has_ownership(false)
+            .create();
+        let mapping = created.map_err(|error| refused(name, "make", error))?;
+        let memory = Self::of(mapping, name, codec)?;
+        memory.words().state(info);
+        Ok(memory)
+    }
+
+    /// Opens the segment of a channel that is in use.
+    pub(crate) fn open(
+        name: &Name,
+        info: &TypeInfo,
+        role: Role,
+        codec: Codec<T>,
+    ) -> Result<Self, IpcError> {
+        let opened =
+            SharedMemoryBuilder::new(&file_name(name)?).open_existing(AccessMode::ReadWrite);
+        let mapping = opened.map_err(|error| refused(name, "open", error))?;
+        let protocol = || IpcError::Protocol {
+            name: name.text().to_owned(),
+        };
+        if mapping.size() < size_of::<Words>() {
+            return Err(protocol());
+        }
+        // SAFETY: the mapping is long enough for the words, aligned to a page, and outlives the
+        // borrow. Any bits are valid for atomic integers.
+        let words = unsafe { &*mapping.base_address().as_ptr().cast::<Words>() };
+        if words.magic.load(Ordering::Acquire) != MAGIC {
+            return Err(protocol());
+        }
+        let there = words.stated();
+        if there != *info {
+            return Err(IpcError::Type {
+                name: name.text().to_owned(),
+                role,
+                here: Box::new(info.clone()),
+                there: Box::new(there),
+                pid: words.side(role.other()).pid.load(Ordering::Relaxed),
+            });
+        }
+        Self::of(mapping, name, codec)
+    }
+
+    fn of(mapping: SharedMemory, name: &Name, codec: Codec<T>) -> Result<Self, IpcError> {
+        let base = mapping.base_address();
+        if mapping.size() < OFFSET + codec.size() {
+            return Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            });
+        }
+        Ok(Self {
+            base,
+            _mapping: mapping,
+            codec,
+        })
+    }
+
+    pub(crate) fn words(&self) -> &Words {
+        // SAFETY: by the invariants the mapping is long enough, aligned, and lives as long as
+        // `self`. Any bits are valid for atomic integers, which other programs change atomically.
+        unsafe { self.base.cast().as_ref() }
+    }
+
+    /// The bytes that a value has at most.
+    pub(crate) fn capacity(&self) -> usize {
+        self.codec.size()
+    }
+
+    fn value(&self) -> NonNull<u8> {
+        const { assert!(size_of::<Words>() <= OFFSET) };
+        // SAFETY: by the invariants the mapping is longer.
+        unsafe { self.base.add(OFFSET) }
+    }
+
+    /// Writes the value.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be encoded; then nothing is to be published.
+    ///
+    /// # Safety
+    ///
+    /// This program is the sender of a session, and no value is under way in it.
+    pub(crate) unsafe fn write(&self, value: &T) -> Result<(), String> {
+        // SAFETY: by the invariants the place is in the mapping, aligned to a page and large enough
+        // for the codec. By the contract no receiver reads it: it does so only between `published`
+        // and `taken`.
+        unsafe { self.codec.write(self.value(), value) }
+    }
+
+    /// Copies the value out.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be decoded.
+    ///
+    /// # Safety
+    ///
+    /// This program is the receiver of a session, and its number was published in this session and
+    /// is not yet taken.
+    pub(crate) unsafe fn read(&self) -> Result<T, String> {
+        // SAFETY: as for `write`. By the contract the sender has written the value whole, with the
+        // codec of the type that both state, and does not write again before it is taken.
+        unsafe { self.codec.read(self.value()) }
+    }
+}
+
+fn file_name(name: &Name) -> Result<FileName, IpcError> {
+    FileName::new(name.memory().as_bytes()).map_err(|_| IpcError::Name {
+        name: name.text().to_owned(),
+    })
+}
+
+fn refused(name: &Name, what: &'static str, error: impl std::fmt::Debug) -> IpcError {
+    IpcError::Memory {
+        name: name.text().to_owned(),
+        what,
+        why: format!("{error:?}"),
+    }
+}

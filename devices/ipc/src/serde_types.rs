@@ -1,0 +1,89 @@
+//! Values that are no plain data, by serde in postcard's format.
+
+use crate::codec::Codec;
+use crate::error::TypeInfo;
+use crate::name::Name;
+use crate::session::Session;
+use crate::{Endpoint, IpcError, ReceiveLink, Role, SendLink};
+use luna::{Receiver, Sender};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+impl Endpoint {
+    /// As [`sender`](Self::sender), for a type of serde: strings, vectors, enums with fields. A
+    /// value has at most `capacity` bytes in postcard's format; both programs state the same. The
+    /// programs compare [`std::any::type_name`], so the type is defined in a crate that both use,
+    /// and the capacity and the layout version.
+    ///
+    /// A value that does not fit goes back to its sender, the channel is poisoned in both programs,
+    /// and the link ends with [`IpcError::Encode`]. If the other program cannot decode a value, the
+    /// same happens with [`IpcError::Decode`] there.
+    ///
+    /// Real-time path: encoding allocates nothing, as far as the type's `Serialize` does not, and
+    /// takes time as the value is large. Decoding allocates what the type owns: for a loop that may
+    /// not, use plain data.
+    ///
+    /// # Errors
+    ///
+    /// As for [`sender`](Self::sender).
+    ///
+    /// ```
+    /// use luna_ipc::Endpoint;
+    /// use serde::{Deserialize, Serialize};
+    ///
+    /// #[derive(Serialize, Deserialize)]
+    /// struct Order {
+    ///     part: String,
+    ///     steps: Vec<u16>,
+    /// }
+    ///
+    /// let name = format!("doc/{}/orders", std::process::id());
+    /// let endpoint = Endpoint::new(&name);
+    /// let (orders, link) = endpoint.serde_sender::<Order>(1024)?;
+    /// # drop(orders);
+    /// # Ok::<(), luna_ipc::IpcError>(())
+    /// ```
+    pub fn serde_sender<T: Serialize + DeserializeOwned + Send + 'static>(
+        &self,
+        capacity: usize,
+    ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
+        let session = self.open_serde(Role::Sender, capacity)?;
+        let (sender, receiver) = luna::channel();
+        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+    }
+
+    /// As [`receiver`](Self::receiver), for a type of serde: see
+    /// [`serde_sender`](Self::serde_sender).
+    ///
+    /// # Errors
+    ///
+    /// As for [`receiver`](Self::receiver).
+    ///
+    /// ```
+    /// let name = format!("doc/{}/texts", std::process::id());
+    /// let endpoint = luna_ipc::Endpoint::new(&name);
+    /// let (texts, link) = endpoint.serde_receiver::<String>(80)?;
+    /// # drop(texts);
+    /// # Ok::<(), luna_ipc::IpcError>(())
+    /// ```
+    pub fn serde_receiver<T: Serialize + DeserializeOwned + Send + 'static>(
+        &self,
+        capacity: usize,
+    ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
+        let session = self.open_serde(Role::Receiver, capacity)?;
+        let (sender, receiver) = luna::channel();
+        let receiver = receiver.named(&self.name);
+        Ok((receiver, ReceiveLink::new(session, sender)))
+    }
+
+    fn open_serde<T: Serialize + DeserializeOwned>(
+        &self,
+        role: Role,
+        capacity: usize,
+    ) -> Result<Session<T>, IpcError> {
+        let name = format!("{} by postcard", std::any::type_name::<T>());
+        let info = TypeInfo::new(&name, capacity, 1, self.version);
+        let codec = Codec::postcard(capacity);
+        Session::open(Name::new(&self.name)?, role, info, codec)
+    }
+}

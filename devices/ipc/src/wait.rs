@@ -1,0 +1,127 @@
+//! What a link waits for: a word of its partner, the partner's death, and an event of its own side.
+
+use crate::IpcError;
+use crate::session::{Partner, Session};
+use luna::external::{FileReady, readable};
+use luna_platform::file;
+use std::future::{Future, poll_fn};
+use std::io::ErrorKind;
+use std::pin::Pin;
+use std::sync::atomic::Ordering::SeqCst;
+use std::task::{Context, Poll};
+
+/// What has happened on the other side.
+pub(crate) enum Seen<R> {
+    /// The words show this.
+    Word(R),
+    /// The partner's process has ended, and the words do not show it.
+    Death,
+}
+
+/// The first of two events.
+pub(crate) enum First<A, B> {
+    Own(A),
+    Other(B),
+}
+
+/// Waits of one session. The futures of files last for the session, since to withdraw one is a
+/// system call.
+pub(crate) struct Waits<'a, T> {
+    session: &'a Session<T>,
+    bell: Pin<Box<FileReady<'a>>>,
+    death: Option<Pin<Box<FileReady<'a>>>>,
+    /// Turns in which it looks before it waits, and those that are left.
+    looks: u32,
+    looks_left: u32,
+}
+
+impl<'a, T> Waits<'a, T> {
+    pub(crate) fn new(session: &'a Session<T>) -> Self {
+        Self {
+            session,
+            bell: Box::pin(readable(session.bell())),
+            death: None,
+            looks: 0,
+            looks_left: 0,
+        }
+    }
+
+    pub(crate) fn watch(&mut self, partner: &'a Partner, looks: u32) {
+        self.looks = looks;
+        self.death = Some(Box::pin(readable(&partner.process)));
+    }
+
+    /// Waits until `own` is done, or `look` finds something in the words, or the partner has died.
+    /// `own` comes first.
+    pub(crate) async fn first<A, R>(
+        &mut self,
+        mut own: Pin<&mut impl Future<Output = A>>,
+        look: impl Fn(&Session<T>) -> Option<R>,
+    ) -> Result<First<A, Seen<R>>, IpcError> {
+        self.looks_left = self.looks;
+        poll_fn(|cx| {
+            if let Poll::Ready(done) = own.as_mut().poll(cx) {
+                return Poll::Ready(Ok(First::Own(done)));
+            }
+            self.poll(cx, &look)
+                .map(|seen| seen.map(|seen| First::Other(seen)))
+        })
+        .await
+    }
+
+    fn poll<R>(
+        &mut self,
+        cx: &mut Context<'_>,
+        look: impl Fn(&Session<T>) -> Option<R>,
+    ) -> Poll<Result<Seen<R>, IpcError>> {
+        let asleep = &self.session.own().asleep;
+        let failed = |error| IpcError::system(self.session.name(), "wait for its bell", error);
+        loop {
+            if let Some(seen) = look(self.session) {
+                return Poll::Ready(Ok(Seen::Word(seen)));
+            }
+            if self.looks_left > 0 {
+                self.looks_left -= 1;
+                // Another turn, after those of the processes that are ready now.
+                cx.waker().wake_by_ref();
+                return Poll::Pending;
+            }
+            // A partner that changes a word after the next look finds this, and rings.
+            asleep.swap(1, SeqCst);
+            if let Some(seen) = look(self.session) {
+                asleep.store(0, SeqCst);
+                return Poll::Ready(Ok(Seen::Word(seen)));
+            }
+            match self.bell.as_mut().poll(cx) {
+                Poll::Ready(Ok(())) => {
+                    drain(self.session).map_err(failed)?;
+                    continue;
+                }
+                Poll::Ready(Err(error)) => {
+                    return Poll::Ready(Err(failed(std::io::Error::other(error))));
+                }
+                Poll::Pending => {}
+            }
+            let Some(death) = &mut self.death else {
+                return Poll::Pending;
+            };
+            return match death.as_mut().poll(cx) {
+                // All that it did was before its end: so this look is the last one.
+                Poll::Ready(Ok(())) => Poll::Ready(Ok(match look(self.session) {
+                    Some(seen) => Seen::Word(seen),
+                    None => Seen::Death,
+                })),
+                Poll::Ready(Err(error)) => Poll::Ready(Err(failed(std::io::Error::other(error)))),
+                Poll::Pending => Poll::Pending,
+            };
+        }
+    }
+}
+
+fn drain<T>(session: &Session<T>) -> std::io::Result<()> {
+    let mut bytes = [0; 64];
+    match file::read(session.bell(), &mut bytes) {
+        Err(error) if error.kind() != ErrorKind::WouldBlock => Err(error),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,88 @@
+//! Tests of channels between programs. One program; a module a subject.
+
+#[path = "../../../../tests/shared/mod.rs"]
+mod shared;
+
+mod buffers;
+mod child;
+mod death;
+mod guards;
+mod kill;
+mod opening;
+mod rendezvous;
+#[cfg(feature = "serde")]
+mod serde_types;
+
+use luna::{Policy, System};
+use luna_ipc::ZeroCopySend;
+
+/// What most tests send.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("luna_ipc_test::Block")]
+struct Block {
+    number: u64,
+    weight: f32,
+    color: u8,
+}
+
+fn block(number: u64) -> Block {
+    Block {
+        number,
+        weight: number as f32,
+        color: number as u8,
+    }
+}
+
+/// A name that no other test has.
+fn channel_name(test: &str) -> String {
+    format!("test/{}/{test}", std::process::id())
+}
+
+/// The files of a channel, or of all channels that begin so.
+fn files(name: &str) -> Vec<String> {
+    let prefix = format!("luna-ipc.{}", name.replace('/', "+"));
+    let entries = std::fs::read_dir("/dev/shm").unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    names.filter(|name| name.starts_with(&prefix)).collect()
+}
+
+/// Runs a process and a link on an executor of their own, on the calling thread. Without the
+/// privilege for a policy the threads are ordinary ones.
+fn run(
+    policy: Policy,
+    link: impl luna::Process + Send + 'static,
+    body: impl Future<Output = luna::Result<()>> + Send + 'static,
+) -> luna::Result<()> {
+    let mut system = System::new("test");
+    let main = system.executor("main").policy(policy).build()?;
+    main.process("link").priority(2).spawn(link)?;
+    main.process("body").priority(1).spawn(body)?;
+    system.run().map(drop)
+}
+
+/// As [`run`], on a thread of its own.
+fn spawn(
+    policy: Policy,
+    link: impl luna::Process + Send + 'static,
+    body: impl Future<Output = luna::Result<()>> + Send + 'static,
+) -> std::thread::JoinHandle<luna::Result<()>> {
+    std::thread::spawn(move || run(policy, link, body))
+}
+
+/// SCHED_OTHER, and SCHED_FIFO where this process may have it.
+fn policies() -> Vec<Policy> {
+    let probe = std::thread::spawn(|| {
+        // SAFETY: the parameter is a valid structure, and the thread is this one.
+        unsafe {
+            let parameter = libc::sched_param { sched_priority: 1 };
+            libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) == 0
+        }
+    });
+    if probe.join().unwrap() {
+        vec![Policy::Other, Policy::fifo(30)]
+    } else {
+        shared::skip("the part with SCHED_FIFO: it is not granted");
+        vec![Policy::Other]
+    }
+}
