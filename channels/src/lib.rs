@@ -24,13 +24,13 @@
 //! assert_eq!(block_on(zip(send, print)), (Ok(()), 3));
 //! ```
 //!
-//! An operation allocates nothing, never waits for another thread to get somewhere, and holds a
-//! priority-inheriting lock for a bounded number of steps. What was communicated is never lost or
+//! An operation allocates nothing, and holds a priority-inheriting lock for a bounded number of
+//! steps. It waits for another thread only while that holds such a lock. What was communicated is never lost or
 //! doubled: a future that is dropped takes its offer back, and a value that it was already given
 //! goes to the next receiver.
 //!
 //! The crate works under any executor: LUNA's, where waiting lists are ordered by priority and
-//! waking costs no reference counts, and tokio, smol, or plain threads, where wakers do the waking.
+//! waking costs no atomic reference counts, and tokio, smol, or plain threads, where wakers do the waking.
 
 // loom and shuttle check the same models: shuttle has loom's names.
 #[cfg(all(test, shuttle))]

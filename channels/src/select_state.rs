@@ -41,11 +41,10 @@ const CHOSEN: u32 = 3;
 /// # Invariants
 ///
 /// `wake_handle` belongs to the owner unless the state is `OPEN` or `OPEN_PLAINLY`; from these, to
-/// the thread that left them. Where that was no choice but a closing by another thread
-/// ([`close`](SelectState::close)), the owner learns of it before the other has taken the wake
-/// handle: such select states are `needs_lock`, and the commit lock is held around both.
-/// `needs_lock` is changed by the owner alone, while no node
-/// leads here that is listed. `entered` belongs to the thread that holds the commit lock. While a
+/// the thread that left them. Where another thread closes it without a choice
+/// ([`close`](SelectState::close)), the owner could see that before the other thread has taken the
+/// wake handle, and open it again. So such select states are `needs_lock`: the commit lock is held
+/// around both. `needs_lock` is changed by the owner alone, while no listed node leads here. `entered` belongs to the thread that holds the commit lock. While a
 /// node that leads here is listed, this is live: its owner takes each node off, under its list's
 /// lock, before it goes.
 #[derive(Debug)]
@@ -60,7 +59,7 @@ pub struct SelectState {
     /// delay, though it may not have run yet.
     late_from: AtomicU64,
     first_late: AtomicU32,
-    /// The clock of `limit`: a partner with another clock cannot compare.
+    /// The clock of `late_from`: a partner with another clock cannot compare.
     clock: AtomicUsize,
     wake_handle: UnsafeCell<Option<WakeHandle>>,
     /// The commit lock. Held around each commit where `needs_lock` is set, so that a barrier's last

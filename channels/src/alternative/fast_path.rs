@@ -487,7 +487,8 @@ pub(crate) unsafe fn commit(
 }
 
 /// Takes the first operation off a queue, and guards of alternatives that have chosen before it.
-/// `None`: the first one is none for the fast path. The caller settles the operation.
+/// `None`: the first operation needs the slow path; `Some(None)`: the queue is empty. The caller
+/// settles the operation.
 ///
 /// # Safety
 ///

@@ -50,7 +50,7 @@ pub struct When<D> {
     /// For the panic where there are no timers.
     made_at: &'static Location<'static>,
     sleep: Sleep,
-    /// Whether `sleep` is to be set before it is used again.
+    /// Whether `sleep` is set to the time at which it is due now.
     is_set: bool,
     /// It is awaited in a process with a replay log, and is due.
     has_come: bool,
@@ -93,8 +93,7 @@ impl<D: Due> When<D> {
                 sleep.as_mut().reset(due_at);
                 this.is_set = true;
             }
-            // A sleep that ends before what has been put off ends sooner than it should: then on
-            // with the new time.
+            // The due time may have been put off meanwhile: then it sleeps again, until the new one.
             let made_at = this.made_at;
             let refuse = || no_timers("a tick, a timer or a watchdog", Some(made_at));
             if sleep.poll_or(cx, refuse).is_pending() {

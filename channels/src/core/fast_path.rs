@@ -1,11 +1,11 @@
-//! Communication between two processes of one executor, over a channel that is used for plain sends
-//! and receives only: nearly every communication.
+//! Communication between two processes of one executor by sends, receives and guards of
+//! alternatives: nearly every communication.
 //!
 //! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
 //! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
 //! is cloned or called; at most one alternative is registered, no call is served, no buffer
 //! overwrites; the process is neither recorded nor has a replay log. Whenever one of these
-//! conditions does not hold, no state has changed, and the operation takes the slow path.
+//! conditions does not hold, no value has moved, and the operation takes the slow path.
 //!
 //! ```text
 //!   plain turn? --> lock biased to this executor? --> what waits, one word?
@@ -84,7 +84,8 @@ unsafe fn meet<const SEND: bool>(
 ) -> FastPath {
     // SAFETY: the contract; the operation keeps its channel.
     let wait_point = unsafe { channel.as_ref() };
-    // SAFETY: a thread holds no lock of a wait point when it polls.
+    // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
+    // closure of a `send_with` runs under one, but it has no plain turn.
     let lists = match unsafe { wait_point.enter(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,

@@ -71,8 +71,8 @@ impl<T> Channel<T> {
             }
             if slots.is_free(own) && spin::may_look() {
                 lists.note_user(is_sender, LastUser::of(current::user()));
-                // SAFETY: the contract. A sender's value stays in the node too: it is taken from
-                // there if the node is listed.
+                // SAFETY: the contract. The slot gets a bitwise copy of a sender's value. One of
+                // the two is used: the slot's if it is met there, the node's once that is listed.
                 unsafe {
                     Waiter::begin_in_slot(node);
                     lists.hand_off.note(own, node.cast());

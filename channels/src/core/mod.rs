@@ -8,7 +8,8 @@
 //!
 //! ```text
 //!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
-//!                             |                  `--> HELD --receiver done, under the lock--> DONE
+//!                             |                  `--> HELD --receiver done, under the lock--> DONE | ANSWERED
+//!                             |                  `--> HELD --receiver refuses the value--> CLOSED | POISONED
 //!                             |-- found by a partner, its alternative has chosen --> STALE
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```
@@ -44,6 +45,7 @@ use std::collections::VecDeque;
 use std::mem::offset_of;
 use std::ptr::NonNull;
 use std::task::Context;
+
 /// Number of received values that can come back from dropped futures before more memory must be
 /// allocated: see [`Channel::return_value`].
 const SPARE: usize = 2;

@@ -54,7 +54,8 @@ impl<T> Channel<T> {
         still: impl FnOnce() -> bool,
         note: impl FnOnce(bool),
     ) -> Option<(T, PlainPendingWake)> {
-        // SAFETY: a thread holds no lock of a wait point when it polls.
+        // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
+        // closure of a `send_with` runs under one, but it has no plain turn.
         let mut lists = unsafe { self.wait_point.try_enter(turn) }?;
         if !lists.is_plain_but_registered() || lists.is_storing || !still() {
             return None;

@@ -39,7 +39,8 @@ use std::task::{Context, Poll};
 enum Phase {
     /// Not polled yet.
     New,
-    /// The node is in the list, or has been settled.
+    /// Partners know the node: it is in a queue, waits alone or on a hand-off slot; or one of them has
+    /// settled it.
     Listed,
     /// As `Listed`, and the next poll takes the slow path: a [replay log](crate::replay) is to see
     /// the outcome.
@@ -163,7 +164,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
     }
 
-    /// Whether it waits for a partner, or has met a later one.
+    /// Whether it waits for a partner, or a partner that came later has settled it.
     fn is_listed(&self) -> bool {
         matches!(self.phase, Phase::Listed | Phase::Logged)
     }

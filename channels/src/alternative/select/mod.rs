@@ -46,14 +46,14 @@ enum State {
 ///
 /// `seeds` is there in `Seeds`, and `guards` from then on; then it is pinned. In `Listed`, and
 /// until their drop afterwards, guards may be listed and lead to `select_state`, which is there if
-/// `has_selection`. Unless it is open, it has nothing to be dropped but its locks. In `Over`,
+/// `has_select_state`. Unless it is open, it has nothing to be dropped but its locks. In `Over`,
 /// `stop` is not listed.
 #[must_use = "an alternative does nothing unless awaited"]
 pub struct Select<const FAIR: bool, S: Seeds> {
     seeds: MaybeUninit<S>,
     guards: MaybeUninit<S::Guards>,
     select_state: MaybeUninit<SelectState>,
-    has_selection: bool,
+    has_select_state: bool,
     state: State,
     polled_by: Identity,
     stop: ManuallyDrop<Stop>,
@@ -79,7 +79,7 @@ pub fn select<const FAIR: bool, S: Seeds>(seeds: S) -> Select<FAIR, S> {
         seeds: MaybeUninit::new(seeds),
         guards: MaybeUninit::uninit(),
         select_state: MaybeUninit::uninit(),
-        has_selection: false,
+        has_select_state: false,
         state: State::Seeds,
         polled_by: (std::ptr::null(), std::ptr::null()),
         stop: ManuallyDrop::new(Stop::new()),
@@ -151,7 +151,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
                 .select_state
                 .write(unsafe { SelectState::opened_fast(turn) });
             let select_state = NonNull::from(select_state);
-            this.has_selection = true;
+            this.has_select_state = true;
             // SAFETY: none is ready; the guards are pinned, and go before the select state.
             guards.each(0, &mut unsafe { Listing::of(turn, select_state) });
             this.state = State::Listed;
@@ -227,7 +227,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             let mut alternative = Polled {
                 open,
                 select_state: NonNull::from(&mut this.select_state).cast(),
-                has_selection: &mut this.has_selection,
+                has_select_state: &mut this.has_select_state,
                 fair: FAIR,
                 state: &mut this.state,
                 polled_by: &mut this.polled_by,
@@ -281,12 +281,12 @@ impl<const FAIR: bool, S: Seeds> Drop for Select<FAIR, S> {
             self.drop_unfinished();
             return;
         }
-        // SAFETY: they are there after the first poll. No node leads to the selection any more.
+        // SAFETY: they are there after the first poll. No node leads to the select state any more.
         unsafe {
             if S::Guards::DROPS {
                 self.guards.assume_init_drop();
             }
-            if SelectState::HAS_DROP && self.has_selection {
+            if SelectState::HAS_DROP && self.has_select_state {
                 self.select_state.assume_init_drop();
             }
         }
@@ -319,7 +319,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         unsafe {
             let _stop = Finally::new(|| ManuallyDrop::drop(&mut self.stop));
             let _select_state = Finally::new(|| {
-                if self.has_selection {
+                if self.has_select_state {
                     self.select_state.assume_init_drop();
                 }
             });

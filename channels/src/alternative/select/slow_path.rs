@@ -25,9 +25,9 @@ pub(super) fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {
 /// One poll of an alternative, whatever the types of its guards.
 pub(super) struct Polled<'a> {
     pub(super) open: Open<'a>,
-    /// Of the alternative around it; there if `has_selection`.
+    /// Of the alternative around it; there if `has_select_state`.
     pub(super) select_state: NonNull<SelectState>,
-    pub(super) has_selection: &'a mut bool,
+    pub(super) has_select_state: &'a mut bool,
     pub(super) fair: bool,
     pub(super) state: &'a mut State,
     pub(super) polled_by: &'a mut Identity,
@@ -86,7 +86,7 @@ impl<'a> Polled<'a> {
         let mut wake_handle = skip.is_none().then(|| WakeHandle::of(cx));
         // SAFETY: it is room for one in the alternative.
         unsafe { self.select_state.write(SelectState::new()) };
-        *self.has_selection = true;
+        *self.has_select_state = true;
         // SAFETY: in `New` nothing is listed and the select state is closed; it is pinned, and
         // outlives its guards.
         let choice = unsafe {
@@ -122,7 +122,7 @@ impl<'a> Polled<'a> {
 
     /// The select state of one that was listed.
     pub(super) fn select_state(&self) -> &'a SelectState {
-        debug_assert!(*self.has_selection);
+        debug_assert!(*self.has_select_state);
         // SAFETY: it is there, and pinned with the alternative.
         unsafe { self.select_state.as_ref() }
     }
