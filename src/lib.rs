@@ -108,7 +108,7 @@ pub use system::{Executor, Policy, System};
 pub use time::{Instant, Periodic, Timer, after, at, now, periodic, ticks};
 
 #[doc(hidden)]
-#[allow(deprecated)]
+#[allow(deprecated, reason = "their names stay for one release")]
 pub use sync::{LocalBarrier, LocalSync};
 
 #[doc(hidden)]
