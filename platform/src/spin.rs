@@ -8,7 +8,7 @@
 
 use crate::clock::Instant;
 #[cfg(not(loom))]
-use crate::guard::OnDrop;
+use crate::on_drop::OnDrop;
 #[cfg(not(loom))]
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;

@@ -5,7 +5,7 @@ use super::{
     ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
     local,
 };
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 use std::fmt;
 use std::ptr::NonNull;
 use std::task::Context;

@@ -2,13 +2,13 @@
 
 use super::shared::SPARE_SHARED;
 use super::{Phase, Serves, Shared};
-use crate::calls;
+use crate::call_count;
 use crate::deadlines::Deadlines;
+use crate::file_watch;
 use crate::inbound::Signals;
 use crate::interference;
 use crate::process::{Enrolled, prepare_thread};
 use crate::task;
-use crate::watch;
 use luna_core::current;
 use luna_core::deferred_free;
 use luna_core::events;
@@ -33,8 +33,8 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
         // A first blocking call must not allocate.
         park::prepare();
     }
-    let _files = watch::enter(shared.inbound.bell(), Some(shared.clone()));
-    let _calls = calls::enter(
+    let _files = file_watch::enter(shared.inbound.bell(), Some(shared.clone()));
+    let _calls = call_count::enter(
         shared.quiescence.clone(),
         Some(shared.registry.clone()),
         None,
@@ -151,7 +151,7 @@ pub(super) fn look_outside(
 ) -> bool {
     // SAFETY: this is between two polls.
     unsafe { task::end_turns() };
-    watch::glance(shared.inbound.bell());
+    file_watch::glance(shared.inbound.bell());
     if signals.attention() {
         shared.inbound.take_attention();
         if take_in {
@@ -198,7 +198,7 @@ pub(super) fn sleep(shared: &Shared, deadline: Instant) {
     let spin = shared.spin.load(Ordering::Relaxed);
     if spin > 0 {
         let found = || {
-            watch::glance(shared.inbound.bell());
+            file_watch::glance(shared.inbound.bell());
             current::ready_levels() != 0
         };
         let time = Duration::from_nanos(spin);
@@ -207,7 +207,7 @@ pub(super) fn sleep(shared: &Shared, deadline: Instant) {
         }
     }
     events::report_executor(events::code::ASLEEP);
-    if deadline != Instant::NEVER || watch::is_waiting(shared.inbound.bell()) {
+    if deadline != Instant::NEVER || file_watch::is_waiting(shared.inbound.bell()) {
         shared.inbound.sleep(deadline);
     } else {
         shared
