@@ -55,7 +55,7 @@ impl References {
     #[inline]
     #[must_use = "the last one frees the process"]
     pub(super) fn remove(&self, is_on_executor: bool) -> bool {
-        if is_on_executor && self.remove_here() {
+        if is_on_executor && self.try_remove_here() {
             return false;
         }
         // AcqRel: all other references' uses of the process happen before it is freed.
@@ -65,7 +65,7 @@ impl References {
     /// Counts one less before the process' end, on the executor's thread. `false`: it has ended;
     /// call [`remove`](Self::remove).
     #[inline(always)]
-    pub(super) fn remove_here(&self) -> bool {
+    pub(super) fn try_remove_here(&self) -> bool {
         let here = self.here.get();
         if here != HAS_ENDED {
             self.here.set(here - 1);
@@ -73,7 +73,7 @@ impl References {
         here != HAS_ENDED
     }
 
-    /// As [`remove_here`](Self::remove_here), of a process that is known not to have ended.
+    /// As [`try_remove_here`](Self::try_remove_here), of a process that is known not to have ended.
     #[inline(always)]
     pub(super) fn remove_before_end(&self) {
         debug_assert_ne!(self.here.get(), HAS_ENDED);

@@ -370,7 +370,7 @@ impl PlainPendingWake {
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's; the reference keeps the process' memory.
         unsafe { process.ready_here(0, QueueEnd::Back) };
-        if process.references.remove_here() {
+        if process.references.try_remove_here() {
             // It is not the last one, and is already counted off.
             std::mem::forget(self);
         }

@@ -54,14 +54,14 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
 pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     loop {
         shared.inbound.take_attention();
-        shared.take_in();
+        shared.build_arrivals();
         if shared.phase() != Phase::HELD {
             break;
         }
         // A process that is woken before the start is queued; a signal that is left would keep the
         // thread from its sleep.
         while let Some(level) = shared.inbound.signals().highest_level() {
-            task::take_in(shared, level);
+            task::queue_woken(shared, level);
         }
         shared.inbound.sleep(Instant::NEVER);
     }
@@ -118,7 +118,7 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
 pub(super) fn round(
     shared: &Arc<Shared>,
     deadlines: &Deadlines,
-    take_in: bool,
+    builds_arrivals: bool,
     next: &mut Option<NonNull<()>>,
 ) -> bool {
     let signals = shared.inbound.signals();
@@ -127,7 +127,7 @@ pub(super) fn round(
             // SAFETY: it was taken for this turn, and nothing was done with it.
             unsafe { current::put_back(next) };
         }
-        if !look_outside(shared, deadlines, take_in, signals) {
+        if !look_outside(shared, deadlines, builds_arrivals, signals) {
             return false;
         }
     }
@@ -146,7 +146,7 @@ pub(super) fn round(
 pub(super) fn look_outside(
     shared: &Arc<Shared>,
     deadlines: &Deadlines,
-    take_in: bool,
+    builds_arrivals: bool,
     signals: Signals,
 ) -> bool {
     // SAFETY: this is between two polls.
@@ -154,9 +154,9 @@ pub(super) fn look_outside(
     file_watch::glance(shared.inbound.bell());
     if signals.attention() {
         shared.inbound.take_attention();
-        if take_in {
+        if builds_arrivals {
             current::set_on_path(false);
-            shared.take_in();
+            shared.build_arrivals();
             current::set_on_path(true);
             interference::rest();
             if shared.phase() != Phase::RELEASED {
@@ -168,7 +168,7 @@ pub(super) fn look_outside(
     if let Some(level) = signals.highest_level()
         && current::ready_levels() >> level <= 1
     {
-        task::take_in(shared, level);
+        task::queue_woken(shared, level);
     }
     if signals.deadline() {
         deadlines.look();
