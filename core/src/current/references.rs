@@ -62,8 +62,8 @@ impl References {
         self.elsewhere.fetch_sub(1, Ordering::AcqRel) - 1 == ENDED
     }
 
-    /// Counts one less before the process' end, on the executor's thread. `false`: it has ended;
-    /// call [`remove`](Self::remove).
+    /// Counts one less before the process' end, on the executor's thread. `false`: the process has
+    /// ended, and nothing was counted; call [`remove`](Self::remove).
     #[inline(always)]
     pub(super) fn try_remove_here(&self) -> bool {
         let here = self.here.get();

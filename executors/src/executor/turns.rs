@@ -164,7 +164,7 @@ pub(super) fn look_outside(
             }
         }
     }
-    // Only what is at least as urgent as what is ready here: the rest can wait outside.
+    // Take the level in unless something above it is ready here; its bit then stays set.
     if let Some(level) = signals.highest_level()
         && current::ready_levels() >> level <= 1
     {
