@@ -1,11 +1,11 @@
 //! A biased lock: the executor that alone uses it needs no atomic read-modify-write. It guards
-//! channels.
+//! channels, select states, timer queues and the shown state of processes.
 //!
 //! Most channels connect processes of one executor. One thread takes their lock every time, and two
 //! compare-and-swaps an operation would be most of the cost of a communication. A lock that one
 //! executor has taken many times in a row therefore becomes *biased* to it. From then on the thread
 //! of that executor marks itself as inside by plain stores. Any other thread must first revoke the
-//! bias, once in the lock's life.
+//! bias. After that the lock is never biased again; only `lock_briefly` restores the bias.
 //!
 //! ```text
 //!   shared --16 times in a row by one executor--> biased --by another thread--> shared, for good
@@ -16,7 +16,7 @@
 //! # Mutual exclusion
 //!
 //! ```text
-//!   owner of the bias, each time         another thread, once
+//!   owner of the bias, each time         another thread, to revoke
 //!   inside = 1                           (holds `shared`)
 //!   -- light fence --                    bias = none
 //!   bias is me? in : out                 -- heavy fence --
@@ -47,9 +47,9 @@ pub use guards::{BiasedGuard, InsideGuard, Refused};
 use crate::current::{self, PlainTurn};
 use guards::Held;
 use luna_platform::fence;
-use luna_platform::guard::OnDrop;
 use luna_platform::inside::Inside;
 use luna_platform::lock::{PiGuard, PiLock};
+use luna_platform::on_drop::OnDrop;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
 use std::fmt;
@@ -84,6 +84,7 @@ const NO_EXECUTOR: u64 = u64::MAX;
 /// (`membarrier(2)`, some microseconds; it interrupts the processors that run threads of this
 /// program). It also waits for a critical section of the owner that is under way, with priority
 /// inheritance. After that the lock is never biased again.
+/// [`lock_briefly`](BiasedLock::lock_briefly) costs that each time, and restores the bias.
 ///
 /// # Panics
 ///
@@ -99,8 +100,9 @@ const NO_EXECUTOR: u64 = u64::MAX;
 ///
 /// # Invariants
 ///
-/// Only the holder of `shared` changes `bias`: from `NO_EXECUTOR` to an executor on that executor's
-/// thread, and back on any thread. Two kinds of thread access `value`: the holder of `shared`,
+/// Once other threads know the lock, only the holder of `shared` changes `bias`. It is granted to
+/// an executor on that executor's thread. It is revoked, and after a brief or failed revocation
+/// restored, on any thread. Two kinds of thread access `value`: the holder of `shared`,
 /// while there is no bias and `inside` is free after the heavy fence; and the owner of the bias,
 /// while it holds `inside`.
 #[repr(C)]
@@ -222,7 +224,8 @@ impl<T> BiasedLock<T> {
     }
 
     /// As [`lock_if_biased`](Self::lock_if_biased), for a critical section that runs no user
-    /// code and takes no other lock: it is not checked whether the thread holds the lock already.
+    /// code and waits for no other lock: it is not checked whether the thread holds the lock
+    /// already.
     ///
     /// # Safety
     ///

@@ -10,7 +10,7 @@ mod shared;
 
 pub use shared::Shared;
 
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};

@@ -1,14 +1,17 @@
 //! The core of LUNA: the parts that channels and executors share, so that they work together
-//! without depending on each other.
+//! without depending on each other, and low-level parts of `src`.
 //!
 //! - [`current`]: the process that this thread polls, how it is woken, and its priority. Only this
 //!   module knows how a process becomes ready.
 //! - [`wait_list`], [`timer_queue`]: intrusive lists of waiting operations, and deadlines.
-//! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
+//! - [`biased_lock`]: the lock of channels, select states and timer queues, biased towards the
+//!   executor that alone uses it.
 //! - [`deferred_free`], [`arc_cache`], [`byte_ring`]: memory off the real-time path, and bytes that
 //!   one thread writes while another reads them.
 //! - [`failover`], [`park`], [`spin`]: how threads take turns, wait and spin.
+//!   Only `src` uses [`failover`] and [`byte_ring`].
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
+//! - `fetch`, `model_local` (private): prefetches, and thread-locals that a model checker sees.
 
 #![allow(
     clippy::new_without_default,

@@ -11,9 +11,10 @@ const LOOKS_TAKE: std::time::Duration = std::time::Duration::from_micros(4);
 
 /// Whether an operation that has to wait may spin for its partner first.
 ///
-/// Its thread may spin, its process has no other branch and has not used up its turn, and nothing
-/// else is ready there. Real-time path: yes; one load where the thread may not spin, else a few,
-/// and a clock read if it has a deadline.
+/// It may if: its thread may spin; its process polls no branch, has no replay log and has
+/// operations left in this turn; no process is ready on the thread; and no deadline comes while it
+/// looks. Real-time path: yes; one load where the thread may not spin, else a few, and a clock read
+/// if it has a deadline.
 ///
 /// ```
 /// assert!(!luna_core::spin::may_look()); // a plain thread may not
@@ -21,8 +22,10 @@ const LOOKS_TAKE: std::time::Duration = std::time::Duration::from_micros(4);
 #[cfg(not(loom))]
 #[inline]
 pub fn may_look() -> bool {
-    // Counted, so that the executor gets to its files. A process that may not spin waits: if it
-    // were readied again instead, it would not be visible that it waits.
+    // Spinning counts as an operation. A process that spins in each of its operations thus ends its
+    // poll after a bounded number of them, and the executor looks at its files. With no operations
+    // left, the process waits. It is not readied again, since other threads could then not see that
+    // it waits.
     is_allowed() && has_nothing_else() && current::count_operation()
 }
 

@@ -5,7 +5,7 @@
 //! starts another buddy first. So calls that wait for each other do not get stuck, and no process
 //! ever starts a thread, save for the very first.
 
-use crate::calls::UnderWay;
+use crate::call_count::UnderWay;
 use luna_core::current;
 use luna_core::current::{PendingWake, Renewal, WakeHandle};
 use luna_platform::clock::Instant;

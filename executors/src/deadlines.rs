@@ -8,22 +8,22 @@
 //!   calm -----------------------------> looking: the bit stays set, each round reads the clock
 //!     ^                                    |  ^
 //!     | the thread sleeps                  |  | the alarm went off; a loop's cycle begins
-//!     |                 LOOKS rounds       v  |
+//!     |                  after 32 rounds   v  |
 //!     '---------------------------------- busy: an alarm of the kernel sets the bit
 //! ```
 //!
 //! *Looking* costs a clock read a round, which is less than a timer of the kernel as long as the
 //! thread soon sleeps again: a timer takes a system call to arm, another to disarm, and its signal
-//! when it goes off. A thread that has not slept for [`LOOKS`] rounds is *busy*: then the [`Alarm`]
-//! is armed for the earliest deadline. The timer queue announces an earlier deadline
-//! ([`Attention`](luna_core::timer_queue::Attention)), which arms it again. A later one does not,
-//! and after a cancelled one it goes off without effect. So any number of timeouts that are set and
-//! dropped costs one system call. The thread disarms it before it sleeps, since it then has the
-//! deadline from its sleep, and a signal would make its wake-up late.
+//! when it goes off. A thread that has not slept for [`ROUNDS_OF_LOOKING`] rounds is *busy*: then
+//! the [`Alarm`] is armed for the earliest deadline. The timer queue announces an earlier deadline
+//! ([`DeadlineListener`](luna_core::timer_queue::DeadlineListener)), which arms it again. A later
+//! one does not, and after a cancelled one it goes off without effect. So any number of timeouts
+//! that are set and dropped costs one system call. The thread disarms it before it sleeps, since it
+//! then has the deadline from its sleep, and a signal would make its wake-up late.
 //!
-//! After a deadline the executor looks for [`LOOKS`] rounds too: so each turn that keeps the late
-//! process waiting is known with its begin and its end ([`interference`]). Of the turn in which the
-//! alarm goes off, its end and the time of the alarm are known.
+//! After a deadline, too, the executor reads the clock for [`ROUNDS_OF_LOOKING`] rounds. It then
+//! knows the begin and the end of each turn that delays the woken process ([`interference`]). Of
+//! the turn in which the alarm goes off it knows the end, and the time of the alarm.
 //!
 //! Without an alarm (the portable backend, a kernel that refuses it, or a process that may make
 //! blocking calls, which the signal would interrupt) the executor looks as long as any deadline is
@@ -40,7 +40,7 @@ use std::cell::Cell;
 
 /// For how many rounds the executor looks at the clock: together they cost about as much as an
 /// alarm that is armed, goes off, and is disarmed.
-const LOOKS: u32 = 32;
+const ROUNDS_OF_LOOKING: u32 = 32;
 
 /// The deadlines of an executor's thread.
 ///
@@ -85,7 +85,7 @@ impl Deadlines {
         interference::look(now);
         if self.timers.next_deadline() <= now {
             self.timers.expire(now);
-            self.looks.set(LOOKS);
+            self.looks.set(ROUNDS_OF_LOOKING);
         } else {
             self.looks.set(self.looks.get() - 1);
             if self.looks.get() == 0 {
@@ -109,7 +109,7 @@ impl Deadlines {
         }
         inbound.ask_look();
         self.timers.provide(Instant::from_nanos(0));
-        self.looks.set(LOOKS);
+        self.looks.set(ROUNDS_OF_LOOKING);
         if let Some(rung) = rung {
             interference::looked(rung);
         }
@@ -129,7 +129,7 @@ impl Deadlines {
             interference::look_no_more();
         } else {
             inbound.ask_look();
-            self.looks.set(LOOKS);
+            self.looks.set(ROUNDS_OF_LOOKING);
         }
     }
 
@@ -152,7 +152,7 @@ impl Deadlines {
             self.timers.provide(Instant::NEVER);
         } else {
             inbound.ask_look();
-            self.looks.set(LOOKS);
+            self.looks.set(ROUNDS_OF_LOOKING);
             self.timers.provide(Instant::from_nanos(0));
         }
         next
@@ -213,7 +213,7 @@ mod tests {
             // The first deadline makes it look, for so long.
             let mut sleep = pin!(Sleep::until(Instant::now() + Duration::from_secs(1000)));
             poll(sleep.as_mut());
-            for _ in 0..2 * LOOKS {
+            for _ in 0..2 * ROUNDS_OF_LOOKING {
                 yield_now().await;
             }
             body().await;
@@ -274,7 +274,7 @@ mod tests {
         let thread = OsThread::start(Attributes::new("test"), spec, || async {
             let mut sleep = pin!(Sleep::until(Instant::now() + Duration::from_millis(1)));
             poll(sleep.as_mut());
-            for _ in 0..2 * LOOKS {
+            for _ in 0..2 * ROUNDS_OF_LOOKING {
                 yield_now().await;
             }
             sleep.await;
@@ -291,7 +291,7 @@ mod tests {
         const SHORT: Duration = Duration::from_micros(200);
         on_busy_executor(|| async {
             for _ in 0..20 {
-                for _ in 0..2 * LOOKS {
+                for _ in 0..2 * ROUNDS_OF_LOOKING {
                     yield_now().await;
                 }
                 let deadline = Instant::now() + SHORT;
@@ -320,7 +320,7 @@ mod tests {
                 sleep
             });
             for _ in 0..5 {
-                for _ in 0..2 * LOOKS {
+                for _ in 0..2 * ROUNDS_OF_LOOKING {
                     yield_now().await;
                 }
                 let deadline = Instant::now() + 5 * TURN;

@@ -2,7 +2,7 @@
 
 use crate::file_error::FileError;
 use crate::file_waits::Node;
-use crate::watch::ThreadFiles;
+use crate::file_watch::ThreadFiles;
 use luna_core::current;
 use luna_core::current::WakeHandle;
 use luna_core::events;

@@ -7,11 +7,14 @@
 //!
 //! ```text
 //!   waker                               owner
-//!   1 mark the slot                     a look at the signals: 0? queue empty?
-//!   2 set the level's bit      <----->  b swap 0 for ASLEEP in one step: fails if a bit was set
+//!   1 mark the slot                     a take what the signals ask for; queue empty?
+//!   2 set the level's bit      <----->  b add ASLEEP to its own bits in one step: fails if any
+//!                                         other bit is set
 //!   3 it was ASLEEP? ring               c wait for the bell
 //!                                       d clear ASLEEP; a again
 //! ```
+//!
+//! The owner's own bits, `DEADLINE` and `FILES`, prevent no sleep.
 //!
 //! All of 2, b and d are read-modify-write operations on the one word, so they have one order:
 //! either 2 comes before b, which then fails, or the waker sees `ASLEEP` and rings. Every waker
@@ -64,7 +67,7 @@ impl Signals {
         self.0 & DEADLINE != 0
     }
 
-    /// Whether nothing waits.
+    /// Whether no bit is set. Never again once the owner has waited for a file: `FILES` stays set.
     #[inline]
     pub(crate) fn is_empty(self) -> bool {
         self.0 == 0
@@ -216,7 +219,8 @@ impl Inbound {
     }
 
     /// The owner, which has other event sources beside this, is about to sleep in a wait that each
-    /// signalling thread rings. Returns `false` if a signal is pending. Owner only; an
+    /// signalling thread rings. Returns `false` if any bit is set, also one of the owner's own: for
+    /// the stage of a simulation, whose executors do not set these. Owner only; an
     /// [`awake`](Self::awake) follows.
     pub(crate) fn fall_asleep(&self) -> bool {
         self.signals

@@ -1,9 +1,10 @@
 //! Which process held this executor, and when: so that a late process can report which one ran
 //! instead.
 //!
-//! It costs next to nothing. Each poll ends with one store of the process' number. When a deadline
-//! has come the executor looks at the clock before each poll for a while
-//! ([`deadlines`](crate::deadlines)): what has passed since its last look was the poll in between.
+//! It costs next to nothing. A row of turns ends when the executor does anything else than polling,
+//! with one store of the number of the process that was polled last. When a deadline has come the
+//! executor looks at the clock before each poll for a while ([`deadlines`](crate::deadlines)): what
+//! has passed since its last look was the poll in between.
 //! Of the poll in which a busy executor's alarm went off the part from then on is known. Polls
 //! before that are not reported.
 
@@ -71,7 +72,7 @@ thread_local! {
     };
 }
 
-/// Notes that `process` has just been polled. One store.
+/// Notes that `process` was polled last. One store.
 #[inline]
 pub(crate) fn polled(process: ProcessId) {
     MEMORY.with(|memory| memory.polled.set(process.get()));

@@ -38,7 +38,7 @@ mod remote_wakes;
 #[cfg(not(loom))]
 mod blocking;
 #[cfg(not(loom))]
-mod calls;
+mod call_count;
 #[cfg(not(loom))]
 mod deadlines;
 #[cfg(not(loom))]
@@ -47,6 +47,8 @@ mod executor;
 mod file_error;
 #[cfg(all(unix, not(loom)))]
 mod file_waits;
+#[cfg(all(unix, not(loom)))]
+mod file_watch;
 #[cfg(all(unix, not(loom)))]
 mod files;
 #[cfg(not(loom))]
@@ -59,14 +61,12 @@ mod process;
 mod simulation;
 #[cfg(not(loom))]
 mod task;
-#[cfg(all(unix, not(loom)))]
-mod watch;
 #[cfg(not(loom))]
 mod yield_now;
 
 /// Where files have no descriptors nothing waits for them.
 #[cfg(all(not(unix), not(loom)))]
-mod watch {
+mod file_watch {
     use luna_platform::bell::Bell;
 
     pub(crate) fn enter(_: &Bell) {}
@@ -84,7 +84,7 @@ mod loom_tests;
 #[cfg(not(loom))]
 pub use {
     blocking::{Blocking, MAX_BUDDIES, NoBuddy, blocking, prepare_blocking},
-    calls::UnderWay,
+    call_count::UnderWay,
     executor::{Announced, Executor, ExecutorHandle, has_given_up},
     interference::{Interference, Turn, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
@@ -100,6 +100,6 @@ pub use {
 #[cfg(all(unix, not(loom)))]
 pub use {
     file_error::FileError,
+    file_watch::prepare_files,
     files::{FileReady, readable, writable},
-    watch::prepare_files,
 };

@@ -1,11 +1,11 @@
 //! OS-thread processes: one process blocked on its own thread.
 
-use crate::calls;
+use crate::call_count;
 use crate::executor::{Announced, Executor, ExecutorHandle, Serves};
+use crate::file_watch;
 use crate::process::{ProcessHandle, ProcessRegistry, ProcessSpec, prepare_thread};
 use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
-use crate::watch;
 use luna_core::current::{self, ExecutorId, ProcessId};
 use luna_core::deferred_free::Shared;
 use luna_core::events;
@@ -96,7 +96,7 @@ pub fn block_on_patiently<F: Future>(
 
 /// Whether nothing that the thread has of its own can wake it.
 fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
-    deadline == Instant::NEVER && !watch::is_waiting(parker.bell())
+    deadline == Instant::NEVER && !file_watch::is_waiting(parker.bell())
 }
 
 /// Runs `future` on this thread, which runs no processes yet.
@@ -111,9 +111,9 @@ fn run_here<F: Future>(
     // over.
     let _clock = Clock::REAL.enter();
     let parker = Shared::new(Parker::new());
-    let _files = watch::enter(parker.bell(), None);
+    let _files = file_watch::enter(parker.bell(), None);
     let quiescence = Arc::new(Quiescence::new());
-    let _calls = calls::enter(quiescence.clone(), None, None);
+    let _calls = call_count::enter(quiescence.clone(), None, None);
     let id = ProcessId::new();
     Ok(run(pin!(future), &parker, id, |parker, deadline| {
         sleep(id, &quiescence, parker, deadline)
@@ -156,7 +156,7 @@ fn run<F: Future>(
             if timers.next_deadline() != Instant::NEVER {
                 timers.expire(Instant::now());
             }
-            watch::glance(parker.bell());
+            file_watch::glance(parker.bell());
             events::report_executor(events::code::ASLEEP);
             let is_woken = sleep(parker, timers.next_deadline());
             events::report_executor(events::code::AWAKE);

@@ -175,8 +175,8 @@ impl<T: Copy> RemoteWakes<T> {
     /// `near` is this owner's. O(their number + slots / 4096).
     pub(crate) fn take(&self, near: &Near, level: u8, mut woken: impl FnMut(T)) {
         for (word, member) in near.0.iter().zip(&self.members) {
-            // Read first: a waker signals after it marks, so what is missed here is signalled
-            // again.
+            // Read first. A waker signals after it marks. A mark not seen here has its signal after
+            // the clearing of the level's bit (`Inbound::take`), so the next round looks again.
             if word.load(Ordering::Relaxed) & (1 << level) == 0 {
                 continue;
             }

@@ -21,7 +21,7 @@
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
-//! - [`guard`]: what is undone at the end of a scope.
+//! - [`on_drop`]: what is undone at the end of a scope.
 //! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the
 //!   machine is.
@@ -57,11 +57,11 @@ pub mod file;
 #[cfg(not(loom))]
 pub mod forked;
 pub mod futex;
-pub mod guard;
 #[cfg(not(loom))]
 pub mod latency;
 #[cfg(not(loom))]
 pub mod memory;
+pub mod on_drop;
 pub mod panics;
 #[cfg(not(loom))]
 pub mod parent;

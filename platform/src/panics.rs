@@ -1,6 +1,6 @@
 //! Whether a panic on this thread is expected, and caught by code that goes on.
 
-use crate::guard::OnDrop;
+use crate::on_drop::OnDrop;
 use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -8,7 +8,7 @@
 
 use crate::clock::Instant;
 #[cfg(not(loom))]
-use crate::guard::OnDrop;
+use crate::on_drop::OnDrop;
 #[cfg(not(loom))]
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -62,7 +62,7 @@ fn pause() {
 
 /// The number of looks for each clock read, which takes 25 ns: about half a microsecond together.
 #[cfg(not(loom))]
-const LOOKS: u32 = 8;
+const LOOKS_PER_CLOCK_READ: u32 = 8;
 
 /// Spins until `is_over`, for `time`, counted from the first looks on, but not beyond `deadline`.
 /// Returns whether the wait is over, which it also is at the `deadline`. `false`: sleep.
@@ -86,7 +86,7 @@ const LOOKS: u32 = 8;
 pub fn until(mut is_over: impl FnMut() -> bool, time: Duration, deadline: Instant) -> bool {
     let mut end = None;
     loop {
-        for _ in 0..LOOKS {
+        for _ in 0..LOOKS_PER_CLOCK_READ {
             if is_over() {
                 return true;
             }
@@ -237,19 +237,19 @@ pub(crate) fn at_lock() -> Option<(u32, u32)> {
 
 #[cfg(loom)]
 loom::thread_local! {
-    static LOOKS: std::cell::Cell<bool> = std::cell::Cell::new(false);
+    static IS_ALLOWED: std::cell::Cell<bool> = std::cell::Cell::new(false);
 }
 
 /// In a model a thread declares by this call that its operations spin.
 #[cfg(loom)]
 pub fn let_look() {
-    LOOKS.with(|looks| looks.set(true));
+    IS_ALLOWED.with(|looks| looks.set(true));
 }
 
 /// Whether the model's thread called [`let_look`].
 #[cfg(loom)]
 pub fn is_allowed() -> bool {
-    LOOKS.with(std::cell::Cell::get)
+    IS_ALLOWED.with(std::cell::Cell::get)
 }
 
 /// Looks once: the continuation does not depend on the number of looks.

@@ -1,7 +1,7 @@
 //! The branch of the current process that is being polled.
 
 use super::{LEVELS, QueueEnd, THREAD, local, ready_again};
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 use std::task::Context;
 
 /// The branch of the current process that is being polled. The highest bit of the low byte says

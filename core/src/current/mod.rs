@@ -58,8 +58,8 @@ use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
 use executor_thread::ExecutorThread;
-use luna_platform::guard::OnDrop;
 use luna_platform::inside::Inside;
+use luna_platform::on_drop::OnDrop;
 use luna_platform::sync::Arc;
 use run_queue::RunQueue;
 use std::cell::{Cell, RefCell};
@@ -269,6 +269,10 @@ pub fn executor_id() -> Option<ExecutorId> {
 }
 
 /// The id of this thread's executor; 0 if it runs no processes.
+///
+/// There are three values for "no executor": 0 here, for a plain thread; `u64::MAX` for a
+/// [biased lock](crate::biased_lock) without a bias; and, for a process without an executor, an id
+/// of its own that no thread has ([`Process::executor_number`]).
 #[inline(always)]
 pub(crate) fn executor_number() -> u64 {
     THREAD.with(|thread| thread.executor_id.get().map_or(0, ExecutorId::number))

@@ -1,6 +1,6 @@
 //! Dropping the values of a process that was ended because of a failure.
 
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 use std::cell::Cell;
 
 thread_local! {

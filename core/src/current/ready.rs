@@ -49,7 +49,8 @@ pub unsafe fn next_ready() -> Option<NonNull<()>> {
 pub fn is_outranked() -> bool {
     THREAD.with(|thread| {
         thread.process.get().is_some_and(|process| {
-            // SAFETY: as in `process`: the pointer is that of the process being polled.
+            // SAFETY: as in `process`: `with_process` or `give_turn` has set the pointer, and the
+            // process is live as long as it is set.
             let process = unsafe { process.as_ref() };
             let level = process
                 .level()

@@ -3,7 +3,7 @@
 use super::THREAD;
 use super::branch::Branch;
 use crate::replay_log::ReplayLog;
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 use std::ptr::NonNull;
 
 /// Polls the current process as one with the replay log `log`: it has no [plain

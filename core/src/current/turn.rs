@@ -5,7 +5,7 @@ use super::{
     ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
     local,
 };
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 use std::fmt;
 use std::ptr::NonNull;
 use std::task::Context;
@@ -205,8 +205,9 @@ pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
 #[inline]
 pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {
     let current = THREAD.with(|thread| thread.process.get());
-    // SAFETY: `with_process` sets the pointer from a reference that lives until it restores the one
-    // before, and the closure cannot keep the reference.
+    // SAFETY: the process is live. `with_process` sets the pointer from a reference that lives
+    // until it restores the pointer before; `give_turn` requires that the process lives as long as
+    // the pointer is set. The closure cannot keep the reference.
     f(current.map(|process| unsafe { process.as_ref() }))
 }
 

@@ -14,7 +14,8 @@
 //!    It is the last step, or a guard does the remaining ones, which also runs while a panic
 //!    unwinds.
 //! 3. A panic reaches the caller of the operation, and no other code. A [`PendingWake`] that is
-//!    dropped by the unwinding wakes all the same. While one panic unwinds, a second one is
+//!    dropped by the unwinding wakes all the same. A [`PlainPendingWake`] that is dropped loses its
+//!    wake, so no user code runs while there is one. While one panic unwinds, a second one is
 //!    contained here, since it would end the program. A thread that wakes on behalf of others and
 //!    has more to do (the timer manager, for instance) contains all of them:
 //!    [`wake_contained`](PendingWake::wake_contained). At a deadline of an executor a panic ends
@@ -319,9 +320,10 @@ impl WakeHandle {
     }
 }
 
-/// A pending wake of a process of this thread's executor: see [`WakeHandle::take_plain`].
+/// A pending wake of a process of this thread's executor: see [`WakeHandle::take_plain`]. Dropping
+/// it loses the wake, so no user code runs between the taking and the wake.
 #[derive(Debug)]
-#[must_use = "the process stays asleep until `wake` is called"]
+#[must_use = "the process is not woken unless `wake` is called"]
 pub struct PlainPendingWake(Reference);
 
 impl PlainPendingWake {
@@ -370,8 +372,8 @@ impl PlainPendingWake {
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's; the reference keeps the process' memory.
         unsafe { process.ready_here(0, QueueEnd::Back) };
-        if process.references.remove_here() {
-            // It is not the last one, and is already counted off.
+        if process.references.try_remove_here() {
+            // Counted off here; the drop must not count again.
             std::mem::forget(self);
         }
     }
@@ -380,7 +382,7 @@ impl PlainPendingWake {
 /// A pending wake. Carry it out with [`wake`](Self::wake) after releasing locks. Dropping it wakes
 /// too, so no wake is lost when user code panics before it.
 #[derive(Debug)]
-#[must_use = "the process stays asleep until `wake` is called"]
+#[must_use = "call `wake` after the locks are released; a drop wakes too"]
 pub struct PendingWake(Option<Inner>);
 
 impl PendingWake {

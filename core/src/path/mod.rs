@@ -18,7 +18,7 @@ pub use watched::{Watcher, name_process, process_name, watch};
 pub(crate) use watched::switched;
 
 use crate::current;
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 
 /// Calls `f` off the real-time path: until it returns, this thread does not count as being on it.
 ///

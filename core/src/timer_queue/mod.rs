@@ -4,7 +4,8 @@
 //! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The
 //! nodes lie in the waiting futures: arming, expiring and cancelling allocate nothing and take
 //! O(log n) steps. A thread that does not check its queue before each poll is called
-//! ([`Attention`]) when a deadline is armed that is earlier than all that the thread provides for.
+//! ([`DeadlineListener`]) when a deadline is armed that is earlier than all that the thread
+//! provides for.
 
 mod heap;
 mod shared;
@@ -46,11 +47,11 @@ pub struct TimerQueue {
     /// The owner checks the queue in time for deadlines from this one on, as nanoseconds. Only the
     /// owner's thread reads and writes it; in a shared queue, the thread that holds the lock.
     provided: AtomicU64,
-    attention: Option<std::sync::Arc<dyn Attention>>,
+    listener: Option<std::sync::Arc<dyn DeadlineListener>>,
 }
 
 /// Notifications of a [`TimerQueue`] to its owner.
-pub trait Attention: Send + Sync {
+pub trait DeadlineListener: Send + Sync {
     /// The owner has to check its queue before it polls the next process. Called on its own thread,
     /// in the middle of a poll.
     fn ask_look(&self);
@@ -72,13 +73,13 @@ impl TimerQueue {
 
     /// An empty queue; its owner checks it when notified: for each deadline, until the owner has
     /// [provided](Self::provide) for some.
-    pub fn attended(attention: std::sync::Arc<dyn Attention>) -> Self {
-        Self::provided_from(Instant::NEVER, Some(attention), false)
+    pub fn attended(listener: std::sync::Arc<dyn DeadlineListener>) -> Self {
+        Self::provided_from(Instant::NEVER, Some(listener), false)
     }
 
     fn provided_from(
         deadline: Instant,
-        attention: Option<std::sync::Arc<dyn Attention>>,
+        listener: Option<std::sync::Arc<dyn DeadlineListener>>,
         is_shared: bool,
     ) -> Self {
         Self {
@@ -87,7 +88,7 @@ impl TimerQueue {
             is_closed: AtomicBool::new(false),
             next: AtomicU64::new(u64::MAX),
             provided: AtomicU64::new(deadline.as_nanos()),
-            attention,
+            listener,
         }
     }
 
@@ -107,9 +108,9 @@ impl TimerQueue {
     /// owner's thread.
     pub fn ask_look(&self) {
         if self.provided().as_nanos() > 0
-            && let Some(attention) = &self.attention
+            && let Some(listener) = &self.listener
         {
-            attention.ask_look();
+            listener.ask_look();
         }
     }
 
@@ -124,8 +125,8 @@ impl TimerQueue {
 
     #[cold]
     fn ask_look_at(&self, deadline: Instant) {
-        if let Some(attention) = &self.attention {
-            attention.ask_look_at(deadline);
+        if let Some(listener) = &self.listener {
+            listener.ask_look_at(deadline);
         }
     }
 

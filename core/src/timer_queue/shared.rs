@@ -1,7 +1,7 @@
 //! A queue in which any thread arms, and whose owner wakes what is due in order of priority.
 
 use super::heap::{Heap, Label, Node};
-use super::{Arc, Attention, Ordering, TimerQueue};
+use super::{Arc, DeadlineListener, Ordering, TimerQueue};
 use crate::current::{self, PendingWake, Priority, WakeHandle};
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;
@@ -45,9 +45,10 @@ impl Due {
 
 impl TimerQueue {
     /// An empty queue in which any thread arms. Its owner is notified of each deadline that it has
-    /// to provide for ([`Attention::ask_look_at`]), until the next [`take_due`](Self::take_due).
-    pub fn shared(attention: std::sync::Arc<dyn Attention>) -> Self {
-        Self::provided_from(Instant::NEVER, Some(attention), true)
+    /// to provide for ([`DeadlineListener::ask_look_at`]), until the next
+    /// [`take_due`](Self::take_due).
+    pub fn shared(listener: std::sync::Arc<dyn DeadlineListener>) -> Self {
+        Self::provided_from(Instant::NEVER, Some(listener), true)
     }
 
     /// Takes out all with a deadline at `now` or before, and adds them to `due`. `false` if `due`

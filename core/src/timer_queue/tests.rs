@@ -96,7 +96,7 @@ fn a_dropped_or_reset_sleep_is_gone() {
 fn an_owner_is_called_for_what_it_does_not_provide_for() {
     #[derive(Default)]
     struct Calls(AtomicUsize);
-    impl Attention for Calls {
+    impl DeadlineListener for Calls {
         fn ask_look(&self) {
             self.0.fetch_add(1, Ordering::Relaxed);
         }

@@ -1,9 +1,10 @@
 //! The priority executor: one OS thread that runs many processes.
 //!
-//! Each round it looks, in this order, at one word that holds the requests of other threads and
-//! whether a deadline may be due ([`deadlines`](crate::deadlines)), at its files (if any was ever
-//! waited for, every so many rounds), and at the highest level of its run queue, the first process
-//! of which it polls. With nothing to do it sleeps until the next deadline.
+//! Each round it reads one word ([`inbound`](crate::inbound)). If a bit is set there, it looks, in
+//! this order, at its files (if any was ever waited for, once in 64 rounds), at processes to start
+//! and the request to stop, at the processes that other threads have woken, and at its deadlines
+//! ([`deadlines`](crate::deadlines)). Then it polls the first process of the highest level of its
+//! run queue. With nothing to do it sleeps until the next deadline.
 
 mod announced;
 mod shared;

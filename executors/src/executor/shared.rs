@@ -9,7 +9,7 @@ use crate::task;
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::ExecutorId;
 use luna_core::spin::Outside;
-use luna_core::timer_queue::Attention;
+use luna_core::timer_queue::DeadlineListener;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use std::any::Any;
@@ -100,7 +100,7 @@ impl Shared {
     }
 
     /// Builds what has arrived. Allocates: off the real-time path.
-    pub(crate) fn take_in(self: &Arc<Self>) {
+    pub(crate) fn build_arrivals(self: &Arc<Self>) {
         let mut arrived = std::mem::take(&mut self.arrivals.lock().waiting);
         if arrived.is_empty() {
             return;
@@ -215,7 +215,7 @@ impl Outside for Shared {
     }
 }
 
-impl Attention for Shared {
+impl DeadlineListener for Shared {
     fn ask_look(&self) {
         self.inbound.ask_look();
     }

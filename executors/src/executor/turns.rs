@@ -2,13 +2,13 @@
 
 use super::shared::SPARE_SHARED;
 use super::{Phase, Serves, Shared};
-use crate::calls;
+use crate::call_count;
 use crate::deadlines::Deadlines;
+use crate::file_watch;
 use crate::inbound::Signals;
 use crate::interference;
 use crate::process::{Enrolled, prepare_thread};
 use crate::task;
-use crate::watch;
 use luna_core::current;
 use luna_core::deferred_free;
 use luna_core::events;
@@ -33,8 +33,8 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
         // A first blocking call must not allocate.
         park::prepare();
     }
-    let _files = watch::enter(shared.inbound.bell(), Some(shared.clone()));
-    let _calls = calls::enter(
+    let _files = file_watch::enter(shared.inbound.bell(), Some(shared.clone()));
+    let _calls = call_count::enter(
         shared.quiescence.clone(),
         Some(shared.registry.clone()),
         None,
@@ -54,14 +54,14 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
 pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     loop {
         shared.inbound.take_attention();
-        shared.take_in();
+        shared.build_arrivals();
         if shared.phase() != Phase::HELD {
             break;
         }
         // A process that is woken before the start is queued; a signal that is left would keep the
         // thread from its sleep.
         while let Some(level) = shared.inbound.signals().highest_level() {
-            task::take_in(shared, level);
+            task::queue_woken(shared, level);
         }
         shared.inbound.sleep(Instant::NEVER);
     }
@@ -118,7 +118,7 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
 pub(super) fn round(
     shared: &Arc<Shared>,
     deadlines: &Deadlines,
-    take_in: bool,
+    builds_arrivals: bool,
     next: &mut Option<NonNull<()>>,
 ) -> bool {
     let signals = shared.inbound.signals();
@@ -127,7 +127,7 @@ pub(super) fn round(
             // SAFETY: it was taken for this turn, and nothing was done with it.
             unsafe { current::put_back(next) };
         }
-        if !look_outside(shared, deadlines, take_in, signals) {
+        if !look_outside(shared, deadlines, builds_arrivals, signals) {
             return false;
         }
     }
@@ -146,17 +146,17 @@ pub(super) fn round(
 pub(super) fn look_outside(
     shared: &Arc<Shared>,
     deadlines: &Deadlines,
-    take_in: bool,
+    builds_arrivals: bool,
     signals: Signals,
 ) -> bool {
     // SAFETY: this is between two polls.
     unsafe { task::end_turns() };
-    watch::glance(shared.inbound.bell());
+    file_watch::glance(shared.inbound.bell());
     if signals.attention() {
         shared.inbound.take_attention();
-        if take_in {
+        if builds_arrivals {
             current::set_on_path(false);
-            shared.take_in();
+            shared.build_arrivals();
             current::set_on_path(true);
             interference::rest();
             if shared.phase() != Phase::RELEASED {
@@ -164,11 +164,11 @@ pub(super) fn look_outside(
             }
         }
     }
-    // Only what is at least as urgent as what is ready here: the rest can wait outside.
+    // Take the level in unless something above it is ready here; its bit then stays set.
     if let Some(level) = signals.highest_level()
         && current::ready_levels() >> level <= 1
     {
-        task::take_in(shared, level);
+        task::queue_woken(shared, level);
     }
     if signals.deadline() {
         deadlines.look();
@@ -198,7 +198,7 @@ pub(super) fn sleep(shared: &Shared, deadline: Instant) {
     let spin = shared.spin.load(Ordering::Relaxed);
     if spin > 0 {
         let found = || {
-            watch::glance(shared.inbound.bell());
+            file_watch::glance(shared.inbound.bell());
             current::ready_levels() != 0
         };
         let time = Duration::from_nanos(spin);
@@ -207,7 +207,7 @@ pub(super) fn sleep(shared: &Shared, deadline: Instant) {
         }
     }
     events::report_executor(events::code::ASLEEP);
-    if deadline != Instant::NEVER || watch::is_waiting(shared.inbound.bell()) {
+    if deadline != Instant::NEVER || file_watch::is_waiting(shared.inbound.bell()) {
         shared.inbound.sleep(deadline);
     } else {
         shared

@@ -194,7 +194,7 @@ impl Member {
         if signals.attention() {
             shared.inbound.take_attention();
             current::set_on_path(false);
-            shared.take_in();
+            shared.build_arrivals();
         }
         let is_held = shared.phase() == Phase::HELD;
         current::set_on_path(!is_held);
@@ -202,7 +202,7 @@ impl Member {
         while let Some(level) = shared.inbound.signals().highest_level()
             && (is_held || current::ready_levels() >> level <= 1)
         {
-            task::take_in(shared, level);
+            task::queue_woken(shared, level);
         }
     }
 

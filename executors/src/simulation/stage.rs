@@ -4,12 +4,12 @@ use super::calls::{CallsUnderWay, Delivery, Oldest};
 use super::drive::{DrivenClock, Order};
 use super::member::Member;
 use super::{Pace, SimulationHandle, Standstill};
-use crate::calls;
+use crate::call_count;
 use crate::executor::{Phase, Shared as ExecutorShared};
+use crate::file_watch;
 use crate::interference;
 use crate::process::{ProcessRegistry, prepare_thread};
 use crate::quiescence::Quiescence;
-use crate::watch;
 use luna_core::deferred_free::{self, Shared};
 use luna_core::park::Parker;
 use luna_platform::bell::Watch;
@@ -203,9 +203,9 @@ impl SimulationHandle {
 /// The life of the thread.
 pub(super) fn run(stage: &Arc<Stage>) {
     let _clock = stage.clock().enter();
-    let _files = watch::enter(stage.parker.bell(), None);
+    let _files = file_watch::enter(stage.parker.bell(), None);
     let (quiescence, registry) = (stage.quiescence.clone(), stage.registry.clone());
-    let _calls = calls::enter(quiescence, Some(registry), Some(stage.clone()));
+    let _calls = call_count::enter(quiescence, Some(registry), Some(stage.clone()));
     HERE.set(Arc::as_ptr(stage));
     prepare_thread();
     Play {
@@ -380,7 +380,7 @@ impl Play<'_> {
                 return true;
             }
         }
-        watch::glance(self.stage.parker.bell());
+        file_watch::glance(self.stage.parker.bell());
         if self.stage.time_stands.load(Ordering::Acquire) {
             self.sleep(false);
             return true;
@@ -389,7 +389,7 @@ impl Play<'_> {
         let next = next.unwrap_or(Instant::NEVER);
         match &self.stage.driven {
             None if next == Instant::NEVER => {
-                self.sleep(!watch::is_waiting(self.stage.parker.bell()));
+                self.sleep(!file_watch::is_waiting(self.stage.parker.bell()));
             }
             None => self.move_to(next),
             // There is nothing to move time for.

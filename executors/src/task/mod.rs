@@ -197,7 +197,7 @@ pub(crate) fn records() -> Vec<RecordRef> {
 }
 
 /// Queues the processes that other threads have woken at `level`. O(their number).
-pub(crate) fn take_in(shared: &Shared, level: u8) {
+pub(crate) fn queue_woken(shared: &Shared, level: u8) {
     REMOTE_WAKES.with_borrow(|remote_wakes| {
         shared.inbound.take(level, remote_wakes, |task| {
             // SAFETY: a task that has a wake slot is not retired, so it is live, and this is its

@@ -1,7 +1,7 @@
 //! Where a thread's time comes from.
 
 use super::Instant;
-use crate::guard::OnDrop;
+use crate::on_drop::OnDrop;
 use std::cell::Cell;
 use std::fmt;
 use std::ptr;

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The number of looks at the word before the kernel is asked: a critical section takes some tens
 /// of nanoseconds, and its owner may be on another core.
-const LOOKS: u32 = 40;
+const LOOKS_BEFORE_KERNEL: u32 = 40;
 
 /// The word of a biased lock that holds whether its owner is inside.
 #[derive(Debug)]
@@ -100,7 +100,7 @@ impl Inside {
     /// Waits until the owner is outside, and boosts it to the caller's priority meanwhile. The
     /// caller has revoked the bias, and executed the heavy fence.
     pub fn wait_until_left(&self) {
-        for _ in 0..LOOKS {
+        for _ in 0..LOOKS_BEFORE_KERNEL {
             if self.word.load(Ordering::Acquire) == 0 {
                 return;
             }

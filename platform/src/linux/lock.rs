@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 /// The number of looks at a contended lock before the kernel is asked: about half a microsecond. It
 /// is bounded, so an owner that was preempted on this very core costs that much and no more. A
 /// thread that spins for longer shares its core with no other process of its system.
-const LOOKS: u32 = 40;
+const LOOKS_BEFORE_KERNEL: u32 = 40;
 
 /// A priority-inheriting mutual exclusion lock around a value.
 ///
@@ -117,7 +117,7 @@ impl<T> PiLock<T> {
 
     #[cold]
     fn lock_contended(&self, me: u32) {
-        let (looks, pauses) = spin::at_lock().unwrap_or((LOOKS, 1));
+        let (looks, pauses) = spin::at_lock().unwrap_or((LOOKS_BEFORE_KERNEL, 1));
         // The first look comes after half the pause: a short holder is done by then.
         let mut wait = pauses.div_ceil(2);
         for _ in 0..looks {

@@ -2,7 +2,7 @@
 //! luna_path_guard`.
 
 use super::Call;
-use crate::guard::OnDrop;
+use crate::on_drop::OnDrop;
 use std::cell::Cell;
 
 thread_local! {

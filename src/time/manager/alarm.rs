@@ -2,7 +2,7 @@
 
 use crate::error::SetupError;
 use luna_core::park::Parker;
-use luna_core::timer_queue::Attention;
+use luna_core::timer_queue::DeadlineListener;
 use luna_platform::clock::Instant;
 use luna_platform::timer_fd::{TimerError, TimerFd};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -48,7 +48,7 @@ impl Alarm {
     }
 }
 
-impl Attention for Alarm {
+impl DeadlineListener for Alarm {
     fn ask_look(&self) {
         self.ask_look_at(Instant::from_nanos(0));
     }

@@ -61,7 +61,7 @@ pub enum Activity {
 enum Kind {
     /// By its waker alone; there are no references to it.
     Bare,
-    /// By its waker alone.
+    /// By its waker alone; references to it are counted and keep its memory ([`lone`]).
     Lone,
     /// It shares its thread with others, and is queued in the run queue there.
     Owned,
@@ -75,10 +75,12 @@ enum Kind {
 /// # Invariants
 ///
 /// `waker` is written before the first poll and when the process is freed; in between it is only
-/// read. `methods` and `kind` are set for processes of executors and for those that are alone.
-/// Their owner lies where the process lies, at a multiple of [`ALIGN`](Process::ALIGN); its address
-/// is exposed, and it stays valid until `free` was called. `link` and `state` are written by the
-/// executor's thread alone. The link is in its run queue exactly while the state says so.
+/// read. `methods` and `kind` are set for processes of executors and for those that are alone,
+/// before another thread knows the process. Their owner lies where the process lies, at a multiple
+/// of [`ALIGN`](Process::ALIGN); its address is exposed, and it stays valid until `free` was
+/// called. `link` and `state` are written by the executor's thread alone. While the link is in the
+/// run queue, the state has `QUEUED`. A process that was popped keeps this bit until its turn
+/// begins or it ends.
 ///
 /// The fields of each turn and each wake come first: 96 bytes at most, which lie on two cache lines
 /// wherever [`ALIGN`](Process::ALIGN) puts them.
@@ -105,11 +107,17 @@ pub struct Process {
 #[cfg(all(not(loom), target_pointer_width = "64"))]
 const _: () = assert!(std::mem::offset_of!(Process, inheritance) <= 96);
 
-// SAFETY: by the invariant `waker` and `methods` do not change while other threads can see them;
-// `references` states its own rules for access.
+// SAFETY: the fields that are neither constant nor atomic:
+// - `kind`, `methods`: the thread that makes the process writes them, before any other thread knows
+//   the process. Other threads only read them.
+// - `waker`: by the invariant it is written before the first poll and by the owner's `free`, when
+//   there is no reference any more. In between it is only read.
+// - `link`: the executor's thread alone reads and writes it.
+// - `references`: the executor's thread alone accesses its `Cell`; the other count is atomic.
+// - `inheritance`: `counts` and `waits` are accessed under the lock of its `thread` alone.
 unsafe impl Sync for Process {}
-// SAFETY: as for `Sync`: all shared fields are constant or atomic, and a pointer may move to any
-// thread.
+// SAFETY: as for `Sync`: these rules hold whichever thread has the value. Its drop accesses neither
+// the `link` nor the counts of `references`.
 unsafe impl Send for Process {}
 
 impl Process {
@@ -150,8 +158,8 @@ impl Process {
         unsafe { *self.waker.get() = Some(waker) };
     }
 
-    /// Sets the operations that ready this process without its waker and free it: for processes
-    /// that share their thread.
+    /// Sets the owner and its operations. For a process that shares its thread, which is readied
+    /// without its waker, and for one that is [alone](super::Lone) on it, which its waker readies.
     ///
     /// # Safety
     ///
@@ -288,7 +296,7 @@ impl Process {
         (self.kind.get() == Kind::Owned).then(|| self.waker_address())
     }
 
-    /// The id of its executor; a value that no thread has if it has none.
+    /// The id of its executor. If it has none, it was made with an id that no thread has.
     #[inline]
     pub fn executor_number(&self) -> u64 {
         self.executor_id.number()

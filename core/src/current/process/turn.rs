@@ -11,7 +11,7 @@ use std::sync::atomic::Ordering;
 
 /// The state of a process, as bits of one byte that the executor's thread writes.
 pub(in crate::current) mod state {
-    /// It is in the run queue.
+    /// It is in the run queue, or was popped from it for a turn that has not begun.
     pub(in crate::current) const QUEUED: u8 = 1;
     /// It is being polled.
     pub(in crate::current) const RUNNING: u8 = 2;
@@ -246,7 +246,8 @@ impl Process {
         self.state.load(Ordering::Relaxed) & state::ENDED != 0
     }
 
-    /// Whether it is in its executor's run queue. On the executor's thread.
+    /// Whether it is in its executor's run queue, or was popped for a turn that has not begun. On
+    /// the executor's thread.
     #[inline]
     pub fn is_queued(&self) -> bool {
         self.state.load(Ordering::Relaxed) & state::QUEUED != 0

@@ -9,7 +9,7 @@ use std::time::Duration;
 #[derive(Default)]
 struct Alarm(Mutex<Option<Instant>>);
 
-impl Attention for Alarm {
+impl DeadlineListener for Alarm {
     fn ask_look(&self) {}
 
     fn ask_look_at(&self, deadline: Instant) {

@@ -6,7 +6,7 @@ use std::marker::PhantomData;
 /// Runs its closure when it is dropped, on the thread that made it.
 ///
 /// ```
-/// use luna_platform::guard::OnDrop;
+/// use luna_platform::on_drop::OnDrop;
 /// use std::cell::Cell;
 ///
 /// let is_inside = Cell::new(true);

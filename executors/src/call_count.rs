@@ -5,7 +5,7 @@ use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
 use crate::simulation::Stage;
 use luna_platform::clock::Clock;
-use luna_platform::guard::OnDrop;
+use luna_platform::on_drop::OnDrop;
 use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
