@@ -1,10 +1,11 @@
-//! Where two operations that are awake at the same time meet without a node: on the cache line of
+//! Where two operations that are awake at the same time meet without a queue: on the cache line of
 //! the lock.
 //!
 //! An operation that looks for its partner for a while, before its process waits, is awake all that
-//! time. Its partner then need not access its node, nor wake its process: the value is exchanged
-//! beside the lock, on a line that the partner has fetched anyway. Between two cores each line is a
-//! transfer of its own, and they come one after the other.
+//! time. Its partner then need not wake its process, nor access its node if the value has
+//! [room](has_room) in the slot: it is exchanged beside the lock, on a line that the partner has
+//! fetched anyway. Between two cores each line is a transfer of its own, and they come one after the
+//! other.
 //!
 //! There is a hand-off slot for each side. So the sender may offer its next value while its
 //! receiver has not fetched the one before.
