@@ -92,7 +92,8 @@ impl<T> Mode<T> for Extending {
     }
 }
 
-/// A value that holds its sender until it is dropped: see [`Receiver::recv_extended`](crate::Receiver::recv_extended).
+/// A value that holds its sender until it is dropped: see
+/// [`Receiver::recv_extended`](crate::Receiver::recv_extended).
 ///
 /// Dropping it is for the real-time path: O(senders that are held on this channel), which are as
 /// many as there are extended rendezvous under way. A forgotten one holds its sender until the

@@ -4,8 +4,8 @@
 //! An operation that looks for its partner for a while, before its process waits, is awake all that
 //! time. Its partner then need not wake its process, nor access its node if the value has
 //! [room](has_room) in the slot: it is exchanged beside the lock, on a line that the partner has
-//! fetched anyway. Between two cores each line is a transfer of its own, and they come one after the
-//! other.
+//! fetched anyway. Between two cores each line is a transfer of its own, and they come one after
+//! the other.
 //!
 //! There is a hand-off slot for each side. So the sender may offer its next value while its
 //! receiver has not fetched the one before.

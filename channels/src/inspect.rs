@@ -186,8 +186,8 @@ struct Name(AtomicPtr<String>);
 
 impl Name {
     fn get(&self) -> Option<&String> {
-        // SAFETY: the pointer is null, or that of a box that `set` gave up; it goes with this alone.
-        // Acquire: the text was written before.
+        // SAFETY: the pointer is null, or that of a box that `set` gave up; it goes with this
+        // alone. Acquire: the text was written before.
         unsafe { self.0.load(Ordering::Acquire).as_ref() }
     }
 

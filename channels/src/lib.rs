@@ -25,12 +25,13 @@
 //! ```
 //!
 //! An operation allocates nothing, and holds a priority-inheriting lock for a bounded number of
-//! steps. It waits for another thread only while that holds such a lock. What was communicated is never lost or
-//! doubled: a future that is dropped takes its offer back, and a value that it was already given
-//! goes to the next receiver.
+//! steps. It waits for another thread only while that holds such a lock. What was communicated is
+//! never lost or doubled: a future that is dropped takes its offer back, and a value that it was
+//! already given goes to the next receiver.
 //!
 //! The crate works under any executor: LUNA's, where waiting lists are ordered by priority and
-//! waking costs no atomic reference counts, and tokio, smol, or plain threads, where wakers do the waking.
+//! waking costs no atomic reference counts, and tokio, smol, or plain threads, where wakers do the
+//! waking.
 
 // loom and shuttle check the same models: shuttle has loom's names.
 #[cfg(all(test, shuttle))]

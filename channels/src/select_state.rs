@@ -44,9 +44,9 @@ const CHOSEN: u32 = 3;
 /// the thread that left them. Where another thread closes it without a choice
 /// ([`close`](SelectState::close)), the owner could see that before the other thread has taken the
 /// wake handle, and open it again. So such select states are `needs_lock`: the commit lock is held
-/// around both. `needs_lock` is changed by the owner alone, while no listed node leads here. `entered` belongs to the thread that holds the commit lock. While a
-/// node that leads here is listed, this is live: its owner takes each node off, under its list's
-/// lock, before it goes.
+/// around both. `needs_lock` is changed by the owner alone, while no listed node leads here.
+/// `entered` belongs to the thread that holds the commit lock. While a node that leads here is
+/// listed, this is live: its owner takes each node off, under its list's lock, before it goes.
 #[derive(Debug)]
 pub struct SelectState {
     state: AtomicU32,

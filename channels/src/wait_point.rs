@@ -430,8 +430,8 @@ impl WaitPoint {
         events::waits_no_more(|| Some(here()));
     }
 
-    /// Locks. An operation that waits on a hand-off slot is not in the lists. To see such operations
-    /// of a channel too, use [`lock_lists`](Self::lock_lists).
+    /// Locks. An operation that waits on a hand-off slot is not in the lists. To see such
+    /// operations of a channel too, use [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock();

@@ -47,8 +47,8 @@ pub struct Bell {
     hook: Hook,
 }
 
-/// The place of a [`Bell`]'s [`Watch`]. Its owner sets it, while awake: it then sleeps in the watch,
-/// for good. Clones refer to the same place.
+/// The place of a [`Bell`]'s [`Watch`]. Its owner sets it, while awake: it then sleeps in the
+/// watch, for good. Clones refer to the same place.
 pub type Hook = Arc<OnceLock<Arc<dyn Watch>>>;
 
 impl Bell {

@@ -38,7 +38,8 @@ pub struct Several {
     carried: Vec<Error>,
 }
 
-/// Neighbouring branches with the same outcome: its kind in the lowest four bits, their number above.
+/// Neighbouring branches with the same outcome: its kind in the lowest four bits, their number
+/// above.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Run(u16);
 

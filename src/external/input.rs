@@ -74,9 +74,9 @@ pub fn input<T: FromBytes + Send>(
 ///
 /// The mode of standard input stays as it is, since the shell and other programs have the same open
 /// file. It is asked before each read whether there is anything. If another program takes that
-/// first, the read waits, and with it all processes of the thread: spawn it as an OS-thread process.
-/// What [`std::io::stdin`] has taken into its buffer is not seen here, so read it in one of both
-/// ways.
+/// first, the read waits, and with it all processes of the thread: spawn it as an OS-thread
+/// process. What [`std::io::stdin`] has taken into its buffer is not seen here, so read it in one
+/// of both ways.
 ///
 /// # Errors
 ///
@@ -132,8 +132,8 @@ pub struct Input<T> {
 }
 
 impl<T: FromBytes + Send> Process for Input<T> {
-    /// Checks the framing, makes room for records, and puts the file in non-blocking mode, unless it
-    /// is standard input.
+    /// Checks the framing, makes room for records, and puts the file in non-blocking mode, unless
+    /// it is standard input.
     ///
     /// # Errors
     ///

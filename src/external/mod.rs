@@ -9,8 +9,8 @@
 //! A program that reads and writes one device makes two links of it, the one with a clone of the
 //! file.
 //!
-//! [`stdin`] makes a link of standard input. [`readable`] and [`writable`] wait for a file without a
-//! link.
+//! [`stdin`] makes a link of standard input. [`readable`] and [`writable`] wait for a file without
+//! a link.
 //!
 //! ```
 //! use luna::external::{self, Frame, Framing};

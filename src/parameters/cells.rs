@@ -144,8 +144,8 @@ impl Cells {
         self.words.taken[0].load(Ordering::Relaxed)
     }
 
-    /// Several words, all of one value: `make` reads them. A handle may be in another process, where
-    /// they may change meanwhile, but for the lock.
+    /// Several words, all of one value: `make` reads them. A handle may be in another process,
+    /// where they may change meanwhile, but for the lock.
     #[inline]
     pub(super) fn several<T>(&self, make: impl Fn(&[AtomicU64]) -> T) -> T {
         let _changes = (!is_current(self.reader.process)).then(|| self.reader.words.lock());

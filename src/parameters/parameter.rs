@@ -53,9 +53,9 @@ pub struct Parameter<T> {
 impl<T: Tunable> Parameter<T> {
     /// The value, of the set that the process has taken last; before the start the default.
     ///
-    /// Real-time path: yes. O(elements), no allocation: a load for each element. All elements are of
-    /// one set. In another process, or on another thread, an array is read under a lock, which the
-    /// process holds while it takes a new set. It never gives a value that the process has not
+    /// Real-time path: yes. O(elements), no allocation: a load for each element. All elements are
+    /// of one set. In another process, or on another thread, an array is read under a lock, which
+    /// the process holds while it takes a new set. It never gives a value that the process has not
     /// taken.
     #[inline]
     pub fn get(&self) -> T {

@@ -16,7 +16,8 @@ pub(crate) struct ParentThread {
 }
 
 impl ParentThread {
-    /// Starts it. A machine that does not support it is an error if that `is_strict`, else a notice.
+    /// Starts it. A machine that does not support it is an error if that `is_strict`, else a
+    /// notice.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
         real_time: bool,

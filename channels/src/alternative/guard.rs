@@ -12,8 +12,8 @@ use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
 /// An operation that an alternative may offer: what `recv`, `recv_extended`, `send`, `send_from`,
-/// `send_with`, `after` and `at` return, a barrier's `sync`, a client's `call`, and what falls due on
-/// the clock (ticks, timers).
+/// `send_with`, `after` and `at` return, a barrier's `sync`, a client's `call`, and what falls due
+/// on the clock (ticks, timers).
 ///
 /// Sealed: a guard is decided under the locks of all that is offered, so that exactly one happens.
 /// Any other future as a guard would either lose what it had done when another was chosen, or have

@@ -93,7 +93,8 @@ impl<D: Due> When<D> {
                 sleep.as_mut().reset(due_at);
                 this.is_set = true;
             }
-            // The due time may have been put off meanwhile: then it sleeps again, until the new one.
+            // The due time may have been put off meanwhile: then it sleeps again, until the new
+            // one.
             let made_at = this.made_at;
             let refuse = || no_timers("a tick, a timer or a watchdog", Some(made_at));
             if sleep.poll_or(cx, refuse).is_pending() {

@@ -8,8 +8,8 @@
 //!
 //! ```text
 //!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
-//!                             |                  `--> HELD --receiver done, under the lock--> DONE | ANSWERED
-//!                             |                  `--> HELD --receiver refuses the value--> CLOSED | POISONED
+//!                             |            `--> HELD --receiver is done--> DONE | ANSWERED
+//!                             |                    `-- it refuses the value--> CLOSED | POISONED
 //!                             |-- found by a partner, its alternative has chosen --> STALE
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```

@@ -31,8 +31,8 @@ pub(super) struct State {
 ///
 /// Waiters are in the wait point's list of senders, and all its nodes are entries. If there is a
 /// waiter, there are fewer permits than it wants, so a mutex with a waiter is held. The last user
-/// as a receiver is the holder of a mutex, or the last to take permits of a semaphore. `has_died` is written by the holder, or under the lock as it
-/// ceases to hold the mutex.
+/// as a receiver is the holder of a mutex, or the last to take permits of a semaphore. `has_died`
+/// is written by the holder, or under the lock as it ceases to hold the mutex.
 #[repr(C)]
 pub(super) struct Core {
     /// First, so that it leads back to the whole.

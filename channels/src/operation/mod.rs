@@ -39,8 +39,8 @@ use std::task::{Context, Poll};
 enum Phase {
     /// Not polled yet.
     New,
-    /// Partners know the node: it is in a queue, waits alone or on a hand-off slot; or one of them has
-    /// settled it.
+    /// Partners know the node: it is in a queue, waits alone or on a hand-off slot; or one of them
+    /// has settled it.
     Listed,
     /// As `Listed`, and the next poll takes the slow path: a [replay log](crate::replay) is to see
     /// the outcome.

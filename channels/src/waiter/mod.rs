@@ -48,10 +48,10 @@ pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
 enum Begun {
     /// In full: all fields are written.
     InFull,
-    /// As a plain operation's that waits, alone or in a queue, on the executor that owns the bias of
-    /// the lock, with a wake handle that wakes its process without a waker. While the bias stays,
-    /// its partners need not look any further. It has no alternative, and holds its value: its other
-    /// fields were not written.
+    /// As a plain operation's that waits, alone or in a queue, on the executor that owns the bias
+    /// of the lock, with a wake handle that wakes its process without a waker. While the bias
+    /// stays, its partners need not look any further. It has no alternative, and holds its value:
+    /// its other fields were not written.
     Plainly,
     /// As `Plainly`, but its wake handle may have been replaced since.
     PlainlyAndChanged,
@@ -217,7 +217,8 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn select_state(
         node: NonNull<Waiter<T>>,
     ) -> Option<(NonNull<SelectState>, u32)> {
-        // SAFETY: by the contract; the select state is there if the node was begun in full or as a guard.
+        // SAFETY: by the contract; the select state is there if the node was begun in full or as a
+        // guard.
         unsafe {
             let link = Self::link(node);
             match (*link).begun {

@@ -89,8 +89,8 @@ pub fn yield_turn(cx: &Context<'_>) {
 ///
 /// # Safety
 ///
-/// [`next_ready`] or [`Process::after_turn`](super::Process::after_turn) has returned it, and nothing
-/// was done with it since.
+/// [`next_ready`] or [`Process::after_turn`](super::Process::after_turn) has returned it, and
+/// nothing was done with it since.
 #[cold]
 pub unsafe fn put_back(owner: NonNull<()>) {
     // SAFETY: the caller promises that it was just taken, so it is live and in no queue; the link

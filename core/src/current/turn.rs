@@ -145,8 +145,8 @@ impl<'a> PlainTurn<'a> {
     }
 
     /// Counts an operation that is done; or yields, if more urgent processes are ready or the
-    /// process has completed [`OPERATIONS_PER_POLL`] operations in this turn: then it is ready again
-    /// already, and the caller returns `Pending`.
+    /// process has completed [`OPERATIONS_PER_POLL`] operations in this turn: then it is ready
+    /// again already, and the caller returns `Pending`.
     #[inline(always)]
     pub fn yields_after_operation(self) -> bool {
         if self.goes_on() {

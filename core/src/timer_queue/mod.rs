@@ -384,8 +384,8 @@ impl Sleep {
     }
 }
 
-/// Panics: `what` was awaited where there are no timers. `made_at` is the line that made it, if that
-/// is known.
+/// Panics: `what` was awaited where there are no timers. `made_at` is the line that made it, if
+/// that is known.
 #[cold]
 #[inline(never)]
 pub fn no_timers(what: &str, made_at: Option<&Location<'_>>) -> ! {
@@ -407,8 +407,8 @@ impl Future for Sleep {
 }
 
 impl Sleep {
-    /// Polls it. Where this thread has no timers, `refuse` panics in the words of the operation that
-    /// this sleep is a part of: see [`no_timers`].
+    /// Polls it. Where this thread has no timers, `refuse` panics in the words of the operation
+    /// that this sleep is a part of: see [`no_timers`].
     #[inline]
     pub fn poll_or(
         mut self: Pin<&mut Self>,

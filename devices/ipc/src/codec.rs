@@ -86,8 +86,8 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
         Self {
             size: LENGTH + capacity,
             write: |place, size, value| {
-                // SAFETY: by the codec's contract the place is as long, and no one else accesses it.
-                // It holds bytes, which the kernel has set to zero before the first use.
+                // SAFETY: by the codec's contract the place is as long, and no one else accesses
+                // it. It holds bytes, which the kernel has set to zero before the first use.
                 let bytes = unsafe { std::slice::from_raw_parts_mut(place.as_ptr(), size) };
                 let (length, room) = bytes.split_at_mut(LENGTH);
                 let used = postcard::to_slice(value, room)

@@ -64,10 +64,10 @@
 //! A channel has four files in `/dev/shm`: a lock file, a segment of shared memory (iceoryx2's
 //! `SharedMemory`), and two FIFOs, the *bells*, one for each side.
 //!
-//! **The lock file** has three bytes with locks of open file descriptions, which the kernel releases
-//! when their program ends, however it ends. Byte 0 is the *set-up lock*: opening, binding and
-//! closing hold it for a bounded number of system calls. No real-time operation takes it. Bytes 1
-//! and 2 are the *roles*: a program holds byte 1 while it is the sender, byte 2 while it is the
+//! **The lock file** has three bytes with locks of open file descriptions, which the kernel
+//! releases when their program ends, however it ends. Byte 0 is the *set-up lock*: opening, binding
+//! and closing hold it for a bounded number of system calls. No real-time operation takes it. Bytes
+//! 1 and 2 are the *roles*: a program holds byte 1 while it is the sender, byte 2 while it is the
 //! receiver. So a role that is held belongs to a program that lives, and a second program for one
 //! role is refused.
 //!
@@ -86,10 +86,10 @@
 //!
 //! **Binding.** A session is one epoch of the sender with one epoch of the receiver. A program that
 //! opens a role while the other role is held and not yet bound binds both: `start` = `published`,
-//! then its own `bound`, then the other's. If the other is bound already, that is to a dead session:
-//! the program stays unbound, rings, and the other side ends that session, opens again, and binds.
-//! So no epoch is in two sessions. An opening always rings, so one that was killed between binding
-//! and ringing leaves nobody asleep for longer than to the next opening.
+//! then its own `bound`, then the other's. If the other is bound already, that is to a dead
+//! session: the program stays unbound, rings, and the other side ends that session, opens again,
+//! and binds. So no epoch is in two sessions. An opening always rings, so one that was killed
+//! between binding and ringing leaves nobody asleep for longer than to the next opening.
 //!
 //! **A value.** The sender's link takes a value from a local process by an extended rendezvous,
 //! writes it, stores `published` = n (release) and rings. The receiver's link sees `published` =
@@ -119,8 +119,8 @@
 //! | either, after its store, before it rings | the pidfd wakes the other side, which looks at the words once more |
 //!
 //! So a send that has returned `Ok` without a deadline was taken once. A failed one was taken once
-//! or not at all. Values of earlier sessions are never delivered, since a session begins at `start`,
-//! so none is seen twice. [`Status::missing`] counts those without acknowledgement.
+//! or not at all. Values of earlier sessions are never delivered, since a session begins at
+//! `start`, so none is seen twice. [`Status::missing`] counts those without acknowledgement.
 //!
 //! **After it.** The link poisons the local channel, whose operations then fail with
 //! [`Error::Poisoned`](luna::Error::Poisoned), and its process ends with

@@ -16,8 +16,8 @@ use std::sync::atomic::Ordering::SeqCst;
 /// It is a process, to be spawned on the executor of its senders or on another one, or to be run by
 /// hand once: `link.pre_run()?`, `link.run().await`. It ends
 ///
-/// - without an error when the last local sender is gone and its values were taken, or when the other program's receivers are
-///   gone: the local channel is then closed;
+/// - without an error when the last local sender is gone and its values were taken, or when the
+///   other program's receivers are gone: the local channel is then closed;
 /// - with [`Error::Poisoned`] when the channel is poisoned on either side. Both sides then are;
 /// - with [`IpcError::PartnerDied`] when the other program has ended without closing its side: the
 ///   local channel is poisoned, and a send under way gets its value back. This takes as long as the
@@ -46,10 +46,10 @@ impl<T: Send> SendLink<T> {
         }
     }
 
-    /// In how many turns of its executor the link looks for the other program before it waits;
-    /// 0 if not stated. While it looks, the other program makes no system call to wake it: for
-    /// partners that answer within microseconds, on executors that are busy anyway. On one without
-    /// other ready processes it keeps the core busy for so many turns of some tens of nanoseconds; on a
+    /// In how many turns of its executor the link looks for the other program before it waits; 0 if
+    /// not stated. While it looks, the other program makes no system call to wake it: for partners
+    /// that answer within microseconds, on executors that are busy anyway. On one without other
+    /// ready processes it keeps the core busy for so many turns of some tens of nanoseconds; on a
     /// busy one it takes part in each round of its priority, and processes of lower priority wait
     /// meanwhile. Never unbounded: then it waits asleep.
     pub fn looks(mut self, turns: u32) -> Self {

@@ -25,8 +25,8 @@ impl Announced {
         here
     }
 
-    /// In a monitored turn, and in one that drops an abandoned body, a builder would count as a part
-    /// of that turn. Then it gets a turn of its own.
+    /// In a monitored turn, and in one that drops an abandoned body, a builder would count as a
+    /// part of that turn. Then it gets a turn of its own.
     pub(super) fn can_be_built_here(&self) -> bool {
         let shared = self.process.shared();
         current::executor_id() == Some(shared.executor_id)

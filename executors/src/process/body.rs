@@ -168,8 +168,8 @@ impl<F: Future, B> Body<F, B> {
 }
 
 /// Polls a body by `poll` with all optional work around that, and catches its panic. `poll` ends
-/// the body if it completes. Returns how the body is to [end](Body::end) otherwise. Not to be called
-/// once it has ended.
+/// the body if it completes. Returns how the body is to [end](Body::end) otherwise. Not to be
+/// called once it has ended.
 pub(crate) fn poll_attentively(
     record: &Record,
     cx: &mut Context<'_>,

@@ -17,8 +17,9 @@ use std::sync::Arc;
 ///
 /// A process that is an `async` block has its signals declared where it is spawned, from a builder
 /// that knows the system ([`Hub::signal`]). Everywhere else registering is refused: in `main` no
-/// system would record the signal, and in a body it would allocate on the real-time path. A system calls `pre_run` between [`Hub::enter`] and
-/// the end of its guard. A program without a system does the same by hand.
+/// system would record the signal, and in a body it would allocate on the real-time path. A system
+/// calls `pre_run` between [`Hub::enter`] and the end of its guard. A program without a system does
+/// the same by hand.
 ///
 /// ```
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};

@@ -269,8 +269,8 @@ pub(super) fn why_no_policy(asked: Policy) -> PolicyRefusal {
     privileges::group_without_budget().unwrap_or_else(|| deadline::kernel(Errno::EPERM))
 }
 
-/// A thread's policy, with its flags, and its priority; 0 is the calling thread. Nothing if there is
-/// no such thread. Two system calls.
+/// A thread's policy, with its flags, and its priority; 0 is the calling thread. Nothing if there
+/// is no such thread. Two system calls.
 pub(super) fn scheduler(thread: i32) -> Option<(i32, i32)> {
     let mut parameter = zeroed_parameter();
     // Direct system calls: musl's functions of these names only fail. SAFETY: the parameter is a

@@ -171,8 +171,8 @@ impl Store {
         Ok(kept)
     }
 
-    /// All processes of the start are spawned: every value must belong to a declared parameter, and be one that it
-    /// can have.
+    /// All processes of the start are spawned: every value must belong to a declared parameter, and
+    /// be one that it can have.
     pub(crate) fn all_declared(&self) -> Result<(), SetError> {
         let mut state = self.state();
         let mut refused = std::mem::take(&mut state.refused);

@@ -174,8 +174,8 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded), and the process
-    /// has its turn.
+    /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded), and the
+    /// process has its turn.
     #[inline]
     pub unsafe fn end_turn(&self) {
         let now = self.state.load(Ordering::Relaxed);

@@ -1,5 +1,5 @@
-//! Reads and writes of a TCP stream with a limit, in short slices, so that the thread can be told to
-//! end meanwhile.
+//! Reads and writes of a TCP stream with a limit, in short slices, so that the thread can be told
+//! to end meanwhile.
 
 use super::receive::LOOK;
 use super::wire::PeerError;

@@ -83,8 +83,8 @@ impl fmt::Debug for Target {
 }
 
 impl Logging {
-    /// Into a new file; one that is there is replaced. A name that ends in `.replay` is refused when
-    /// the recording begins: that is a replay log.
+    /// Into a new file; one that is there is replaced. A name that ends in `.replay` is refused
+    /// when the recording begins: that is a replay log.
     pub fn to_file(path: impl Into<PathBuf>) -> Self {
         Self::to(Target::File(path.into()))
     }

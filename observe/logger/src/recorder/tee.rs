@@ -11,12 +11,13 @@ use std::time::{Duration, Instant};
 
 /// A recording to several sinks, such as a file and a scope.
 ///
-/// The first sink is the one that the report names, and decides what is recorded: what it refuses is lost, counted in the report, and not
-/// passed to the others. A block that another sink refuses is missing only there, and counted by
-/// [`refused`](Self::refused); that sink continues with the next block that declares everything,
-/// which follows soon. Another sink that panics is ended. All sinks work on one thread, so one that
-/// blocks delays the others: put a file first, and give a sink that may stall a buffer, as
-/// [`TcpSink`](crate::TcpSink) has. The smallest block size of all is used.
+/// The first sink is the one that the report names, and decides what is recorded: what it refuses
+/// is lost, counted in the report, and not passed to the others. A block that another sink refuses
+/// is missing only there, and counted by [`refused`](Self::refused); that sink continues with the
+/// next block that declares everything, which follows soon. Another sink that panics is ended. All
+/// sinks work on one thread, so one that blocks delays the others: put a file first, and give a
+/// sink that may stall a buffer, as [`TcpSink`](crate::TcpSink) has. The smallest block size of all
+/// is used.
 ///
 /// ```
 /// use luna_logger::{Hub, Logging, Recorder, Tee, WriterSink};
