@@ -23,10 +23,11 @@ use luna_benches::{
 };
 
 /// In the order of the page.
-const BENCHES: [&str; 16] = [
+const BENCHES: [&str; 17] = [
     "commstime",
     "switch",
     "rendezvous",
+    "ipc",
     "buffered",
     "alternative",
     "barrier",
