@@ -122,11 +122,11 @@
 //! or not at all. Values of earlier sessions are never delivered, since a session begins at
 //! `start`, so none is seen twice. [`Status::missing`] counts those without acknowledgement.
 //!
-//! **After it.** The link poisons the local channel, whose operations then fail with
-//! [`Error::Poisoned`](luna::Error::Poisoned), and its process ends with
-//! [`IpcError::PartnerDied`]. The program opens the channel again: that is the next session. The
-//! last side to close removes the files. If both were killed, the files stay until the next opening
-//! of the channel, or [`clean_up`].
+//! **After it.** The link poisons the local channel: its operations then fail with
+//! [`Error::Poisoned`](luna::Error::Poisoned). The link ends with [`IpcError::PartnerDied`]. The
+//! program opens the channel again: that is the next session. The last side to close removes the
+//! files. If both were killed, the files stay until the next opening of the channel, or
+//! [`clean_up`].
 
 #![cfg(target_os = "linux")]
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]

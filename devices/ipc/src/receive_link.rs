@@ -42,12 +42,8 @@ impl<T: Send> ReceiveLink<T> {
         }
     }
 
-    /// In how many turns of its executor the link looks for the other program before it waits; 0 if
-    /// not stated. While it looks, the other program makes no system call to wake it: for partners
-    /// that answer within microseconds, on executors that are busy anyway. On one without other
-    /// ready processes it keeps the core busy for so many turns of some tens of nanoseconds; on a
-    /// busy one it takes part in each round of its priority, and processes of lower priority wait
-    /// meanwhile. Never unbounded: then it waits asleep.
+    /// In how many turns the link looks for the other program before it waits: as
+    /// [`SendLink::looks`](crate::SendLink::looks).
     pub fn looks(mut self, turns: u32) -> Self {
         self.looks = turns;
         self

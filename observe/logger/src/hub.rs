@@ -125,7 +125,7 @@ impl Hub {
         hub
     }
 
-    /// As [`new`](Self::new), for a system whose clock may still be chosen: call
+    /// As [`new`](Self::new), where the clock is chosen later: call
     /// [`set_time`](Self::set_time) before a recorder is started.
     pub fn of_system(system: &str) -> Arc<Hub> {
         Arc::new(Hub {
