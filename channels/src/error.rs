@@ -63,6 +63,8 @@ impl<T> fmt::Display for SendError<T> {
 gives_value_back!(SendError);
 
 /// Receiving failed: no value will ever come.
+///
+/// As wide as a word, so that the result of a receive of a word lies in two registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum RecvError {
     /// The channel, or the branch that received, was poisoned.

@@ -10,6 +10,8 @@ use std::ptr::NonNull;
 /// pointer to the node is one to the structure.
 #[derive(Debug)]
 pub struct WaitNode {
+    /// In a node that [waits alone](WaitNode::wait_alone): its process, and nothing else of the
+    /// node is written.
     before: Option<NonNull<WaitNode>>,
     after: Option<NonNull<WaitNode>>,
     priority: Priority,
@@ -45,15 +47,16 @@ impl WaitNode {
     }
 
     /// Makes the node at `place` that of the current process in its plain turn, which waits alone:
-    /// in no list. Only the wake handle is written.
+    /// in no list. Only its process is written.
     ///
     /// # Safety
     ///
     /// It is room for a node that no other thread accesses.
     #[inline(always)]
     pub unsafe fn wait_alone(place: *mut WaitNode, turn: PlainTurn<'_>) {
+        let process = PlainPendingWake::of_plain_turn(turn).into_pointer();
         // SAFETY: the contract.
-        unsafe { (&raw mut (*place).wake_handle).write(Some(WakeHandle::of_plain_turn(turn))) };
+        unsafe { (&raw mut (*place).before).write(Some(process.cast())) };
     }
 
     /// Takes the wake of a process that waits alone.
@@ -61,11 +64,11 @@ impl WaitNode {
     /// # Safety
     ///
     /// The node was made by [`wait_alone`](Self::wait_alone), and only that was done with it. The
-    /// caller has the lock that guards it. The node has no wake handle afterwards.
+    /// caller has the lock that guards it, and takes the wake once.
     #[inline(always)]
     pub unsafe fn take_alone(place: *const WaitNode) -> PlainPendingWake {
-        // SAFETY: by the contract the handle is there, and is read once.
-        unsafe { WakeHandle::plain_of(&raw const (*place).wake_handle) }
+        // SAFETY: by the contract the pointer is there, and is used once.
+        unsafe { PlainPendingWake::from_pointer((*place).before.unwrap_unchecked().cast()) }
     }
 
     /// Writes the other fields of a node that waits alone, so that it can be listed. It gets the
@@ -73,16 +76,14 @@ impl WaitNode {
     ///
     /// # Safety
     ///
-    /// As for [`take_alone`](Self::take_alone), but the wake handle stays.
+    /// As for [`take_alone`](Self::take_alone): it has a wake handle from here on.
     pub unsafe fn complete(place: *mut WaitNode) {
-        // SAFETY: by the contract the handle is there, and nothing else of the node is shared.
+        // SAFETY: by the contract the wake is there, and nothing else of the node is shared.
         unsafe {
-            let wake_handle = (&raw mut (*place).wake_handle).read();
-            let (user, priority) = match wake_handle.as_ref().and_then(WakeHandle::process) {
-                Some(process) => (User::Process(process.id()), process.priority()),
-                None => (User::Outside, Priority::default()),
-            };
-            place.write(WaitNode::waiting(user, priority, wake_handle));
+            let wake = Self::take_alone(place);
+            let process = wake.process();
+            let (user, priority) = (User::Process(process.id()), process.priority());
+            place.write(WaitNode::waiting(user, priority, Some(wake.into())));
         }
     }
 

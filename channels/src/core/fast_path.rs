@@ -157,9 +157,11 @@ pub(super) unsafe fn wait_alone<const SEND: bool>(
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    lists.note_user(SEND, LastUser::process(turn.process().id()));
+    // Read before the stores: the process is read once then.
+    let user = LastUser::process(turn.process().id());
     // SAFETY: the contract.
     unsafe { Waiter::begin_alone(node, turn) };
+    lists.note_user(SEND, user);
     lists.set_alone(node.cast(), SEND);
     if !lists.leave() {
         return revoked(wait_point, FastPath::Waits);

@@ -6,15 +6,17 @@ use super::process::LEVELS;
 use crate::wait_list::WaitList;
 use std::cell::UnsafeCell;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 pub(super) const LEVEL: u8 = LEVELS - 1;
-/// Flag beside the level: the boost is the priority of the thread.
-const THREAD: u8 = 1 << 7;
 
 /// The level that a process runs at: its own, or its highest boost. It lies beside the fields of
 /// each turn.
-pub(super) struct LevelNow(AtomicU8);
+pub(super) struct LevelNow {
+    level: AtomicU8,
+    /// The boost is the priority of the thread.
+    has_thread_boost: AtomicBool,
+}
 
 /// The boosts of a process.
 ///
@@ -68,18 +70,21 @@ impl Counts {
 
 impl LevelNow {
     pub(super) fn new(own: u8) -> Self {
-        Self(AtomicU8::new(own & LEVEL))
+        Self {
+            level: AtomicU8::new(own & LEVEL),
+            has_thread_boost: AtomicBool::new(false),
+        }
     }
 
     #[inline]
     pub(super) fn get(&self) -> u8 {
-        self.0.load(Ordering::Relaxed) & LEVEL
+        self.level.load(Ordering::Relaxed)
     }
 
     /// The priority of the process' thread, which is `own` without a boost.
     #[inline]
     pub(super) fn thread(&self, own: u8, inheritance: &Inheritance) -> u8 {
-        if self.0.load(Ordering::Relaxed) & THREAD == 0 {
+        if !self.has_thread_boost.load(Ordering::Relaxed) {
             return own;
         }
         let thread = inheritance.thread.as_ref();
@@ -142,13 +147,15 @@ impl Inheritance {
                 counts.boosts | bit
             };
         }
-        let highest = if counts.threads > 0 {
-            THREAD | LEVEL
-        } else {
+        let has_thread_boost = counts.threads > 0;
+        let highest = match has_thread_boost {
+            true => LEVEL,
             // 0 without a boost, which is no more than its own.
-            own.max(31_u32.saturating_sub(counts.boosts.leading_zeros()) as u8)
+            false => own.max(31_u32.saturating_sub(counts.boosts.leading_zeros()) as u8),
         };
-        now.0.store(highest, Ordering::Relaxed);
+        now.level.store(highest, Ordering::Relaxed);
+        now.has_thread_boost
+            .store(has_thread_boost, Ordering::Relaxed);
         true
     }
 }

@@ -35,6 +35,7 @@ pub(super) static METHODS: Methods = Methods {
     free,
     // Its thread polls it.
     poll: |_, _| {},
+    poll_attentively: |_, _| {},
     body,
     seldom: None,
 };

@@ -6,7 +6,8 @@ use std::task::{Context, Wake, Waker};
 static METHODS: Methods = Methods {
     ready_elsewhere: |_, _| unreachable!("all is on one thread"),
     free: |_| {},
-    poll: |_, _| unreachable!("nobody is polled"),
+    poll: |_, _| unreachable!("nothing is polled"),
+    poll_attentively: |_, _| unreachable!("nothing is polled"),
     body: |_| 0..0,
     seldom: None,
 };

@@ -217,9 +217,7 @@ impl WakeHandle {
     /// without atomics on this thread.
     #[inline(always)]
     pub fn of_plain_turn(turn: PlainTurn<'_>) -> WakeHandle {
-        let process = turn.process();
-        process.references.add();
-        WakeHandle(Inner::Process(Reference(NonNull::from(process))))
+        PlainPendingWake::of_plain_turn(turn).into()
     }
 
     /// Whether [`take_plain`](Self::take_plain) would take it.
@@ -262,14 +260,6 @@ impl WakeHandle {
                 }
                 _ => std::hint::unreachable_unchecked(),
             }
-        }
-    }
-
-    /// The process that it wakes without a waker.
-    pub(crate) fn process(&self) -> Option<&Process> {
-        match &self.0 {
-            Inner::Process(reference) => Some(reference.process()),
-            Inner::Waker(_) => None,
         }
     }
 
@@ -327,6 +317,35 @@ impl WakeHandle {
 pub struct PlainPendingWake(Reference);
 
 impl PlainPendingWake {
+    /// A wake of the current process, from its plain turn.
+    #[inline(always)]
+    pub(crate) fn of_plain_turn(turn: PlainTurn<'_>) -> Self {
+        let process = turn.process();
+        process.references.add();
+        Self(Reference(NonNull::from(process)))
+    }
+
+    /// The process that it wakes.
+    pub(crate) fn process(&self) -> &Process {
+        self.0.process()
+    }
+
+    /// The wake as a pointer, for [`from_pointer`](Self::from_pointer).
+    #[inline(always)]
+    pub(crate) fn into_pointer(self) -> NonNull<Process> {
+        ManuallyDrop::new(self).0.0
+    }
+
+    /// The wake that was made a pointer.
+    ///
+    /// # Safety
+    ///
+    /// [`into_pointer`](Self::into_pointer) gave the pointer, and this is called once with it.
+    #[inline(always)]
+    pub(crate) unsafe fn from_pointer(process: NonNull<Process>) -> Self {
+        Self(Reference(process))
+    }
+
     /// Prefetches the memory of the process, since it will be polled soon: its executor's data, and
     /// the begin of its body. A few instructions, without waiting.
     #[inline(always)]
@@ -376,6 +395,13 @@ impl PlainPendingWake {
             // Counted off here; the drop must not count again.
             std::mem::forget(self);
         }
+    }
+}
+
+impl From<PlainPendingWake> for WakeHandle {
+    #[inline(always)]
+    fn from(wake: PlainPendingWake) -> Self {
+        WakeHandle(Inner::Process(wake.0))
     }
 }
 

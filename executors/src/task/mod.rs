@@ -35,7 +35,7 @@ use self::body::BodyMethods;
 use self::end::{end, retire};
 use crate::executor::Shared;
 use crate::interference;
-use crate::process::{Abandoned, Notice, Record, RecordRef, poll_attentively};
+use crate::process::{self, Abandoned, Notice, Record, RecordRef};
 use crate::remote_wakes::{RemoteWakes, WakeSlot};
 use luna_core::current::{self, AfterTurn, Methods, Process, QueueEnd};
 use luna_core::events;
@@ -257,12 +257,8 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
         // By the invariant it has one.
         let waker = this.process.waker().unwrap_unchecked();
         let mut cx = Context::from_waker(waker);
-        if this.process.notices() != 0 {
-            run_attentively(task, &mut cx);
-            return None;
-        }
         this.process.count_poll();
-        let poll = this.process.methods().poll;
+        let poll = this.process.poll();
         current::give_turn(&this.process, || poll(owner, &mut cx));
         match this.process.after_turn() {
             AfterTurn::Nothing => None,
@@ -275,21 +271,28 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
     }
 }
 
-/// Ends a turn in which the process has ended or failed.
+/// Ends a turn in which the process has ended or failed, or that is recorded.
 ///
 /// # Safety
 ///
 /// This is its executor's thread, and the task has had its turn just now.
 #[inline(never)]
 unsafe fn finish_turn(task: NonNull<Task>) {
-    // SAFETY: the contract: a task is retired only here or in a turn of its own, so this one is
-    // live.
+    // SAFETY: the contract: a task is retired only here or in `interrupted`, so this one is live.
     unsafe {
-        end_failed(task);
         let process = &task.as_ref().process;
+        end_failed(task);
         process.end_turn();
-        if process.has_ended() {
+        let notices = process.notices();
+        if !process.has_ended() {
+            if notices & Notice::RECORDED != 0 {
+                events::end_turn(process.id().get(), process.is_queued());
+            }
+        } else if notices & Notice::ENDED == 0 {
             end(task);
+        } else {
+            end_turns();
+            retire(task);
         }
     }
 }
@@ -323,50 +326,43 @@ pub(crate) unsafe fn end_turns() {
     }
 }
 
-/// Polls a process that was cancelled, has a poll monitor, has ended, or has its turns recorded.
+/// Polls a process that was cancelled, has a poll monitor, or has its turns recorded. One that has
+/// ended while it was queued is not polled: it retires after this turn.
 ///
 /// # Safety
 ///
-/// As for [`run`].
+/// As [`current::Methods::poll`] requires; `owner` is a task.
 #[cold]
-unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
+unsafe fn poll_attentively(owner: NonNull<()>, cx: &mut Context<'_>) {
     // SAFETY: the contract.
     unsafe {
+        let task = owner.cast::<Task>();
         let this = task.as_ref();
         if this.record.has_ended() {
-            return retire(task);
+            this.process.uncount_poll();
+            return this.process.set_ended();
         }
-        if !this.record.is_cancelled() {
-            this.process.count_poll();
+        if this.record.is_cancelled() {
+            this.process.uncount_poll();
         }
-        let id = this.process.id();
-        events::begin_turn(id.get());
-        let is_plain = events::is_on() && this.process.notices() == Notice::RECORDED;
+        let notices = this.process.notices();
+        if notices & Notice::RECORDED != 0 {
+            events::begin_turn(this.process.id().get());
+            this.process.keep_recorded();
+        }
         let poll = this.process.methods().poll;
-        current::give_turn(&this.process, || {
-            if this.process.notices() & Notice::RECORDED != 0 {
-                this.process.keep_recorded();
-            }
-            if is_plain {
-                return poll(task.cast(), cx);
-            }
-            let abandoned = poll_attentively(&this.record, cx, |cx| {
-                poll(task.cast(), cx);
-                match this.process.has_ended() {
-                    true => Poll::Ready(()),
-                    false => Poll::Pending,
-                }
-            });
-            if let Some(abandoned) = abandoned {
-                (this.methods().abandon)(task, abandoned);
+        if events::is_on() && notices == Notice::RECORDED {
+            return poll(owner, cx);
+        }
+        let abandoned = process::poll_attentively(&this.record, cx, |cx| {
+            poll(owner, cx);
+            match this.process.has_ended() {
+                true => Poll::Ready(()),
+                false => Poll::Pending,
             }
         });
-        end_failed(task);
-        this.process.end_turn();
-        if this.process.has_ended() {
-            end(task);
-        } else {
-            events::end_turn(id.get(), this.process.is_queued());
+        if let Some(abandoned) = abandoned {
+            (this.methods().abandon)(task, abandoned);
         }
     }
 }
@@ -379,8 +375,8 @@ mod tests {
     /// in a system of a million.
     #[test]
     fn a_task_takes_little_beside_its_body() {
-        assert!(size_of::<Task>() <= 320, "{}", size_of::<Task>());
+        assert!(size_of::<Task>() <= 328, "{}", size_of::<Task>());
         assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
-        assert!(size_of::<Process>() <= 160, "{}", size_of::<Process>());
+        assert!(size_of::<Process>() <= 168, "{}", size_of::<Process>());
     }
 }

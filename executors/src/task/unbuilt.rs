@@ -2,7 +2,7 @@
 
 use super::body::{BodyMethods, Whole, abandon, body, body_range, poll};
 use super::end::{free, free_retired};
-use super::{Head, Task, memory, ready_elsewhere, start};
+use super::{Head, Task, memory, poll_attentively, ready_elsewhere, start};
 use crate::executor::Shared;
 use crate::process::{Body, ExitValue, ProcessSpec, RawExit, Record, RecordRef};
 use crate::remote_wakes::WakeSlot;
@@ -141,6 +141,7 @@ where
             ready_elsewhere,
             free,
             poll: poll::<F, B>,
+            poll_attentively,
             body: body_range::<F, B>,
             seldom: Some(&BodyMethods {
                 abandon: abandon::<F, B>,

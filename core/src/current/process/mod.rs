@@ -18,7 +18,7 @@ use std::cell::{Cell, UnsafeCell};
 use std::fmt;
 use std::ops::Range;
 use std::ptr::{self, NonNull};
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicPtr, AtomicU8, AtomicU64, Ordering};
 use std::task::{Context, Waker};
 
 /// The number of priority levels within one executor: 0 (lowest) to 31.
@@ -34,14 +34,18 @@ pub struct Methods {
     /// more.
     pub free: unsafe fn(NonNull<()>),
     /// Polls the body of a process that was taken from the run queue, in its turn, and marks the
-    /// process if its body has ended ([`Process::set_ended`]). It is here and not in each process
-    /// because all processes of a kind share it: a turn then reads one cache line less.
-    pub poll: unsafe fn(NonNull<()>, &mut Context<'_>),
+    /// process if its body has ended ([`Process::set_ended`]).
+    pub poll: Poll,
+    /// As `poll`, for a process with [notices](Process::notices): its executor looks at them.
+    pub poll_attentively: Poll,
     /// The addresses of the body and its captures. The owner is live; its body may have ended.
     pub body: unsafe fn(NonNull<()>) -> Range<usize>,
     /// Rare operations of an executor on processes of this kind; the executor knows the type.
     pub seldom: Option<&'static (dyn Any + Send + Sync)>,
 }
+
+/// Polls a process in its turn: see [`Methods::poll`].
+pub type Poll = unsafe fn(NonNull<()>, &mut Context<'_>);
 
 /// The state of a process, seen from any thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,12 +104,15 @@ pub struct Process {
     pub(super) references: References,
     waker: UnsafeCell<Option<Waker>>,
     polls: AtomicU64,
+    /// [`Methods::poll`], or with notices `poll_attentively`: so a turn need not look at them. Null
+    /// without an owner.
+    poll: AtomicPtr<()>,
     methods: Cell<Option<&'static Methods>>,
     inheritance: Inheritance,
 }
 
 #[cfg(all(not(loom), target_pointer_width = "64"))]
-const _: () = assert!(std::mem::offset_of!(Process, inheritance) <= 96);
+const _: () = assert!(std::mem::offset_of!(Process, methods) <= 96);
 
 // SAFETY: the fields that are neither constant nor atomic:
 // - `kind`, `methods`: the thread that makes the process writes them, before any other thread knows
@@ -142,6 +149,7 @@ impl Process {
             references: References::new(),
             waker: UnsafeCell::new(None),
             polls: AtomicU64::new(0),
+            poll: AtomicPtr::new(ptr::null_mut()),
             methods: Cell::new(None),
             inheritance: Inheritance::new(super::executor_thread_of(executor_id), level),
         }
@@ -158,7 +166,7 @@ impl Process {
         unsafe { *self.waker.get() = Some(waker) };
     }
 
-    /// Sets the owner and its operations. For a process that shares its thread, which is readied
+    /// Sets the owner and its operations, before the first notice. For a process that shares its thread, which is readied
     /// without its waker, and for one that is [alone](super::Lone) on it, which its waker readies.
     ///
     /// # Safety
@@ -176,6 +184,20 @@ impl Process {
         // Exposed: the owner is recovered from the process' own address.
         owner.expose_provenance();
         self.methods.set(Some(methods));
+        self.poll.store(methods.poll as *mut (), Ordering::Relaxed);
+    }
+
+    /// How the process is polled in its turn.
+    ///
+    /// # Safety
+    ///
+    /// [`set_owner`](Self::set_owner) was called.
+    #[inline(always)]
+    pub unsafe fn poll(&self) -> Poll {
+        // Acquire: pairs with the store of a notice.
+        let poll = self.poll.load(Ordering::Acquire);
+        // SAFETY: `set_owner`, which the caller promises, and `notify` store functions of this type.
+        unsafe { std::mem::transmute::<*mut (), Poll>(poll) }
     }
 
     /// The operations of its executor.
@@ -364,11 +386,15 @@ impl Process {
         self.polls.load(Ordering::Relaxed)
     }
 
-    /// Sets bits that its executor looks at before the next poll. From any thread that holds a
-    /// reference.
+    /// Sets bits that its executor looks at from the next poll on. They are never cleared. From any
+    /// thread that holds a reference.
     pub fn notify(&self, bits: u8) {
-        // Release: a reader of the notice sees what was written before it.
+        // Release, here and below: a reader of the notice sees what was written before it.
         self.notices.fetch_or(bits, Ordering::Release);
+        if let Some(methods) = self.methods.get() {
+            let poll = methods.poll_attentively as *mut ();
+            self.poll.store(poll, Ordering::Release);
+        }
     }
 
     /// The notices. On the executor's thread.

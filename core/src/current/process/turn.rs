@@ -167,7 +167,13 @@ impl Process {
     #[inline]
     pub fn count_poll(&self) {
         let polls = self.polls.load(Ordering::Relaxed);
-        self.polls.store(polls + 1, Ordering::Relaxed);
+        self.polls.store(polls.wrapping_add(1), Ordering::Relaxed);
+    }
+
+    /// Takes back the count of a turn in which the body is not polled. On the executor's thread.
+    pub fn uncount_poll(&self) {
+        let polls = self.polls.load(Ordering::Relaxed);
+        self.polls.store(polls.wrapping_sub(1), Ordering::Relaxed);
     }
 
     /// Ends its turn, and queues it if it has yielded.
@@ -205,24 +211,22 @@ impl Process {
             self.state.store(0, Ordering::Relaxed);
             return AfterTurn::Nothing;
         }
-        cold_path();
-        match now {
-            YIELDS => {
-                self.state.store(state::QUEUED, Ordering::Relaxed);
-                // SAFETY: the caller promises that this is the executor's thread and that the
-                // process lives until it was popped; it is not queued, by its state.
-                let next = unsafe {
-                    let link = self.link();
-                    ready::with_queue(|queue| queue.exchange(self.level(), link))
-                };
-                AfterTurn::Next(next.map(NonNull::cast))
-            }
-            READY => {
-                self.state.store(state::QUEUED, Ordering::Relaxed);
-                AfterTurn::Nothing
-            }
-            _ => AfterTurn::More,
+        if now == YIELDS {
+            self.state.store(state::QUEUED, Ordering::Relaxed);
+            // SAFETY: the caller promises that this is the executor's thread and that the process
+            // lives until it was popped; it is not queued, by its state.
+            let next = unsafe {
+                let link = self.link();
+                ready::with_queue(|queue| queue.exchange(self.level(), link))
+            };
+            return AfterTurn::Next(next.map(NonNull::cast));
         }
+        if now == READY {
+            self.state.store(state::QUEUED, Ordering::Relaxed);
+            return AfterTurn::Nothing;
+        }
+        cold_path();
+        AfterTurn::More
     }
 
     /// Makes the current process yield at the end of its turn, if it is not ready again already.
