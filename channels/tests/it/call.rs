@@ -303,11 +303,11 @@ fn outranked(f: impl FnOnce()) {
         0..0,
     );
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready_levels(1 << 5) };
+    unsafe { current::pretend_ready(Some(5)) };
     // SAFETY: this thread is the executor of the process, and the process lives.
     unsafe { current::with_process(&process, f) };
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready_levels(0) };
+    unsafe { current::pretend_ready(None) };
 }
 
 #[test]

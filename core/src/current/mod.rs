@@ -38,7 +38,7 @@ pub use process::{
     User, fail_current,
 };
 pub use ready::{
-    OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready_levels, put_back,
+    OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready, put_back,
     ready_again, ready_levels, spend_operation, yield_if_outranked, yield_turn,
 };
 pub use renewal::Renewal;
@@ -217,7 +217,7 @@ impl Drop for ExecutorGuard {
         THREAD.with(|thread| {
             thread.executor_id.set(None);
             thread.may_block.set(true);
-            thread.queue.pretend(0);
+            thread.queue.clear();
         });
         set_on_path(false);
         take_timers();

@@ -17,16 +17,18 @@ pub fn ready_levels() -> u32 {
     with_queue(RunQueue::bits)
 }
 
-/// Pretends, on a thread that is no executor's, that processes are ready at these levels: for
-/// tests.
+/// Pretends, on a thread that is no executor's, that a process is ready at this level, or that none
+/// is ready: for tests.
 ///
 /// # Safety
 ///
-/// Until this is called with 0, the processes in this thread's run queue are at the given levels
-/// alone, and [`next_ready`] is called only if one is at the highest of them.
+/// No process is in this thread's run queue. What [`next_ready`] returns at this level is not used.
 #[doc(hidden)]
-pub unsafe fn pretend_ready_levels(bits: u32) {
-    with_queue(|queue| queue.pretend(bits));
+pub unsafe fn pretend_ready(level: Option<u8>) {
+    with_queue(|queue| match level {
+        Some(level) => queue.pretend(level),
+        None => queue.clear(),
+    });
 }
 
 /// Pops the next process of this thread's run queue, and returns its owner. The process was readied

@@ -75,20 +75,25 @@ impl RunQueue {
     /// Whether a process is ready above `level`.
     #[inline(always)]
     pub(super) fn has_above(&self, level: u8) -> bool {
-        match self.slot.get() {
-            // SAFETY: by the invariant the process in the slot is live, and no other one is queued
-            // above it.
-            Some(next) => unsafe { next.as_ref() }.level.get() > level,
-            // Only `pretend` leads to more here. Two shifts: a shift by 32 would be masked to none.
-            None => (self.bits.get() >> level) >> 1 != 0,
-        }
+        let next = self.slot.get();
+        // SAFETY: by the invariant the process in the slot is live, and no other one is queued
+        // above it.
+        next.is_some_and(|next| unsafe { next.as_ref() }.level.get() > level)
     }
 
-    /// Makes readers believe that these levels have a ready process.
-    pub(super) fn pretend(&self, bits: u32) {
+    /// Forgets the ready processes.
+    pub(super) fn clear(&self) {
         self.slot.set(None);
-        self.bits.set(bits);
-        self.tails.iter().for_each(|tail| tail.set(None));
+        self.bits.set(0);
+    }
+
+    /// Forgets the ready processes, and queues a link at this level that belongs to none. For
+    /// tests: it leaks the link.
+    pub(super) fn pretend(&self, level: u8) {
+        self.clear();
+        let link = Box::leak(Box::new(Link::new()));
+        link.level.set(level);
+        self.slot.set(Some(NonNull::from(link)));
     }
 
     /// Takes over the contents of `other`, which is empty from then on. O(1); a few stores if it is
@@ -307,10 +312,7 @@ impl RunQueue {
         unsafe {
             std::hint::assert_unchecked(bits != 0);
             let level = bits.ilog2() as u8;
-            let Some(last) = self.tail(level).get() else {
-                // Only `pretend` leads here.
-                return self.slot.set(None);
-            };
+            let last = self.tail(level).get().unwrap_unchecked();
             let first = last.as_ref().next.get().unwrap_unchecked();
             if first == last {
                 self.bits.set(bits ^ 1 << level);

@@ -77,11 +77,11 @@ fn readied() -> u8 {
     level as u8
 }
 
-/// Pretends that these levels are ready, beside those that are queued there.
-fn pretend(levels: u32) {
-    // SAFETY: the tests take only what they have queued at the highest of the levels, and end with
-    // 0.
-    unsafe { pretend_ready_levels(levels) };
+/// Pretends that this level is ready.
+fn pretend(level: Option<u8>) {
+    // SAFETY: nothing is queued when a test calls it. The tests do not use the link that they take
+    // at this level.
+    unsafe { pretend_ready(level) };
 }
 
 /// Where references can lead.
@@ -131,11 +131,11 @@ fn levels_of_nested_branches_add_up_and_end_at_the_lowest() {
 #[test]
 fn a_branch_is_outranked_by_what_its_process_is_not() {
     within(5, |_| {
-        pretend(1 << 4);
+        pretend(Some(4));
         assert!(!is_outranked());
         with_branch_below(false, 1, 0, || assert!(!is_outranked()));
         with_branch_below(false, 2, 0, || assert!(is_outranked()));
-        pretend(0);
+        pretend(None);
     });
 }
 
@@ -224,19 +224,21 @@ fn a_process_within_a_branch_is_whole() {
 #[test]
 fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
     within(5, |cx| {
-        pretend(1 << 4);
+        pretend(Some(4));
         assert!(!yield_if_outranked(cx), "not outranked");
         with_branch_below(false, 2, 0, || {
             assert!(yield_if_outranked(cx));
             assert!(!yield_if_outranked(&Context::from_waker(Waker::noop())));
         });
         assert_eq!(ready_levels(), 1 << 4 | 1 << 3);
+        // SAFETY: what was pretended is not used.
+        assert!(unsafe { next_ready() }.is_some());
         assert_eq!(readied(), 3);
-        pretend(1 << 6);
+        pretend(Some(6));
         // At the process' own level a waker readies it behind what is more urgent, too.
         assert!(yield_if_outranked(&Context::from_waker(Waker::noop())));
         assert_eq!(ready_levels(), 1 << 6, "such a waker queues nobody here");
-        pretend(0);
+        pretend(None);
     });
 }
 

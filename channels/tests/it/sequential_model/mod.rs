@@ -38,7 +38,7 @@ fn poll_as<T>(
     poll: impl FnOnce() -> T,
 ) -> T {
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready_levels(if outranked { u32::MAX } else { 0 }) };
+    unsafe { current::pretend_ready(outranked.then_some(31)) };
     let branch = || current::with_branch_below(branch_failed, 0, 0, poll);
     let result = match priority {
         None => branch(),
@@ -50,7 +50,7 @@ fn poll_as<T>(
         }
     };
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready_levels(0) };
+    unsafe { current::pretend_ready(None) };
     result
 }
 
