@@ -262,6 +262,42 @@ fn the_guard_of_an_alternative_that_has_chosen_gives_way_on_the_fast_path() {
     }
 }
 
+/// Alternatives wait at one channel, the least urgent first. They are served by their levels.
+#[test]
+fn alternatives_wait_by_level_on_the_fast_path() {
+    let executor = Executor::start(Attributes::new("home")).unwrap();
+    let (to_idle, idle) = channel::<usize>();
+    let (output, input) = channel::<usize>();
+    let (starts, started): (Vec<_>, Vec<_>) = (0..CHANNELS).map(|_| channel::<()>()).unzip();
+    let mut processes = Vec::new();
+    for (number, started) in started.into_iter().enumerate() {
+        let (idle, input) = (idle.clone(), input.clone());
+        let spec = ProcessSpec::new("chooses").level(1 + number as u8);
+        processes.push(executor.spawn(spec, move || async move {
+            started.recv().await.unwrap();
+            let received = alt! { x = idle.recv() => x, x = input.recv() => x };
+            assert_eq!(received, Ok(CHANNELS - 1 - number));
+        }));
+    }
+    processes.push(
+        executor.spawn(ProcessSpec::new("sends").level(0), move || async move {
+            for _ in 0..WARM {
+                assert!(to_idle.try_send(0).is_err() && output.try_send(0).is_err());
+            }
+            for start in starts {
+                start.send(()).await.unwrap();
+            }
+            for number in 0..CHANNELS {
+                output.send(number).await.unwrap();
+            }
+        }),
+    );
+    executor.release();
+    for process in processes {
+        assert_eq!(process.wait(), Exit::Completed);
+    }
+}
+
 /// The last guard alone is ready, so `skip` is not chosen.
 #[test]
 fn skip_looks_at_all_guards_on_the_fast_path() {
