@@ -16,12 +16,16 @@ mod jitter;
 mod joystick;
 mod output;
 mod place;
+#[cfg(target_os = "linux")]
+mod production_cell;
 mod record;
 mod report;
 mod scope;
 mod scope_parameters;
 mod text;
 
+#[cfg(target_os = "linux")]
+use args::Machine;
 use args::{Arguments, Command};
 use clap::Parser;
 use std::process::ExitCode;
@@ -32,7 +36,15 @@ static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::realtime::on_path
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command() {
-        Command::Demo(arguments) => demo::run(&arguments, &ALLOCATOR),
+        Command::Demo(demos) => match &demos.machine {
+            None => demo::run(&demos.jiwy, &ALLOCATOR),
+            #[cfg(target_os = "linux")]
+            Some(Machine::ProductionCell(arguments)) => production_cell::run(arguments),
+            #[cfg(target_os = "linux")]
+            Some(Machine::ProductionCellUnit(arguments)) => production_cell::run_unit(arguments),
+            #[cfg(not(target_os = "linux"))]
+            Some(machine) => match *machine {},
+        },
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),

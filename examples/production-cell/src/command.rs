@@ -79,7 +79,9 @@ struct Arm {
 
 impl Plan for Arm {
     fn step(&mut self, view: &View) -> Step {
-        let Parameters { take, give, work, .. } = *self.parameters;
+        let Parameters {
+            take, give, work, ..
+        } = *self.parameters;
         let sensors = &view.sensors;
         let is_at = |place: f64| (sensors.position - place).abs() < REACH / 2.0;
         self.phase = match self.phase {

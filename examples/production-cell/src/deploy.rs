@@ -24,7 +24,7 @@ pub enum Place {
 }
 
 /// How a cell is run.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Settings {
     /// What the operator does.
     pub plan: Plan,
@@ -48,22 +48,19 @@ pub struct Settings {
 ///
 /// let mut system = System::new("production cell");
 /// system.virtual_clock();
-/// let plan = Plan { time: Duration::from_secs(20), exchange: None, drill: None };
+/// let plan = Plan { time: Duration::from_secs(5), exchange: None, drills: vec![] };
 /// let settings = Settings { plan, policy: Policy::Other, heeds_neighbours: true };
 /// let cell = deploy::in_one_program(&mut system, deploy::Place::Executor, settings)?;
 /// system.run()?;
 /// let outcome = cell.outcome();
-/// assert!(outcome.blocks >= 8 && outcome.is_good());
+/// assert!(outcome.blocks >= 3 && outcome.is_good());
 /// # Ok::<(), luna::Error>(())
 /// ```
-pub fn in_one_program(
-    system: &mut System,
-    place: Place,
-    settings: Settings,
-) -> luna::Result<Cell> {
+pub fn in_one_program(system: &mut System, place: Place, settings: Settings) -> luna::Result<Cell> {
     system.max_loops(LOOPS);
     let mut links = Local::default();
-    let build = |system: &mut System, name: &str| system.executor(name).policy(settings.policy).build();
+    let build =
+        |system: &mut System, name: &str| system.executor(name).policy(settings.policy).build();
     let shared: Option<Executor> = match place {
         Place::Executor => Some(build(system, "cell")?),
         Place::Threads => None,
@@ -88,7 +85,7 @@ pub fn in_one_program(
         plan: settings.plan,
         panels,
         programs: None,
-        log: Arc::clone(&cell.0),
+        log: Arc::clone(&cell.log),
     };
     let executor = system.executor("operator").policy(Policy::Other).build()?;
     executor.process("operator").spawn(operator.run())?;
@@ -107,7 +104,7 @@ pub struct Program {
 }
 
 /// Adds the operator of a cell to `system`, and starts the programs of its six units. They end with
-/// the operator; those that do not are killed when the result is dropped.
+/// the operator. Those that do not are killed when the result is dropped.
 ///
 /// # Errors
 ///
@@ -129,16 +126,21 @@ pub fn in_six_programs(
     for unit in Unit::ALL {
         children.start(unit)?;
     }
+    let cell_name = children.name.clone();
+    let children = Arc::new(Mutex::new(children));
     let executor = system.executor("operator").policy(Policy::Other).build()?;
-    let mut links = Programs::new(&executor, &children.name);
+    let mut links = Programs::new(&executor, &cell_name);
     let panels = Unit::ALL.map(|unit| Panel::new(unit, &mut links));
     let panels = panels.into_iter().collect::<luna::Result<_>>()?;
-    let cell = Cell::default();
+    let cell = Cell {
+        log: Arc::default(),
+        _programs: Some(Arc::clone(&children)),
+    };
     let operator = Operator {
         plan: settings.plan,
         panels,
         programs: Some(Box::new(children)),
-        log: Arc::clone(&cell.0),
+        log: Arc::clone(&cell.log),
     };
     executor.process("operator").spawn(operator.run())?;
     Ok(cell)
@@ -157,7 +159,12 @@ pub fn run_unit(unit: Unit, cell: &str, world: &Path, policy: Policy) -> luna::R
         heeds_neighbours: true,
         world: Some(world),
     };
-    unit::build(unit, &executor, &mut Programs::new(&executor, cell), options)?;
+    unit::build(
+        unit,
+        &executor,
+        &mut Programs::new(&executor, cell),
+        options,
+    )?;
     drop(executor);
     system.run().map(drop)
 }
@@ -186,9 +193,10 @@ impl Children {
     }
 }
 
-impl crate::operator::Programs for Children {
+impl crate::operator::Programs for Arc<Mutex<Children>> {
     fn kill(&mut self, unit: Unit) -> luna::Result<()> {
-        if let Some(mut child) = self.running[unit as usize].take() {
+        let mut children = self.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(mut child) = children.running[unit as usize].take() {
             child.kill()?;
             child.wait()?;
         }
@@ -196,13 +204,14 @@ impl crate::operator::Programs for Children {
     }
 
     fn restart(&mut self, unit: Unit) -> luna::Result<()> {
-        self.start(unit)
+        let mut children = self.lock().unwrap_or_else(PoisonError::into_inner);
+        children.start(unit)
     }
 }
 
 impl Drop for Children {
     fn drop(&mut self) {
-        // They have been told to end; if not, their links tell them.
+        // The operator has told them to end, or its links do, since it is gone.
         let limit = std::time::Instant::now() + std::time::Duration::from_secs(2);
         for child in self.running.iter_mut().flatten() {
             while matches!(child.try_wait(), Ok(None)) && std::time::Instant::now() < limit {
@@ -215,14 +224,18 @@ impl Drop for Children {
     }
 }
 
-/// A cell that runs, or has run.
-#[derive(Debug, Clone, Default)]
-pub struct Cell(Arc<Mutex<Log>>);
+/// A cell that runs, or has run. Keep it until its system has run: the programs of its units are
+/// waited for when it is dropped.
+#[derive(Debug, Default)]
+pub struct Cell {
+    log: Arc<Mutex<Log>>,
+    _programs: Option<Arc<Mutex<Children>>>,
+}
 
 impl Cell {
     /// What became of it; complete when its system has run.
     pub fn outcome(&self) -> Outcome {
-        let log = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
         Outcome::of(log.clone())
     }
 }

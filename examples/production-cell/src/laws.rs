@@ -97,7 +97,12 @@ mod tests {
 
     #[test]
     fn every_law_brings_every_arm_to_its_target_in_time() {
-        for unit in [Unit::Feeder, Unit::MoulderDoor, Unit::Extractor, Unit::Robot] {
+        for unit in [
+            Unit::Feeder,
+            Unit::MoulderDoor,
+            Unit::Extractor,
+            Unit::Robot,
+        ] {
             let parameters = unit.parameters();
             for mut law in all(parameters) {
                 let mut mechanics = Mechanics::new(unit);

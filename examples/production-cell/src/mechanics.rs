@@ -172,7 +172,9 @@ impl Mechanics {
     /// What it holds.
     pub fn contents(&self) -> Contents {
         Contents {
-            blocks: self.blocks.map(|place| place.map_or(0, |place| place.block)),
+            blocks: self
+                .blocks
+                .map(|place| place.map_or(0, |place| place.block)),
             under_way: self.offered.is_some(),
             taken: self.taken,
             given: self.given,
@@ -234,7 +236,13 @@ mod tests {
     fn a_block_that_passes_the_end_is_handed_over_once() {
         let mut belt = Mechanics::new(Unit::FeederBelt);
         let handed = run(&mut belt, 0.8, 300).unwrap();
-        assert_eq!(handed, Handed { number: 1, block: 1 });
+        assert_eq!(
+            handed,
+            Handed {
+                number: 1,
+                block: 1
+            }
+        );
         belt.gave();
         assert_eq!(belt.contents().blocks[..3], [2, 3, 0]);
         assert_eq!((belt.contents().given, belt.contents().collisions), (1, 0));
@@ -251,7 +259,10 @@ mod tests {
     fn a_block_that_comes_to_an_arm_elsewhere_collides() {
         let mut feeder = Mechanics::new(Unit::Feeder);
         run(&mut feeder, 0.8, 100);
-        feeder.take(Handed { number: 1, block: 7 });
+        feeder.take(Handed {
+            number: 1,
+            block: 7,
+        });
         assert_eq!(feeder.contents().collisions, 1);
     }
 
@@ -259,7 +270,10 @@ mod tests {
     fn the_same_hand_over_counts_once() {
         let mut feeder = Mechanics::new(Unit::Feeder);
         for _ in 0..2 {
-            feeder.take(Handed { number: 1, block: 7 });
+            feeder.take(Handed {
+                number: 1,
+                block: 7,
+            });
         }
         let contents = feeder.contents();
         assert_eq!((contents.taken, contents.collisions), (1, 0));

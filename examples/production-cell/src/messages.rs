@@ -107,7 +107,10 @@ pub struct Request {
 impl Message for Request {
     fn lost() -> Option<Self> {
         let end = true;
-        Some(Self { end, ..Self::default() })
+        Some(Self {
+            end,
+            ..Self::default()
+        })
     }
 }
 
@@ -130,7 +133,10 @@ pub struct Report {
 impl Message for Report {
     fn lost() -> Option<Self> {
         let condition = Condition::Lost;
-        Some(Self { condition, ..Self::default() })
+        Some(Self {
+            condition,
+            ..Self::default()
+        })
     }
 }
 

@@ -17,14 +17,14 @@ const LOOKS_OF_REQUEST: u32 = 20;
 const PATIENCE: Duration = Duration::from_secs(8);
 
 /// What the operator does in a run.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Plan {
     /// How long the line runs.
     pub time: Duration,
     /// The control laws are exchanged each such time.
     pub exchange: Option<Duration>,
-    /// The fault that is made, if one is.
-    pub drill: Option<Drill>,
+    /// The faults that are made.
+    pub drills: Vec<Drill>,
 }
 
 /// A fault, and its repair.
@@ -81,13 +81,24 @@ pub struct Change {
     pub seen: Seen,
 }
 
+/// What the operator did: the line's start and stop, a fault, its repair.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Mark {
+    /// In s, from the start of the line.
+    pub at: f64,
+    /// What.
+    pub what: &'static str,
+    /// Blocks that each unit had given by then.
+    pub given: [u32; 6],
+}
+
 /// What is known at the end.
 #[derive(Debug, Clone, Default)]
 pub struct Log {
     /// The time line.
     pub changes: Vec<Change>,
-    /// What the operator did, and when.
-    pub marks: Vec<(f64, &'static str)>,
+    /// What the operator did.
+    pub marks: Vec<Mark>,
     /// The last report of each unit.
     pub last: [Option<Report>; 6],
     /// Whether all units came to rest.
@@ -132,7 +143,10 @@ impl Run {
     }
 
     fn mark(&mut self, what: &'static str) {
-        self.log.marks.push((self.seconds(), what));
+        let at = self.seconds();
+        let given = |report: Option<Report>| report.map_or(0, |report| report.contents.given);
+        let given = self.log.last.map(given);
+        self.log.marks.push(Mark { at, what, given });
     }
 
     fn see(&mut self, unit: Unit, seen: Seen) {
@@ -166,11 +180,13 @@ impl Operator {
         run.began = luna::now();
         run.log.changes.clear();
         run.mark("start");
-        self.request_all(&mut run, |request| request.run = true).await;
+        self.request_all(&mut run, |request| request.run = true)
+            .await;
         let outcome = self.operate(&mut run, &mut ticks).await;
 
         run.mark("stop");
-        self.request_all(&mut run, |request| request.run = false).await;
+        self.request_all(&mut run, |request| request.run = false)
+            .await;
         let stopped = luna::now();
         let is_at_rest = |log: &Log| {
             let mut reports = log.last.iter();
@@ -192,28 +208,27 @@ impl Operator {
             }
         }
         run.log.seconds = run.seconds();
-        self.request_all(&mut run, |request| request.end = true).await;
+        self.request_all(&mut run, |request| request.end = true)
+            .await;
         *self.log.lock().unwrap_or_else(PoisonError::into_inner) = run.log;
         outcome
     }
 
     async fn operate(&mut self, run: &mut Run, ticks: &mut luna::Periodic) -> luna::Result<()> {
-        let Plan { time, exchange, drill } = self.plan;
-        let (mut fault, mut repair) = (drill, drill);
+        let (time, exchange) = (self.plan.time, self.plan.exchange);
+        let mut faults = std::mem::take(&mut self.plan.drills);
+        let mut repairs: Vec<Drill> = Vec::new();
         let mut next = exchange;
         loop {
             ticks.next().await;
             self.look(run).await;
             let passed = luna::now() - run.began;
-            if fault.is_some_and(|drill| passed >= drill.at)
-                && let Some(drill) = fault.take()
-            {
+            for drill in faults.extract_if(.., |drill| passed >= drill.at) {
                 run.mark("fault");
                 self.break_unit(run, drill).await?;
+                repairs.push(drill);
             }
-            if repair.is_some_and(|drill| passed >= drill.at + drill.lasts)
-                && let Some(drill) = repair.take()
-            {
+            for drill in repairs.extract_if(.., |drill| passed >= drill.at + drill.lasts) {
                 run.mark("repair");
                 self.repair(run, drill).await?;
             }
@@ -267,7 +282,9 @@ impl Operator {
         let now = luna::now();
         for (unit, panel) in Unit::ALL.into_iter().zip(&self.panels) {
             while let Ok(report) = panel.reports.try_recv() {
-                let Report { condition, waits, .. } = report;
+                let Report {
+                    condition, waits, ..
+                } = report;
                 let waits = waits && condition == Condition::Running;
                 if condition != Condition::Lost {
                     run.log.last[unit as usize] = Some(report);

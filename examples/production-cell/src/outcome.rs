@@ -1,7 +1,7 @@
 //! What became of a run.
 
 use crate::messages::{Condition, Report};
-use crate::operator::{Change, Log};
+use crate::operator::{Change, Log, Mark};
 use crate::parameters::Unit;
 use serde::Serialize;
 
@@ -22,8 +22,8 @@ pub struct Outcome {
     pub seconds: f64,
     /// The units, in the direction of the blocks.
     pub units: Vec<UnitOutcome>,
-    /// What the operator did, and when (s).
-    pub marks: Vec<(f64, &'static str)>,
+    /// What the operator did.
+    pub marks: Vec<Mark>,
     /// The time line.
     #[serde(skip)]
     pub changes: Vec<Change>,
@@ -53,7 +53,11 @@ impl Outcome {
         let (lost, doubled) = log.lost_and_doubled();
         let report = |unit: Unit| log.last[unit as usize].unwrap_or_default();
         let units = Unit::ALL.map(|unit| {
-            let Report { condition, contents, .. } = report(unit);
+            let Report {
+                condition,
+                contents,
+                ..
+            } = report(unit);
             let is_stop = |change: &&Change| {
                 change.unit == unit
                     && matches!(change.seen.condition, Condition::Halted | Condition::Safe)
@@ -63,7 +67,11 @@ impl Outcome {
                 condition,
                 taken: contents.taken,
                 given: contents.given,
-                blocks: contents.blocks.into_iter().filter(|block| *block != 0).collect(),
+                blocks: contents
+                    .blocks
+                    .into_iter()
+                    .filter(|block| *block != 0)
+                    .collect(),
                 collisions: contents.collisions,
                 stops: log.changes.iter().filter(is_stop).count(),
             }

@@ -178,5 +178,8 @@ pub fn blocks() -> u32 {
 /// The name of the first block on a unit.
 pub fn first_block(unit: Unit) -> u32 {
     let before = &PARAMETERS[..unit as usize];
-    1 + before.iter().map(|other| other.blocks.len() as u32).sum::<u32>()
+    1 + before
+        .iter()
+        .map(|other| other.blocks.len() as u32)
+        .sum::<u32>()
 }

@@ -1,7 +1,7 @@
 //! The time line of the six units, as SVG.
 
 use crate::messages::Condition;
-use crate::operator::Seen;
+use crate::operator::{Mark, Seen};
 use crate::outcome::Outcome;
 use crate::parameters::Unit;
 use std::fmt::Write;
@@ -52,7 +52,10 @@ pub fn svg(outcome: &Outcome, title: &str) -> String {
         let y = TOP + ROW * row as f64;
         let name = unit.name().replace('-', " ");
         let (at, base) = (LEFT - 10.0, y + 18.0);
-        let _ = writeln!(svg, "<text x=\"{at}\" y=\"{base}\" text-anchor=\"end\">{name}</text>");
+        let _ = writeln!(
+            svg,
+            "<text x=\"{at}\" y=\"{base}\" text-anchor=\"end\">{name}</text>"
+        );
         let of_unit = outcome.changes.iter().filter(|change| change.unit == unit);
         let ends = of_unit.clone().skip(1).map(|next| next.at).chain([end]);
         for (change, until) in of_unit.zip(ends) {
@@ -65,7 +68,7 @@ pub fn svg(outcome: &Outcome, title: &str) -> String {
             );
         }
     }
-    for (at, what) in &outcome.marks {
+    for Mark { at, what, .. } in &outcome.marks {
         let (x, from, text) = (x(*at), TOP - 12.0, TOP - 18.0);
         let _ = writeln!(
             svg,
@@ -75,9 +78,17 @@ pub fn svg(outcome: &Outcome, title: &str) -> String {
     }
     for second in 0..=end as u32 {
         let (x, y) = (x(second.into()), bottom + 16.0);
-        let _ = writeln!(svg, "<text x=\"{x:.2}\" y=\"{y}\" text-anchor=\"middle\">{second}</text>");
+        let _ = writeln!(
+            svg,
+            "<text x=\"{x:.2}\" y=\"{y}\" text-anchor=\"middle\">{second}</text>"
+        );
     }
-    let _ = writeln!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">s</text>", LEFT - 10.0, bottom + 16.0);
+    let _ = writeln!(
+        svg,
+        "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">s</text>",
+        LEFT - 10.0,
+        bottom + 16.0
+    );
     for (n, (colour, text)) in KINDS.iter().enumerate() {
         let (column, row) = ((n % 3) as f64, (n / 3) as f64);
         let (x, y) = (LEFT + 270.0 * column, bottom + 36.0 + 22.0 * row);

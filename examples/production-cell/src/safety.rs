@@ -216,7 +216,10 @@ mod tests {
             safety.ahead(with(condition));
             assert_eq!(safety.condition(), Condition::Halted);
             assert_eq!(safety.drive(0.2), Drive::default());
-            assert_eq!((safety.status().accepts, safety.view().ahead_accepts), (0, 0));
+            assert_eq!(
+                (safety.status().accepts, safety.view().ahead_accepts),
+                (0, 0)
+            );
         }
         for condition in [Condition::Halted, Condition::Stopped, Condition::Safe] {
             let mut safety = running(Unit::FeederBelt);
@@ -244,7 +247,10 @@ mod tests {
     fn a_silent_neighbour_has_failed() {
         let mut safety = Safety::new(Unit::Feeder, true).unwrap();
         let run = true;
-        safety.order(Order { run, ..Order::default() });
+        safety.order(Order {
+            run,
+            ..Order::default()
+        });
         assert_eq!(safety.condition(), Condition::Halted);
     }
 
@@ -252,13 +258,22 @@ mod tests {
     fn a_broken_sensor_is_a_fault_until_it_is_repaired() {
         let mut safety = running(Unit::Robot);
         let position = f64::NAN;
-        let seen = safety.sensors(Sensors { position, ..Sensors::default() });
-        assert_eq!((seen.position, safety.condition()), (0.0, Condition::Faulty));
+        let seen = safety.sensors(Sensors {
+            position,
+            ..Sensors::default()
+        });
+        assert_eq!(
+            (seen.position, safety.condition()),
+            (0.0, Condition::Faulty)
+        );
         assert_eq!(safety.drive(0.2), Drive::default());
         safety.sensors(Sensors::default());
         assert_eq!(safety.condition(), Condition::Faulty);
         let repairs = 1;
-        safety.order(Order { repairs, ..safety.order });
+        safety.order(Order {
+            repairs,
+            ..safety.order
+        });
         assert_eq!(safety.condition(), Condition::Running);
     }
 

@@ -18,7 +18,7 @@ fn settings(seconds: u64, drill: Option<Drill>) -> Settings {
         plan: Plan {
             time: Duration::from_secs(seconds),
             exchange: None,
-            drill,
+            drills: drill.into_iter().collect(),
         },
         policy: Policy::Other,
         heeds_neighbours: true,
