@@ -36,6 +36,7 @@ impl Arguments {
     /// What is to be done.
     pub(crate) fn command(self) -> Command {
         self.command.unwrap_or(Command::Demo(Demos {
+            #[cfg(target_os = "linux")]
             machine: None,
             jiwy: self.demo,
         }))
@@ -67,6 +68,7 @@ const MAX_OTHERS: i64 = 250;
 #[derive(Debug, Clone, Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct Demos {
+    #[cfg(target_os = "linux")]
     #[command(subcommand)]
     pub(crate) machine: Option<Machine>,
     #[command(flatten)]
@@ -74,13 +76,12 @@ pub(crate) struct Demos {
 }
 
 /// The other machines.
+#[cfg(target_os = "linux")]
 #[derive(Debug, Clone, Subcommand)]
 pub(crate) enum Machine {
     /// Six units in a circle, on one executor, on six threads or as six programs
-    #[cfg(target_os = "linux")]
     ProductionCell(crate::production_cell::Arguments),
     /// One unit of the Production Cell as a program of its own, started by `--deploy programs`
-    #[cfg(target_os = "linux")]
     #[command(hide = true)]
     ProductionCellUnit(crate::production_cell::UnitArguments),
 }

@@ -36,15 +36,7 @@ static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::realtime::on_path
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command() {
-        Command::Demo(demos) => match &demos.machine {
-            None => demo::run(&demos.jiwy, &ALLOCATOR),
-            #[cfg(target_os = "linux")]
-            Some(Machine::ProductionCell(arguments)) => production_cell::run(arguments),
-            #[cfg(target_os = "linux")]
-            Some(Machine::ProductionCellUnit(arguments)) => production_cell::run_unit(arguments),
-            #[cfg(not(target_os = "linux"))]
-            Some(machine) => match *machine {},
-        },
+        Command::Demo(demos) => run_demo(&demos),
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
@@ -58,4 +50,14 @@ fn main() -> ExitCode {
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
+    #[cfg(target_os = "linux")]
+    match &demos.machine {
+        Some(Machine::ProductionCell(arguments)) => return production_cell::run(arguments),
+        Some(Machine::ProductionCellUnit(unit)) => return production_cell::run_unit(unit),
+        None => {}
+    }
+    demo::run(&demos.jiwy, &ALLOCATOR)
 }

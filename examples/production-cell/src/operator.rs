@@ -90,6 +90,8 @@ pub struct Mark {
     pub what: &'static str,
     /// Blocks that each unit had given by then.
     pub given: [u32; 6],
+    /// Where the axis of each unit was, in m.
+    pub positions: [f64; 6],
 }
 
 /// What is known at the end.
@@ -146,7 +148,14 @@ impl Run {
         let at = self.seconds();
         let given = |report: Option<Report>| report.map_or(0, |report| report.contents.given);
         let given = self.log.last.map(given);
-        self.log.marks.push(Mark { at, what, given });
+        let position = |report: Option<Report>| report.map_or(0.0, |report| report.position);
+        let positions = self.log.last.map(position);
+        self.log.marks.push(Mark {
+            at,
+            what,
+            given,
+            positions,
+        });
     }
 
     fn see(&mut self, unit: Unit, seen: Seen) {

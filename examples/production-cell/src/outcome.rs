@@ -89,9 +89,10 @@ impl Outcome {
         }
     }
 
-    /// Whether no block was lost or doubled, nothing collided, and at least one block went round.
+    /// Whether blocks moved, none was lost or doubled, and nothing collided.
     pub fn is_good(&self) -> bool {
-        self.at_rest && self.blocks > 0 && self.lost + self.doubled + self.collisions == 0
+        let has_moved = self.units.iter().any(|unit| unit.given > 0);
+        self.at_rest && has_moved && self.lost + self.doubled + self.collisions == 0
     }
 
     /// Whether `unit` was seen in this condition at some time.

@@ -44,11 +44,15 @@ fn drills_of(unit: Unit) {
         assert_eq!(were(&outcome, Safe), safe, "{fault:?}");
         assert!(outcome.is_good(), "{fault:?}: {outcome:#?}");
         let repair = outcome.marks.iter().find(|mark| mark.what == "repair");
-        let repaired = repair.expect("there is a repair").given;
+        let repair = repair.expect("there is a repair");
+        if unit == Unit::Feeder {
+            let door = repair.positions[Unit::MoulderDoor as usize];
+            assert!((door - 0.1).abs() < 5e-3, "the door is not open: {door}");
+        }
         for unit in [unit.behind(), unit, unit.ahead()] {
             let given = outcome.units[unit as usize].given;
             assert!(
-                given > repaired[unit as usize],
+                given > repair.given[unit as usize],
                 "{unit:?} after {fault:?}: {outcome:#?}"
             );
         }
