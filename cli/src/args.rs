@@ -35,11 +35,13 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// What is to be done.
     pub(crate) fn command(self) -> Command {
-        self.command.unwrap_or(Command::Demo(Demos {
-            #[cfg(target_os = "linux")]
-            machine: None,
-            jiwy: self.demo,
-        }))
+        self.command.unwrap_or_else(|| {
+            Command::Demo(Box::new(Demos {
+                #[cfg(target_os = "linux")]
+                machine: None,
+                jiwy: self.demo,
+            }))
+        })
     }
 }
 
@@ -47,7 +49,7 @@ impl Arguments {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Controls a simulated pan-tilt camera and shows how well it kept time; or another machine
-    Demo(Demos),
+    Demo(Box<Demos>),
     /// Measures how late a periodic process wakes up, as cyclictest does
     Jitter(Jitter),
     /// Says whether this machine is fit for hard real time, and what to do about what is not

@@ -25,6 +25,7 @@ mod outcome;
 pub mod parameters;
 pub mod picture;
 pub mod safety;
+mod simulation;
 pub mod unit;
 
 pub use deploy::Settings;

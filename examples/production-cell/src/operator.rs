@@ -133,7 +133,9 @@ pub(crate) struct Operator {
 /// While it runs.
 struct Run {
     log: Log,
-    heard: [Instant; 6],
+    /// Looks since a unit was heard. Looks that come late are fewer, so that an operator that is
+    /// late itself takes no unit for lost.
+    silent: [u32; 6],
     requests: [Request; 6],
     looks: u32,
     began: Instant,
@@ -174,7 +176,7 @@ impl Operator {
         let now = luna::now();
         let mut run = Run {
             log: Log::default(),
-            heard: [now; 6],
+            silent: [0; 6],
             requests: [Request::default(); 6],
             looks: 0,
             began: now,
@@ -288,7 +290,6 @@ impl Operator {
     }
 
     async fn look(&self, run: &mut Run) {
-        let now = luna::now();
         for (unit, panel) in Unit::ALL.into_iter().zip(&self.panels) {
             while let Ok(report) = panel.reports.try_recv() {
                 let Report {
@@ -297,11 +298,12 @@ impl Operator {
                 let waits = waits && condition == Condition::Running;
                 if condition != Condition::Lost {
                     run.log.last[unit as usize] = Some(report);
-                    run.heard[unit as usize] = now;
+                    run.silent[unit as usize] = 0;
                 }
                 run.see(unit, Seen { condition, waits });
             }
-            if now - run.heard[unit as usize] > OPERATOR_TIMEOUT {
+            run.silent[unit as usize] += 1;
+            if LOOK * run.silent[unit as usize] > OPERATOR_TIMEOUT {
                 let (condition, waits) = (Condition::Lost, false);
                 run.see(unit, Seen { condition, waits });
             }
