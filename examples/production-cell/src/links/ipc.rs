@@ -14,13 +14,15 @@ use futures_lite::future;
 use luna::channel::{ChannelEnd, Extended};
 use luna::system::Executor;
 use luna::{Process, Receiver, Sender};
-use luna_ipc::Endpoint;
+use luna_ipc::{Endpoint, IpcError};
 use std::time::Duration;
 
 /// On the executor of its unit: above the operator's requests, below what moves.
 const LEVEL: u8 = 8;
 /// Before the next attempt to open a channel that could not be opened.
 const PAUSE: Duration = Duration::from_millis(20);
+/// So often it is tried.
+const ATTEMPTS: u32 = 100;
 /// How long the last values may take after the unit has ended.
 const GRACE: Duration = Duration::from_millis(200);
 
@@ -70,11 +72,7 @@ async fn carry_out<T: Message>(
     // The value of a rendezvous whose sender waits. It outlives a session.
     let mut held: Option<Extended<'_, T>> = None;
     let is_over = loop {
-        let opening = endpoint.clone();
-        let Ok((remote, mut link)) = luna::blocking(move || opening.sender::<T>()).await else {
-            luna::after(PAUSE).await;
-            continue;
-        };
+        let (remote, mut link) = open(&endpoint, Endpoint::sender::<T>).await?;
         let values = async {
             loop {
                 let value = match (style, &held) {
@@ -117,11 +115,7 @@ async fn carry_in<T: Message>(
     style: Style,
 ) -> luna::Result<()> {
     loop {
-        let opening = endpoint.clone();
-        let Ok((remote, mut link)) = luna::blocking(move || opening.receiver::<T>()).await else {
-            luna::after(PAUSE).await;
-            continue;
-        };
+        let (remote, mut link) = open(&endpoint, Endpoint::receiver::<T>).await?;
         let values = async {
             // The other program goes on when the unit has taken the value.
             while let Ok(value) = remote.recv_extended().await {
@@ -142,6 +136,24 @@ async fn carry_in<T: Message>(
             && local.send(lost).await.is_err()
         {
             return Ok(());
+        }
+    }
+}
+
+/// Opens a side of a channel. What holds it may be about to let go: this program's session before,
+/// or the program that is killed.
+async fn open<L: Send + 'static>(
+    endpoint: &Endpoint,
+    side: fn(&Endpoint) -> Result<L, IpcError>,
+) -> luna::Result<L> {
+    let mut attempts = 0;
+    loop {
+        let endpoint = endpoint.clone();
+        attempts += 1;
+        match luna::blocking(move || side(&endpoint)).await {
+            Ok(opened) => return Ok(opened),
+            Err(_) if attempts < ATTEMPTS => luna::after(PAUSE).await,
+            Err(error) => return Err(luna::Error::other(error)),
         }
     }
 }
