@@ -107,12 +107,17 @@ fn program() {
     let (name, folder) = rest.split_once(':').unwrap();
     let (name, folder) = (name.to_owned(), PathBuf::from(folder));
     let mut system = System::new("child");
-    let policy = match looks() {
-        0 => Policy::fifo(30),
+    let policy = match (&*task, looks()) {
+        ("low-takes" | "low-gives", _) => Policy::fifo(20),
+        (_, 0) => Policy::fifo(30),
         // Two that look take all of two cores, which others need too.
         _ => Policy::Other,
     };
-    let main = system.executor("main").policy(policy).build().unwrap();
+    let mut main = system.executor("main").policy(policy);
+    if task.starts_with("low") {
+        main = main.core(crate::same_core::core());
+    }
+    let main = main.build().unwrap();
     match task {
         "hold" => {
             let (receiver, link) = luna_ipc::receiver::<Block>(&name).unwrap();
@@ -135,6 +140,27 @@ fn program() {
                 Ok(())
             };
             main.process("feeds").spawn(feeds).unwrap();
+        }
+        "low-takes" => {
+            let (receiver, link) = luna_ipc::receiver::<Block>(&name).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let takes = async move {
+                while receiver.recv().await.is_ok() {}
+                Ok(())
+            };
+            main.process("takes").spawn(takes).unwrap();
+        }
+        "low-gives" => {
+            let (sender, link) = luna_ipc::sender::<Block>(&name).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let gives = async move {
+                let mut number = 1;
+                while sender.send(block(number)).await.is_ok() {
+                    number += 1;
+                }
+                Ok(())
+            };
+            main.process("gives").spawn(gives).unwrap();
         }
         "send" => drop(main.process("sends").spawn(sends(name, folder)).unwrap()),
         "receive" => drop(
