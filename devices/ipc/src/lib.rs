@@ -101,7 +101,7 @@
 //! as for any file. Its partner changes a word, and then exchanges `asleep` with 0: if it was set,
 //! it writes one byte to the bell. That is its only system call on behalf of the other side. All of
 //! these are sequentially consistent, so one of the two sees the other's store. Nothing spins
-//! without a bound: see [`SendLink::looks`].
+//! without a bound: see [`Link::looks`].
 //!
 //! **Death.** A link waits for the end of its partner's process too (a *pidfd*, which the kernel
 //! makes readable when all threads of that process have ended; so no store comes after it). That
@@ -137,6 +137,7 @@ extern crate iceoryx2_bb_loggers as _;
 mod codec;
 mod error;
 mod files;
+mod link;
 mod memory;
 mod name;
 mod receive_link;
@@ -154,13 +155,16 @@ pub use files::clean_up;
 pub use iceoryx2_bb_derive_macros::ZeroCopySend;
 /// iceoryx2's mark of plain data: no pointers, the same layout in all programs. Derive it.
 pub use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
+pub use link::Link;
 pub use receive_link::ReceiveLink;
 pub use send_link::SendLink;
 pub use status::Status;
 
-use codec::Codec;
+use codec::{Codec, Place};
 use luna::{Buffer, Receiver, Sender};
 use name::Name;
+use receive_link::{Deliveries, Inward};
+use send_link::{Outward, Values};
 use session::Session;
 
 /// Opens the sending side of the channel `name`: [`Endpoint::sender`] with layout version 0.
@@ -247,9 +251,7 @@ impl Endpoint {
     pub fn sender<T: ZeroCopySend + Send + 'static>(
         &self,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
-        let session = self.open::<T>(Role::Sender)?;
-        let (sender, receiver) = luna::channel();
-        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+        self.sending(Codec::plain(self.version), luna::channel())
     }
 
     /// Opens the sending side with a buffer in front of it, in this program: FIFO or overwriting. A
@@ -281,9 +283,7 @@ impl Endpoint {
         &self,
         buffer: Buffer,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
-        let session = self.open::<T>(Role::Sender)?;
-        let (sender, receiver) = luna::buffered(buffer);
-        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+        self.sending(Codec::plain(self.version), luna::buffered(buffer))
     }
 
     /// Opens the receiving side. All else is as for [`sender`](Self::sender).
@@ -294,14 +294,32 @@ impl Endpoint {
     pub fn receiver<T: ZeroCopySend + Send + 'static>(
         &self,
     ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
-        let session = self.open::<T>(Role::Receiver)?;
-        let (sender, receiver) = luna::channel();
-        let receiver = receiver.named(&self.name);
-        Ok((receiver, ReceiveLink::new(session, sender)))
+        self.receiving(Codec::plain(self.version))
     }
 
-    fn open<T: ZeroCopySend>(&self, role: Role) -> Result<Session<T>, IpcError> {
-        let info = TypeInfo::of::<T>(self.version);
-        Session::open(Name::new(&self.name)?, role, info, Codec::plain())
+    fn sending<T: Send>(
+        &self,
+        codec: Codec<T>,
+        (sender, receiver): (Sender<T>, Receiver<T>),
+    ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
+        let place = Place::first(codec);
+        let session = self.open(Role::Sender, place.info().clone(), place.end())?;
+        let near = Outward(Values::new(receiver, place));
+        Ok((sender.named(&self.name), Link::new(session, near)))
+    }
+
+    fn receiving<T: Send>(
+        &self,
+        codec: Codec<T>,
+    ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
+        let place = Place::first(codec);
+        let session = self.open(Role::Receiver, place.info().clone(), place.end())?;
+        let (sender, receiver) = luna::channel();
+        let near = Inward(Deliveries::new(sender, place));
+        Ok((receiver.named(&self.name), Link::new(session, near)))
+    }
+
+    fn open(&self, role: Role, info: TypeInfo, size: usize) -> Result<Session, IpcError> {
+        Session::open(Name::new(&self.name)?, role, info, size)
     }
 }

@@ -1,10 +1,7 @@
 //! Values that are no plain data, by serde in postcard's format.
 
 use crate::codec::Codec;
-use crate::error::TypeInfo;
-use crate::name::Name;
-use crate::session::Session;
-use crate::{Endpoint, IpcError, ReceiveLink, Role, SendLink};
+use crate::{Endpoint, IpcError, ReceiveLink, SendLink};
 use luna::{Receiver, Sender};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -47,9 +44,7 @@ impl Endpoint {
         &self,
         capacity: usize,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
-        let session = self.open_serde(Role::Sender, capacity)?;
-        let (sender, receiver) = luna::channel();
-        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+        self.sending(Codec::postcard(capacity, self.version), luna::channel())
     }
 
     /// As [`receiver`](Self::receiver), for a type of serde: see
@@ -70,20 +65,6 @@ impl Endpoint {
         &self,
         capacity: usize,
     ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
-        let session = self.open_serde(Role::Receiver, capacity)?;
-        let (sender, receiver) = luna::channel();
-        let receiver = receiver.named(&self.name);
-        Ok((receiver, ReceiveLink::new(session, sender)))
-    }
-
-    fn open_serde<T: Serialize + DeserializeOwned>(
-        &self,
-        role: Role,
-        capacity: usize,
-    ) -> Result<Session<T>, IpcError> {
-        let name = format!("{} by postcard", std::any::type_name::<T>());
-        let info = TypeInfo::new(&name, capacity, 1, self.version);
-        let codec = Codec::postcard(capacity);
-        Session::open(Name::new(&self.name)?, role, info, codec)
+        self.receiving(Codec::postcard(capacity, self.version))
     }
 }
