@@ -122,6 +122,41 @@ impl<T: ZeroCopySend> Codec<T> {
     }
 }
 
+impl<T: 'static> Codec<T> {
+    /// A value or none: a word after the place of `codec` says which.
+    pub(crate) fn optional(codec: Codec<T>) -> Codec<Option<T>> {
+        let Codec {
+            info,
+            size,
+            write,
+            read,
+        } = codec;
+        let word = size.next_multiple_of(align_of::<u64>());
+        Codec {
+            info,
+            size: word + size_of::<u64>(),
+            write: Box::new(move |place, _, value| {
+                if let Some(value) = value {
+                    write(place, size, value)?;
+                }
+                unsafe {
+                    place
+                        .add(word)
+                        .cast::<u64>()
+                        .write(u64::from(value.is_some()))
+                };
+                Ok(())
+            }),
+            read: Box::new(
+                move |place, _| match unsafe { place.add(word).cast::<u64>().read() } {
+                    0 => Ok(None),
+                    _ => read(place, size).map(Some),
+                },
+            ),
+        }
+    }
+}
+
 #[cfg(feature = "serde")]
 impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
     /// The value in postcard's format, with its length before it: `capacity` bytes at most.

@@ -60,6 +60,20 @@ impl TypeInfo {
         Self::new(name, size_of::<T>(), align_of::<T>(), version)
     }
 
+    /// Of calls with this request and that answer.
+    pub(crate) fn call(&self, answer: &TypeInfo) -> Self {
+        let part = |info: &TypeInfo| {
+            let name = &info.name[..info.name.floor_char_boundary(TYPE_NAME / 2 - 24)];
+            format!("{name} ({} bytes)", info.size)
+        };
+        Self {
+            name: format!("{} -> {}", part(self), part(answer)),
+            size: self.size + answer.size,
+            align: self.align.max(answer.align),
+            version: self.version,
+        }
+    }
+
     pub(crate) fn new(name: &str, size: usize, align: usize, version: u32) -> Self {
         Self {
             name: name[..name.floor_char_boundary(TYPE_NAME)].to_owned(),

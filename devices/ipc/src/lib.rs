@@ -134,9 +134,11 @@
 // Its messages go where this says: nowhere.
 extern crate iceoryx2_bb_loggers as _;
 
+mod call;
 mod codec;
 mod error;
 mod files;
+mod inherit;
 mod link;
 mod memory;
 mod name;
@@ -148,6 +150,7 @@ mod session;
 mod status;
 mod wait;
 
+pub use call::{ClientLink, ServerLink};
 pub use error::{IpcError, Role, TypeInfo};
 pub use files::clean_up;
 /// Derives [`trait@ZeroCopySend`] for a `#[repr(C)]` type of plain data. `#[type_name("Block")]`
@@ -161,6 +164,7 @@ pub use send_link::SendLink;
 pub use status::Status;
 
 use codec::{Codec, Place};
+use luna::channel::{Client, Server};
 use luna::{Buffer, Receiver, Sender};
 use name::Name;
 use receive_link::{Deliveries, Inward};
@@ -203,6 +207,48 @@ pub fn receiver<T: ZeroCopySend + Send + 'static>(
     name: &str,
 ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
     Endpoint::new(name).receiver()
+}
+
+/// Opens the calling side of the call channel `name`: [`Endpoint::client`] with layout version 0.
+///
+/// # Errors
+///
+/// As there.
+///
+/// ```
+/// let name = format!("doc/{}/client", std::process::id());
+/// let (client, link) = luna_ipc::client::<u32, f64>(&name)?;
+/// # drop((client, link));
+/// # Ok::<(), luna_ipc::IpcError>(())
+/// ```
+#[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
+pub fn client<Q, A>(name: &str) -> Result<(Client<Q, A>, ClientLink<Q, A>), IpcError>
+where
+    Q: ZeroCopySend + Send + 'static,
+    A: ZeroCopySend + Send + 'static,
+{
+    Endpoint::new(name).client()
+}
+
+/// Opens the serving side of the call channel `name`: [`Endpoint::server`] with layout version 0.
+///
+/// # Errors
+///
+/// As there.
+///
+/// ```
+/// let name = format!("doc/{}/server", std::process::id());
+/// let (server, link) = luna_ipc::server::<u32, f64>(&name)?;
+/// # drop((server, link));
+/// # Ok::<(), luna_ipc::IpcError>(())
+/// ```
+#[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
+pub fn server<Q, A>(name: &str) -> Result<(Server<Q, A>, ServerLink<Q, A>), IpcError>
+where
+    Q: ZeroCopySend + Send + 'static,
+    A: ZeroCopySend + Send + 'static,
+{
+    Endpoint::new(name).server()
 }
 
 /// How a side of a channel is opened.

@@ -108,8 +108,8 @@ fn program() {
     let (name, folder) = (name.to_owned(), PathBuf::from(folder));
     let mut system = System::new("child");
     let policy = match (&*task, looks()) {
-        ("low-takes" | "low-gives", _) => Policy::fifo(20),
-        (_, 0) => Policy::fifo(30),
+        ("low-takes" | "low-gives" | "low-serves", _) => Policy::fifo(20),
+        (_, 0) | ("calls", _) => Policy::fifo(30),
         // Two that look take all of two cores, which others need too.
         _ => Policy::Other,
     };
@@ -161,6 +161,30 @@ fn program() {
                 Ok(())
             };
             main.process("gives").spawn(gives).unwrap();
+        }
+        "low-serves" | "holds-call" => {
+            let (server, link) = luna_ipc::server::<u64, u64>(&name).unwrap();
+            main.process("link").priority(31).spawn(link).unwrap();
+            let holds = task == "holds-call";
+            let serves = async move {
+                while let Ok(call) = server.accept().await {
+                    if holds {
+                        println!("\n{THERE}");
+                        std::future::pending::<()>().await;
+                    }
+                    crate::kernel::burn(std::time::Duration::from_micros(20));
+                    let answer = *call + 1;
+                    let _ = call.reply(answer);
+                }
+                Ok(())
+            };
+            main.process("serves").spawn(serves).unwrap();
+        }
+        "calls" => {
+            let (client, link) = luna_ipc::client::<u64, u64>(&name).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let calls = async move { Ok(client.call(1).await.map(drop)?) };
+            main.process("calls").spawn(calls).unwrap();
         }
         "send" => drop(main.process("sends").spawn(sends(name, folder)).unwrap()),
         "receive" => drop(

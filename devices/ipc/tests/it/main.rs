@@ -7,6 +7,7 @@ mod kernel;
 mod shared;
 
 mod buffers;
+mod calls;
 mod child;
 mod death;
 mod guards;

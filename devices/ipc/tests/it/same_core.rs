@@ -239,3 +239,32 @@ fn a_high_receiver_never_waits_for_the_burner() {
         verdict("receives", &of_judge.recv().unwrap(), &status);
     }
 }
+
+#[test]
+fn a_server_inherits_its_callers_priority() {
+    own_process!();
+    if cannot_run() {
+        return;
+    }
+    let name = channel_name("high-calls");
+    let burner = Burner::start();
+    let _low = Program::start("low-serves", &name, Path::new(""));
+    let (client, link) = luna_ipc::client::<u64, u64>(&name).unwrap();
+    let status = link.status();
+    let (result, of_judge) = std::sync::mpsc::channel();
+    let (random, burnt) = (Random::new(seed()), burner.steps.clone());
+    let counts = status.clone();
+    high(link, async move {
+        client.call(0).await?;
+        let mut judge = Judge::new(burnt, random);
+        for number in 1..=ROUNDS {
+            judge.begin().await;
+            assert_eq!(client.call(number).await?, number + 1);
+            judge.end().await;
+        }
+        assert_eq!(counts.refused_priorities(), 0);
+        result.send(judge).unwrap();
+        Ok(())
+    });
+    verdict("calls", &of_judge.recv().unwrap(), &status);
+}
