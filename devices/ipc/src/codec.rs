@@ -131,28 +131,30 @@ impl<T: 'static> Codec<T> {
             write,
             read,
         } = codec;
-        let word = size.next_multiple_of(align_of::<u64>());
+        let offset = size.next_multiple_of(align_of::<u64>());
+        let put = move |place: NonNull<u8>, _: usize, value: &Option<T>| {
+            if let Some(value) = value {
+                write(place, size, value)?;
+            }
+            let word = u64::from(value.is_some());
+            // SAFETY: by the codec's contract the place has room for the word behind the value, is
+            // aligned to a page, and is accessed by no one else.
+            unsafe { place.add(offset).cast::<u64>().write(word) };
+            Ok(())
+        };
+        let get = move |place: NonNull<u8>, _: usize| {
+            // SAFETY: as for `put`, which has written the word.
+            let word = unsafe { place.add(offset).cast::<u64>().read() };
+            match word {
+                0 => Ok(None),
+                _ => read(place, size).map(Some),
+            }
+        };
         Codec {
             info,
-            size: word + size_of::<u64>(),
-            write: Box::new(move |place, _, value| {
-                if let Some(value) = value {
-                    write(place, size, value)?;
-                }
-                unsafe {
-                    place
-                        .add(word)
-                        .cast::<u64>()
-                        .write(u64::from(value.is_some()))
-                };
-                Ok(())
-            }),
-            read: Box::new(
-                move |place, _| match unsafe { place.add(word).cast::<u64>().read() } {
-                    0 => Ok(None),
-                    _ => read(place, size).map(Some),
-                },
-            ),
+            size: offset + size_of::<u64>(),
+            write: Box::new(put),
+            read: Box::new(get),
         }
     }
 }

@@ -232,6 +232,22 @@ pub enum IpcError {
         /// The error of postcard.
         why: String,
     },
+    /// No program has written the blackboard yet, or all that had it open have gone.
+    #[error("blackboard `{name}`: no program has it open: open it when its writer runs")]
+    NoBoard {
+        /// The blackboard.
+        name: String,
+    },
+    /// A blackboard has no such key, has it twice, or its entry was taken already.
+    #[error("blackboard `{name}`: key `{key}` {why}")]
+    Key {
+        /// The blackboard.
+        name: String,
+        /// The key.
+        key: String,
+        /// What is wrong with it.
+        why: &'static str,
+    },
     /// The link runs on a virtual clock, which does not wait for other programs.
     #[error(
         "channel `{name}`: another program does not follow a virtual clock: connect the processes by an ordinary channel in a simulation"

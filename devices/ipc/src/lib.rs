@@ -134,6 +134,7 @@
 // Its messages go where this says: nowhere.
 extern crate iceoryx2_bb_loggers as _;
 
+mod blackboard;
 mod call;
 mod codec;
 mod error;
@@ -150,6 +151,9 @@ mod session;
 mod status;
 mod wait;
 
+pub use blackboard::{
+    Blackboard, BoardReader, BoardWriter, Contended, ReadEntry, Reading, WriteEntry, WriterState,
+};
 pub use call::{ClientLink, ServerLink};
 pub use error::{IpcError, Role, TypeInfo};
 pub use files::clean_up;

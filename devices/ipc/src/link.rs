@@ -9,7 +9,6 @@ use luna::realtime::off_path;
 use luna::{Error, Process};
 use luna_platform::clock::Clock;
 use std::fmt;
-use std::future::Future;
 use std::pin::pin;
 
 /// Carries values between a local channel and the other program.
@@ -142,28 +141,26 @@ impl<N: Near> Process for Link<N> {
         }
     }
 
-    fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
-        async {
-            // If it fails, the first wait fails too, and reports it.
-            let _ = off_path(luna::external::prepare_files);
-            let Some(near) = self.near.take() else {
-                let name = self.session.name().to_owned();
-                return Err(Error::other(IpcError::RunTwice { name }));
-            };
-            let stop = run(&self.session, &near, &self.status, self.looks).await;
-            let stop = stop.unwrap_or_else(Stop::Failed);
-            if !matches!(stop, Stop::Ended(ChannelEnd::Closed)) {
-                near.poison();
-            }
-            off_path(|| {
-                drop(near);
-                match stop {
-                    Stop::Ended(ChannelEnd::Closed) => Ok(()),
-                    Stop::Ended(ChannelEnd::Poisoned) => Err(Error::Poisoned),
-                    Stop::Failed(error) => Err(Error::other(error)),
-                }
-            })
+    async fn run(&mut self) -> luna::Result<()> {
+        // If it fails, the first wait fails too, and reports it.
+        let _ = off_path(luna::external::prepare_files);
+        let Some(near) = self.near.take() else {
+            let name = self.session.name().to_owned();
+            return Err(Error::other(IpcError::RunTwice { name }));
+        };
+        let stop = run(&self.session, &near, &self.status, self.looks).await;
+        let stop = stop.unwrap_or_else(Stop::Failed);
+        if !matches!(stop, Stop::Ended(ChannelEnd::Closed)) {
+            near.poison();
         }
+        off_path(|| {
+            drop(near);
+            match stop {
+                Stop::Ended(ChannelEnd::Closed) => Ok(()),
+                Stop::Ended(ChannelEnd::Poisoned) => Err(Error::Poisoned),
+                Stop::Failed(error) => Err(Error::other(error)),
+            }
+        })
     }
 }
 

@@ -79,7 +79,7 @@ impl Words {
     }
 
     /// What the segment's maker has stated.
-    fn stated(&self) -> TypeInfo {
+    pub(crate) fn stated(&self) -> TypeInfo {
         let length = self.name_length.load(Ordering::Relaxed) as usize;
         let bytes = self.name.iter().take(length);
         let bytes: Vec<u8> = bytes.map(|word| word.load(Ordering::Relaxed)).collect();
@@ -96,8 +96,7 @@ impl Words {
 ///
 /// # Invariants
 ///
-/// The mapping is `size` bytes long, at least `OFFSET`, writable, aligned to a page, and stays while
-/// this is. It began as zeros, and its words are changed by atomic operations alone.
+/// The mapping is `size` bytes long, at least `OFFSET`, aligned to a page, and stays while this is. It began as zeros, and its words are changed by atomic operations alone.
 #[derive(Debug)]
 pub(crate) struct Memory {
     base: NonNull<u8>,
@@ -124,58 +123,70 @@ impl Memory {
             .has_ownership(false)
             .create();
         let mapping = created.map_err(|error| refused(name, "make", error))?;
-        let memory = Self::of(mapping, name, size)?;
+        let memory = Self::of(mapping, name)?;
         memory.words().state(info);
         Ok(memory)
     }
 
-    /// Opens the segment of a channel that is in use.
+    /// Opens the segment of a channel that is in use, if this type is stated there.
     pub(crate) fn open(
         name: &Name,
         info: &TypeInfo,
         role: Role,
         size: usize,
     ) -> Result<Self, IpcError> {
-        let opened =
-            SharedMemoryBuilder::new(&file_name(name)?).open_existing(AccessMode::ReadWrite);
-        let mapping = opened.map_err(|error| refused(name, "open", error))?;
-        let protocol = || IpcError::Protocol {
-            name: name.text().to_owned(),
-        };
-        if mapping.size() < size_of::<Words>() {
-            return Err(protocol());
-        }
-        // SAFETY: the mapping is long enough for the words, aligned to a page, and outlives the
-        // borrow. Any bits are valid for atomic integers.
-        let words = unsafe { &*mapping.base_address().as_ptr().cast::<Words>() };
-        if words.magic.load(Ordering::Acquire) != MAGIC {
-            return Err(protocol());
-        }
-        let there = words.stated();
+        let memory = Self::map(name, AccessMode::ReadWrite)?;
+        let there = memory.words().stated();
         if there != *info {
             return Err(IpcError::Type {
                 name: name.text().to_owned(),
                 role,
                 here: Box::new(info.clone()),
                 there: Box::new(there),
-                pid: words.side(role.other()).pid.load(Ordering::Relaxed),
+                pid: memory
+                    .words()
+                    .side(role.other())
+                    .pid
+                    .load(Ordering::Relaxed),
             });
         }
-        Self::of(mapping, name, size)
+        match memory.size < size {
+            true => Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            }),
+            false => Ok(memory),
+        }
     }
 
-    fn of(mapping: SharedMemory, name: &Name, size: usize) -> Result<Self, IpcError> {
-        let base = mapping.base_address();
-        if mapping.size() < size.max(OFFSET) {
+    /// Opens a segment, whatever is in it.
+    pub(crate) fn map(name: &Name, mode: AccessMode) -> Result<Self, IpcError> {
+        let opened = SharedMemoryBuilder::new(&file_name(name)?).open_existing(mode);
+        let mapping = opened.map_err(|error| refused(name, "open", error))?;
+        let memory = Self::of(mapping, name)?;
+        match memory.words().magic.load(Ordering::Acquire) {
+            MAGIC => Ok(memory),
+            _ => Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            }),
+        }
+    }
+
+    fn of(mapping: SharedMemory, name: &Name) -> Result<Self, IpcError> {
+        let (base, size) = (mapping.base_address(), mapping.size());
+        if size < OFFSET {
             return Err(IpcError::Protocol {
                 name: name.text().to_owned(),
             });
         }
         Ok(Self {
             base,
-            _mapping: mapping,
             size,
+            _mapping: mapping,
         })
+    }
+
+    pub(crate) fn size(&self) -> usize {
+        self.size
     }
 
     pub(crate) fn words(&self) -> &Words {

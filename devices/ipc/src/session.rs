@@ -24,7 +24,7 @@ pub(crate) enum End {
     Poisoned = 2,
 }
 
-const OPEN: u32 = 0;
+pub(crate) const OPEN: u32 = 0;
 
 /// One opening of a role. Closed when dropped.
 #[derive(Debug)]
@@ -93,9 +93,7 @@ impl Session {
             lock.remove_contents();
             Memory::create(name, info, size)?
         };
-        let namespace = fs::metadata("/proc/self/ns/pid")
-            .map_err(|error| IpcError::system(name.text(), "find its PID namespace", error))?
-            .ino();
+        let namespace = namespace(name)?;
         let words = memory.words();
         let (own, other) = (words.side(role), words.side(role.other()));
         if is_other_here && other.namespace.load(Relaxed) != namespace {
@@ -129,11 +127,6 @@ impl Session {
 
     pub(crate) fn name(&self) -> &str {
         self.name.text()
-    }
-
-    /// The number of this opening of its role.
-    pub(crate) fn epoch(&self) -> u64 {
-        self.own().epoch.load(Relaxed)
     }
 
     pub(crate) fn memory(&self) -> &Memory {
@@ -290,7 +283,15 @@ fn open_bell(path: &Path) -> io::Result<File> {
         .open(path)
 }
 
-fn open_process(pid: u32) -> io::Result<OwnedFd> {
+/// This process' namespace of process numbers.
+pub(crate) fn namespace(name: &Name) -> Result<u64, IpcError> {
+    let found = fs::metadata("/proc/self/ns/pid");
+    let found =
+        found.map_err(|error| IpcError::system(name.text(), "find its PID namespace", error))?;
+    Ok(found.ino())
+}
+
+pub(crate) fn open_process(pid: u32) -> io::Result<OwnedFd> {
     // SAFETY: takes two integers; no memory is passed.
     let opened = unsafe { libc::syscall(libc::SYS_pidfd_open, pid as libc::pid_t, 0) };
     if opened < 0 {

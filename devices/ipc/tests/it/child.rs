@@ -107,7 +107,7 @@ fn program() {
     let (name, folder) = rest.split_once(':').unwrap();
     let (name, folder) = (name.to_owned(), PathBuf::from(folder));
     let mut system = System::new("child");
-    let policy = match (&*task, looks()) {
+    let policy = match (task, looks()) {
         ("low-takes" | "low-gives" | "low-serves", _) => Policy::fifo(20),
         (_, 0) | ("calls", _) => Policy::fifo(30),
         // Two that look take all of two cores, which others need too.
@@ -185,6 +185,15 @@ fn program() {
             main.process("link").spawn(link).unwrap();
             let calls = async move { Ok(client.call(1).await.map(drop)?) };
             main.process("calls").spawn(calls).unwrap();
+        }
+        "board" => {
+            let board = luna_ipc::Blackboard::new(&name).entry("large", [0_u64; 8192]);
+            let mut writer = board.write().unwrap();
+            let mut large = writer.take::<[u64; 8192]>("large").unwrap();
+            println!("\n{THERE}");
+            for number in 1.. {
+                large.set([number; 8192]);
+            }
         }
         "send" => drop(main.process("sends").spawn(sends(name, folder)).unwrap()),
         "receive" => drop(

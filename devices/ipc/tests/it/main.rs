@@ -6,6 +6,7 @@ mod kernel;
 #[macro_use]
 mod shared;
 
+mod blackboard;
 mod buffers;
 mod calls;
 mod child;
