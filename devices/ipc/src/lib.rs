@@ -38,6 +38,9 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
+//! There are [call channels](client) too, with the caller's priority inherited by the server, and
+//! [blackboards](Blackboard): the latest value of each key, for any number of programs.
+//!
 //! # Guards
 //!
 //! A receiver is an input guard of `alt!` and [`Alternative`](luna::Alternative) as any other: the
@@ -81,6 +84,8 @@
 //! | `bound` of a role | its holder as it opens; the other side as it binds both; under the set-up lock | the other role's epoch in this session; 0: none yet |
 //! | `pid`, `end` of a role | the holder of the role | its process; whether it has closed, poisoned or left the session |
 //! | `asleep` of a role | its holder sets it, its partner clears it | the partner is to ring the bell |
+//! | `thread` and its scheduling | a server's link | the thread to raise for a call; 0: none |
+//! | `raised` | a client's link | whether it has raised that thread for the last call |
 //! | `published`, value | the sender | number of the newest value, and the value |
 //! | `taken` | the receiver | number of the last value that was taken |
 //!
@@ -96,6 +101,10 @@
 //! n (acquire), reads the value, sends it to a local process, stores `taken` = n when that process
 //! has taken it, and rings. The sender's link sees `taken` = n and releases its process. Numbers
 //! are never used twice, and there is one value under way at most.
+//!
+//! **A call** is a value whose answer the receiver's link writes, on pages of its own, before it
+//! stores `taken`. The sender's link raises the other link's thread before it stores `published`,
+//! and sets it back after it has seen `taken`.
 //!
 //! **Waking.** A link that has nothing to do sets `asleep`, looks once more, and waits for its bell
 //! as for any file. Its partner changes a word, and then exchanges `asleep` with 0: if it was set,
