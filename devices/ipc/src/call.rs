@@ -76,6 +76,10 @@ impl<Q: Send, A: Send> Source for Calls<Q, A> {
         self.server.poison();
     }
 
+    fn is_ready(session: &Session) -> bool {
+        Servant::is_there(session)
+    }
+
     unsafe fn write(
         &self,
         bound: &Bound<'_, '_>,
@@ -100,7 +104,7 @@ impl<Q: Send, A: Send> Source for Calls<Q, A> {
         Ok(())
     }
 
-    fn refuse(taken: Accepted<'_, Q, A>, _: ChannelEnd) {
+    fn refuse(&self, taken: Accepted<'_, Q, A>, _: ChannelEnd) {
         // The server may have had the request, so it is not given back.
         drop(taken);
     }

@@ -9,6 +9,9 @@ use std::ptr::NonNull;
 type Write<T> = Box<dyn Fn(NonNull<u8>, usize, &T) -> Result<(), String> + Send + Sync>;
 type Read<T> = Box<dyn Fn(NonNull<u8>, usize) -> Result<T, String> + Send + Sync>;
 
+type HandleWrite<T> = Box<dyn Fn(&T) -> [u64; 2] + Send + Sync>;
+type HandleRead<T> = Box<dyn Fn([u64; 2]) -> Result<T, String> + Send + Sync>;
+
 /// How values of a type are written and read.
 ///
 /// # Invariants
@@ -20,6 +23,8 @@ pub(crate) struct Codec<T> {
     size: usize,
     write: Write<T>,
     read: Read<T>,
+    /// Takes a value back that was written, and that may have been read.
+    take_back: fn(&mut T),
 }
 
 /// Where values of a codec are in the memory of a session.
@@ -67,6 +72,11 @@ impl<T> Place<T> {
             capacity: self.codec.size,
             why,
         })
+    }
+
+    /// Takes a value back whose sending has failed, before its sender has it again.
+    pub(crate) fn take_back(&self, value: &mut T) {
+        (self.codec.take_back)(value);
     }
 
     /// Copies a value out.
@@ -118,11 +128,34 @@ impl<T: ZeroCopySend> Codec<T> {
             // same type, whose bits mean the same in both, by `ZeroCopySend`; it has no drop, so a
             // copy is harmless.
             read: Box::new(|place, _| Ok(unsafe { place.cast::<T>().read() })),
+            take_back: |_| (),
         }
     }
 }
 
 impl<T: 'static> Codec<T> {
+    /// Of a handle of which 16 bytes cross.
+    pub(crate) fn handle(
+        info: TypeInfo,
+        write: HandleWrite<T>,
+        read: HandleRead<T>,
+        take_back: fn(&mut T),
+    ) -> Self {
+        Self {
+            info,
+            size: size_of::<[u64; 2]>(),
+            write: Box::new(move |place, _, value| {
+                // SAFETY: by the codec's contract the place is large enough, aligned to a page, and
+                // accessed by no one else.
+                unsafe { place.cast().write(write(value)) };
+                Ok(())
+            }),
+            // SAFETY: as for `write`, which has written there. Any bits are valid.
+            read: Box::new(move |place, _| read(unsafe { place.cast().read() })),
+            take_back,
+        }
+    }
+
     /// A value or none: a word after the place of `codec` says which.
     pub(crate) fn optional(codec: Codec<T>) -> Codec<Option<T>> {
         let Codec {
@@ -130,6 +163,7 @@ impl<T: 'static> Codec<T> {
             size,
             write,
             read,
+            ..
         } = codec;
         let offset = size.next_multiple_of(align_of::<u64>());
         let put = move |place: NonNull<u8>, _: usize, value: &Option<T>| {
@@ -155,6 +189,7 @@ impl<T: 'static> Codec<T> {
             size: offset + size_of::<u64>(),
             write: Box::new(put),
             read: Box::new(get),
+            take_back: |_| (),
         }
     }
 }
@@ -187,6 +222,7 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
                 let used = used.ok_or("its length is beyond the end of the memory")?;
                 postcard::from_bytes(used).map_err(|error| error.to_string())
             }),
+            take_back: |_| (),
         }
     }
 }

@@ -60,6 +60,15 @@ impl TypeInfo {
         Self::new(name, size_of::<T>(), align_of::<T>(), version)
     }
 
+    /// Of values that are lent, in so many slots.
+    pub(crate) fn lent(&self, slots: usize) -> Self {
+        let name = &self.name[..self.name.floor_char_boundary(TYPE_NAME - 40)];
+        Self {
+            name: format!("{name}, lent in {slots} slots"),
+            ..self.clone()
+        }
+    }
+
     /// Of calls with this request and that answer.
     pub(crate) fn call(&self, answer: &TypeInfo) -> Self {
         let part = |info: &TypeInfo| {

@@ -72,8 +72,8 @@ pub(crate) struct Raised {
 
 impl Raised {
     /// Raises the thread that serves the session to the priority of the running process, which has
-    /// inherited the caller's. None: it is as high already, has not joined yet, or the system
-    /// refuses, which is counted.
+    /// inherited the caller's. None: it is as high already, has ended, or the system refuses, which
+    /// is counted.
     pub(crate) fn to_caller(session: &Session, status: &Status) -> Option<Self> {
         // Above the highest priority is only a deadline thread.
         let caller = i32::from(luna_core::current::priority().thread).min(99);
@@ -83,7 +83,7 @@ impl Raised {
             policy: server.policy.load(Relaxed),
             priority: server.priority.load(Relaxed),
         };
-        if own.thread == 0 || own.rank().is_none_or(|rank| rank >= caller) {
+        if own.thread <= 0 || own.rank().is_none_or(|rank| rank >= caller) {
             session.own().raised.store(0, Relaxed);
             return None;
         }
@@ -120,13 +120,20 @@ impl<'a> Servant<'a> {
     /// Tells the other program which thread to raise.
     pub(crate) fn here(session: &'a Session) -> Self {
         let own = off_path(Scheduling::here);
+        let side = session.own();
         if let Some(own) = own {
-            let side = session.own();
             side.policy.store(own.policy, Relaxed);
             side.priority.store(own.priority, Relaxed);
-            side.thread.store(own.thread, Release);
         }
+        // It runs, also if the system does not say how.
+        let thread = own.map_or(-1, |own| own.thread);
+        side.thread.store(thread, Release);
         Self { session, own }
+    }
+
+    /// Whether the other program has told so, so that the first call is inherited too.
+    pub(crate) fn is_there(session: &Session) -> bool {
+        session.other().thread.load(Acquire) != 0
     }
 
     /// Leaves the core to the caller, if it has raised this thread to its own priority and waits on

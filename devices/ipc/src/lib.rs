@@ -39,7 +39,8 @@
 //! ```
 //!
 //! There are [call channels](client) too, with the caller's priority inherited by the server, and
-//! [blackboards](Blackboard): the latest value of each key, for any number of programs.
+//! [blackboards](Blackboard): the latest value of each key, for any number of programs. Large values
+//! are [lent](Endpoint::loan_sender).
 //!
 //! # Guards
 //!
@@ -56,7 +57,7 @@
 //!   that passes then returns as sent, as with any extended rendezvous, without the other program's
 //!   acknowledgement: [`Status::acknowledged`] has what was acknowledged. Before the other program
 //!   has joined, no value is taken, and a deadline is exact.
-//! - A value is copied into shared memory and out of it.
+//! - A value is copied into shared memory and out of it, but for a [`Loan`].
 //! - Both programs have the same user, and see the same `/dev/shm` and the same process numbers:
 //!   containers share both namespaces, or the opening fails.
 //! - A program that forks without `exec` keeps its channels open in the child.
@@ -84,7 +85,7 @@
 //! | `bound` of a role | its holder as it opens; the other side as it binds both; under the set-up lock | the other role's epoch in this session; 0: none yet |
 //! | `pid`, `end` of a role | the holder of the role | its process; whether it has closed, poisoned or left the session |
 //! | `asleep` of a role | its holder sets it, its partner clears it | the partner is to ring the bell |
-//! | `thread` and its scheduling | a server's link | the thread to raise for a call; 0: none |
+//! | `thread` and its scheduling | a server's link | the thread to raise for a call; 0: it does not run, and no call is taken |
 //! | `raised` | a client's link | whether it has raised that thread for the last call |
 //! | `published`, value | the sender | number of the newest value, and the value |
 //! | `taken` | the receiver | number of the last value that was taken |
@@ -150,6 +151,7 @@ mod error;
 mod files;
 mod inherit;
 mod link;
+mod loan;
 mod memory;
 mod name;
 mod receive_link;
@@ -172,6 +174,7 @@ pub use iceoryx2_bb_derive_macros::ZeroCopySend;
 /// iceoryx2's mark of plain data: no pointers, the same layout in all programs. Derive it.
 pub use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 pub use link::Link;
+pub use loan::{Lent, Loan, Loans};
 pub use receive_link::ReceiveLink;
 pub use send_link::SendLink;
 pub use status::Status;

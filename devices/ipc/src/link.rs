@@ -10,6 +10,7 @@ use luna::{Error, Process};
 use luna_platform::clock::Clock;
 use std::fmt;
 use std::pin::pin;
+use std::sync::Arc;
 
 /// Carries values between a local channel and the other program.
 ///
@@ -31,7 +32,7 @@ use std::pin::pin;
 /// and so does the end.
 #[must_use = "a link is a process: spawn it"]
 pub struct Link<N> {
-    session: Session,
+    session: Arc<Session>,
     near: Option<N>,
     status: Status,
     looks: u32,
@@ -102,9 +103,9 @@ impl From<ChannelEnd> for End {
 }
 
 impl<N> Link<N> {
-    pub(crate) fn new(session: Session, near: N) -> Self {
+    pub(crate) fn new(session: impl Into<Arc<Session>>, near: N) -> Self {
         Self {
-            session,
+            session: session.into(),
             near: Some(near),
             status: Status::default(),
             looks: 0,

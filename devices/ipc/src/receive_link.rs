@@ -106,6 +106,8 @@ impl<D: Drain> Near for Inward<D> {
 
     async fn carry(&self, bound: &mut Bound<'_, '_>) -> Result<Stop, IpcError> {
         let _joined = self.0.joined(bound.session);
+        // A client's link may wait for that.
+        bound.session.ring(bound.partner);
         let mut number = bound.partner.start;
         let mut ended = pin!(self.0.ended());
         loop {

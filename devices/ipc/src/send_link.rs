@@ -31,6 +31,9 @@ pub(crate) trait Source: Send {
 
     fn poison(&self);
 
+    /// Whether the other program's link runs, as far as that matters.
+    fn is_ready(session: &Session) -> bool;
+
     /// # Safety
     ///
     /// No value is under way in the session, and this is its sender.
@@ -48,7 +51,7 @@ pub(crate) trait Source: Send {
     unsafe fn acknowledge(&self, session: &Session, taken: Self::Taken<'_>)
     -> Result<(), IpcError>;
 
-    fn refuse(taken: Self::Taken<'_>, end: ChannelEnd);
+    fn refuse(&self, taken: Self::Taken<'_>, end: ChannelEnd);
 }
 
 /// From a channel.
@@ -91,6 +94,10 @@ impl<T: Send> Source for Values<T> {
         self.receiver.poison();
     }
 
+    fn is_ready(_: &Session) -> bool {
+        true
+    }
+
     unsafe fn write(
         &self,
         bound: &Bound<'_, '_>,
@@ -105,7 +112,8 @@ impl<T: Send> Source for Values<T> {
         Ok(())
     }
 
-    fn refuse(taken: Extended<'_, T>, end: ChannelEnd) {
+    fn refuse(&self, mut taken: Extended<'_, T>, end: ChannelEnd) {
+        self.place.take_back(&mut taken);
         taken.refuse(end);
     }
 }
@@ -115,12 +123,12 @@ impl<T: Send> Source for Values<T> {
 pub struct Outward<S>(pub(crate) S);
 
 /// Refuses a value that was not acknowledged, also if the link is dropped.
-struct Offered<'a, S: Source + 'a>(Option<S::Taken<'a>>);
+struct Offered<'a, S: Source>(&'a S, Option<S::Taken<'a>>);
 
 impl<'a, S: Source + 'a> Offered<'a, S> {
     fn refuse(&mut self, end: ChannelEnd) {
-        if let Some(taken) = self.0.take() {
-            S::refuse(taken, end);
+        if let Some(taken) = self.1.take() {
+            self.0.refuse(taken, end);
         }
     }
 }
@@ -143,6 +151,18 @@ impl<S: Source> Near for Outward<S> {
     }
 
     async fn carry(&self, bound: &mut Bound<'_, '_>) -> Result<Stop, IpcError> {
+        if !S::is_ready(bound.session) {
+            let ready = |session: &Session| match S::is_ready(session) {
+                true => Some(None),
+                false => session.partners_end().map(Some),
+            };
+            match bound.waits.first(pin!(self.0.ended()), ready).await? {
+                First::Own(end) => return Ok(bound.end(end)),
+                First::Other(Seen::Word(None)) => {}
+                First::Other(Seen::Word(Some(end))) => return Ok(Stop::Ended(end.into())),
+                First::Other(Seen::Death) => return Ok(bound.died()),
+            }
+        }
         let mut number = bound.partner.start;
         let mut poisoned = pin!(self.0.poisoned());
         loop {
@@ -153,8 +173,8 @@ impl<S: Source> Near for Outward<S> {
                 First::Other(Seen::Word(end)) => return Ok(Stop::Ended(end.into())),
                 First::Other(Seen::Death) => return Ok(bound.died()),
             };
-            let mut offered = Offered::<S>(Some(taken));
-            if let Some(taken) = &mut offered.0
+            let mut offered = Offered(&self.0, Some(taken));
+            if let Some(taken) = &mut offered.1
                 // SAFETY: this is the sender of the bound session, and the value before was taken.
                 && let Err(error) = unsafe { self.0.write(bound, taken) }
             {
@@ -172,7 +192,7 @@ impl<S: Source> Near for Outward<S> {
             match bound.waits.first(poisoned.as_mut(), answered).await? {
                 First::Other(Seen::Word(None)) => {
                     bound.status.acknowledge(number);
-                    if let Some(taken) = offered.0.take()
+                    if let Some(taken) = offered.1.take()
                         // SAFETY: the partner has taken this value, and waits for the next.
                         && let Err(error) = unsafe { self.0.acknowledge(bound.session, taken) }
                     {

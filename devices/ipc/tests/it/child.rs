@@ -186,6 +186,19 @@ fn program() {
             let calls = async move { Ok(client.call(1).await.map(drop)?) };
             main.process("calls").spawn(calls).unwrap();
         }
+        "holds-loan" => {
+            let endpoint = luna_ipc::Endpoint::new(&name);
+            let (receiver, link) = endpoint.loan_receiver::<u64>(2).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let holds = async move {
+                let _held = receiver.recv().await?;
+                let _pending = receiver.recv_extended().await?;
+                println!("\n{THERE}");
+                std::future::pending::<()>().await;
+                Ok(())
+            };
+            main.process("holds").spawn(holds).unwrap();
+        }
         "board" => {
             let board = luna_ipc::Blackboard::new(&name).entry("large", [0_u64; 8192]);
             let mut writer = board.write().unwrap();

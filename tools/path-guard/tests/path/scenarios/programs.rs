@@ -64,6 +64,30 @@ pub(crate) fn values_through_a_buffer(places: &mut Places) {
     });
 }
 
+pub(crate) fn values_that_are_lent(places: &mut Places) {
+    let endpoint = endpoint(places, "lent");
+    let (loans, sender, link) = endpoint.loan_sender(3, &[0_u64; 64]).unwrap();
+    places.next("sending link").spawn(link).unwrap();
+    let (receiver, link) = endpoint.loan_receiver::<[u64; 64]>(3).unwrap();
+    places.next("receiving link").spawn(link).unwrap();
+    places.process("sends", async move {
+        for n in 0..ROUNDS {
+            let mut loan = loans.loan().expect("one is written, one under way, one is read");
+            *loan = [n; 64];
+            sender.send(loan).await?;
+        }
+        luna::realtime::off_path(|| drop((loans, sender)));
+        Ok(())
+    });
+    places.process("receives", async move {
+        for n in 0..ROUNDS {
+            assert_eq!(*receiver.recv().await?, [n; 64]);
+        }
+        luna::realtime::off_path(|| drop(receiver));
+        Ok(())
+    });
+}
+
 pub(crate) fn calls_to_other_programs(places: &mut Places) {
     let endpoint = endpoint(places, "calls");
     let (client, link) = endpoint.client::<u64, u64>().unwrap();
