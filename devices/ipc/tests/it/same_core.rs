@@ -147,8 +147,9 @@ fn verdict(test: &str, judge: &Judge, status: &Status) {
     ));
     assert!(
         judge.inverted.len() as u64 <= spoilt(ROUNDS),
-        "{:?} steps burnt",
-        judge.inverted
+        "{} operations waited for the burner, of at most {} steps",
+        judge.inverted.len(),
+        judge.most
     );
     assert!(judge.excused < ROUNDS / 2, "{} not judged", judge.excused);
     assert!(status.acknowledged() > 20, "the low program took part");
