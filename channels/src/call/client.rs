@@ -2,6 +2,7 @@
 
 use super::{CallError, Message};
 use crate::alternative::{Attempt, Guard, RawGuard, Terms};
+use crate::ended::Ended;
 use crate::error::SendError;
 use crate::operation::SendOp;
 use crate::select_state::SelectState;
@@ -103,6 +104,19 @@ impl<Q, A> Client<Q, A> {
     /// ```
     pub fn poison(&self) {
         self.sender.poison();
+    }
+
+    /// Waits until no call can be served any more: as [`Sender::ended`].
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// use luna_channels::ChannelEnd;
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// let end = block_on(zip(client.ended(), async { drop(server) })).0;
+    /// assert_eq!(end, ChannelEnd::Closed);
+    /// ```
+    pub fn ended(&self) -> Ended<'_> {
+        self.sender.ended()
     }
 
     /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
