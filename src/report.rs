@@ -41,10 +41,10 @@ pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::usage::ThreadUsage;
 
-use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
+use crate::system::{ClockKind, Member};
 use crate::time::short;
-use luna_executors::{Exit, ProcessHandle};
+use luna_executors::Exit;
 use luna_platform::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;
@@ -231,11 +231,11 @@ impl EarlierProcesses {
     }
 
     /// Counts one that has ended, with an error of its own or without.
-    pub(crate) fn count(&mut self, process: &ProcessHandle, has_failed: bool, overruns: u64) {
+    pub(crate) fn count(&mut self, process: &Member, overruns: u64) {
         let as_what = match process.exit() {
             Some(Exit::Panicked(_)) => &mut self.panicked,
             Some(Exit::Cancelled) => &mut self.cancelled,
-            _ if has_failed => &mut self.failed,
+            _ if process.has_failed => &mut self.failed,
             _ => &mut self.completed,
         };
         *as_what += 1;

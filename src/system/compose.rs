@@ -91,7 +91,7 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
     let planned = members.executors.iter().map(ExecutorPlan::part);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
-        let (state, priority) = (member.handle.state(), member.handle.priority());
+        let (state, priority) = (member.state(), member.priority());
         (part(member.name(), id, state, priority), member.on())
     });
     let waiting = members.waiting.iter().map(|process| {

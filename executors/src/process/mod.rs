@@ -287,9 +287,35 @@ impl ProcessHandle {
         self.0.take_exit_value()
     }
 
-    /// Lets go of the room of its body, if it has ended and that is large: for a handle that is
-    /// kept for long. An exit value is to be taken before. Not for the real-time path: it may
-    /// allocate.
+    /// The handle of a process that has completed or was cancelled, without its memory: what is
+    /// kept of it. Allocates.
+    #[doc(hidden)]
+    pub fn of_ended(
+        id: ProcessId,
+        name: Name,
+        priority: u8,
+        is_cancelled: bool,
+        polls: u64,
+    ) -> Self {
+        let record = Record::of_ended(id, name, priority, is_cancelled, polls);
+        Self(RecordRef::boxed(record))
+    }
+
+    /// The process' name, to be kept.
+    #[doc(hidden)]
+    pub fn shared_name(&self) -> Name {
+        self.0.name.clone()
+    }
+
+    /// Drops this handle and another one of the same process: with fewer atomic operations than
+    /// one after the other.
+    #[doc(hidden)]
+    pub fn drop_with(self, other: Self) {
+        self.0.drop_with(other.0);
+    }
+
+    /// Lets go of the room of its body, if it has ended: for a handle that is kept for long. An
+    /// exit value is to be taken before. Not for the real-time path: it may allocate.
     pub fn forget_body(&mut self) {
         if let Some(record) = self.0.without_body() {
             self.0 = RecordRef::boxed(record);

@@ -5,11 +5,14 @@ use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, Frame, Phases, Prepared, clean_up};
 use crate::error::Error;
 use crate::safety::Ledger;
+use luna_core::current::ProcessId;
 use luna_executors::{
-    Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, SimulationHandle, Standstill,
+    Announced, ExecutorHandle, Exit, Name, OsThread, ProcessHandle, ProcessSpec, ProcessState,
+    SimulationHandle, Standstill,
 };
 use luna_platform::thread::Mode;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// What processes are started with while the system runs.
 pub(crate) struct Running {
@@ -146,22 +149,39 @@ impl Running {
 
 /// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
-    pub(crate) handle: ProcessHandle,
-    seldom: Option<Box<Seldom>>,
+    is: Is,
     /// Its place in the order of starts.
-    pub(crate) order: u64,
+    pub(crate) order: u32,
     /// The number of its executor, or [`NO_EXECUTOR`].
-    executor: u32,
-    /// It was spawned while the system ran.
-    pub(crate) is_late: bool,
+    executor: u16,
     pub(crate) shares_name: bool,
     pub(crate) has_failed: bool,
-    /// Its end was noted.
-    pub(crate) reaped: bool,
+}
+
+#[cfg(target_pointer_width = "64")]
+const _: () = assert!(size_of::<Option<Member>>() == 32);
+
+/// What there is of a process.
+enum Is {
+    Kept {
+        handle: ProcessHandle,
+        seldom: Option<Box<Seldom>>,
+        /// It was spawned while the system ran.
+        is_late: bool,
+        /// Its end was noted.
+        is_reaped: bool,
+    },
+    /// Its end was noted, and its memory is let go of.
+    Ended {
+        name: Name,
+        polls: u32,
+        priority: u8,
+        is_cancelled: bool,
+    },
 }
 
 /// In the place of the number of an executor: it has a thread of its own.
-const NO_EXECUTOR: u32 = u32::MAX;
+const NO_EXECUTOR: u16 = u16::MAX;
 
 /// What few members have.
 struct Seldom {
@@ -178,69 +198,202 @@ impl Member {
         resident: Option<Box<dyn Phases>>,
     ) -> Self {
         let (executor, thread) = match on {
-            On::Executor(number) => (u32::try_from(number).unwrap_or(NO_EXECUTOR), None),
+            On::Executor(number) => (u16::try_from(number).unwrap_or(NO_EXECUTOR), None),
             On::Thread(part) => (NO_EXECUTOR, Some(part)),
         };
         let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
+        let seldom = has_any.then(|| {
+            Box::new(Seldom {
+                ledger,
+                resident,
+                thread,
+            })
+        });
         Self {
-            handle,
-            seldom: has_any.then(|| {
-                Box::new(Seldom {
-                    ledger,
-                    resident,
-                    thread,
-                })
-            }),
+            is: Is::Kept {
+                handle,
+                seldom,
+                is_late: false,
+                is_reaped: false,
+            },
             order: 0,
             executor,
-            is_late: false,
             shares_name: false,
             has_failed: false,
-            reaped: false,
+        }
+    }
+
+    /// Notes that it was spawned while the system ran.
+    pub(in crate::system) fn set_late(&mut self) {
+        if let Is::Kept { is_late, .. } = &mut self.is {
+            *is_late = true;
+        }
+    }
+
+    /// Whether it need not be remembered when it has ended.
+    pub(in crate::system) fn may_be_forgotten(&self) -> bool {
+        let is_on_executor = self.executor != NO_EXECUTOR;
+        is_on_executor && matches!(self.is, Is::Kept { is_late: true, .. })
+    }
+
+    pub(crate) fn is_reaped(&self) -> bool {
+        matches!(
+            self.is,
+            Is::Kept {
+                is_reaped: true,
+                ..
+            } | Is::Ended { .. }
+        )
+    }
+
+    /// Notes its end. Gives whether it was noted before.
+    pub(in crate::system) fn reap(&mut self) -> bool {
+        match &mut self.is {
+            Is::Kept { is_reaped, .. } => std::mem::replace(is_reaped, true),
+            Is::Ended { .. } => true,
+        }
+    }
+
+    /// Lets go of the memory of a process that has ended, unless there is more to know of it than
+    /// is copied. Gives its handle, if it is kept no more.
+    pub(in crate::system) fn forget_body(&mut self) -> Option<ProcessHandle> {
+        let Is::Kept { handle, seldom, .. } = &mut self.is else {
+            return None;
+        };
+        let is_plain = seldom.as_ref().is_none_or(|seldom| {
+            seldom.ledger.is_none() && seldom.resident.is_none() && seldom.thread.is_none()
+        });
+        let is_cancelled = match handle.exit() {
+            Some(Exit::Completed) => false,
+            Some(Exit::Cancelled) => true,
+            _ => return None,
+        };
+        let polls = u32::try_from(handle.polls());
+        let (true, None, Ok(polls)) = (is_plain, handle.longest_poll(), polls) else {
+            handle.forget_body();
+            return None;
+        };
+        let ended = Is::Ended {
+            name: handle.shared_name(),
+            polls,
+            priority: handle.priority(),
+            is_cancelled,
+        };
+        match std::mem::replace(&mut self.is, ended) {
+            Is::Kept { handle, .. } => Some(handle),
+            Is::Ended { .. } => None,
+        }
+    }
+
+    /// Its handle, if it is kept.
+    pub(crate) fn kept(&self) -> Option<&ProcessHandle> {
+        match &self.is {
+            Is::Kept { handle, .. } => Some(handle),
+            Is::Ended { .. } => None,
+        }
+    }
+
+    /// Its handle, as it was, or made anew. May allocate.
+    pub(crate) fn handle(&self, id: ProcessId) -> ProcessHandle {
+        match &self.is {
+            Is::Kept { handle, .. } => handle.clone(),
+            &Is::Ended {
+                ref name,
+                polls,
+                priority,
+                is_cancelled,
+            } => {
+                let polls = polls.into();
+                ProcessHandle::of_ended(id, name.clone(), priority, is_cancelled, polls)
+            }
+        }
+    }
+
+    pub(crate) fn into_kept(self) -> Option<ProcessHandle> {
+        match self.is {
+            Is::Kept { handle, .. } => Some(handle),
+            Is::Ended { .. } => None,
         }
     }
 
     pub(crate) fn name(&self) -> &str {
-        self.handle.name()
+        match &self.is {
+            Is::Kept { handle, .. } => handle.name(),
+            Is::Ended { name, .. } => name,
+        }
+    }
+
+    pub(crate) fn priority(&self) -> u8 {
+        match &self.is {
+            Is::Kept { handle, .. } => handle.priority(),
+            Is::Ended { priority, .. } => *priority,
+        }
+    }
+
+    pub(crate) fn state(&self) -> ProcessState {
+        self.kept()
+            .map_or(ProcessState::Ended, ProcessHandle::state)
+    }
+
+    pub(crate) fn exit(&self) -> Option<Exit> {
+        match &self.is {
+            Is::Kept { handle, .. } => handle.exit(),
+            Is::Ended {
+                is_cancelled: true, ..
+            } => Some(Exit::Cancelled),
+            Is::Ended { .. } => Some(Exit::Completed),
+        }
+    }
+
+    pub(crate) fn polls(&self) -> u64 {
+        match &self.is {
+            Is::Kept { handle, .. } => handle.polls(),
+            Is::Ended { polls, .. } => (*polls).into(),
+        }
+    }
+
+    pub(crate) fn longest_poll(&self) -> Option<Duration> {
+        self.kept()?.longest_poll()
+    }
+
+    fn seldom(&self) -> Option<&Seldom> {
+        match &self.is {
+            Is::Kept { seldom, .. } => seldom.as_deref(),
+            Is::Ended { .. } => None,
+        }
     }
 
     pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
-        self.seldom.as_ref()?.ledger.as_ref()
+        self.seldom()?.ledger.as_ref()
     }
 
     /// Whether it has nothing that few have.
     pub(crate) fn is_plain(&self) -> bool {
-        self.seldom.is_none()
+        self.seldom().is_none()
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
-        self.seldom.as_mut()?.resident.take()
+        match &mut self.is {
+            Is::Kept { seldom, .. } => seldom.as_mut()?.resident.take(),
+            Is::Ended { .. } => None,
+        }
     }
 
     /// The machine words of the process' own memory, some of which are addresses.
     pub(crate) fn words(&self) -> Vec<usize> {
-        let mut words = self.handle.words_of_body();
-        let seldom = self.seldom.as_ref();
-        if let Some(resident) = seldom.and_then(|seldom| seldom.resident.as_ref()) {
+        let words = self.kept().map(ProcessHandle::words_of_body);
+        let mut words = words.unwrap_or_default();
+        if let Some(resident) = self.seldom().and_then(|seldom| seldom.resident.as_ref()) {
             words.extend(resident.words());
         }
         words
     }
 
-    /// Whether it shares its thread.
-    pub(crate) fn is_on_executor(&self) -> bool {
-        self.executor != NO_EXECUTOR
-    }
-
     /// Where it was started.
     pub(crate) fn on(&self) -> On {
-        match self
-            .seldom
-            .as_ref()
-            .and_then(|seldom| seldom.thread.as_ref())
-        {
+        match self.seldom().and_then(|seldom| seldom.thread.as_ref()) {
             Some(part) => On::Thread(part.clone()),
-            None => On::Executor(self.executor as usize),
+            None => On::Executor(self.executor.into()),
         }
     }
 }

@@ -34,8 +34,6 @@ impl How {
     /// Its end is listed.
     const LISTED: u8 = 1 << 5;
     const UNHURRIED: u8 = 1 << 6;
-    /// The room of its body is large.
-    const LARGE: u8 = 1 << 7;
 }
 
 /// Causes for an executor to check a process before it polls it.
@@ -141,38 +139,51 @@ impl Record {
         }
     }
 
-    /// Notes that the memory in which it lies is large.
-    pub(crate) fn set_large(&mut self) {
-        self.level_and_how |= How::LARGE;
-    }
-
-    /// What is known of a process that has ended, in memory without the room of its body; `None` if
-    /// that is not large, or there is more to know than is copied.
+    /// What is known of a process that has ended, without the room of its body; `None` if there is
+    /// more to know than is copied.
     pub(in crate::process) fn without_body(&self) -> Option<Self> {
-        let outcome = match self.outcome.load(Ordering::Acquire) {
-            Outcome::COMPLETED | Outcome::WITH_VALUE => Outcome::COMPLETED,
-            Outcome::CANCELLED => Outcome::CANCELLED,
+        let is_cancelled = match self.outcome.load(Ordering::Acquire) {
+            Outcome::COMPLETED | Outcome::WITH_VALUE => false,
+            Outcome::CANCELLED => true,
             _ => return None,
         };
-        if !self.is(How::LARGE) || self.timing.is_some() {
+        if self.timing.is_some() {
             return None;
         }
-        Some(Self {
+        let (name, level) = (self.name.clone(), self.level());
+        let polls = self.polls();
+        Some(Self::of_ended(self.id, name, level, is_cancelled, polls))
+    }
+
+    /// That of a process that has ended, in memory of its own, with one reference.
+    pub(in crate::process) fn of_ended(
+        id: ProcessId,
+        name: Name,
+        level: u8,
+        is_cancelled: bool,
+        polls: u64,
+    ) -> Self {
+        let outcome = if is_cancelled {
+            Outcome::CANCELLED
+        } else {
+            Outcome::COMPLETED
+        };
+        Self {
             retired: Retired::new(free_boxed),
-            name: self.name.clone(),
-            seen: Seen(AtomicPtr::new(self.seen.0.load(Ordering::Relaxed))),
+            name,
+            seen: Seen::gone(polls),
             timing: None,
             references: AtomicU32::new(1),
-            id: self.id,
-            level_and_how: self.level_and_how & !How::LARGE,
+            id,
+            level_and_how: level,
             outcome: AtomicU8::new(outcome),
-            cancelled: AtomicBool::new(self.is_cancelled()),
-            is_poisoned: AtomicBool::new(self.is_poisoned()),
+            cancelled: AtomicBool::new(is_cancelled),
+            is_poisoned: AtomicBool::new(false),
             shown: BiasedLock::new(Shown {
                 joining: WaitList::new(),
                 beside: Beside::Nothing,
             }),
-        })
+        }
     }
 
     /// Counts one more reference, for a caller that has one.
