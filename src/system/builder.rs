@@ -232,7 +232,8 @@ pub struct ProcessBuilder {
     place: Result<Placement>,
     level: u8,
     shares_name: bool,
-    budgets: Budgets,
+    /// If there are any.
+    budgets: Option<Box<Budgets>>,
 }
 
 // A description: each of its methods changes one value, and calls no code of the user.
@@ -247,7 +248,7 @@ impl ProcessBuilder {
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
             shares_name: false,
-            budgets: Budgets::default(),
+            budgets: None,
         }
     }
 
@@ -362,7 +363,7 @@ impl ProcessBuilder {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn poll_budget(mut self, budget: Duration) -> Self {
-        self.budgets.poll = Some(budget);
+        self.budgets().poll = Some(budget);
         self
     }
 
@@ -391,13 +392,13 @@ impl ProcessBuilder {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn cycle_budget(mut self, budget: Duration) -> Self {
-        self.budgets.cycle = Some(budget);
+        self.budgets().cycle = Some(budget);
         self
     }
 
     /// What happens when the process takes longer than a budget; without this it is counted.
     pub fn on_overrun(mut self, policy: OnOverrun) -> Self {
-        self.budgets.on_overrun = Some(policy);
+        self.budgets().on_overrun = Some(policy);
         self
     }
 
@@ -406,8 +407,12 @@ impl ProcessBuilder {
     /// Three system calls, about two microseconds a poll: for the search, not for the machine.
     /// Without it the counts go back to the overrun before, or the start.
     pub fn accounted(mut self) -> Self {
-        self.budgets.accounted = true;
+        self.budgets().accounted = true;
         self
+    }
+
+    fn budgets(&mut self) -> &mut Budgets {
+        self.budgets.get_or_insert_default()
     }
 
     /// Adds the process to the system. It starts with the others; if they run already, at once.
@@ -538,11 +543,13 @@ impl ProcessBuilder {
             }
             .into());
         }
-        let budgets = self.budgets.ledger(self.spec.name());
-        let ledger = budgets.inspect_err(|_| self.plan.note_refusal())?;
         let mut spec = self.spec.level(self.level);
-        if let Some(ledger) = &ledger {
-            spec = spec.monitored(ledger.clone());
+        let mut ledger = None;
+        if let Some(budgets) = self.budgets {
+            let kept = budgets.ledger(spec.name());
+            let kept = Arc::new(kept.inspect_err(|_| self.plan.note_refusal())?);
+            spec = spec.monitored(kept.clone());
+            ledger = Some(kept);
         }
         Ok((self.plan, place, spec, ledger))
     }

@@ -157,10 +157,11 @@ impl Register {
         let said = said.and_then(|verdict| verdict.0);
         let may_be_forgotten = member.may_be_forgotten();
         // Most ends leave no further work.
-        if !member.is_plain() || said.is_some() || !matches!(exit, Some(Exit::Completed)) {
-            self.see_to(id, exit, said, emergency);
-        }
-        let kept = self.members.get_mut(id).and_then(Member::forget_body);
+        let kept = if member.is_plain() && said.is_none() && exit == Some(Exit::Completed) {
+            member.forget_body()
+        } else {
+            self.see_to(id, exit, said, emergency)
+        };
         if may_be_forgotten {
             self.ended.push_back(id);
             // Two, to make up for one that is kept for its news.
@@ -182,10 +183,8 @@ impl Register {
         exit: Option<Exit>,
         said: Option<Ended>,
         emergency: &Emergency,
-    ) {
-        let Some(member) = self.members.get_mut(id) else {
-            return;
-        };
+    ) -> Option<ProcessHandle> {
+        let member = self.members.get_mut(id)?;
         // A panicking process has triggered the emergency already, unless the panic was in the
         // thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {
@@ -195,24 +194,27 @@ impl Register {
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
-        let resident = member.take_resident();
+        let (order, resident) = (member.order, member.take_resident());
+        let of = resident
+            .is_some()
+            .then(|| (order, member.name().to_owned()));
+        let kept = member.forget_body();
         if let Some(error) = &error {
-            keep_first(&mut self.first_error, member.order, error);
+            keep_first(&mut self.first_error, order, error);
             if is_panic(error) {
-                keep_first(&mut self.first_panic, member.order, error);
+                keep_first(&mut self.first_panic, order, error);
             }
         }
         if resident.is_some() || error.is_some() {
             self.reaped.push_back(Reaped {
-                of: resident
-                    .is_some()
-                    .then(|| (member.order, member.name().to_owned())),
+                of,
                 resident,
                 ended_for_overrun,
                 error,
                 forgotten: None,
             });
         }
+        kept
     }
 
     /// Forgets the remembered process that ended first.

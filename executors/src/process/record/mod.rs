@@ -28,12 +28,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
 /// Flags for the end of a process, stored beside its level.
-struct How;
+pub(in crate::process) struct How;
 
 impl How {
+    /// The bits of the level.
+    pub(in crate::process) const LEVEL: u8 = LEVELS - 1;
     /// Its end is listed.
-    const LISTED: u8 = 1 << 5;
-    const UNHURRIED: u8 = 1 << 6;
+    pub(in crate::process) const LISTED: u8 = 1 << 5;
+    pub(in crate::process) const UNHURRIED: u8 = 1 << 6;
 }
 
 /// Causes for an executor to check a process before it polls it.
@@ -75,16 +77,34 @@ pub(crate) struct Record {
     pub(in crate::process) shown: BiasedLock<Shown>,
 }
 
-/// The timing of a process with timed polls.
-struct Timing {
-    poll_monitor: Option<Arc<dyn PollMonitor>>,
-    log_installer: Option<Box<Arc<dyn LogInstaller>>>,
-    /// The polls are timed: this is not timed for the replay log alone.
-    is_timed: bool,
+/// What is done around each poll of a process with timed polls, or with a replay log.
+pub(in crate::process) struct Timing {
+    pub(in crate::process) poll_monitor: Option<Arc<dyn PollMonitor>>,
+    pub(in crate::process) log_installer: Option<Arc<dyn LogInstaller>>,
+    /// The polls are timed also without a monitor.
+    pub(in crate::process) asked: bool,
     /// Written by the process' thread alone, as the next field.
     longest_poll: AtomicU64,
     /// When the poll began that is under way and not [ended](Record::end_poll) yet, else never.
     began: AtomicU64,
+}
+
+impl Default for Timing {
+    fn default() -> Self {
+        Self {
+            poll_monitor: None,
+            log_installer: None,
+            asked: false,
+            longest_poll: AtomicU64::new(0),
+            began: AtomicU64::new(Instant::NEVER.as_nanos()),
+        }
+    }
+}
+
+impl fmt::Debug for Timing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Timing").finish_non_exhaustive()
+    }
 }
 
 impl Record {
@@ -107,25 +127,12 @@ impl Record {
         events::report(events::code::SPAWNED, spec.id.get(), || {
             [events::current_process(), 0]
         });
-        let flag = |is_set, bit| if is_set { bit } else { 0 };
-        let is_timed = spec.timed || spec.poll_monitor.is_some();
-        let timing = (is_timed || spec.log_installer.is_some()).then(|| {
-            Box::new(Timing {
-                poll_monitor: spec.poll_monitor,
-                log_installer: spec.log_installer,
-                is_timed,
-                longest_poll: AtomicU64::new(0),
-                began: AtomicU64::new(Instant::NEVER.as_nanos()),
-            })
-        });
         Self {
             retired: Retired::new(free),
             references: AtomicU32::new(references),
             name: spec.name,
             id: spec.id,
-            level_and_how: spec.level
-                | flag(spec.listed, How::LISTED)
-                | flag(spec.unhurried, How::UNHURRIED),
+            level_and_how: spec.level_and_how,
             outcome: AtomicU8::new(Outcome::NONE),
             cancelled: AtomicBool::new(false),
             is_poisoned: AtomicBool::new(false),
@@ -135,7 +142,7 @@ impl Record {
             } else {
                 BiasedLock::new(shown)
             },
-            timing,
+            timing: spec.timing,
         }
     }
 
@@ -238,7 +245,7 @@ impl Record {
     }
 
     pub(crate) fn level(&self) -> u8 {
-        self.level_and_how & (LEVELS - 1)
+        self.level_and_how & How::LEVEL
     }
 
     fn is(&self, how: u8) -> bool {
@@ -270,7 +277,8 @@ impl Record {
 
     /// There is one if its polls are timed.
     fn timed(&self) -> Option<&Timing> {
-        self.timing.as_deref().filter(|timing| timing.is_timed)
+        let timing = self.timing.as_deref()?;
+        (timing.asked || timing.poll_monitor.is_some()).then_some(timing)
     }
 
     /// The longest of its polls in nanoseconds, if they are timed.
@@ -280,7 +288,7 @@ impl Record {
 
     /// Installs its replay log around each poll.
     pub(in crate::process) fn log_installer(&self) -> Option<&Arc<dyn LogInstaller>> {
-        self.timing.as_ref()?.log_installer.as_deref()
+        self.timing.as_ref()?.log_installer.as_ref()
     }
 
     fn poll_monitor(&self) -> Option<&Arc<dyn PollMonitor>> {
