@@ -150,17 +150,12 @@ impl Register {
             return None;
         }
         self.has_news = true;
-        let exit = member.exit();
-        let said = member
-            .kept()
-            .and_then(ProcessHandle::take_exit_value::<Verdict>);
-        let said = said.and_then(|verdict| verdict.0);
         let may_be_forgotten = member.may_be_forgotten();
         // Most ends leave no further work.
-        let kept = if member.is_plain() && said.is_none() && exit == Some(Exit::Completed) {
+        let kept = if member.has_just_completed() {
             member.forget_body()
         } else {
-            self.see_to(id, exit, said, emergency)
+            self.see_to(id, emergency)
         };
         if may_be_forgotten {
             self.ended.push_back(id);
@@ -177,14 +172,13 @@ impl Register {
     /// Handles what is left of a process that has ended: its error, its cleanup, and the
     /// notifications of its end.
     #[cold]
-    fn see_to(
-        &mut self,
-        id: ProcessId,
-        exit: Option<Exit>,
-        said: Option<Ended>,
-        emergency: &Emergency,
-    ) -> Option<ProcessHandle> {
+    fn see_to(&mut self, id: ProcessId, emergency: &Emergency) -> Option<ProcessHandle> {
         let member = self.members.get_mut(id)?;
+        let exit = member.exit();
+        let said = member
+            .kept()
+            .and_then(ProcessHandle::take_exit_value::<Verdict>);
+        let said = said.and_then(|verdict| verdict.0);
         // A panicking process has triggered the emergency already, unless the panic was in the
         // thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {

@@ -300,10 +300,19 @@ impl ProcessHandle {
         Self(RecordRef::boxed(record))
     }
 
-    /// The process' name, to be kept.
+    /// Whether it has completed, and left no exit value.
     #[doc(hidden)]
-    pub fn shared_name(&self) -> Name {
-        self.0.name.clone()
+    #[inline]
+    pub fn has_just_completed(&self) -> bool {
+        self.0.has_just_completed()
+    }
+
+    /// Its name, how often it was polled, and whether it was cancelled, if it has ended and no
+    /// more is known of it but an exit value: it has not panicked, and its polls are not timed.
+    /// [`of_ended`](Self::of_ended) makes a handle of these.
+    #[doc(hidden)]
+    pub fn summary(&self) -> Option<(Name, u64, bool)> {
+        self.0.summary()
     }
 
     /// Drops this handle and another one of the same process: with fewer atomic operations than

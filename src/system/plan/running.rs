@@ -86,8 +86,9 @@ impl Running {
         if common.replay_logs.are_there() {
             spec = common.replay_logs.give_log(spec);
         }
-        let frame = Frame::new(common);
-        let (announced, handle) = announce(&self.executors[number], spec, frame);
+        let executor = &self.executors[number];
+        let frame = (!executor.is_here()).then(|| common.clone());
+        let (announced, handle) = announce(executor, spec, frame);
         let member = Member::new(handle, On::Executor(number), ledger, resident);
         (member, announced)
     }
@@ -117,7 +118,7 @@ impl Running {
             Placement::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
-        let frame = Frame::new(common);
+        let frame = Some(common.clone());
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.registry);
         }
@@ -260,22 +261,17 @@ impl Member {
         let Is::Kept { handle, seldom, .. } = &mut self.is else {
             return None;
         };
-        let is_plain = seldom.as_ref().is_none_or(|seldom| {
-            seldom.ledger.is_none() && seldom.resident.is_none() && seldom.thread.is_none()
+        let has_more = seldom.as_ref().is_some_and(|seldom| {
+            seldom.ledger.is_some() || seldom.resident.is_some() || seldom.thread.is_some()
         });
-        let is_cancelled = match handle.exit() {
-            Some(Exit::Completed) => false,
-            Some(Exit::Cancelled) => true,
-            _ => return None,
-        };
-        let polls = u32::try_from(handle.polls());
-        let (true, None, Ok(polls)) = (is_plain, handle.longest_poll(), polls) else {
+        if has_more {
             handle.forget_body();
             return None;
-        };
+        }
+        let (name, polls, is_cancelled) = handle.summary()?;
         let ended = Is::Ended {
-            name: handle.shared_name(),
-            polls,
+            name,
+            polls: u32::try_from(polls).ok()?,
             priority: handle.priority(),
             is_cancelled,
         };
@@ -367,9 +363,12 @@ impl Member {
         self.seldom()?.ledger.as_ref()
     }
 
-    /// Whether it has nothing that few have.
-    pub(crate) fn is_plain(&self) -> bool {
-        self.seldom().is_none()
+    /// Whether it has completed without an exit value, and has nothing that few have.
+    pub(crate) fn has_just_completed(&self) -> bool {
+        match &self.is {
+            Is::Kept { handle, seldom, .. } => seldom.is_none() && handle.has_just_completed(),
+            Is::Ended { .. } => false,
+        }
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {

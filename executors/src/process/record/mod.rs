@@ -149,17 +149,21 @@ impl Record {
     /// What is known of a process that has ended, without the room of its body; `None` if there is
     /// more to know than is copied.
     pub(in crate::process) fn without_body(&self) -> Option<Self> {
+        let (name, polls, is_cancelled) = self.summary()?;
+        let level = self.level();
+        Some(Self::of_ended(self.id, name, level, is_cancelled, polls))
+    }
+
+    /// See [`ProcessHandle::summary`](crate::ProcessHandle::summary).
+    pub(in crate::process) fn summary(&self) -> Option<(Name, u64, bool)> {
         let is_cancelled = match self.outcome.load(Ordering::Acquire) {
             Outcome::COMPLETED | Outcome::WITH_VALUE => false,
             Outcome::CANCELLED => true,
             _ => return None,
         };
-        if self.timing.is_some() {
-            return None;
-        }
-        let (name, level) = (self.name.clone(), self.level());
-        let polls = self.polls();
-        Some(Self::of_ended(self.id, name, level, is_cancelled, polls))
+        let polls = self.seen.last_polls()?;
+        let is_known = self.timing.is_none();
+        is_known.then(|| (self.name.clone(), polls, is_cancelled))
     }
 
     /// That of a process that has ended, in memory of its own, with one reference.
