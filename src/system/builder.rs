@@ -2,7 +2,7 @@
 
 use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess};
-use crate::error::{Result, SetupError};
+use crate::error::{Error, Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
 use crate::safety::{Budgets, Ledger, OnOverrun};
@@ -216,10 +216,7 @@ impl Thread {
             .map_err(Into::into)
             .and_then(|()| check_core(&self.plan, &self.name, self.attributes.asked_core()))
             .and_then(|()| self.plan.take_thread_name(&self.name))
-            .map(|()| Placement::Thread {
-                name: self.name,
-                attributes: Box::new(self.attributes),
-            });
+            .map(|()| Placement::Thread(Box::new(self.attributes)));
         ProcessBuilder::new(self.plan, name.as_ref(), place)
     }
 }
@@ -229,7 +226,7 @@ impl Thread {
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
     spec: ProcessSpec,
-    place: Result<Placement>,
+    place: std::result::Result<Placement, Box<Error>>,
     level: u8,
     shares_name: bool,
     /// If there are any.
@@ -245,7 +242,7 @@ impl ProcessBuilder {
         Self {
             plan,
             spec: ProcessSpec::new(Name::from(name)),
-            place,
+            place: place.map_err(Box::new),
             level: ProcessSpec::DEFAULT_LEVEL,
             shares_name: false,
             budgets: None,
@@ -534,7 +531,10 @@ impl ProcessBuilder {
     #[inline]
     #[expect(clippy::type_complexity, reason = "the parts of a plan")]
     fn checked(self) -> Result<(Arc<Plan>, Placement, ProcessSpec, Option<Arc<Ledger>>)> {
-        let place = self.place.inspect_err(|_| self.plan.note_refusal())?;
+        let place = self.place.map_err(|error| {
+            self.plan.note_refusal();
+            *error
+        })?;
         if self.level >= LEVELS {
             self.plan.note_refusal();
             return Err(SetupError::Level {

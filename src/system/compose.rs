@@ -104,11 +104,14 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
         );
         let on = match &process.place {
             Placement::Executor(number) => On::Executor(*number),
-            Placement::Thread { name, attributes } => On::Thread(Box::new(ThreadPart::asked(
-                name,
-                ThreadKind::OsThread,
-                attributes,
-            ))),
+            Placement::Thread(attributes) => {
+                let name = attributes.name();
+                On::Thread(Box::new(ThreadPart::asked(
+                    name,
+                    ThreadKind::OsThread,
+                    attributes,
+                )))
+            }
         };
         (part, on)
     });

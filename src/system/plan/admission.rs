@@ -195,7 +195,7 @@ impl Plan {
             drop(log);
             members = self.members();
         }
-        let on_thread = matches!(plan.place, Placement::Thread { .. });
+        let on_thread = matches!(plan.place, Placement::Thread(_));
         if on_thread {
             if running.simulation.is_none() {
                 let places = &members.places;

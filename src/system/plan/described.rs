@@ -13,10 +13,7 @@ pub(crate) enum Placement {
     /// The executor with this number.
     Executor(usize),
     /// A thread of its own.
-    Thread {
-        name: String,
-        attributes: Box<Attributes>,
-    },
+    Thread(Box<Attributes>),
 }
 
 /// An executor to be.

@@ -107,7 +107,7 @@ impl Running {
                     build: starter,
                 },
         } = plan;
-        let (thread_name, attributes) = match place {
+        let attributes = match place {
             Placement::Executor(number) => {
                 let announce = |executor: &_, spec, frame| starter.announce(executor, spec, frame);
                 let (mut member, announced) =
@@ -115,7 +115,7 @@ impl Running {
                 member.shares_name = shares_name;
                 return Ok((member, Started::OnExecutor(announced)));
             }
-            Placement::Thread { name, attributes } => (name, attributes),
+            Placement::Thread(attributes) => attributes,
         };
         let common = &self.common;
         let frame = Some(common.clone());
@@ -123,6 +123,7 @@ impl Running {
             ledger.join(&common.emergency, &common.registry);
         }
         let name = spec.name().clone();
+        let thread_name = attributes.name().to_owned();
         let attributes = (*attributes).mode(self.mode);
         let spec = common.replay_logs.give_log(spec.listed());
         let announce = |executor: &_| starter.announce(executor, spec, frame);
