@@ -232,15 +232,16 @@ impl EarlierProcesses {
 
     /// Counts one that has ended, with an error of its own or without.
     pub(crate) fn count(&mut self, process: &Member, overruns: u64) {
-        let as_what = match process.exit() {
+        let known = process.known();
+        let as_what = match known.exit {
             Some(Exit::Panicked(_)) => &mut self.panicked,
             Some(Exit::Cancelled) => &mut self.cancelled,
             _ if process.has_failed => &mut self.failed,
             _ => &mut self.completed,
         };
         *as_what += 1;
-        self.polls += process.polls();
-        self.longest_poll = self.longest_poll.max(process.longest_poll());
+        self.polls += known.polls;
+        self.longest_poll = self.longest_poll.max(known.longest_poll);
         self.overruns += overruns;
     }
 }

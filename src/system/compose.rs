@@ -91,8 +91,9 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
     let planned = members.executors.iter().map(ExecutorPlan::part);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
-        let (state, priority) = (member.state(), member.priority());
-        (part(member.name(), id, state, priority), member.on())
+        let known = member.known();
+        let part = part(member.name(), id, known.state, known.priority);
+        (part, member.on())
     });
     let waiting = members.waiting.iter().map(|process| {
         let priority = process.spec.priority();

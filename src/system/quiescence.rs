@@ -99,7 +99,7 @@ impl Found {
 fn polls(plan: &Plan) -> u64 {
     let started = &plan.members().started;
     let each = started.in_order().into_iter();
-    let of_each: u64 = each.map(|(_, member)| member.polls()).sum();
+    let of_each: u64 = each.map(|(_, member)| member.known().polls).sum();
     of_each + started.earlier().polls
 }
 
@@ -149,7 +149,7 @@ fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
 fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
     let members = plan.members();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
-        let has_ended = match member.state() {
+        let has_ended = match member.known().state {
             ProcessState::Ended if member.is_reaped() => true,
             ProcessState::Waiting => false,
             _ => return None,

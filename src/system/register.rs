@@ -108,7 +108,7 @@ impl Register {
     pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
         self.count_looks(self.members.len());
         let have_ended = |(id, one): (ProcessId, &Member)| {
-            let has_ended = !one.is_reaped() && one.exit().is_some();
+            let has_ended = !one.is_reaped() && one.known().exit.is_some();
             has_ended.then_some((one.order, id))
         };
         let mut ended: Vec<_> = self.members.iter().filter_map(have_ended).collect();
@@ -152,11 +152,8 @@ impl Register {
         self.has_news = true;
         let may_be_forgotten = member.may_be_forgotten();
         // Most ends leave no further work.
-        let kept = if member.has_just_completed() {
-            member.forget_body()
-        } else {
-            self.see_to(id, emergency)
-        };
+        let kept = member.forget_completed();
+        let kept = kept.or_else(|| self.see_to(id, emergency));
         if may_be_forgotten {
             self.ended.push_back(id);
             // Two, to make up for one that is kept for its news.
@@ -174,10 +171,9 @@ impl Register {
     #[cold]
     fn see_to(&mut self, id: ProcessId, emergency: &Emergency) -> Option<ProcessHandle> {
         let member = self.members.get_mut(id)?;
-        let exit = member.exit();
-        let said = member
-            .kept()
-            .and_then(ProcessHandle::take_exit_value::<Verdict>);
+        let handle = member.kept()?;
+        let exit = handle.exit();
+        let said = handle.take_exit_value::<Verdict>();
         let said = said.and_then(|verdict| verdict.0);
         // A panicking process has triggered the emergency already, unless the panic was in the
         // thread around the body.
@@ -237,14 +233,14 @@ impl Register {
         self.earlier.count(&member, overruns);
         self.forgotten.insert(id.get());
         if member.has_failed
-            && let Some(handle) = member.into_kept()
+            && let Some(handle) = member.kept()
         {
             self.reaped.push_back(Reaped {
                 resident: None,
                 of: None,
                 ended_for_overrun: false,
                 error: None,
-                forgotten: Some(handle),
+                forgotten: Some(handle.clone()),
             });
         }
     }
@@ -373,12 +369,13 @@ fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
 }
 
 fn process_report(member: &Member) -> ProcessReport {
+    let known = member.known();
     ProcessReport {
         name: member.name().to_owned(),
-        exit: member.exit(),
+        exit: known.exit,
         failed: member.has_failed,
-        polls: member.polls(),
-        longest_poll: member.longest_poll(),
+        polls: known.polls,
+        longest_poll: known.longest_poll,
         budgets: member
             .ledger()
             .map(|ledger| ledger.reports())

@@ -15,7 +15,7 @@ pub use join::Join;
 pub use name::Name;
 pub(crate) use poll_monitor::prepare as prepare_thread;
 pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
-use record::{How, Timing};
+use record::{How, Outcome, Timing};
 pub(crate) use record::{Notice, RawExit, Record, RecordRef};
 pub(crate) use registry::Enrolled;
 pub use registry::{ProcessRegistry, Quiescent};
@@ -286,33 +286,18 @@ impl ProcessHandle {
         self.0.take_exit_value()
     }
 
-    /// The handle of a process that has completed or was cancelled, without its memory: what is
-    /// kept of it. Allocates.
+    /// Its name and how often it was polled, if it has completed and no more is known of it: its
+    /// polls are not timed, and it left no exit value.
     #[doc(hidden)]
-    pub fn of_ended(
-        id: ProcessId,
-        name: Name,
-        priority: u8,
-        is_cancelled: bool,
-        polls: u64,
-    ) -> Self {
-        let record = Record::of_ended(id, name, priority, is_cancelled, polls);
+    pub fn completed(&self) -> Option<(Name, u64)> {
+        self.0.completed()
+    }
+
+    /// A handle of a process of which that is kept alone. Allocates.
+    #[doc(hidden)]
+    pub fn of_completed(id: ProcessId, name: Name, priority: u8, polls: u64) -> Self {
+        let record = Record::of_ended(id, name, priority, Outcome::COMPLETED, polls);
         Self(RecordRef::boxed(record))
-    }
-
-    /// Whether it has completed, and left no exit value.
-    #[doc(hidden)]
-    #[inline]
-    pub fn has_just_completed(&self) -> bool {
-        self.0.has_just_completed()
-    }
-
-    /// Its name, how often it was polled, and whether it was cancelled, if it has ended and no
-    /// more is known of it but an exit value: it has not panicked, and its polls are not timed.
-    /// [`of_ended`](Self::of_ended) makes a handle of these.
-    #[doc(hidden)]
-    pub fn summary(&self) -> Option<(Name, u64, bool)> {
-        self.0.summary()
     }
 
     /// Drops this handle and another one of the same process: with fewer atomic operations than

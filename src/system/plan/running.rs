@@ -173,13 +173,21 @@ enum Is {
         /// Its end was noted.
         is_reaped: bool,
     },
-    /// Its end was noted, and its memory is let go of.
+    /// It has completed, and its memory is let go of.
     Ended {
         name: Name,
         polls: u32,
         priority: u8,
-        is_cancelled: bool,
     },
+}
+
+/// What others see of a process.
+pub(crate) struct Known {
+    pub(crate) state: ProcessState,
+    pub(crate) priority: u8,
+    pub(crate) exit: Option<Exit>,
+    pub(crate) polls: u64,
+    pub(crate) longest_poll: Option<Duration>,
 }
 
 /// In the place of the number of an executor: it has a thread of its own.
@@ -256,30 +264,41 @@ impl Member {
         }
     }
 
-    /// Lets go of the memory of a process that has ended, unless there is more to know of it than
-    /// is copied. Gives its handle, if it is kept no more.
-    pub(in crate::system) fn forget_body(&mut self) -> Option<ProcessHandle> {
-        let Is::Kept { handle, seldom, .. } = &mut self.is else {
+    /// Lets go of the memory of a process that has just completed, if it has nothing that few
+    /// have. Gives its handle.
+    pub(in crate::system) fn forget_completed(&mut self) -> Option<ProcessHandle> {
+        let Is::Kept {
+            handle,
+            seldom: None,
+            ..
+        } = &self.is
+        else {
             return None;
         };
-        let has_more = seldom.as_ref().is_some_and(|seldom| {
-            seldom.ledger.is_some() || seldom.resident.is_some() || seldom.thread.is_some()
-        });
-        if has_more {
-            handle.forget_body();
-            return None;
-        }
-        let (name, polls, is_cancelled) = handle.summary()?;
+        let (name, polls) = handle.completed()?;
         let ended = Is::Ended {
             name,
             polls: u32::try_from(polls).ok()?,
             priority: handle.priority(),
-            is_cancelled,
         };
         match std::mem::replace(&mut self.is, ended) {
             Is::Kept { handle, .. } => Some(handle),
             Is::Ended { .. } => None,
         }
+    }
+
+    /// Lets go of the room of the body of a process that has ended in any way.
+    pub(in crate::system) fn forget_body(&mut self) -> Option<ProcessHandle> {
+        if let Is::Kept { seldom, .. } = &mut self.is {
+            seldom.take_if(|one| {
+                one.ledger.is_none() && one.resident.is_none() && one.thread.is_none()
+            });
+        }
+        let completed = self.forget_completed();
+        if let Is::Kept { handle, .. } = &mut self.is {
+            handle.forget_body();
+        }
+        completed
     }
 
     /// Its handle, if it is kept.
@@ -298,18 +317,7 @@ impl Member {
                 ref name,
                 polls,
                 priority,
-                is_cancelled,
-            } => {
-                let polls = polls.into();
-                ProcessHandle::of_ended(id, name.clone(), priority, is_cancelled, polls)
-            }
-        }
-    }
-
-    pub(crate) fn into_kept(self) -> Option<ProcessHandle> {
-        match self.is {
-            Is::Kept { handle, .. } => Some(handle),
-            Is::Ended { .. } => None,
+            } => ProcessHandle::of_completed(id, name.clone(), priority, polls.into()),
         }
     }
 
@@ -320,37 +328,25 @@ impl Member {
         }
     }
 
-    pub(crate) fn priority(&self) -> u8 {
+    pub(crate) fn known(&self) -> Known {
         match &self.is {
-            Is::Kept { handle, .. } => handle.priority(),
-            Is::Ended { priority, .. } => *priority,
+            Is::Kept { handle, .. } => Known {
+                state: handle.state(),
+                priority: handle.priority(),
+                exit: handle.exit(),
+                polls: handle.polls(),
+                longest_poll: handle.longest_poll(),
+            },
+            &Is::Ended {
+                polls, priority, ..
+            } => Known {
+                state: ProcessState::Ended,
+                priority,
+                exit: Some(Exit::Completed),
+                polls: polls.into(),
+                longest_poll: None,
+            },
         }
-    }
-
-    pub(crate) fn state(&self) -> ProcessState {
-        self.kept()
-            .map_or(ProcessState::Ended, ProcessHandle::state)
-    }
-
-    pub(crate) fn exit(&self) -> Option<Exit> {
-        match &self.is {
-            Is::Kept { handle, .. } => handle.exit(),
-            Is::Ended {
-                is_cancelled: true, ..
-            } => Some(Exit::Cancelled),
-            Is::Ended { .. } => Some(Exit::Completed),
-        }
-    }
-
-    pub(crate) fn polls(&self) -> u64 {
-        match &self.is {
-            Is::Kept { handle, .. } => handle.polls(),
-            Is::Ended { polls, .. } => (*polls).into(),
-        }
-    }
-
-    pub(crate) fn longest_poll(&self) -> Option<Duration> {
-        self.kept()?.longest_poll()
     }
 
     fn seldom(&self) -> Option<&Seldom> {
@@ -362,14 +358,6 @@ impl Member {
 
     pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
         self.seldom()?.ledger.as_ref()
-    }
-
-    /// Whether it has completed without an exit value, and has nothing that few have.
-    pub(crate) fn has_just_completed(&self) -> bool {
-        match &self.is {
-            Is::Kept { handle, seldom, .. } => seldom.is_none() && handle.has_just_completed(),
-            Is::Ended { .. } => false,
-        }
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {

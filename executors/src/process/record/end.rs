@@ -42,10 +42,6 @@ impl Record {
         })
     }
 
-    pub(in crate::process) fn has_just_completed(&self) -> bool {
-        self.outcome.load(Ordering::Acquire) == Outcome::COMPLETED
-    }
-
     #[cold]
     #[inline(never)]
     pub(in crate::process) fn panicked(&self) -> Exit {

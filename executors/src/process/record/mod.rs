@@ -11,12 +11,11 @@ pub(in crate::process) use shown::Shown;
 use crate::process::poll_monitor::{self, PollMonitor, Verdict};
 use crate::process::registry::ProcessRegistry;
 use crate::process::{Name, ProcessSpec, ProcessState};
-use end::Outcome;
+pub(in crate::process) use end::Outcome;
 use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::deferred_free::{self, Retired};
 use luna_core::replay_log::LogInstaller;
-use luna_core::wait_list::WaitList;
 use luna_core::{events, path};
 use luna_platform::clock::Instant;
 use reference::free_boxed;
@@ -119,10 +118,7 @@ impl Record {
         free: unsafe fn(NonNull<Retired>),
     ) -> Self {
         registry.enter();
-        let shown = Shown {
-            joining: WaitList::new(),
-            beside: Beside::Nothing,
-        };
+        let shown = Shown::nothing();
         path::name_process(spec.id, &spec.name);
         events::report(events::code::SPAWNED, spec.id.get(), || {
             [events::current_process(), 0]
@@ -146,24 +142,26 @@ impl Record {
         }
     }
 
-    /// What is known of a process that has ended, without the room of its body; `None` if there is
-    /// more to know than is copied.
+    /// What is known of a process that has ended, in memory without the room of its body; `None` if
+    /// there is more to know than is copied.
     pub(in crate::process) fn without_body(&self) -> Option<Self> {
-        let (name, polls, is_cancelled) = self.summary()?;
-        let level = self.level();
-        Some(Self::of_ended(self.id, name, level, is_cancelled, polls))
-    }
-
-    /// See [`ProcessHandle::summary`](crate::ProcessHandle::summary).
-    pub(in crate::process) fn summary(&self) -> Option<(Name, u64, bool)> {
-        let is_cancelled = match self.outcome.load(Ordering::Acquire) {
-            Outcome::COMPLETED | Outcome::WITH_VALUE => false,
-            Outcome::CANCELLED => true,
+        let outcome = match self.outcome.load(Ordering::Acquire) {
+            Outcome::COMPLETED | Outcome::WITH_VALUE => Outcome::COMPLETED,
+            Outcome::CANCELLED => Outcome::CANCELLED,
             _ => return None,
         };
-        let polls = self.seen.last_polls()?;
-        let is_known = self.timing.is_none();
-        is_known.then(|| (self.name.clone(), polls, is_cancelled))
+        let (name, level) = (self.name.clone(), self.level());
+        let has_more = self.timing.is_some();
+        (!has_more).then(|| Self::of_ended(self.id, name, level, outcome, self.polls()))
+    }
+
+    /// See [`ProcessHandle::completed`](crate::ProcessHandle::completed).
+    pub(in crate::process) fn completed(&self) -> Option<(Name, u64)> {
+        let has_more = self.outcome.load(Ordering::Acquire) != Outcome::COMPLETED;
+        if has_more || self.timing.is_some() {
+            return None;
+        }
+        Some((self.name.clone(), self.seen.last_polls()?))
     }
 
     /// That of a process that has ended, in memory of its own, with one reference.
@@ -171,14 +169,9 @@ impl Record {
         id: ProcessId,
         name: Name,
         level: u8,
-        is_cancelled: bool,
+        outcome: u8,
         polls: u64,
     ) -> Self {
-        let outcome = if is_cancelled {
-            Outcome::CANCELLED
-        } else {
-            Outcome::COMPLETED
-        };
         Self {
             retired: Retired::new(free_boxed),
             name,
@@ -188,12 +181,9 @@ impl Record {
             id,
             level_and_how: level,
             outcome: AtomicU8::new(outcome),
-            cancelled: AtomicBool::new(is_cancelled),
+            cancelled: AtomicBool::new(outcome == Outcome::CANCELLED),
             is_poisoned: AtomicBool::new(false),
-            shown: BiasedLock::new(Shown {
-                joining: WaitList::new(),
-                beside: Beside::Nothing,
-            }),
+            shown: BiasedLock::new(Shown::nothing()),
         }
     }
 

@@ -83,6 +83,15 @@ pub(in crate::process) struct Shown {
     pub(in crate::process) beside: Beside,
 }
 
+impl Shown {
+    pub(in crate::process) const fn nothing() -> Self {
+        Self {
+            joining: WaitList::new(),
+            beside: Beside::Nothing,
+        }
+    }
+}
+
 /// State of a process that has ended.
 pub(in crate::process) enum Beside {
     Nothing,
