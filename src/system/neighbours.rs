@@ -127,12 +127,12 @@ mod tests {
 
         let mut of_second = comes.clone();
         let executors = [executor.handle().clone()];
-        join_as("second", &mut of_second, &executors, &[part], &[]);
+        join_as(&mut of_second, &executors, &[part], &[]);
         let with_executor = (executor.handle().end_spin(), refused(of_second));
 
         let mut of_second = comes;
         let threads = [("first".to_owned(), thread)];
-        join_as("second", &mut of_second, &[], &[], &threads);
+        join_as(&mut of_second, &[], &[], &threads);
         [with_executor, (threads[0].1.end_spin(), refused(of_second))]
     }
 
