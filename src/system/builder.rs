@@ -1,11 +1,11 @@
 //! How a system is described: builders of executors, threads and processes.
 
 use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
-use crate::csp::process::{Build, IntoProcess};
+use crate::csp::process::{Build, IntoProcess, Prepared};
 use crate::error::{Error, Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
-use crate::safety::{Budgets, Ledger, OnOverrun};
+use crate::safety::{Budgets, OnOverrun};
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, LEVELS, ProcessId};
 use luna_executors::{Name, ProcessHandle, ProcessSpec};
@@ -470,16 +470,8 @@ impl ProcessBuilder {
         self.plan
             .check_plain(self.spec.name())
             .inspect_err(|_| self.plan.note_refusal())?;
-        let shares_name = self.shares_name;
-        let (system, place, spec, ledger) = self.checked()?;
-        let plan = ProcessPlan {
-            place,
-            spec,
-            shares_name,
-            ledger,
-            prepared: process.prepare(),
-        };
-        Ok((system, plan))
+        let (system, plan) = self.checked()?;
+        Ok((system, plan.map(|_| process.prepare())))
     }
 
     /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart
@@ -501,9 +493,10 @@ impl ProcessBuilder {
     ) -> Result<ProcessId> {
         // All that can be refused is refused before the stand-in is taken: otherwise a second
         // attempt would run the process itself unnoticed.
-        let (system, place, spec, ledger) = self.checked()?;
-        let name = system.reserve(spec.name())?;
-        let declared = system.stand_ins().declare::<E>(spec.name());
+        let (system, mut plan) = self.checked()?;
+        plan.shares_name = false;
+        let name = system.reserve(plan.name())?;
+        let declared = system.stand_ins().declare::<E>(plan.name());
         // Without the lock: what is made here is the user's.
         let prepared = match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
@@ -518,19 +511,12 @@ impl ProcessBuilder {
                 prepared
             }
         };
-        system.add_reserved(ProcessPlan {
-            place,
-            spec,
-            shares_name: false,
-            ledger,
-            prepared,
-        })
+        system.add_reserved(plan.map(|_| prepared))
     }
 
-    /// The description of the process, if it is valid.
+    /// The description of the process, if it is valid, without the body.
     #[inline]
-    #[expect(clippy::type_complexity, reason = "the parts of a plan")]
-    fn checked(self) -> Result<(Arc<Plan>, Placement, ProcessSpec, Option<Arc<Ledger>>)> {
+    fn checked(self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
         let place = self.place.map_err(|error| {
             self.plan.note_refusal();
             *error
@@ -551,7 +537,17 @@ impl ProcessBuilder {
             spec = spec.monitored(kept.clone());
             ledger = Some(kept);
         }
-        Ok((self.plan, place, spec, ledger))
+        let plan = ProcessPlan {
+            place,
+            spec,
+            shares_name: self.shares_name,
+            ledger,
+            prepared: Prepared {
+                resident: None,
+                build: (),
+            },
+        };
+        Ok((self.plan, plan))
     }
 }
 
