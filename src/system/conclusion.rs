@@ -89,7 +89,7 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
 /// Keeps what the bodies on detached threads refer to, and names those that are not cleaned up.
 fn keep_residents_left_behind(started: &mut Register) {
     for left_behind in started.left_behind() {
-        if left_behind.handle.state() == ProcessState::Running {
+        if left_behind.known().state == ProcessState::Running {
             notice!(
                 "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
                 left_behind.name()

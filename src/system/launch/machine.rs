@@ -28,7 +28,7 @@ impl Needs {
         processes: &[ProcessPlan],
     ) -> Needs {
         let threads = processes.iter().filter_map(|process| match &process.place {
-            Placement::Thread { attributes, .. } => Some(&**attributes),
+            Placement::Thread(attributes) => Some(&**attributes),
             Placement::Executor(_) => None,
         });
         let executors = executors.iter().map(|executor| &executor.attributes);

@@ -113,8 +113,8 @@ impl Plan {
             |executor: &_, spec, frame| announce(Room::Plain(build), executor, spec, frame);
         let (mut member, announced) =
             running.announce(number, plan.spec, plan.ledger, None, announce);
-        let handle = wanted.then(|| member.handle.clone());
-        member.is_late = true;
+        let handle = wanted.then(|| member.handle(id));
+        member.set_late();
         member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
         start_announced(members, announced);
@@ -195,7 +195,7 @@ impl Plan {
             drop(log);
             members = self.members();
         }
-        let on_thread = matches!(plan.place, Placement::Thread { .. });
+        let on_thread = matches!(plan.place, Placement::Thread(_));
         if on_thread {
             if running.simulation.is_none() {
                 let places = &members.places;
@@ -212,7 +212,7 @@ impl Plan {
             // No user code runs there.
             return match running.start(plan) {
                 Ok((member, Started::OnExecutor(announced))) => {
-                    let handle = member.handle.clone();
+                    let handle = member.handle(id);
                     members.enter_late(id, member, running);
                     start_announced(members, announced);
                     Ok(handle)
@@ -242,7 +242,7 @@ impl Plan {
             clean_up(member.take_resident());
             return Err(self.ended(name));
         }
-        let handle = member.handle.clone();
+        let handle = member.handle(id);
         members.enter_late(id, member, running);
         thread.1.release();
         members.threads.push(thread);

@@ -134,7 +134,7 @@ impl Process {
 
     /// A process of the executor `executor_id`, the thread of which has the real-time priority
     /// `thread_priority` (0: none), at `level`.
-    #[inline]
+    #[inline(always)]
     pub fn new(id: ProcessId, executor_id: ExecutorId, thread_priority: u8, level: u8) -> Self {
         Self {
             link: Link::new(),
