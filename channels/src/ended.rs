@@ -47,19 +47,14 @@ impl Watcher {
 /// that wait on).
 pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
     let ending = lists.ending;
-    let mut next = lists.watching.first();
-    while let Some(node) = next {
-        let watcher = node.cast::<Watcher>();
-        // SAFETY: what is in this list is the first field of a live watcher, which the lock guards;
-        // the lists are borrowed from it.
-        unsafe {
-            if watcher.as_ref().is_met_by(ending).is_some() {
-                return Some(unlist(&mut lists.watching, watcher));
-            }
-            next = lists.watching.after(node);
-        }
-    }
-    None
+    let mut watchers = lists.watching.nodes().map(NonNull::cast::<Watcher>);
+    // SAFETY: what is in this list is the first field of a live watcher, which the lock guards; the
+    // lists are borrowed from it.
+    let is_met = |watcher: &NonNull<Watcher>| unsafe { watcher.as_ref() }.is_met_by(ending);
+    let watcher = watchers.find(|watcher| is_met(watcher).is_some())?;
+    drop(watchers);
+    // SAFETY: it was found in the list, whose lock is held.
+    Some(unsafe { unlist(&mut lists.watching, watcher) })
 }
 
 /// # Safety

@@ -68,18 +68,12 @@ impl Core {
     /// the holder, if its boost changes by that. O(waiters).
     pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
         let mut lists = self.wait_point.lock();
-        let mut next = lists.senders.first();
-        while let Some(node) = next {
-            // SAFETY: the node is in the list, and the lock is held.
-            unsafe {
-                if Entry::of(node) == entry {
-                    self.requeue(&mut lists, entry);
-                    return self.relend(&lists).map(|changed| changed.inheritor);
-                }
-                next = lists.senders.after(node);
-            }
+        if !lists.senders.nodes().any(|node| Entry::of(node) == entry) {
+            return None;
         }
-        None
+        // SAFETY: its node is in the list, and the lock is held.
+        unsafe { self.requeue(&mut lists, entry) };
+        self.relend(&lists).map(|changed| changed.inheritor)
     }
 
     /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
@@ -128,15 +122,11 @@ pub(super) fn end_boost(former: Option<Inheritor>) {
 
 /// The priority of the first waiter that is not the holder itself.
 fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
-    let mut next = lists.senders.first();
-    while let Some(node) = next {
-        // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
-        unsafe {
-            if !Entry::is_of(Entry::of(node), holder) {
-                return node.as_ref().priority();
-            }
-            next = lists.senders.after(node);
-        }
-    }
-    Priority::default()
+    let mut waiters = lists.senders.nodes();
+    // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
+    let other = waiters.find(|&node| unsafe { !Entry::is_of(Entry::of(node), holder) });
+    // SAFETY: as above.
+    other.map_or_else(Priority::default, |node| {
+        unsafe { node.as_ref() }.priority()
+    })
 }
