@@ -5,16 +5,20 @@ use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use super::take::{Take, TakeUntil};
 use luna_core::timer_queue::Sleep;
+use pin_project_lite::pin_project;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// Locking a mutex: see [`Mutex::lock`].
-#[must_use = "an operation does nothing unless awaited"]
-pub struct LockOp<'a, T> {
-    mutex: &'a Mutex<T>,
-    take: Take<'a>,
+pin_project! {
+    /// Locking a mutex: see [`Mutex::lock`].
+    #[must_use = "an operation does nothing unless awaited"]
+    pub struct LockOp<'a, T> {
+        mutex: &'a Mutex<T>,
+        #[pin]
+        take: Take<'a>,
+    }
 }
 
 impl<'a, T> LockOp<'a, T> {
@@ -32,12 +36,10 @@ impl<'a, T> Future for LockOp<'a, T> {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing is moved; the take is pinned with the whole.
-        let this = unsafe { self.get_unchecked_mut() };
-        let taken = match this.take.lock_fast(cx) {
+        let mut this = self.project();
+        let taken = match this.take.as_mut().lock_fast(cx) {
             true => Poll::Ready(Ok(())),
-            // SAFETY: as above.
-            false => unsafe { Pin::new_unchecked(&mut this.take) }.poll(cx),
+            false => this.take.poll(cx),
         };
         // SAFETY: a take that succeeds gives the mutex to its caller.
         taken.map(|taken| unsafe { this.mutex.taken(taken) })
@@ -52,12 +54,15 @@ impl<T> fmt::Debug for LockOp<'_, T> {
     }
 }
 
-/// Locking a mutex until a deadline: see [`Mutex::lock_timeout`].
-#[derive(Debug)]
-#[must_use = "an operation does nothing unless awaited"]
-pub struct LockTimeout<'a, T> {
-    mutex: &'a Mutex<T>,
-    take: TakeUntil<'a>,
+pin_project! {
+    /// Locking a mutex until a deadline: see [`Mutex::lock_timeout`].
+    #[derive(Debug)]
+    #[must_use = "an operation does nothing unless awaited"]
+    pub struct LockTimeout<'a, T> {
+        mutex: &'a Mutex<T>,
+        #[pin]
+        take: TakeUntil<'a>,
+    }
 }
 
 impl<'a, T> LockTimeout<'a, T> {
@@ -74,12 +79,10 @@ impl<'a, T> Future for LockTimeout<'a, T> {
     type Output = Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing is moved; the take is pinned with the whole.
-        let this = unsafe { self.get_unchecked_mut() };
-        let taken = match this.take.take.lock_fast(cx) {
+        let mut this = self.project();
+        let taken = match this.take.as_mut().take().lock_fast(cx) {
             true => Poll::Ready(Ok(())),
-            // SAFETY: as above.
-            false => unsafe { Pin::new_unchecked(&mut this.take) }.poll(cx),
+            false => this.take.poll(cx),
         };
         // SAFETY: a take that succeeds gives the mutex to its caller.
         taken.map(|taken| unsafe { this.mutex.taken_in_time(taken) })

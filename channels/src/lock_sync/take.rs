@@ -10,6 +10,7 @@ use crate::waiter::Outcome;
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal};
 use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
+use pin_project_lite::pin_project;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -75,8 +76,7 @@ impl<'a> Take<'a> {
     }
 
     pub(super) fn entry(&self) -> NonNull<Entry> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.entry.get()) }.cast()
+        NonNull::from(&self.entry).cast()
     }
 
     /// Begins the entry, for the caller to list it.
@@ -207,15 +207,22 @@ impl<'a> Take<'a> {
 
     /// Locks a mutex on the fast path, if it can: the caller holds it then.
     #[inline(always)]
-    pub(super) fn lock_fast(&mut self, cx: &Context<'_>) -> bool {
+    pub(super) fn lock_fast(self: Pin<&mut Self>, cx: &Context<'_>) -> bool {
         if self.phase == Phase::New
             && let Some(turn) = PlainTurn::of(cx)
             && self.core().lock_fast(turn)
         {
-            self.phase = Phase::Over;
+            self.in_place().phase = Phase::Over;
             return true;
         }
         false
+    }
+
+    /// Its fields, of which no code here moves the entry.
+    #[inline(always)]
+    fn in_place(self: Pin<&mut Self>) -> &mut Self {
+        // SAFETY: what is pinned is the entry, which every method leaves where it is.
+        unsafe { self.get_unchecked_mut() }
     }
 }
 
@@ -241,8 +248,7 @@ impl Future for Take<'_> {
     /// Polls wherever the process is, and whatever it waits with.
     #[inline(never)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing pinned is moved: a listed entry stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let polled = match replay::is_on() {
             true => replay::poll(this, cx),
             false => this.poll_without_log(cx),
@@ -330,8 +336,7 @@ impl GiveUp for Take<'_> {
     }
 
     fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let has_them = this.withdraw();
         this.end();
         match has_them {
@@ -349,25 +354,29 @@ impl GiveUp for Take<'_> {
     }
 }
 
-/// Taking permits until a deadline.
-#[derive(Debug)]
-pub(super) struct TakeUntil<'a> {
-    pub(super) take: Take<'a>,
-    pub(super) sleep: Sleep,
+pin_project! {
+    /// Taking permits until a deadline.
+    #[derive(Debug)]
+    pub(super) struct TakeUntil<'a> {
+        #[pin]
+        pub(super) take: Take<'a>,
+        #[pin]
+        pub(super) sleep: Sleep,
+    }
+}
+
+impl<'a> TakeUntil<'a> {
+    #[inline]
+    pub(super) fn take(self: Pin<&mut Self>) -> Pin<&mut Take<'a>> {
+        self.project().take
+    }
 }
 
 impl Future for TakeUntil<'_> {
     type Output = Result<(), AcquireTimeoutError>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: both fields are pinned with the whole, and never moved.
-        let (take, sleep) = unsafe {
-            let this = self.get_unchecked_mut();
-            (
-                Pin::new_unchecked(&mut this.take),
-                Pin::new_unchecked(&mut this.sleep),
-            )
-        };
-        replay::poll_until(take, sleep, cx)
+        let this = self.project();
+        replay::poll_until(this.take, this.sleep, cx)
     }
 }

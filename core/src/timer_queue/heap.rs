@@ -126,6 +126,7 @@ impl Heap {
     /// # Safety
     ///
     /// The node was inserted into this heap once and not removed, and is live.
+    #[inline(always)]
     pub(super) unsafe fn withdraw(&mut self, node: NonNull<Node>) -> Option<Option<WakeHandle>> {
         if at(node).fired.load(Ordering::Relaxed) {
             return None;

@@ -169,6 +169,7 @@ impl TimerQueue {
     /// # Safety
     ///
     /// As for [`Heap::withdraw`].
+    #[inline(always)]
     unsafe fn withdraw(&self, node: NonNull<Node>) -> Option<Option<WakeHandle>> {
         let mut heap = self.heap.lock();
         // SAFETY: the contract.
