@@ -3,7 +3,8 @@
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::SemaphorePermit;
 use super::semaphore::Semaphore;
-use super::take::{Take, TakeUntil};
+use super::take::Take;
+use crate::replay;
 use luna_core::timer_queue::Sleep;
 use pin_project_lite::pin_project;
 use std::future::Future;
@@ -50,16 +51,18 @@ pin_project! {
     pub struct AcquireTimeout<'a> {
         semaphore: &'a Semaphore,
         #[pin]
-        take: TakeUntil<'a>,
+        take: Take<'a>,
+        #[pin]
+        sleep: Sleep,
     }
 }
 
 impl<'a> AcquireTimeout<'a> {
     pub(super) fn new(semaphore: &'a Semaphore, sleep: Sleep) -> Self {
-        let take = semaphore.take(1, false);
         AcquireTimeout {
             semaphore,
-            take: TakeUntil { take, sleep },
+            take: semaphore.take(1, false),
+            sleep,
         }
     }
 }
@@ -70,7 +73,7 @@ impl<'a> Future for AcquireTimeout<'a> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.project();
         let semaphore = *this.semaphore;
-        let taken = this.take.poll(cx);
+        let taken = replay::poll_until(this.take, this.sleep, cx);
         taken.map_ok(|()| SemaphorePermit::taken(semaphore, 1))
     }
 }

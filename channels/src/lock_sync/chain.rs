@@ -1,7 +1,7 @@
 //! Passes a priority on: from the first waiter to the holder of a mutex, and from there to the
 //! holder of the mutex that this one waits for.
 
-use super::core::{Core, CoreRef};
+use super::core::Core;
 use super::entry::Entry;
 use crate::wait_point::WaitQueues;
 use arrayvec::ArrayVec;
@@ -43,10 +43,10 @@ pub(super) fn follow(changed: Option<Changed>) {
         }
         // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
         let next = inheritor.next_wait(*above, |node| unsafe {
-            let (entry, core) = Entry::waited_for(node);
-            (node.addr().get(), entry, CoreRef::new(core))
+            let entry = Entry::waited_for(node);
+            (node.addr().get(), entry, Entry::core(entry))
         });
-        let Some((address, entry, core)) = next else {
+        let Some((address, entry, Some(core))) = next else {
             way.pop();
             continue;
         };

@@ -3,7 +3,8 @@
 use super::error::{LockError, LockTimeoutError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
-use super::take::{Take, TakeUntil};
+use super::take::Take;
+use crate::replay;
 use luna_core::timer_queue::Sleep;
 use pin_project_lite::pin_project;
 use std::fmt;
@@ -61,16 +62,18 @@ pin_project! {
     pub struct LockTimeout<'a, T> {
         mutex: &'a Mutex<T>,
         #[pin]
-        take: TakeUntil<'a>,
+        take: Take<'a>,
+        #[pin]
+        sleep: Sleep,
     }
 }
 
 impl<'a, T> LockTimeout<'a, T> {
     pub(super) fn new(mutex: &'a Mutex<T>, sleep: Sleep) -> Self {
-        let take = mutex.take(false);
         LockTimeout {
             mutex,
-            take: TakeUntil { take, sleep },
+            take: mutex.take(false),
+            sleep,
         }
     }
 }
@@ -80,9 +83,9 @@ impl<'a, T> Future for LockTimeout<'a, T> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let mut this = self.project();
-        let taken = match this.take.as_mut().take().lock_fast(cx) {
+        let taken = match this.take.as_mut().lock_fast(cx) {
             true => Poll::Ready(Ok(())),
-            false => this.take.poll(cx),
+            false => replay::poll_until(this.take, this.sleep, cx),
         };
         // SAFETY: a take that succeeds gives the mutex to its caller.
         taken.map(|taken| unsafe { this.mutex.taken_in_time(taken) })

@@ -4,17 +4,15 @@
 use super::core::Core;
 use super::entry::Entry;
 use super::error::{AcquireError, AcquireTimeoutError};
-use super::handle::Handle;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::Outcome;
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal};
+use luna_core::deferred_free::Shared;
 use luna_core::replay_log::{Event, Turn};
-use luna_core::timer_queue::Sleep;
-use pin_project_lite::pin_project;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
-use std::marker::{PhantomData, PhantomPinned};
+use std::marker::PhantomPinned;
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -37,16 +35,15 @@ pub(super) enum Phase {
 ///
 /// # Invariants
 ///
-/// In `Listed` it is pinned, and the entry was begun. `core` lives for `'a`.
+/// In `Listed` it is pinned, and the entry was begun.
 pub(super) struct Take<'a> {
-    core: NonNull<Core>,
+    core: &'a Shared<Core>,
     /// Nothing of it is left to drop once it was ended, or if it was not begun.
     entry: UnsafeCell<ManuallyDrop<Entry>>,
     pub(super) phase: Phase,
     /// The thread itself takes them, so it may inherit, and waits at its priority.
     pub(super) of_thread: bool,
     pub(super) count: u32,
-    _core: PhantomData<&'a Core>,
     _pinned: PhantomPinned,
 }
 
@@ -57,22 +54,20 @@ unsafe impl Sync for Take<'_> {}
 
 impl<'a> Take<'a> {
     #[inline]
-    pub(super) fn new<T>(handle: &'a Handle<T>, count: u32, of_thread: bool) -> Self {
+    pub(super) fn new(core: &'a Shared<Core>, count: u32, of_thread: bool) -> Self {
         Take {
-            core: handle.core_pointer(),
+            core,
             entry: UnsafeCell::new(ManuallyDrop::new(Entry::new())),
             phase: Phase::New,
             of_thread,
             count,
-            _core: PhantomData,
             _pinned: PhantomPinned,
         }
     }
 
     #[inline]
     pub(super) fn core(&self) -> &'a Core {
-        // SAFETY: the type's invariant.
-        unsafe { self.core.as_ref() }
+        self.core
     }
 
     pub(super) fn entry(&self) -> NonNull<Entry> {
@@ -351,32 +346,5 @@ impl GiveUp for Take<'_> {
 
     fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
         matches!(outcome, Err(AcquireTimeoutError::Timeout)).then(replay::gave_up)
-    }
-}
-
-pin_project! {
-    /// Taking permits until a deadline.
-    #[derive(Debug)]
-    pub(super) struct TakeUntil<'a> {
-        #[pin]
-        pub(super) take: Take<'a>,
-        #[pin]
-        pub(super) sleep: Sleep,
-    }
-}
-
-impl<'a> TakeUntil<'a> {
-    #[inline]
-    pub(super) fn take(self: Pin<&mut Self>) -> Pin<&mut Take<'a>> {
-        self.project().take
-    }
-}
-
-impl Future for TakeUntil<'_> {
-    type Output = Result<(), AcquireTimeoutError>;
-
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let this = self.project();
-        replay::poll_until(this.take, this.sleep, cx)
     }
 }

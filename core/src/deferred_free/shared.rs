@@ -50,9 +50,23 @@ unsafe impl<T: Send + Sync> Send for Shared<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send + Sync> Sync for Shared<T> {}
 
-impl<T: Send + Sync + 'static> Shared<T> {
+impl<T: Send + Sync> Shared<T> {
     /// The first owner of `value`. Allocates.
-    pub fn new(value: T) -> Self {
+    pub fn new(value: T) -> Self
+    where
+        T: 'static,
+    {
+        // SAFETY: the value borrows nothing.
+        unsafe { Self::borrowing(value) }
+    }
+
+    /// As [`new`](Self::new), of a value that may borrow.
+    ///
+    /// # Safety
+    ///
+    /// The drop of the value, which may come after all that it borrows has gone, uses nothing of
+    /// that.
+    pub unsafe fn borrowing(value: T) -> Self {
         let inner = Box::new(Inner {
             retired: Retired::new(free::<T>),
             owners: AtomicUsize::new(1),
