@@ -79,6 +79,24 @@ impl<T: Send + Sync> Shared<T> {
     }
 }
 
+impl<T: Send + Sync + 'static> Shared<T> {
+    /// As [`new`](Self::new), of a value that knows the [pointer](Self::from_raw) of its owners.
+    /// The pointer may be used when this has returned.
+    pub(crate) fn new_cyclic(value: impl FnOnce(*const ()) -> T) -> Self {
+        let mut place = Box::<Inner<T>>::new_uninit();
+        place.write(Inner {
+            retired: Retired::new(free::<T>),
+            owners: AtomicUsize::new(1),
+            value: value(place.as_ptr().cast()),
+        });
+        Self {
+            // SAFETY: it was just written.
+            inner: NonNull::from(Box::leak(unsafe { place.assume_init() })),
+            owns: PhantomData,
+        }
+    }
+}
+
 impl<T> Shared<T> {
     fn inner(&self) -> &Inner<T> {
         // SAFETY: by the type's invariant the allocation is valid while this owner exists.
