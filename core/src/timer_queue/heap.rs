@@ -183,13 +183,11 @@ impl Heap {
             self.root = children;
             return;
         };
-        let is_left = at(above).left.get() == Some(node);
-        let side = if is_left {
-            &at(above).left
+        if at(above).left.get() == Some(node) {
+            at(above).left.set(children);
         } else {
-            &at(above).right
-        };
-        side.set(children);
+            at(above).right.set(children);
+        }
         // Go up while ranks change, which is at most log2(n + 1) steps.
         let mut next = parent;
         while let Some(ancestor) = next
@@ -202,11 +200,14 @@ impl Heap {
 
 /// Puts the child of higher rank on the left and sets the rank; returns whether the rank changed.
 fn restore(node: &Node) -> bool {
-    let rank = |link: &Cell<Link>| link.get().map_or(0, |child| at(child).rank.get());
-    if rank(&node.left) < rank(&node.right) {
-        node.left.swap(&node.right);
+    let rank = |link: Link| link.map_or(0, |child| at(child).rank.get());
+    let (left, right) = (node.left.get(), node.right.get());
+    let (of_left, of_right) = (rank(left), rank(right));
+    if of_left < of_right {
+        node.left.set(right);
+        node.right.set(left);
     }
-    let new = rank(&node.right) + 1;
+    let new = of_left.min(of_right) + 1;
     node.rank.replace(new) != new
 }
 
