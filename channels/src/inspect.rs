@@ -133,7 +133,7 @@ pub(crate) struct Identity {
     /// How to count and move its values.
     pub(crate) values: &'static ValueMethods,
     /// Few have one, so it takes little room.
-    name: OnceLock<Box<String>>,
+    name: OnceLock<Box<str>>,
     external: AtomicBool,
     /// Of a barrier: whether a stranger was among the parties that came.
     has_stranger: AtomicBool,
@@ -228,7 +228,7 @@ impl Identity {
 
     /// The first name stays.
     pub(crate) fn set_name(&self, name: &str) {
-        if self.name.set(Box::new(name.to_owned())).is_ok() {
+        if self.name.set(name.into()).is_ok() {
             events::name(self.kind_in_events(), self.number(), 0, || name.to_owned());
         }
     }

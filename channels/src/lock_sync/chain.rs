@@ -126,7 +126,6 @@ fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
     // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
     let other = waiters.find(|&node| unsafe { !Entry::is_of(Entry::of(node), holder) });
     // SAFETY: as above.
-    other.map_or_else(Priority::default, |node| {
-        unsafe { node.as_ref() }.priority()
-    })
+    let priority = other.map(|node| unsafe { node.as_ref() }.priority());
+    priority.unwrap_or_default()
 }

@@ -1,12 +1,12 @@
 //! Shared ownership with a deferred end on the real-time path.
 
 use super::{Retired, retire};
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
 use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
 use std::ops::Deref;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A value with several owners, as [`Arc`](std::sync::Arc): but if the last owner is dropped on the
 /// real-time path, the value is dropped and freed by the next call of [`collect`](super::collect),
