@@ -9,6 +9,7 @@ use crate::select_state::SelectState;
 use crate::sender::Sender;
 use crate::wait_point::{Ending, WaitQueues};
 use luna_core::current;
+use pin_project_lite::pin_project;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -157,20 +158,22 @@ impl<Q, A> fmt::Debug for Client<Q, A> {
     }
 }
 
-/// A call under way: see [`Client::call`].
-#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
-pub struct CallOp<'a, Q, A> {
-    send: SendOp<'a, Message<Q, A>>,
-    sender: &'a Sender<Message<Q, A>>,
-    /// The branch that called has failed while the server had the request.
-    interrupted: bool,
+pin_project! {
+    /// A call under way: see [`Client::call`].
+    #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+    pub struct CallOp<'a, Q, A> {
+        #[pin]
+        send: SendOp<'a, Message<Q, A>>,
+        sender: &'a Sender<Message<Q, A>>,
+        // The branch that called has failed while the server had the request.
+        interrupted: bool,
+    }
 }
 
 impl<'a, Q, A> CallOp<'a, Q, A> {
     #[inline]
     fn send(self: Pin<&mut Self>) -> Pin<&mut SendOp<'a, Message<Q, A>>> {
-        // SAFETY: the send is pinned with the whole.
-        unsafe { self.map_unchecked_mut(|this| &mut this.send) }
+        self.project().send
     }
 
     /// What a send that is over means.
@@ -207,8 +210,7 @@ impl<'a, Q, A> CallOp<'a, Q, A> {
     fn interrupt(mut self: Pin<&mut Self>) {
         current::stay_in_branch();
         self.as_mut().send().abandon();
-        // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.interrupted = true;
+        *self.project().interrupted = true;
     }
 }
 
