@@ -4,6 +4,7 @@
 use crate::error::Error;
 use crate::log::Log;
 use luna_core::current::{self, ProcessId};
+use luna_core::events::code;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::signals;
@@ -268,7 +269,9 @@ impl Journal {
         #[cfg(test)]
         self.reported.lock().unwrap().push(degree);
         if let Some(log) = self.log.get() {
-            log.report_safety(process.map_or(0, ProcessId::get), degree as u8);
+            // 0: from outside of processes.
+            let of = process.map_or(0, ProcessId::get);
+            log.report(code::EMERGENCY, of, [degree as u64, 0]);
         }
     }
 
