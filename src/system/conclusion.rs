@@ -108,10 +108,15 @@ fn raised_error(started: &Register, emergency: &Emergency) -> Option<Error> {
         Cause::ParentDied | Cause::GuardianLost => Error::other(cause.to_string()),
         _ => return None,
     };
-    Some(match process.and_then(|process| started.name(process)) {
+    Some(in_its_process(started, process, error))
+}
+
+/// The error, in the process from which it comes, if it comes from one.
+fn in_its_process(started: &Register, process: Option<ProcessId>, error: Error) -> Error {
+    match process.and_then(|process| started.name(process)) {
         Some(name) => error.in_process(name),
         None => error,
-    })
+    }
 }
 
 /// How the system ended.
@@ -170,10 +175,7 @@ fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> O
     let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
     let message = "it was caught, but not by `luna::safety::catch_panic`";
     let error = Error::Panicked(message.to_owned());
-    match process.and_then(|process| started.name(process)) {
-        Some(name) => Some(error.in_process(name)),
-        None => Some(error),
-    }
+    Some(in_its_process(started, process, error))
 }
 
 /// The error that a run returns if its time did not stand still: a panic's before all others, since
