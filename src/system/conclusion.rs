@@ -9,7 +9,7 @@ use crate::notice::notice;
 use crate::replay::RecordError;
 use crate::report::{End, Report};
 use crate::safety::{Cause, Emergency};
-use crate::time::{StolenTime, Witness};
+use crate::time::Witness;
 use luna_core::current::ProcessId;
 use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::Instant;
@@ -45,9 +45,10 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
     let raised = raised_error(started, emergency);
     let end = end_of(&ended, started, raised.is_some());
     let (standstill, signal) = (ended.standstill, ended.signal);
-    let known = Known {
-        started,
-        stolen: ended.stolen,
+    let stolen = ended.stolen;
+    let known = Witness {
+        name_of: &|process| started.name(process).map(str::to_owned),
+        stolen: &|core, from, until| stolen.between(core, from, until),
     };
     let report = Report {
         end,
@@ -138,22 +139,6 @@ fn end_of(ended: &Ended, started: &Register, is_raised: bool) -> End {
         }
         None if started.overrun().is_some() => End::Overrun,
         _ => End::Panic,
-    }
-}
-
-/// What the report needs to explain why cycles were late.
-struct Known<'a> {
-    started: &'a Register,
-    stolen: Stolen,
-}
-
-impl Witness for Known<'_> {
-    fn name_of(&self, process: ProcessId) -> Option<String> {
-        self.started.name(process).map(str::to_owned)
-    }
-
-    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime> {
-        self.stolen.between(core, from, until)
     }
 }
 
