@@ -178,7 +178,7 @@ impl Emergency {
         let workers = &self.workers;
         // One that runs a function of the safe state may hang, and one that was left behind may
         // never run again.
-        let all_wait = !self.at_safe_state.failover().is_under_way()
+        let all_wait = !self.at_safe_state.failover.is_under_way()
             && workers.left_behind.load(Ordering::Acquire) == 0;
         // The alarm of a thread that is stuck in the kernel does not ring.
         let other = &workers.watch_alarms[usize::from(member == 0)];

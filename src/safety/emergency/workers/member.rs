@@ -141,7 +141,7 @@ impl Emergency {
     /// Whether no worker is left to watch while the calling one runs a function.
     fn is_last_worker(&self) -> bool {
         let kinds = [&self.at_emergency, &self.at_safe_state];
-        let run = kinds.map(|kind| u32::from(kind.failover().is_under_way()));
+        let run = kinds.map(|kind| u32::from(kind.failover.is_under_way()));
         self.workers.able() <= run.iter().sum()
     }
 
