@@ -24,7 +24,7 @@ use crate::stamp::Stamp;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::InsideGuard;
-use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User};
+use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -274,7 +274,6 @@ impl Visit for Leaving<'_> {
 #[derive(Debug)]
 pub(super) struct Listing<'a> {
     turn: PlainTurn<'a>,
-    by: (User, Priority),
     select_state: NonNull<SelectState>,
 }
 
@@ -285,12 +284,7 @@ impl<'a> Listing<'a> {
     /// before they and the select state go.
     #[inline(always)]
     pub(super) unsafe fn of(turn: PlainTurn<'a>, select_state: NonNull<SelectState>) -> Self {
-        let process = turn.process();
-        Self {
-            turn,
-            by: (User::Process(process.id()), process.priority()),
-            select_state,
-        }
+        Self { turn, select_state }
     }
 }
 
@@ -307,14 +301,11 @@ impl Visit for Listing<'_> {
         // knows it.
         unsafe {
             let mut lists = wait_point.kept(self.turn);
-            Waiter::<()>::begin_guard(node.cast(), self.by, self.select_state, number);
-            match of_sender {
-                true => lists.sender = LastUser::of(self.by.0),
-                false => lists.receiver = LastUser::of(self.by.0),
-            }
+            Waiter::<()>::begin_guard_alone(node.cast(), self.select_state, number);
+            lists.note_user(of_sender, LastUser::process(self.turn.process().id()));
             match lists.waiting.is_idle() {
                 true => lists.waiting = Waiting::alone_guard(node, of_sender),
-                false => list_in_queue(&mut lists, node, self.by.1, of_sender),
+                false => list_in_queue(&mut lists, node, of_sender),
             }
         }
         guard.note_listed();
@@ -326,18 +317,15 @@ impl Visit for Listing<'_> {
 ///
 /// # Safety
 ///
-/// The node is not listed, and complete. It is taken off before it goes.
+/// The node was begun to wait alone, and is not listed. It is taken off before it goes.
 #[cold]
 #[inline(never)]
-unsafe fn list_in_queue(
-    lists: &mut WaitQueues,
-    node: NonNull<WaitNode>,
-    priority: Priority,
-    of_sender: bool,
-) {
+unsafe fn list_in_queue(lists: &mut WaitQueues, node: NonNull<WaitNode>, of_sender: bool) {
     lists.list_lone();
     // SAFETY: the contract.
     unsafe {
+        Waiter::<()>::complete_guard(node.cast());
+        let priority = node.as_ref().priority();
         match of_sender {
             true => lists.senders.insert(node, priority, None),
             false => lists.receivers.insert(node, priority, None),

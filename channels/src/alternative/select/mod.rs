@@ -104,22 +104,33 @@ impl<const FAIR: bool, S: Seeds> Future for Select<FAIR, S> {
                 this.seeds.assume_init_read().grow(this.guards.as_mut_ptr());
             }
         }
+        let mut polled = None;
         if S::Guards::PLAIN
             && let State::New | State::Listed = self.state
             && let Some(turn) = PlainTurn::of(cx)
         {
             // SAFETY: the guards are plain; their state is looked at here.
-            let polled = unsafe {
+            polled = unsafe {
                 match self.state {
                     State::Listed => self.as_mut().finish_fast(turn),
                     _ => self.as_mut().begin_fast(turn, cx),
                 }
             };
-            if let Some(polled) = polled {
-                return polled;
-            }
         }
-        self.poll_slow_path(cx)
+        let polled = match polled {
+            Some(polled) => polled,
+            None => self.as_mut().poll_slow_path(cx),
+        };
+        let Poll::Ready(number) = polled else {
+            return Poll::Pending;
+        };
+        // SAFETY: the guards are pinned with the whole, and are there since the poll began. The
+        // guard was chosen and is over, and the alternative is not polled again.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            this.state = State::Over;
+            Poll::Ready(Pin::new_unchecked(this.guards.assume_init_mut()).output(number))
+        }
     }
 }
 
@@ -137,7 +148,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         self: Pin<&mut Self>,
         turn: PlainTurn<'_>,
         cx: &Context<'_>,
-    ) -> Option<Poll<Outputs<S>>> {
+    ) -> Option<Poll<u32>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
@@ -175,9 +186,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             this.state = State::GaveWay(number);
             return Some(Poll::Pending);
         }
-        this.state = State::Over;
-        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
-        Some(Poll::Ready(unsafe { guards.output(number) }))
+        Some(Poll::Ready(number))
     }
 
     /// Takes the result of a partner's commit, and withdraws the other guards. `None`: take the
@@ -187,7 +196,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     ///
     /// The guards are plain and listed.
     #[inline(always)]
-    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
+    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<u32>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; both are there since the guards were listed.
@@ -204,14 +213,12 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         let mut others = unsafe { settled.withdrawing(turn, FAIR) }?;
         guards.as_mut().each(0, &mut others);
         others.stamp();
-        this.state = State::Over;
-        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
-        Some(Poll::Ready(unsafe { guards.output(chosen) }))
+        Some(Poll::Ready(chosen))
     }
 
     /// Polls wherever the process is, and whatever is offered.
     #[inline(never)]
-    fn poll_slow_path(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
+    fn poll_slow_path(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<u32> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
@@ -238,15 +245,11 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
                 false => alternative.poll(cx),
             }
         };
-        if polled.is_pending() {
-            events::waits_for_several();
+        match polled {
+            Poll::Pending => events::waits_for_several(),
+            Poll::Ready(number) => report_choice(guards, number),
         }
-        polled.map(|number| {
-            this.state = State::Over;
-            report_choice(guards.as_mut(), number);
-            // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
-            unsafe { guards.output(number) }
-        })
+        polled
     }
 }
 
