@@ -49,23 +49,19 @@ pub trait Visit {
 
 /// The greatest stamp among the ends of an alternative, if it is fair; else no end has one.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ends {
-    is_fair: bool,
+pub(super) struct Ends<const FAIR: bool> {
     greatest: u64,
 }
 
-impl Ends {
-    fn new(is_fair: bool) -> Self {
-        Self {
-            is_fair,
-            greatest: 0,
-        }
+impl<const FAIR: bool> Ends<FAIR> {
+    pub(super) const fn new() -> Self {
+        Self { greatest: 0 }
     }
 
     /// Notes an end; returns when it was last chosen.
     #[inline(always)]
     fn note(&mut self, stamp: &Stamp) -> u64 {
-        if !self.is_fair {
+        if !FAIR {
             return 0;
         }
         let stamp = stamp.get();
@@ -76,7 +72,7 @@ impl Ends {
     /// Gives the chosen end its new stamp, after all were noted.
     #[inline(always)]
     fn choose(self, chosen: &Stamp) {
-        if self.is_fair {
+        if FAIR {
             chosen.choose(self.greatest);
         }
     }
@@ -85,26 +81,26 @@ impl Ends {
 /// Looks at new guards, and keeps the locks of those that it has seen. A guard that comes behind a
 /// ready one, in the order of preference, cannot be chosen: it is not looked at.
 #[derive(Debug)]
-pub(super) struct Looks<'a> {
+pub(super) struct Looks<'a, const FAIR: bool> {
     turn: PlainTurn<'a>,
     /// The number of the guard to choose.
     pub(super) ready: Option<u32>,
     /// When the end of `ready` was last chosen.
     least: u64,
-    ends: Ends,
+    pub(super) ends: Ends<FAIR>,
     /// A bit for each guard with a locked wait point.
     locked: u32,
     is_refused: bool,
 }
 
-impl<'a> Looks<'a> {
+impl<'a, const FAIR: bool> Looks<'a, FAIR> {
     #[inline(always)]
-    pub(super) fn new(turn: PlainTurn<'a>, is_fair: bool) -> Self {
+    pub(super) fn new(turn: PlainTurn<'a>) -> Self {
         Self {
             turn,
             ready: None,
             least: u64::MAX,
-            ends: Ends::new(is_fair),
+            ends: Ends::new(),
             locked: 0,
             is_refused: false,
         }
@@ -134,7 +130,7 @@ impl<'a> Looks<'a> {
     ///
     /// It visits that guard, which is new, and the lock of its wait point is kept.
     #[inline(always)]
-    pub(super) unsafe fn meeting(&self) -> Meeting<'_> {
+    pub(super) unsafe fn meeting(&self) -> Meeting<'_, FAIR> {
         Meeting {
             turn: self.turn,
             ends: self.ends,
@@ -143,13 +139,13 @@ impl<'a> Looks<'a> {
     }
 }
 
-impl Visit for Looks<'_> {
+impl<const FAIR: bool> Visit for Looks<'_, FAIR> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
         let guard = guard.plain();
         let stamp = self.ends.note(guard.stamp);
         // Of two that were never chosen, the first.
-        if stamp >= self.least {
+        if self.ready.is_some() && stamp >= self.least {
             return true;
         }
         let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
@@ -176,7 +172,7 @@ impl Visit for Looks<'_> {
         }
         self.least = stamp;
         self.ready = Some(number);
-        self.ends.is_fair
+        FAIR
     }
 }
 
@@ -215,13 +211,13 @@ fn first_partner(lists: &mut WaitQueues, of_sender: bool) -> Option<NonNull<Wait
 
 /// Lets the guard that is ready meet its partner, and the partner go.
 #[derive(Debug)]
-pub(super) struct Meeting<'a> {
+pub(super) struct Meeting<'a, const FAIR: bool> {
     turn: PlainTurn<'a>,
-    ends: Ends,
+    ends: Ends<FAIR>,
     pub(super) result: FastPath,
 }
 
-impl Visit for Meeting<'_> {
+impl<const FAIR: bool> Visit for Meeting<'_, FAIR> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
         let PlainGuard {
@@ -333,65 +329,39 @@ unsafe fn list_in_queue(lists: &mut WaitQueues, node: NonNull<WaitNode>, of_send
     }
 }
 
-/// Whether the chosen guard is over, and its stamp.
-#[derive(Debug, Default)]
-pub(super) struct Chosen(Option<NonNull<Stamp>>);
+/// Whether the chosen guard is over; then its end gets its new stamp.
+#[derive(Debug)]
+pub(super) struct Chosen<const FAIR: bool> {
+    /// As they were when the guards were listed. What this thread has chosen since has a smaller
+    /// stamp than its next choice.
+    pub(super) ends: Ends<FAIR>,
+    pub(super) is_over: bool,
+}
 
-impl Visit for Chosen {
+impl<const FAIR: bool> Visit for Chosen<FAIR> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
         let guard = guard.plain();
         // SAFETY: the node was begun when it was listed.
         let outcome = unsafe { Waiter::outcome(guard.node.cast::<Waiter<()>>()) };
-        self.0 = (outcome == Outcome::Done).then(|| NonNull::from(guard.stamp));
+        self.is_over = outcome == Outcome::Done;
+        if self.is_over {
+            self.ends.choose(guard.stamp);
+        }
         false
     }
 }
 
-impl Chosen {
-    /// What withdraws the other guards; `None` if the chosen one is not over.
-    ///
-    /// # Safety
-    ///
-    /// The guards stay until the result is gone, and it visits all of them.
-    #[inline(always)]
-    pub(super) unsafe fn withdrawing(
-        self,
-        turn: PlainTurn<'_>,
-        is_fair: bool,
-    ) -> Option<Withdrawing<'_>> {
-        Some(Withdrawing {
-            turn,
-            chosen: self.0?,
-            ends: Ends::new(is_fair),
-        })
-    }
-}
-
-/// Withdraws the guards that were listed and not chosen.
+/// Withdraws the guards that were listed and not chosen. The chosen one is over.
 #[derive(Debug)]
 pub(super) struct Withdrawing<'a> {
-    turn: PlainTurn<'a>,
-    /// Of the chosen guard, which is over.
-    chosen: NonNull<Stamp>,
-    ends: Ends,
-}
-
-impl Withdrawing<'_> {
-    /// Gives the end of the chosen guard its new stamp, after all guards were visited.
-    #[inline(always)]
-    pub(super) fn stamp(self) {
-        // SAFETY: it lies in an end that the guard borrows, and `withdrawing` requires that the
-        // guards stay.
-        self.ends.choose(unsafe { self.chosen.as_ref() });
-    }
+    pub(super) turn: PlainTurn<'a>,
 }
 
 impl Visit for Withdrawing<'_> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
         let guard = guard.plain();
-        self.ends.note(guard.stamp);
         let node = guard.node.cast::<Waiter<()>>();
         // SAFETY: the node was begun when it was listed. This thread holds no other lock of a wait
         // point, and under the lock a waiting node is listed. The chosen one is over.

@@ -8,6 +8,7 @@ use crate::barrier::SyncOp;
 use crate::call::CallOp;
 use crate::operation::{Direction, Operation};
 use arrayvec::ArrayVec;
+use std::mem::MaybeUninit;
 use std::pin::Pin;
 
 /// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
@@ -46,8 +47,8 @@ pub struct Cons<G, R>(pub G, pub R);
 #[derive(Debug)]
 pub struct Sure<G> {
     guard: G,
-    /// Whether it can happen at all.
-    is_open: bool,
+    /// Whether it can happen at all, if not all such guards can.
+    is_open: MaybeUninit<bool>,
 }
 
 /// What may stand as a guard, which a list takes as `Listed`. Each kind of guard has one
@@ -120,7 +121,9 @@ impl<G: Guard> Planted for Seed<G> {
         // SAFETY: the contract.
         unsafe {
             (&raw mut (*place).guard).write(G::from_seed(self.0));
-            (&raw mut (*place).is_open).write((*place).guard.is_open());
+            if !G::ALWAYS_OPEN {
+                (*place).is_open.write((*place).guard.is_open());
+            }
         }
     }
 }
@@ -156,8 +159,11 @@ impl<G: Guard> Place for Sure<G> {
     fn open(self: Pin<&mut Self>) -> Option<Pin<&mut G>> {
         // SAFETY: the guard is pinned with the whole.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: as above.
-        (G::ALWAYS_OPEN || this.is_open).then(|| unsafe { Pin::new_unchecked(&mut this.guard) })
+        // SAFETY: as above; it was written with the guard.
+        unsafe {
+            (G::ALWAYS_OPEN || this.is_open.assume_init())
+                .then(|| Pin::new_unchecked(&mut this.guard))
+        }
     }
 }
 

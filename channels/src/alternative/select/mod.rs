@@ -2,7 +2,7 @@
 
 mod slow_path;
 
-use crate::alternative::fast_path::{Chosen, Listing, Looks};
+use crate::alternative::fast_path::{Chosen, Ends, Listing, Looks, Withdrawing};
 use crate::alternative::list::{Collected, Guards, MAX_GUARDS, Seeds};
 use crate::alternative::stop::Stop;
 use crate::core::FastPath;
@@ -55,6 +55,8 @@ pub struct Select<const FAIR: bool, S: Seeds> {
     select_state: MaybeUninit<SelectState>,
     has_select_state: bool,
     state: State,
+    /// Of the guards, when the fast path listed them.
+    ends: Ends<FAIR>,
     polled_by: Identity,
     stop: ManuallyDrop<Stop>,
     _pinned: PhantomPinned,
@@ -81,6 +83,7 @@ pub fn select<const FAIR: bool, S: Seeds>(seeds: S) -> Select<FAIR, S> {
         select_state: MaybeUninit::uninit(),
         has_select_state: false,
         state: State::Seeds,
+        ends: Ends::new(),
         polled_by: (std::ptr::null(), std::ptr::null()),
         stop: ManuallyDrop::new(Stop::new()),
         _pinned: PhantomPinned,
@@ -153,7 +156,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
-        let mut looks = Looks::new(turn, FAIR);
+        let mut looks = Looks::<FAIR>::new(turn);
         guards.as_mut().each(0, &mut looks);
         if looks.ready.is_none() && !looks.is_refused() && !S::Guards::SKIP {
             // Before another thread can find a node that leads to it.
@@ -166,6 +169,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             // SAFETY: none is ready; the guards are pinned, and go before the select state.
             guards.each(0, &mut unsafe { Listing::of(turn, select_state) });
             this.state = State::Listed;
+            this.ends = looks.ends;
             this.polled_by = identity(cx);
             return Some(Poll::Pending);
         }
@@ -207,12 +211,15 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             )
         };
         let chosen = select_state.chosen()?;
-        let mut settled = Chosen::default();
+        let mut settled = Chosen {
+            ends: this.ends,
+            is_over: false,
+        };
         guards.as_mut().one(chosen, &mut settled);
-        // SAFETY: the guards are there, and all are visited.
-        let mut others = unsafe { settled.withdrawing(turn, FAIR) }?;
-        guards.as_mut().each(0, &mut others);
-        others.stamp();
+        if !settled.is_over {
+            return None;
+        }
+        guards.each(0, &mut Withdrawing { turn });
         Some(Poll::Ready(chosen))
     }
 
