@@ -83,33 +83,50 @@ impl<const FAIR: bool> Ends<FAIR> {
 #[derive(Debug)]
 pub(super) struct Looks<'a, const FAIR: bool> {
     turn: PlainTurn<'a>,
-    /// The number of the guard to choose.
-    pub(super) ready: Option<u32>,
+    /// The number of the guard to choose; or `NONE`, or `REFUSED`.
+    found: u32,
     /// When the end of `ready` was last chosen.
     least: u64,
     pub(super) ends: Ends<FAIR>,
     /// A bit for each guard with a locked wait point.
     locked: u32,
-    is_refused: bool,
+}
+
+/// What [`Looks`] have found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Found {
+    /// The guard of this number is ready.
+    Ready(u32),
+    /// No guard is ready.
+    Nothing,
+    /// Fast path unavailable: no guard is there, or one cannot take it.
+    Refused,
 }
 
 impl<'a, const FAIR: bool> Looks<'a, FAIR> {
+    // As numbers of guards, so that one word holds what was found.
+    const NONE: u32 = u32::MAX;
+    const REFUSED: u32 = u32::MAX - 1;
+
     #[inline(always)]
     pub(super) fn new(turn: PlainTurn<'a>) -> Self {
         Self {
             turn,
-            ready: None,
+            found: Self::NONE,
             least: u64::MAX,
             ends: Ends::new(),
             locked: 0,
-            is_refused: false,
         }
     }
 
-    /// Whether the fast path is unavailable: no guard is there, or one cannot take it.
     #[inline(always)]
-    pub(super) fn is_refused(&self) -> bool {
-        self.is_refused || self.locked == 0
+    pub(super) fn found(&self) -> Found {
+        match self.found {
+            Self::REFUSED => Found::Refused,
+            Self::NONE if self.locked == 0 => Found::Refused,
+            Self::NONE => Found::Nothing,
+            number => Found::Ready(number),
+        }
     }
 
     /// What releases the locks, but for the lock of the guard that is ready.
@@ -117,8 +134,8 @@ impl<'a, const FAIR: bool> Looks<'a, FAIR> {
     pub(super) fn leaving(&self) -> Leaving<'_> {
         Leaving {
             turn: self.turn,
-            locked: match (self.ready, self.is_refused) {
-                (Some(ready), false) => self.locked & !(1 << ready),
+            locked: match self.found() {
+                Found::Ready(ready) => self.locked & !(1 << ready),
                 _ => self.locked,
             },
         }
@@ -145,11 +162,11 @@ impl<const FAIR: bool> Visit for Looks<'_, FAIR> {
         let guard = guard.plain();
         let stamp = self.ends.note(guard.stamp);
         // Of two that were never chosen, the first.
-        if self.ready.is_some() && stamp >= self.least {
+        if stamp >= self.least {
             return true;
         }
         let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
-            self.is_refused = true;
+            self.found = Self::REFUSED;
             return false;
         };
         let is_ready = if lists.waiting.is_idle() {
@@ -161,7 +178,7 @@ impl<const FAIR: bool> Visit for Looks<'_, FAIR> {
         } else {
             // SAFETY: the lock is held.
             let Some(found) = (unsafe { look_at_queues(lists, guard.of_sender) }) else {
-                self.is_refused = true;
+                self.found = Self::REFUSED;
                 return false;
             };
             found
@@ -171,7 +188,7 @@ impl<const FAIR: bool> Visit for Looks<'_, FAIR> {
             return true;
         }
         self.least = stamp;
-        self.ready = Some(number);
+        self.found = number;
         FAIR
     }
 }

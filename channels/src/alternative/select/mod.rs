@@ -2,7 +2,7 @@
 
 mod slow_path;
 
-use crate::alternative::fast_path::{Chosen, Ends, Listing, Looks, Withdrawing};
+use crate::alternative::fast_path::{Chosen, Ends, Found, Listing, Looks, Withdrawing};
 use crate::alternative::list::{Collected, Guards, MAX_GUARDS, Seeds};
 use crate::alternative::stop::Stop;
 use crate::core::FastPath;
@@ -158,7 +158,8 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let mut looks = Looks::<FAIR>::new(turn);
         guards.as_mut().each(0, &mut looks);
-        if looks.ready.is_none() && !looks.is_refused() && !S::Guards::SKIP {
+        let found = looks.found();
+        if found == Found::Nothing && !S::Guards::SKIP {
             // Before another thread can find a node that leads to it.
             // SAFETY: by the contract, and a wait point is locked by its bias.
             let select_state = this
@@ -174,17 +175,15 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             return Some(Poll::Pending);
         }
         guards.as_mut().each(0, &mut looks.leaving());
-        if looks.is_refused() {
-            return None;
-        }
-        let (number, gives_way) = match looks.ready {
-            Some(number) => {
+        let (number, gives_way) = match found {
+            Found::Refused => return None,
+            Found::Ready(number) => {
                 // SAFETY: the look has kept the lock of this guard, which is new.
                 let mut meeting = unsafe { looks.meeting() };
                 guards.as_mut().one(number, &mut meeting);
                 (number, meeting.result == FastPath::GaveWay)
             }
-            None => (S::Guards::LEN as u32, turn.yields_after_operation()),
+            Found::Nothing => (S::Guards::LEN as u32, turn.yields_after_operation()),
         };
         if gives_way {
             this.state = State::GaveWay(number);
