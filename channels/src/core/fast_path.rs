@@ -391,7 +391,7 @@ unsafe fn meet_guard_long<const SEND: bool>(
 /// The alternative of a guard cannot be committed on the fast path.
 #[cold]
 #[inline(never)]
-fn guard_refuses(
+pub(super) fn guard_refuses(
     lists: InsideGuard<'_, WaitQueues>,
     select_state: &SelectState,
     commit_lock: Result<InsideGuard<'_, ()>, Refused>,
@@ -410,10 +410,11 @@ fn guard_refuses(
 ///
 /// # Safety
 ///
-/// As there; the alternative was committed through this guard, which was taken off.
+/// As there; the alternative was committed through this guard, which does not wait alone, or
+/// through this node of a registered one.
 #[cold]
 #[inline(never)]
-unsafe fn give_revoked<const SEND: bool>(
+pub(super) unsafe fn give_revoked<const SEND: bool>(
     wait_point: &WaitPoint,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
@@ -545,10 +546,7 @@ unsafe fn part_kept<const SEND: bool>(
 /// As there.
 #[cold]
 #[inline(never)]
-unsafe fn part_queued<const SEND: bool>(
-    wait_point: &WaitPoint,
-    turn: PlainTurn<'_>,
-) -> FastPath {
+unsafe fn part_queued<const SEND: bool>(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
     // SAFETY: the contract.
     unsafe {
         let mut lists = wait_point.kept(turn);
