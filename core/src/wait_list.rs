@@ -359,6 +359,7 @@ impl WaitList {
     /// `node` is in this list.
     #[inline]
     pub unsafe fn remove(&mut self, node: NonNull<WaitNode>) {
+        debug_assert!(self.first.is_some(), "removed from an empty list");
         // SAFETY: the caller promises that the node is in this list, so by the invariant it and its
         // neighbours are live.
         unsafe {

@@ -328,7 +328,8 @@ unsafe fn meet_guard<const SEND: bool>(
     // SAFETY: the contract; the lock was kept, and a guard that waits alone was begun as one.
     unsafe {
         let mut lists = wait_point.kept(turn);
-        if !lists.moves_word {
+        // In a model every value is moved here.
+        if !lists.moves_word && cfg!(not(loom)) {
             lists.keep();
             return meet_guard_long::<SEND>(wait_point, node, turn, guard);
         }
@@ -354,7 +355,10 @@ unsafe fn meet_guard<const SEND: bool>(
             true => (node, guard.cast()),
             false => (guard.cast(), node),
         };
-        Waiter::move_word(from, to);
+        match cfg!(loom) {
+            true => move_value(wait_point, from, to),
+            false => Waiter::move_word(from, to),
+        }
         depart::<SEND>(wait_point, lists, (guard, ready), turn)
     }
 }
