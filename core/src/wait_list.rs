@@ -340,6 +340,7 @@ impl WaitList {
     /// `node` is in this list.
     #[inline]
     pub unsafe fn remove(&mut self, node: NonNull<WaitNode>) {
+        debug_assert!(self.first.is_some(), "removed from an empty list");
         let (before, after) = (at(node).before.take(), at(node).after.take());
         if self.first == Some(node) {
             self.first = after;
