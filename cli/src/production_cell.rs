@@ -30,8 +30,8 @@ pub(crate) struct Arguments {
     /// A fault after two fifths of the time, repaired after a fifth: stuck-UNIT (the axis does not
     /// move), sensor-UNIT (its position sensor is broken) or kill-UNIT (its program is killed and
     /// started again; where it has no program of its own, it is dead as if it were). UNIT is
-    /// feeder-belt, feeder, moulder-door, extractor, extraction-belt or robot. Several --fault share
-    /// the time
+    /// feeder-belt, feeder, moulder-door, extractor, extraction-belt or robot. Several --fault
+    /// share the time
     #[arg(long, value_name = "FAULT", value_parser = fault)]
     fault: Vec<Fault>,
     /// Exchange the control laws of all units each so many seconds

@@ -214,7 +214,8 @@ mod tests {
     }
 
     unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `retire_one` made it from a box of `Counted`, the first field of which is the head.
+        // SAFETY: `retire_one` made it from a box of `Counted`, the first field of which is the
+        // head.
         drop(unsafe { Box::from_raw(head.cast::<Counted>().as_ptr()) });
     }
 

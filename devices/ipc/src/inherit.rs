@@ -131,7 +131,7 @@ impl<'a> Servant<'a> {
         Self { session, own }
     }
 
-    /// Whether the other program has told so, so that the first call is inherited too.
+    /// Whether the other program has stated so, so that the first call is inherited too.
     pub(crate) fn is_there(session: &Session) -> bool {
         session.other().thread.load(Acquire) != 0
     }

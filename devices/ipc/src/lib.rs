@@ -39,8 +39,8 @@
 //! ```
 //!
 //! There are [call channels](client) too, with the caller's priority inherited by the server, and
-//! [blackboards](Blackboard): the latest value of each key, for any number of programs. Large values
-//! are [lent](Endpoint::loan_sender).
+//! [blackboards](Blackboard): the latest value of each key, for any number of programs. Large
+//! values are [lent](Endpoint::loan_sender).
 //!
 //! # Guards
 //!

@@ -2,9 +2,9 @@
 //!
 //! Behind the place of a value lie the *slots*, and before them a word for each: whose it is. 0: no
 //! one's; else the *ticket* of a loan, which is never used twice, and in its last bit the side that
-//! has it. What crosses is a slot's number and its ticket. The receiver takes the slot by exchanging
-//! the sender's ticket with its own side's; the sender takes it back, when a send has failed, by
-//! exchanging it with a new one. So one of them has it, also if they do so at once.
+//! has it. What crosses is a slot's number and its ticket. The receiver takes the slot by
+//! exchanging the sender's ticket with its own side's; the sender takes it back, when a send has
+//! failed, by exchanging it with a new one. So one of them has it, also if they do so at once.
 //!
 //! The handles keep the session open: so when a role is opened, no handle of an earlier opening is
 //! left, and what was that side's is free.
@@ -63,8 +63,8 @@ impl<T> Pool<T> {
         assert!(slot < self.slots);
         let offset = Self::offsets(self.slots).0 + slot * size_of::<AtomicU64>();
         let word = self.session.memory().at(offset, size_of::<AtomicU64>());
-        // SAFETY: it is in the mapping, which lives as long as the session; it is aligned, since the
-        // offset is, and accessed atomically by all.
+        // SAFETY: it is in the mapping, which lives as long as the session; it is aligned, since
+        // the offset is, and accessed atomically by all.
         unsafe { word.cast().as_ref() }
     }
 
@@ -140,8 +140,8 @@ impl<T> fmt::Debug for Slot<T> {
 pub struct Loans<T>(Arc<Pool<T>>);
 
 impl<T> Loans<T> {
-    /// A place in shared memory for a value, if one is free. It holds a value that was sent earlier,
-    /// or the initial one: overwrite it in place.
+    /// A place in shared memory for a value, if one is free. It holds a value that was sent
+    /// earlier, or the initial one: overwrite it in place.
     ///
     /// Real-time path: yes; no allocation, O(slots). Dropping a loan gives the place back.
     pub fn loan(&self) -> Option<Loan<T>> {
@@ -197,8 +197,8 @@ impl<T> Deref for Loan<T> {
     /// If it is lost.
     fn deref(&self) -> &T {
         assert!(!self.is_lost(), "the other program has this value");
-        // SAFETY: the word is this handle's, so by the invariants only it accesses the slot. While it
-        // is borrowed its link takes nothing from it: that has the handle itself.
+        // SAFETY: the word is this handle's, so by the invariants only it accesses the slot. While
+        // it is borrowed its link takes nothing from it: that has the handle itself.
         unsafe { self.0.pool.value(self.0.slot).as_ref() }
     }
 }

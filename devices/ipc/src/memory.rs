@@ -96,7 +96,8 @@ impl Words {
 ///
 /// # Invariants
 ///
-/// The mapping is `size` bytes long, at least `OFFSET`, aligned to a page, and stays while this is. It began as zeros, and its words are changed by atomic operations alone.
+/// The mapping is `size` bytes long, at least `OFFSET`, aligned to a page, and stays while this is.
+/// It began as zeros, and its words are changed by atomic operations alone.
 #[derive(Debug)]
 pub(crate) struct Memory {
     base: NonNull<u8>,

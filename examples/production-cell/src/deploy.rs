@@ -211,7 +211,7 @@ impl crate::operator::Programs for Arc<Mutex<Children>> {
 
 impl Drop for Children {
     fn drop(&mut self) {
-        // The operator has told them to end, or its links do, since it is gone.
+        // The operator has asked them to end, or its links do, since it is gone.
         let limit = std::time::Instant::now() + std::time::Duration::from_secs(2);
         for child in self.running.iter_mut().flatten() {
             while matches!(child.try_wait(), Ok(None)) && std::time::Instant::now() < limit {

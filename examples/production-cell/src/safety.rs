@@ -2,7 +2,8 @@
 //! drives the motor, what the unit is to do, and what it says to its neighbours. It keeps the
 //! neighbours' states.
 //!
-//! 1. A sensor that reads what cannot be, or an axis that is driven and does not move, is a *fault*.
+//! 1. A sensor that reads what cannot be, or an axis that is driven and does not move, is a
+//! *fault*.
 //!    It lasts until the operator reports a repair.
 //! 2. A unit with a fault has its motor off. It stays where it is.
 //! 3. A unit *halts* while the unit ahead of it has failed: it gives to that one.
@@ -146,7 +147,7 @@ impl Safety {
         }
     }
 
-    /// What the neighbours are told.
+    /// What the neighbours get to know.
     pub fn status(&self) -> Status {
         let condition = self.condition();
         let is_ready = self.order.ready && condition == Condition::Running;

@@ -31,7 +31,7 @@ pub(crate) struct Simulation {
 impl Simulation {
     pub(crate) async fn run(mut self) -> luna::Result<()> {
         let (take, drives, faults, gone) = &self.inputs;
-        let (read, tell, offer) = &self.outputs;
+        let (read, show, offer) = &self.outputs;
         let mechanics = &mut self.mechanics;
         let mut ticks = luna::ticks(PERIOD)?;
         let mut cycle = 0;
@@ -74,7 +74,7 @@ impl Simulation {
                     let sensors = mechanics.sensors();
                     self.signals.0.record(sensors.position as f32);
                     self.signals.1.record(sensors.count as f32);
-                    let _ = tell.send(mechanics.contents()).await;
+                    let _ = show.send(mechanics.contents()).await;
                     if read.send(sensors).await.is_err() {
                         return Ok(());
                     }

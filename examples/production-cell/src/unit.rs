@@ -124,7 +124,7 @@ pub fn build(
     let (drive, drives) = newest(name, "drive");
     let (order, orders) = newest(name, "order");
     let (view, views) = newest(name, "view");
-    let (tell, contents) = newest(name, "contents");
+    let (show, contents) = newest(name, "contents");
     let (break_it, faults) = newest(name, "fault");
     let (offer, offers) = newest(name, "offer");
     let (given, gone) = newest(name, "given");
@@ -157,7 +157,7 @@ pub fn build(
             world,
             drive: Drive::default(),
             inputs: (take, drives, faults, gone),
-            outputs: (read, tell, offer),
+            outputs: (read, show, offer),
             signals: (position, blocks),
         }
         .run(),
@@ -200,7 +200,7 @@ async fn keep_safe(
     (state, duty_signal): (Signal<f32>, Signal<f32>),
 ) -> luna::Result<()> {
     let mut cycle = 0;
-    let mut told = safety.status();
+    let mut reported = safety.status();
     let (mut has_ahead, mut has_behind) = (true, true);
     // A neighbour whose channel has ended is silent from now on.
     loop {
@@ -231,8 +231,8 @@ async fn keep_safe(
                     let _ = view.send(safety.view()).await;
                 }
                 let status = safety.status();
-                if cycle % CYCLES_OF_STATUS == 0 || status != told {
-                    told = status;
+                if cycle % CYCLES_OF_STATUS == 0 || status != reported {
+                    reported = status;
                     let _ = to_ahead.send(status).await;
                     let _ = to_behind.send(status).await;
                 }
@@ -283,7 +283,7 @@ async fn command(
 ) -> luna::Result<()> {
     let mut plan = command::of(parameters);
     let mut request = Request::default();
-    let mut told = Report::default();
+    let mut reported = Report::default();
     let mut silent = 0;
     loop {
         pri_alt! {
@@ -313,13 +313,13 @@ async fn command(
                     waits: step.waits,
                     law: request.law,
                     position: view.sensors.position,
-                    contents: contents.try_recv().unwrap_or(told.contents),
+                    contents: contents.try_recv().unwrap_or(reported.contents),
                 };
                 silent += 1;
                 let is_new = (report.condition, report.waits, report.contents)
-                    != (told.condition, told.waits, told.contents);
+                    != (reported.condition, reported.waits, reported.contents);
                 if is_new || silent >= COMMANDS_OF_REPORT {
-                    (told, silent) = (report, 0);
+                    (reported, silent) = (report, 0);
                     let _ = reports.send(report).await;
                 }
             },

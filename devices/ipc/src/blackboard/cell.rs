@@ -1,9 +1,9 @@
 //! The value of one key.
 //!
-//! The writer writes value n into slot n modulo `SLOTS`, and then stores `latest` = n. So the newest
-//! value is never changed, also if the writer is killed while it writes the next one. A reader
-//! copies the slot of `latest`, and looks at `latest` again: the slot was changed meanwhile only if
-//! the writer has begun value n + `SLOTS`, so if `latest` is n + `SLOTS` - 1 or more.
+//! The writer writes value n into slot n modulo `SLOTS`, and then stores `latest` = n. So the
+//! newest value is never changed, also if the writer is killed while it writes the next one. A
+//! reader copies the slot of `latest`, and looks at `latest` again: the slot was changed meanwhile
+//! only if the writer has begun value n + `SLOTS`, so if `latest` is n + `SLOTS` - 1 or more.
 
 use crate::memory::Memory;
 use luna_platform::clock::Instant;
@@ -101,8 +101,8 @@ impl<T> Cell<T> {
         let align = align_of::<T>().max(HEAD);
         let at = HEAD.next_multiple_of(align)
             + (number % SLOTS) as usize * stride(size_of::<T>(), align);
-        // SAFETY: by the invariants all slots are in the cell. The value is `align` bytes behind the
-        // slot's begin, which is aligned to that; the time is before it.
+        // SAFETY: by the invariants all slots are in the cell. The value is `align` bytes behind
+        // the slot's begin, which is aligned to that; the time is before it.
         unsafe {
             let slot = self.base.add(at);
             (slot.cast().as_ref(), slot.add(align).cast())

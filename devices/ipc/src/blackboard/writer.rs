@@ -83,8 +83,8 @@ impl Blackboard {
         self
     }
 
-    /// Adds a key of at most 64 bytes, and its first value. For the writer: readers find the keys in
-    /// the blackboard.
+    /// Adds a key of at most 64 bytes, and its first value. For the writer: readers find the keys
+    /// in the blackboard.
     #[must_use]
     pub fn entry<T: ZeroCopySend + Send + 'static>(mut self, key: &str, initial: T) -> Self {
         self.entries.push(New {
@@ -107,8 +107,8 @@ impl Blackboard {
     ///
     /// # Errors
     ///
-    /// As there, and [`IpcError::Key`]: a key is empty, too long or there twice, or readers have the
-    /// blackboard open with other keys or types.
+    /// As there, and [`IpcError::Key`]: a key is empty, too long or there twice, or readers have
+    /// the blackboard open with other keys or types.
     pub fn write(self) -> Result<BoardWriter, IpcError> {
         let name = Name::new(&self.name)?;
         for (index, New { key, .. }) in self.entries.iter().enumerate() {
@@ -212,8 +212,8 @@ fn open(
     Err(bad_key(name, key, why))
 }
 
-/// The writing side of a [`Blackboard`]. It is closed when this and all its entries are dropped: not
-/// for the real-time path.
+/// The writing side of a [`Blackboard`]. It is closed when this and all its entries are dropped:
+/// not for the real-time path.
 #[derive(Debug)]
 pub struct BoardWriter {
     board: Arc<Board>,

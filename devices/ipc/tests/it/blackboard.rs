@@ -146,16 +146,16 @@ fn a_writer_that_is_killed_leaves_a_whole_value_and_the_next_one_goes_on() {
             std::hint::spin_loop();
         }
         let watched = reader.clone();
-        let (tell, told) = std::sync::mpsc::channel();
+        let (go, gone) = std::sync::mpsc::channel();
         let watch = std::thread::spawn(move || {
             luna::run(async move {
                 let state = watched.watch();
-                tell.send(()).unwrap();
+                go.send(()).unwrap();
                 assert_eq!(state.await?, WriterState::Died);
                 Ok(())
             })
         });
-        told.recv().unwrap();
+        gone.recv().unwrap();
         program.kill();
         program.wait();
         watch.join().unwrap().unwrap();

@@ -186,8 +186,8 @@ fn a_high_sender_never_waits_for_the_burner() {
             }
             let mut judge = Judge::new(burnt, random);
             for number in 1..=ROUNDS {
-                // In every other operation the link has nothing under way, so it publishes this value;
-                // in the others it waits for an answer.
+                // In every other operation the link has nothing under way, so it publishes this
+                // value; in the others it waits for an answer.
                 while joined.acknowledged() + 1 + number % 2 < number {
                     luna::after(Duration::from_micros(50)).await;
                 }
