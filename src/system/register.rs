@@ -42,7 +42,8 @@ type Found = Option<(u32, Error)>;
 pub(crate) struct Register {
     members: ById<Member>,
     names: FxHashSet<Name>,
-    /// Number of processes ever started: the next one's place in the order.
+    /// Number of processes ever started: the next one's place in the order. From four billion on all
+    /// have the same place.
     started: u32,
     /// The processes with budgets, in the order of their start.
     monitored: BTreeSet<(u32, ProcessId)>,
@@ -81,7 +82,7 @@ impl Register {
 
     pub(super) fn enter(&mut self, id: ProcessId, mut member: Member, emergency: &Emergency) {
         member.order = self.started;
-        self.started += 1;
+        self.started = self.started.saturating_add(1);
         if member.ledger().is_some() {
             self.monitored.insert((member.order, id));
         }
