@@ -41,10 +41,10 @@ pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::usage::ThreadUsage;
 
-use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
+use crate::system::{ClockKind, Member};
 use crate::time::short;
-use luna_executors::{Exit, ProcessHandle};
+use luna_executors::Exit;
 use luna_platform::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;
@@ -231,16 +231,17 @@ impl EarlierProcesses {
     }
 
     /// Counts one that has ended, with an error of its own or without.
-    pub(crate) fn count(&mut self, process: &ProcessHandle, has_failed: bool, overruns: u64) {
-        let as_what = match process.exit() {
+    pub(crate) fn count(&mut self, process: &Member, overruns: u64) {
+        let known = process.known();
+        let as_what = match known.exit {
             Some(Exit::Panicked(_)) => &mut self.panicked,
             Some(Exit::Cancelled) => &mut self.cancelled,
-            _ if has_failed => &mut self.failed,
+            _ if process.has_failed => &mut self.failed,
             _ => &mut self.completed,
         };
         *as_what += 1;
-        self.polls += process.polls();
-        self.longest_poll = self.longest_poll.max(process.longest_poll());
+        self.polls += known.polls;
+        self.longest_poll = self.longest_poll.max(known.longest_poll);
         self.overruns += overruns;
     }
 }

@@ -26,7 +26,9 @@ use std::{
 
 const ASLEEP: &str = "rendezvous, two programs, asleep";
 const AWAKE: &str = "rendezvous, two programs, awake";
+const LARGE: &str = "1 MiB, two programs, asleep";
 const PER_TRIP: &str = "ns/round trip";
+const COPIES: &str = "bare: two copies in one program";
 const FUTEX: &str = "bare: futex in shared memory";
 const SPIN: &str = "bare: spin in shared memory";
 const EVENTS: &str = "iceoryx2 publish-subscribe, events";
@@ -35,6 +37,10 @@ const POLLING: &str = "iceoryx2 publish-subscribe, polling";
 /// Set in the other program: what it is to do.
 const TASK: &str = "LUNA_BENCH_IPC";
 const READY: &str = "ready";
+
+/// A value that no one copies: 16 bytes of it cross.
+type Large = [u8; 1 << 20];
+static EMPTY: Large = [0; 1 << 20];
 
 /// How the processes of LUNA wait.
 #[derive(Clone, Copy, PartialEq)]
@@ -158,6 +164,62 @@ fn luna_other(name: &str, core: CoreId, waits: Waits) {
         while receiver.recv().await.is_ok() {}
         Ok(())
     });
+}
+
+/// Writes and reads the first and the last byte of each value.
+fn luna_large(cores: [CoreId; 2], messages: u64) -> Duration {
+    let name = channel_name("large");
+    let other = Other::start("luna-large", &name, cores[1]);
+    let endpoint = luna_ipc::Endpoint::new(&name);
+    let opened = endpoint.loan_sender(3, &EMPTY);
+    let (loans, sender, link) = opened.expect("the name is this process'");
+    let elapsed = Arc::new(Mutex::new(Duration::ZERO));
+    let result = elapsed.clone();
+    run_luna(cores[0], Waits::Asleep, link, async move {
+        let mut start = Instant::now();
+        let warm_up = messages / 16 + 1;
+        for number in 0..messages + warm_up {
+            if number == warm_up {
+                start = Instant::now();
+            }
+            let mut large = loans.loan().expect("one is free");
+            (large[0], large[EMPTY.len() - 1]) = (number as u8, number as u8);
+            sender.send(large).await?;
+        }
+        *result.lock().expect("no panic") = start.elapsed();
+        Ok(())
+    });
+    other.wait();
+    *elapsed.lock().expect("no panic")
+}
+
+fn luna_large_other(name: &str, core: CoreId) {
+    let endpoint = luna_ipc::Endpoint::new(name);
+    let opened = endpoint.loan_receiver::<Large>(3);
+    let (receiver, link) = opened.expect("the name is the bench's");
+    println!("{READY}");
+    run_luna(core, Waits::Asleep, link, async move {
+        while let Ok(large) = receiver.recv().await {
+            assert_eq!(large[0], large[EMPTY.len() - 1]);
+        }
+        Ok(())
+    });
+}
+
+/// What a channel that copies does at least: into shared memory, and out of it.
+fn copies(core: CoreId, messages: u64) -> Duration {
+    let mut places = [EMPTY.to_vec(), EMPTY.to_vec(), EMPTY.to_vec()];
+    on_core(core, move || {
+        let start = Instant::now();
+        for number in 0..messages {
+            let [from, shared, to] = &mut places;
+            from[0] = number as u8;
+            shared.copy_from_slice(hint::black_box(from));
+            to.copy_from_slice(hint::black_box(shared));
+            hint::black_box(to);
+        }
+        start.elapsed()
+    })
 }
 
 /// A word in a file of shared memory, which is never unmapped.
@@ -348,6 +410,7 @@ fn other_program(task: &str) {
             let passed = iceoryx2(name, false, sleeps, trips, ready);
             passed.expect("iceoryx2 works here");
         }
+        "luna-large" => luna_large_other(name, core),
         "luna-asleep" => luna_other(name, core, Waits::Asleep),
         "luna-spinning" => luna_other(name, core, Waits::Spinning),
         "luna-looking" => luna_other(name, core, Waits::Looking),
@@ -381,6 +444,7 @@ fn main() {
     };
     let asleep = times(1.2, ASLEEP, FUTEX, "the bare futex' round trip");
     let awake = || times(1.3, AWAKE, POLLING, "iceoryx2's round trip");
+    let large = times(1.0, LARGE, COPIES, "two copies");
     let luna = move |waits| move |messages| luna_rendezvous(cores, waits, messages);
     let cases = vec![
         case(ASLEEP, "LUNA", luna(Waits::Asleep)).goal(asleep),
@@ -395,6 +459,11 @@ fn main() {
             iceoryx2_trips(cores, false, trips)
         }),
         case(AWAKE, SPIN, move |trips| bare(cores, false, trips)),
+        case(LARGE, "LUNA, lent", move |messages| {
+            luna_large(cores, messages)
+        })
+        .goal(large),
+        case(LARGE, COPIES, move |messages| copies(cores[0], messages)),
     ];
     run("ipc", cases);
 }

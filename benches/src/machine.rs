@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path, process::Command, time::Duration};
 
-use luna_platform::facts::cpu_time::cpu_time;
+use luna_platform::facts::parse::stolen_ticks;
 
 /// The peers, as `Cargo.lock` names them.
 const PEERS: [&str; 7] = [
@@ -37,9 +37,12 @@ pub fn facts() -> [(&'static str, String); 7] {
 
 /// CPU time that a virtual machine's host gave to others since the machine's start.
 pub fn stolen() -> Option<Duration> {
-    let time = cpu_time(&fs::read_to_string("/proc/stat").ok()?)?;
+    let text = fs::read_to_string("/proc/stat").ok()?;
+    let ticks = text.lines().filter_map(stolen_ticks);
     // Ticks are hundredths of a second.
-    Some(Duration::from_millis(10 * time.stolen))
+    Some(Duration::from_millis(
+        10 * ticks.map(|(_, stolen)| stolen).sum::<u64>(),
+    ))
 }
 
 /// The folder of the workspace.

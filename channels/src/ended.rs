@@ -47,19 +47,14 @@ impl Watcher {
 /// that wait on).
 pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
     let ending = lists.ending;
-    let mut next = lists.watching.first();
-    while let Some(node) = next {
-        let watcher = node.cast::<Watcher>();
-        // SAFETY: what is in this list is the first field of a live watcher, which the lock guards;
-        // the lists are borrowed from it.
-        unsafe {
-            if watcher.as_ref().is_met_by(ending).is_some() {
-                return Some(unlist(&mut lists.watching, watcher));
-            }
-            next = lists.watching.after(node);
-        }
-    }
-    None
+    let mut watchers = lists.watching.nodes().map(NonNull::cast::<Watcher>);
+    // SAFETY: what is in this list is the first field of a live watcher, which the lock guards; the
+    // lists are borrowed from it.
+    let is_met = |watcher: &NonNull<Watcher>| unsafe { watcher.as_ref() }.is_met_by(ending);
+    let watcher = watchers.find(|watcher| is_met(watcher).is_some())?;
+    drop(watchers);
+    // SAFETY: it was found in the list, whose lock is held.
+    Some(unsafe { unlist(&mut lists.watching, watcher) })
 }
 
 /// # Safety
@@ -117,8 +112,13 @@ impl<'a> Ended<'a> {
     }
 
     fn node(&self) -> NonNull<Watcher> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.watcher.get()) }
+        NonNull::from(&self.watcher).cast()
+    }
+
+    /// Its fields, of which no code here moves the watcher.
+    fn in_place(self: Pin<&mut Self>) -> &mut Self {
+        // SAFETY: what is pinned is the watcher, which every method leaves where it is.
+        unsafe { self.get_unchecked_mut() }
     }
 }
 
@@ -126,11 +126,11 @@ impl Future for Ended<'_> {
     type Output = ChannelEnd;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
-        if replay::is_on() {
-            // SAFETY: nothing is moved.
-            return replay::poll(unsafe { self.get_unchecked_mut() }, cx);
+        let this = self.in_place();
+        match replay::is_on() {
+            true => replay::poll(this, cx),
+            false => this.poll_without_log(cx),
         }
-        self.poll_without_log(cx)
     }
 }
 
@@ -165,8 +165,7 @@ impl Logged for Ended<'_> {
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         match self.given {
             Some(end) => Poll::Ready(end),
-            // SAFETY: what is polled is pinned.
-            None => unsafe { Pin::new_unchecked(self) }.poll_without_log(cx),
+            None => self.poll_without_log(cx),
         }
     }
 
@@ -185,17 +184,15 @@ impl Ended<'_> {
     /// a process with a branch that spends all operations of each turn it would otherwise never
     /// come.
     #[cold]
-    fn found(self: Pin<&mut Self>, end: ChannelEnd, cx: &Context<'_>) -> Poll<ChannelEnd> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
-        if !this.has_given_way && crate::fails_later(cx) {
-            this.has_given_way = true;
+    fn found(&mut self, end: ChannelEnd, cx: &Context<'_>) -> Poll<ChannelEnd> {
+        if !self.has_given_way && crate::fails_later(cx) {
+            self.has_given_way = true;
             return Poll::Pending;
         }
         Poll::Ready(end)
     }
 
-    fn poll_without_log(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
+    fn poll_without_log(&mut self, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         if current::branch_failed() {
             current::stay_in_branch();
             return self.found(ChannelEnd::Poisoned, cx);

@@ -77,7 +77,6 @@ impl<S> Deref for GuardedWaitPoint<S> {
 
 impl<S> Drop for GuardedWaitPoint<S> {
     fn drop(&mut self) {
-        // SAFETY: it was registered.
-        unsafe { unregister(&self.wait_point) };
+        unregister(&self.wait_point);
     }
 }

@@ -10,11 +10,11 @@ use crate::waiter::Waiter;
 use luna_core::current::User;
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
-use std::cell::UnsafeCell;
+use std::collections::BTreeMap;
 use std::panic::Location;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 /// What kind of meeting place it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -125,41 +125,25 @@ pub struct WaitPointView {
     pub waiting: Vec<Waiting>,
 }
 
-/// The identity of a wait point, fixed at its creation, and its links in the chain of all wait
-/// points.
-///
-/// # Invariants
-///
-/// `links` are accessed under the lock of [`WAIT_POINTS`] alone, once the wait point is registered.
+/// The identity of a wait point, fixed at its creation.
 #[derive(Debug)]
 pub(crate) struct Identity {
     id: u64,
     made_at: &'static Location<'static>,
-    links: UnsafeCell<Links>,
     /// How to count and move its values.
     pub(crate) values: &'static ValueMethods,
-    name: Name,
-    kind: Kind,
+    /// Few have one, so it takes little room.
+    name: OnceLock<Box<str>>,
     external: AtomicBool,
     /// Of a barrier: whether a stranger was among the parties that came.
     has_stranger: AtomicBool,
 }
 
-// SAFETY: the links are guarded by a lock, and lead to places, which are shared by theirs.
-unsafe impl Send for Identity {}
-// SAFETY: as above.
-unsafe impl Sync for Identity {}
-
-/// A place's neighbours in the register, and how to count what it stores.
-#[derive(Debug)]
-struct Links {
-    before: Option<NonNull<WaitPoint>>,
-    after: Option<NonNull<WaitPoint>>,
-}
-
-/// What depends on the type of a wait point's values.
+/// What depends on the kind of a wait point, and on the type of its values.
 #[derive(Debug)]
 pub(crate) struct ValueMethods {
+    /// Of every channel [`Rendezvous`](WaitPointKind::Rendezvous).
+    pub(crate) kind: WaitPointKind,
     pub(crate) stored: CountStored,
     /// How the fast path moves a value; `None`: as one word, behind the link of the node.
     pub(crate) mover: Option<Mover>,
@@ -171,96 +155,31 @@ pub(crate) struct ValueMethods {
 
 impl ValueMethods {
     /// Of a wait point without values.
-    const NONE: &Self = &Self {
-        stored: |_| Stored::default(),
-        mover: None,
-        store: |_, _, _| FastPath::No,
-        take: |_, _, _| FastPath::No,
-        send_to_registered: |_, _, _| FastPath::No,
-    };
-}
-
-/// The name of a wait point. Few have one, so it takes one word.
-#[derive(Debug)]
-struct Name(AtomicPtr<String>);
-
-impl Name {
-    fn get(&self) -> Option<&String> {
-        // SAFETY: the pointer is null, or that of a box that `set` gave up; it goes with this
-        // alone. Acquire: the text was written before.
-        unsafe { self.0.load(Ordering::Acquire).as_ref() }
-    }
-
-    /// The first name stays; returns whether this is it.
-    fn set(&self, name: String) -> bool {
-        let name = Box::into_raw(Box::new(name));
-        let none = std::ptr::null_mut();
-        let stored = self
-            .0
-            .compare_exchange(none, name, Ordering::Release, Ordering::Relaxed);
-        if stored.is_err() {
-            // SAFETY: it was made above, and stored nowhere.
-            drop(unsafe { Box::from_raw(name) });
-        }
-        stored.is_ok()
-    }
-}
-
-impl Drop for Name {
-    fn drop(&mut self) {
-        let name = *self.0.get_mut();
-        if !name.is_null() {
-            // SAFETY: `set` gave up the box, and this is the only owner.
-            drop(unsafe { Box::from_raw(name) });
+    const fn none(kind: WaitPointKind) -> Self {
+        Self {
+            kind,
+            stored: |_| (0, 0),
+            mover: None,
+            store: |_, _, _| FastPath::No,
+            take: |_, _, _| FastPath::No,
+            send_to_registered: |_, _, _| FastPath::No,
         }
     }
-}
 
-/// How many values a place stores, called under its lock.
-pub(crate) type CountStored = unsafe fn(NonNull<WaitPoint>) -> Stored;
-
-/// What a place stores, and for how much it has room.
-#[derive(Debug, Default)]
-pub(crate) struct Stored {
-    pub(crate) now: usize,
-    pub(crate) capacity: usize,
-}
-
-/// As a [`WaitPointKind`], without what the wait point itself knows.
-#[derive(Debug, Clone, Copy)]
-enum Kind {
-    Channel,
-    Barrier,
-    Mutex,
-    Condition,
-    Semaphore,
-    Stop,
-}
-
-impl Kind {
-    fn of(kind: WaitPointKind) -> Self {
+    fn of(kind: WaitPointKind) -> &'static Self {
         match kind {
-            WaitPointKind::Rendezvous | WaitPointKind::Buffered(_) => Kind::Channel,
-            WaitPointKind::Barrier => Kind::Barrier,
-            WaitPointKind::Mutex => Kind::Mutex,
-            WaitPointKind::Condition => Kind::Condition,
-            WaitPointKind::Semaphore => Kind::Semaphore,
-            WaitPointKind::Stop => Kind::Stop,
-        }
-    }
-
-    fn with(self, capacity: usize) -> WaitPointKind {
-        match (self, capacity) {
-            (Kind::Channel, 0) => WaitPointKind::Rendezvous,
-            (Kind::Channel, capacity) => WaitPointKind::Buffered(capacity),
-            (Kind::Barrier, _) => WaitPointKind::Barrier,
-            (Kind::Mutex, _) => WaitPointKind::Mutex,
-            (Kind::Condition, _) => WaitPointKind::Condition,
-            (Kind::Semaphore, _) => WaitPointKind::Semaphore,
-            (Kind::Stop, _) => WaitPointKind::Stop,
+            WaitPointKind::Barrier => const { &Self::none(WaitPointKind::Barrier) },
+            WaitPointKind::Mutex => const { &Self::none(WaitPointKind::Mutex) },
+            WaitPointKind::Condition => const { &Self::none(WaitPointKind::Condition) },
+            WaitPointKind::Semaphore => const { &Self::none(WaitPointKind::Semaphore) },
+            // A channel has its own.
+            _ => const { &Self::none(WaitPointKind::Rendezvous) },
         }
     }
 }
+
+/// How many values a wait point stores, and for how many it has room, called under its lock.
+pub(crate) type CountStored = unsafe fn(NonNull<WaitPoint>) -> (usize, usize);
 
 impl WaitPointView {
     /// What it is called in events: its name, or where it was made.
@@ -283,13 +202,8 @@ impl Identity {
         Self {
             id,
             made_at,
-            links: UnsafeCell::new(Links {
-                before: None,
-                after: None,
-            }),
-            values: ValueMethods::NONE,
-            name: Name(AtomicPtr::new(std::ptr::null_mut())),
-            kind: Kind::of(kind),
+            values: ValueMethods::of(kind),
+            name: OnceLock::new(),
             external: AtomicBool::new(false),
             has_stranger: AtomicBool::new(false),
         }
@@ -308,13 +222,13 @@ impl Identity {
 
     /// What it is in events.
     pub(crate) fn kind_in_events(&self) -> events::Kind {
-        let kind = self.kind.with(0).in_events();
+        let kind = self.values.kind.in_events();
         kind.unwrap_or(events::Kind::Channel)
     }
 
     /// The first name stays.
     pub(crate) fn set_name(&self, name: &str) {
-        if self.name.set(name.to_owned()) {
+        if self.name.set(name.into()).is_ok() {
             events::name(self.kind_in_events(), self.number(), 0, || name.to_owned());
         }
     }
@@ -333,102 +247,17 @@ impl Identity {
     }
 }
 
-/// The ends of the list of all live wait points. The links lie in the wait points, so making one
-/// allocates nothing else.
-///
-/// # Invariants
-///
-/// A doubly linked chain of live wait points that stay where they are, in the order of rising
-/// numbers.
-struct WaitPoints {
-    first: Option<NonNull<WaitPoint>>,
-    last: Option<NonNull<WaitPoint>>,
-}
+/// A wait point that lives, and stays where it is.
+struct Registered(NonNull<WaitPoint>);
 
-// SAFETY: a place is shared by its lock, and listed only while it lives.
-unsafe impl Send for WaitPoints {}
+// SAFETY: a wait point is shared by its lock, and registered only while it lives.
+unsafe impl Send for Registered {}
 
-/// In the order in which they were made.
-static WAIT_POINTS: Mutex<WaitPoints> = Mutex::new(WaitPoints {
-    first: None,
-    last: None,
-});
+/// All live wait points, by their numbers: in the order in which they were made.
+static WAIT_POINTS: Mutex<BTreeMap<u64, Registered>> = Mutex::new(BTreeMap::new());
 
-impl WaitPoints {
-    /// # Safety
-    ///
-    /// The place is listed here, or is the caller's alone; the lock of all places is held while the
-    /// pointer is used.
-    unsafe fn links(wait_point: NonNull<WaitPoint>) -> *mut Links {
-        // SAFETY: the contract.
-        unsafe { wait_point.as_ref() }.identity.links.get()
-    }
-
-    /// The wait point after `before`, or the first.
-    ///
-    /// # Safety
-    ///
-    /// `before` is listed here.
-    unsafe fn after(
-        &mut self,
-        before: Option<NonNull<WaitPoint>>,
-    ) -> &mut Option<NonNull<WaitPoint>> {
-        match before {
-            // SAFETY: the contract.
-            Some(before) => unsafe { &mut (*Self::links(before)).after },
-            None => &mut self.first,
-        }
-    }
-
-    /// The wait point before `after`, or the last.
-    ///
-    /// # Safety
-    ///
-    /// `after` is listed here.
-    unsafe fn before(
-        &mut self,
-        after: Option<NonNull<WaitPoint>>,
-    ) -> &mut Option<NonNull<WaitPoint>> {
-        match after {
-            // SAFETY: the contract.
-            Some(after) => unsafe { &mut (*Self::links(after)).before },
-            None => &mut self.last,
-        }
-    }
-
-    /// Lists a wait point behind those with lower numbers: the last, unless others are being made
-    /// on other threads.
-    ///
-    /// # Safety
-    ///
-    /// It is listed nowhere, stays where it is, and is removed before it goes.
-    unsafe fn insert(&mut self, wait_point: NonNull<WaitPoint>) {
-        // SAFETY: the contract, and the invariant for those that are listed.
-        unsafe {
-            let id = |wait_point: NonNull<WaitPoint>| wait_point.as_ref().identity.id;
-            let mut before = self.last;
-            while let Some(other) = before
-                && id(other) > id(wait_point)
-            {
-                before = (*Self::links(other)).before;
-            }
-            let after = self.after(before).replace(wait_point);
-            *self.before(after) = Some(wait_point);
-            *Self::links(wait_point) = Links { before, after };
-        }
-    }
-
-    /// # Safety
-    ///
-    /// It is listed here.
-    unsafe fn remove(&mut self, wait_point: NonNull<WaitPoint>) {
-        // SAFETY: the contract, and the invariant for its neighbours.
-        unsafe {
-            let Links { before, after, .. } = *Self::links(wait_point);
-            *self.after(before) = after;
-            *self.before(after) = before;
-        }
-    }
+fn registered() -> MutexGuard<'static, BTreeMap<u64, Registered>> {
+    WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Registers a wait point. Off the real-time path, as is making one.
@@ -439,26 +268,18 @@ impl WaitPoints {
 /// called for it, by this pointer, under its lock.
 pub(crate) unsafe fn register(wait_point: NonNull<WaitPoint>) {
     // A model makes and drops thousands of channels, and their locks belong to one run of it.
-    if cfg!(loom) {
-        return;
+    if !cfg!(loom) {
+        // SAFETY: the contract: it lives.
+        let id = unsafe { wait_point.as_ref() }.identity.id;
+        registered().insert(id, Registered(wait_point));
     }
-    let mut wait_points = WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
-    // SAFETY: the contract.
-    unsafe { wait_points.insert(wait_point) };
 }
 
 /// Takes a wait point off the register, as it is freed.
-///
-/// # Safety
-///
-/// It was registered, and is unregistered once.
-pub(crate) unsafe fn unregister(wait_point: &WaitPoint) {
-    if cfg!(loom) {
-        return;
+pub(crate) fn unregister(wait_point: &WaitPoint) {
+    if !cfg!(loom) {
+        registered().remove(&wait_point.identity.id);
     }
-    let mut wait_points = WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
-    // SAFETY: the contract.
-    unsafe { wait_points.remove(NonNull::from(wait_point)) };
 }
 
 /// All channels, barriers and locks of the program that live, in the order in which they were made.
@@ -475,17 +296,10 @@ pub(crate) unsafe fn unregister(wait_point: &WaitPoint) {
 /// assert_ne!(point.address, 0);
 /// ```
 pub fn wait_points() -> Vec<WaitPointView> {
-    let wait_points = WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut views = Vec::new();
-    let mut next = wait_points.first;
-    while let Some(wait_point) = next {
-        // SAFETY: a registered place lives, and unregistering needs the lock that is held.
-        unsafe {
-            let links = WaitPoints::links(wait_point);
-            views.push(view(wait_point));
-            next = (*links).after;
-        }
-    }
+    let wait_points = registered();
+    // SAFETY: a registered wait point lives, and unregistering it needs the lock that is held.
+    let views = wait_points.values().map(|one| unsafe { view(one.0) });
+    let mut views: Vec<_> = views.collect();
     drop(wait_points);
     views.extend(stopped());
     views
@@ -526,12 +340,13 @@ unsafe fn view(registered: NonNull<WaitPoint>) -> WaitPointView {
     let wait_point = unsafe { registered.as_ref() };
     let mut waiting = Vec::new();
     // Processes on the real-time path take this lock: nothing is allocated under it.
-    let (stored, sender, receiver, ended) = loop {
+    let values = wait_point.identity.values;
+    let ((buffered, capacity), sender, receiver, ended) = loop {
         waiting.clear();
         let mut lists = wait_point.lock_briefly();
-        if copy_waiting(&mut lists, wait_point.identity.kind, &mut waiting) {
+        if copy_waiting(&mut lists, values.kind, &mut waiting) {
             // SAFETY: the lock is held.
-            let stored = unsafe { (wait_point.identity.values.stored)(registered) };
+            let stored = unsafe { (values.stored)(registered) };
             let ended = lists.ending != Ending::Open;
             break (stored, lists.sender.get(), lists.receiver.get(), ended);
         }
@@ -541,10 +356,13 @@ unsafe fn view(registered: NonNull<WaitPoint>) -> WaitPointView {
     WaitPointView {
         id: wait_point.identity.id,
         address: registered.addr().get(),
-        name: wait_point.identity.name.get().cloned(),
+        name: wait_point.identity.name.get().map(|name| name.to_string()),
         made_at: wait_point.identity.made_at,
-        kind: wait_point.identity.kind.with(stored.capacity),
-        buffered: stored.now,
+        kind: match capacity {
+            0 => values.kind,
+            _ => WaitPointKind::Buffered(capacity),
+        },
+        buffered,
         external: wait_point.identity.external.load(Ordering::Relaxed),
         strangers: wait_point.identity.has_stranger(),
         ended,
@@ -555,12 +373,12 @@ unsafe fn view(registered: NonNull<WaitPoint>) -> WaitPointView {
 }
 
 /// Copies the waiters, if there is room for all.
-fn copy_waiting(lists: &mut WaitQueues, kind: Kind, into: &mut Vec<Waiting>) -> bool {
+fn copy_waiting(lists: &mut WaitQueues, kind: WaitPointKind, into: &mut Vec<Waiting>) -> bool {
     let (first, second) = match kind {
-        Kind::Barrier => (Role::Party, Role::Party),
-        Kind::Mutex => (Role::Locker, Role::Locker),
-        Kind::Condition => (Role::Notified, Role::Notified),
-        Kind::Semaphore => (Role::Acquirer, Role::Acquirer),
+        WaitPointKind::Barrier => (Role::Party, Role::Party),
+        WaitPointKind::Mutex => (Role::Locker, Role::Locker),
+        WaitPointKind::Condition => (Role::Notified, Role::Notified),
+        WaitPointKind::Semaphore => (Role::Acquirer, Role::Acquirer),
         _ => (Role::Sender, Role::Receiver),
     };
     let all = [
@@ -586,20 +404,15 @@ fn copy_list(
     waits: impl Fn(NonNull<WaitNode>) -> bool,
     into: &mut Vec<Waiting>,
 ) -> bool {
-    let mut next = list.first();
-    while let Some(node) = next {
-        if into.len() == into.capacity() {
-            return false;
+    list.nodes().all(|node| {
+        let has_room = into.len() < into.capacity();
+        if has_room && waits(node) {
+            // SAFETY: the node is in the list, and the caller holds the lock that guards it.
+            let user = unsafe { node.as_ref() }.user();
+            into.push(Waiting::new(user, role));
         }
-        // SAFETY: the node is in the list, and the caller holds the lock that guards it.
-        unsafe {
-            next = list.after(node);
-            if waits(node) {
-                into.push(Waiting::new(node.as_ref().user(), role));
-            }
-        }
-    }
-    true
+        has_room
+    })
 }
 
 /// Whether a listed operation waits indeed: an alternative may have chosen another guard, or be

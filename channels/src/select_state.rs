@@ -19,8 +19,8 @@
 //! that node, and the owner that finds its alternative chosen takes the lock of the one channel to
 //! learn the outcome.
 
-use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
-use luna_core::current::{PlainPendingWake, PlainTurn, WakeHandle};
+use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard, Refused};
+use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -62,6 +62,8 @@ pub struct SelectState {
     /// The clock of `late_from`: a partner with another clock cannot compare.
     clock: AtomicUsize,
     wake_handle: UnsafeCell<Option<WakeHandle>>,
+    /// The process that has opened it on the fast path, and its priority then.
+    opened_by: (User, Priority),
     /// The commit lock. Held around each commit where `needs_lock` is set, so that a barrier's last
     /// party sees all select states that it commits open at one instant.
     commit_lock: BiasedLock<()>,
@@ -84,6 +86,7 @@ impl SelectState {
             first_late: AtomicU32::new(0),
             clock: AtomicUsize::new(0),
             wake_handle: UnsafeCell::new(None),
+            opened_by: (User::Outside, Priority::default()),
             commit_lock: BiasedLock::new(()),
             entered: UnsafeCell::new(None),
             #[cfg(loom)]
@@ -132,11 +135,20 @@ impl SelectState {
             state: AtomicU32::new(OPEN_PLAINLY),
             needs_lock: AtomicBool::new(true),
             wake_handle: UnsafeCell::new(Some(WakeHandle::of_plain_turn(turn))),
+            opened_by: (
+                User::Process(turn.process().id()),
+                turn.process().priority(),
+            ),
             // SAFETY: a turn is that of this thread; the contract says that another lock is biased
             // to its executor.
             commit_lock: unsafe { BiasedLock::biased_to(turn.executor_number(), ()) },
             ..Self::new()
         }
+    }
+
+    /// The process that has [opened it on the fast path](Self::opened_fast), and its priority then.
+    pub(crate) fn opened_by(&self) -> (User, Priority) {
+        self.opened_by
     }
 
     /// Makes commits need the commit lock, for good: for a select state that others may close.
@@ -157,6 +169,21 @@ impl SelectState {
         // SAFETY: the executor of this turn holds a commit lock for one step alone, in which it
         // takes no other lock. Only a barrier's last party keeps one, and polls nothing meanwhile.
         unsafe { self.commit_lock.try_enter(turn) }
+    }
+
+    /// As [`commit_lock_if_biased`](Self::commit_lock_if_biased), with the reason of a refusal.
+    #[inline(always)]
+    pub(crate) fn enter_commit_lock(
+        &self,
+        turn: PlainTurn<'_>,
+    ) -> Result<InsideGuard<'_, ()>, Refused> {
+        // SAFETY: as there.
+        unsafe { self.commit_lock.enter_trusted(turn) }
+    }
+
+    /// See [`BiasedLock::after_revocation`], of the commit lock.
+    pub(crate) fn after_revocation(&self) {
+        self.commit_lock.after_revocation();
     }
 
     /// Opens a select state that needs its commit lock for good.

@@ -3,20 +3,23 @@
 use crate::operation::RecvOp;
 use crate::receiver::Receiver;
 use futures_core::Stream;
+use pin_project_lite::pin_project;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// The values of a channel as a stream: see [`Receiver::stream`].
-///
-/// Cancel-safe: when it is dropped, a value that it was given and has not handed on goes back to
-/// the head of the channel. Real-time path: yes, as [`Receiver::recv`].
-#[must_use = "a stream does nothing unless polled"]
-pub struct Incoming<'a, T> {
-    receiver: &'a Receiver<T>,
-    /// Pinned with the whole while it is there.
-    recv: Option<RecvOp<'a, T>>,
+pin_project! {
+    /// The values of a channel as a stream: see [`Receiver::stream`].
+    ///
+    /// Cancel-safe: when it is dropped, a value that it was given and has not handed on goes back to
+    /// the head of the channel. Real-time path: yes, as [`Receiver::recv`].
+    #[must_use = "a stream does nothing unless polled"]
+    pub struct Incoming<'a, T> {
+        receiver: &'a Receiver<T>,
+        #[pin]
+        recv: Option<RecvOp<'a, T>>,
+    }
 }
 
 impl<'a, T> Incoming<'a, T> {
@@ -32,14 +35,16 @@ impl<T> Stream for Incoming<'_, T> {
     type Item = T;
 
     fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<T>> {
-        // SAFETY: `recv` is put in place, polled there, and dropped there; it never moves.
-        let this = unsafe { self.get_unchecked_mut() };
-        let receiver = this.receiver;
-        let recv = this.recv.get_or_insert_with(|| receiver.recv());
-        // SAFETY: as above.
-        let polled = unsafe { Pin::new_unchecked(recv) }.poll(cx);
+        let mut this = self.project();
+        if this.recv.is_none() {
+            this.recv.set(Some(this.receiver.recv()));
+        }
+        let Some(recv) = this.recv.as_mut().as_pin_mut() else {
+            unreachable!("it was just put there")
+        };
+        let polled = recv.poll(cx);
         if polled.is_ready() {
-            this.recv = None;
+            this.recv.set(None);
         }
         polled.map(Result::ok)
     }

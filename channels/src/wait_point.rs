@@ -26,8 +26,9 @@ pub(crate) type Mover = unsafe fn(NonNull<Waiter<()>>, NonNull<Waiter<()>>);
 /// What waits at a wait point, as one word that the fast path decides by.
 ///
 /// One plain operation may wait outside of the queues: it is *alone*, and its node has a wake
-/// handle and nothing else. So may one that is a guard of an alternative; its node is complete.
-/// Before anything else is done here, the slow path [lists](WaitQueues::list_lone) it.
+/// handle and nothing else. So may one that is a guard of an alternative: its node leads to the
+/// select state, which has the wake handle. Before anything else is done here, the slow path
+/// [lists](WaitQueues::list_lone) it.
 ///
 /// ```text
 ///   IDLE, STORE or REGISTERED <---> alone, sender or receiver
@@ -243,8 +244,11 @@ impl WaitQueues {
                     true => &mut self.senders,
                     false => &mut self.receivers,
                 };
-                // SAFETY: as for an operation that is no guard; a guard's node is complete.
-                unsafe { list.insert_into_empty(node) };
+                // SAFETY: as for an operation that is no guard.
+                unsafe {
+                    Waiter::<()>::complete_guard(node.cast());
+                    list.insert_into_empty(node);
+                }
             }
         }
         self.waiting = Waiting::QUEUES;

@@ -16,7 +16,7 @@ const MAX_SECONDS: f64 = 86_400.0;
 const MAX_INTERVAL: u64 = 60_000_000;
 
 /// Where the scope listens: this machine alone can reach it.
-const SCOPE: &str = "127.0.0.1:8620";
+pub(crate) const SCOPE: &str = "127.0.0.1:8620";
 
 /// Where Foxglove looks first: this machine alone can reach it.
 #[cfg(feature = "foxglove")]
@@ -35,15 +35,21 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// What is to be done.
     pub(crate) fn command(self) -> Command {
-        self.command.unwrap_or(Command::Demo(self.demo))
+        self.command.unwrap_or_else(|| {
+            Command::Demo(Box::new(Demos {
+                #[cfg(target_os = "linux")]
+                machine: None,
+                jiwy: self.demo,
+            }))
+        })
     }
 }
 
 /// What the program can do.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Controls a simulated pan-tilt camera and shows how well it kept time
-    Demo(Demo),
+    /// Controls a simulated pan-tilt camera and shows how well it kept time; or another machine
+    Demo(Box<Demos>),
     /// Measures how late a periodic process wakes up, as cyclictest does
     Jitter(Jitter),
     /// Says whether this machine is fit for hard real time, and what to do about what is not
@@ -59,6 +65,28 @@ pub(crate) enum Command {
 
 /// Processes beside the measured one: as many as a system reserves room for, with some to spare.
 const MAX_OTHERS: i64 = 250;
+
+/// What `luna demo` runs: the camera, unless another machine is named.
+#[derive(Debug, Clone, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub(crate) struct Demos {
+    #[cfg(target_os = "linux")]
+    #[command(subcommand)]
+    pub(crate) machine: Option<Machine>,
+    #[command(flatten)]
+    pub(crate) jiwy: Demo,
+}
+
+/// The other machines.
+#[cfg(target_os = "linux")]
+#[derive(Debug, Clone, Subcommand)]
+pub(crate) enum Machine {
+    /// Six units in a circle, on one executor, on six threads or as six programs
+    ProductionCell(crate::production_cell::Arguments),
+    /// One unit of the Production Cell as a program of its own, started by `--deploy programs`
+    #[command(hide = true)]
+    ProductionCellUnit(crate::production_cell::UnitArguments),
+}
 
 /// The options of `luna demo`.
 #[derive(Debug, Clone, Args)]
@@ -350,7 +378,7 @@ pub(crate) struct Placement {
     pub(crate) json: bool,
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
+pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Err(_) => Err("it is not a number".into()),
         Ok(value) if value > 0.0 && value <= MAX_SECONDS => Ok(value),
@@ -387,7 +415,7 @@ fn interval(text: &str) -> Result<u64, String> {
     }
 }
 
-fn policy(text: &str) -> Result<Policy, String> {
+pub(crate) fn policy(text: &str) -> Result<Policy, String> {
     let policy: Policy = text.parse().map_err(|error| format!("{error}"))?;
     if policy.is_deadline() {
         return Err(
@@ -408,7 +436,7 @@ mod tests {
 
     fn demo(line: &str) -> Demo {
         match parse(line) {
-            Ok(Command::Demo(demo)) => demo,
+            Ok(Command::Demo(demos)) => demos.jiwy,
             other => panic!("{other:?}"),
         }
     }

@@ -8,6 +8,7 @@ use crate::alloc::Counting;
 use crate::failure::Failure;
 use crate::output::{Axis, Demo, FinalState, TrackingError};
 use crate::{args, card, exit, place, report, text};
+use luna::Report;
 use luna::log::{FileSink, Logging, Sink, Tee};
 use luna::prelude::*;
 use luna_jiwy::joystick::Recording;
@@ -16,6 +17,8 @@ use luna_jiwy::{AXES, Executors, Findings, Settings, Start, network};
 use luna_plants::MotorState;
 use luna_scope::Scope;
 use std::io::Write;
+use std::net::SocketAddr;
+use std::path::Path;
 use std::process::ExitCode;
 
 const CONTROL: &str = "control";
@@ -51,7 +54,14 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
     }
     replay::record(&mut system, arguments);
     set_parameters(&mut system, arguments).map_err(Failure::Luna)?;
-    let watched = watch(&mut system, arguments)?;
+    let shown = Show {
+        log: arguments.log.as_deref(),
+        scope: arguments.scope,
+        scope_token: arguments.scope_token,
+        #[cfg(feature = "foxglove")]
+        foxglove: arguments.foxglove,
+    };
+    let watched = watch(&mut system, shown)?;
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
     if let Some(path) = &arguments.joystick
         && crate::joystick::is_device(path)
@@ -69,12 +79,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
     drop(executors);
 
     let report = system.run();
-    if let Some(scope) = &watched.scope {
-        scope.ended(match &report {
-            Ok(report) => format!("{} after {:.1} s", report.end, report.elapsed.as_secs_f64()),
-            Err(error) => error.to_string(),
-        });
-    }
+    watched.ended(&report);
     let mut report = report.map_err(Failure::Luna)?;
     let demo = Demo {
         measurement: report::measurement(&report, CONTROL, &[LOOP], allocator.counts()),
@@ -133,36 +138,58 @@ fn set_parameters(system: &mut System, arguments: &args::Demo) -> luna::Result<(
     Ok(())
 }
 
+/// Where a run is to be shown.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Show<'a> {
+    pub(crate) log: Option<&'a Path>,
+    pub(crate) scope: Option<SocketAddr>,
+    pub(crate) scope_token: bool,
+    #[cfg(feature = "foxglove")]
+    pub(crate) foxglove: Option<SocketAddr>,
+}
+
 /// What shows a run while it lasts.
 #[derive(Default)]
-struct Watched {
+pub(crate) struct Watched {
     scope: Option<Scope>,
     #[cfg(feature = "foxglove")]
     _foxglove: Option<luna_foxglove::Foxglove>,
 }
 
+impl Watched {
+    /// The run has ended so.
+    pub(crate) fn ended(&self, report: &luna::Result<Report>) {
+        if let Some(scope) = &self.scope {
+            scope.ended(match report {
+                Ok(report) => format!("{} after {:.1} s", report.end, report.elapsed.as_secs_f64()),
+                Err(error) => error.to_string(),
+            });
+        }
+    }
+}
+
 /// Records the run to a file, and shows it in the browser and in Foxglove, on request.
-fn watch(system: &mut System, arguments: &args::Demo) -> Result<Watched, Failure> {
+pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Failure> {
     let mut watched = Watched::default();
     // The file is the first, so that it decides what is recorded.
     let mut sinks = None;
-    if let Some(path) = &arguments.log {
+    if let Some(path) = show.log {
         let file = FileSink::create(path).map_err(|error| Failure::Log {
-            path: path.clone(),
+            path: path.to_owned(),
             error: error.to_string(),
         })?;
         sinks = Some(and(sinks, file));
     }
-    if let Some(address) = arguments.scope {
+    if let Some(address) = show.scope {
         let parameters = system.parameters();
-        let scope = crate::scope::of_demo(address, parameters, arguments.scope_token)?;
+        let scope = crate::scope::of_demo(address, parameters, show.scope_token)?;
         let sink = scope.sink();
         let sink = sink.map_err(|error| Failure::Scope { address, error })?;
         sinks = Some(and(sinks, sink));
         watched.scope = Some(scope);
     }
     #[cfg(feature = "foxglove")]
-    if let Some(address) = arguments.foxglove {
+    if let Some(address) = show.foxglove {
         let foxglove = luna_foxglove::Foxglove::open(address)
             .map_err(|error| Failure::Foxglove { address, error })?;
         let _ = writeln!(std::io::stderr(), "foxglove: {}", foxglove.url());

@@ -16,12 +16,16 @@ mod jitter;
 mod joystick;
 mod output;
 mod place;
+#[cfg(target_os = "linux")]
+mod production_cell;
 mod record;
 mod report;
 mod scope;
 mod scope_parameters;
 mod text;
 
+#[cfg(target_os = "linux")]
+use args::Machine;
 use args::{Arguments, Command};
 use clap::Parser;
 use std::process::ExitCode;
@@ -32,7 +36,7 @@ static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::realtime::on_path
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command() {
-        Command::Demo(arguments) => demo::run(&arguments, &ALLOCATOR),
+        Command::Demo(demos) => run_demo(&demos),
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
@@ -46,4 +50,14 @@ fn main() -> ExitCode {
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
+    #[cfg(target_os = "linux")]
+    match &demos.machine {
+        Some(Machine::ProductionCell(arguments)) => return production_cell::run(arguments),
+        Some(Machine::ProductionCellUnit(unit)) => return production_cell::run_unit(unit),
+        None => {}
+    }
+    demo::run(&demos.jiwy, &ALLOCATOR)
 }

@@ -214,39 +214,36 @@ mod tests {
     }
 
     unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `retired` made it from a box of `Counted`, the first field of which is the head.
+        // SAFETY: `retire_one` made it from a box of `Counted`, the first field of which is the
+        // head.
         drop(unsafe { Box::from_raw(head.cast::<Counted>().as_ptr()) });
     }
 
     unsafe fn free_and_panic(head: NonNull<Retired>) {
-        // SAFETY: as for `free`: the allocation is from `retired`.
+        // SAFETY: as for `free`: the allocation is from `retire_one`.
         unsafe { free(head) };
         panic!("on purpose");
     }
 
-    fn retired(token: &Arc<()>) -> NonNull<Retired> {
-        retired_with(token, free)
-    }
-
-    fn retired_with(token: &Arc<()>, free: unsafe fn(NonNull<Retired>)) -> NonNull<Retired> {
+    /// Retires an allocation that holds a clone of the token.
+    fn retire_one(token: &Arc<()>, free: unsafe fn(NonNull<Retired>)) {
         let counted = Box::new(Counted {
             head: Retired::new(free),
             token: token.clone(),
         });
         assert_eq!(Arc::strong_count(&counted.token), Arc::strong_count(token));
-        NonNull::from(Box::leak(counted)).cast()
+        // SAFETY: no other code has a pointer to the allocation.
+        unsafe { retire(NonNull::from(Box::leak(counted)).cast()) };
     }
 
     #[test]
     fn frees_at_once_off_the_path_and_later_on_it() {
         let token = Arc::new(());
-        // SAFETY: no other code has a pointer to the allocation.
-        unsafe { retire(retired(&token)) };
+        retire_one(&token, free);
         assert_eq!(Arc::strong_count(&token), 1);
 
         crate::current::set_on_path(true);
-        // SAFETY: no other code has a pointer to the allocation.
-        unsafe { retire(retired(&token)) };
+        retire_one(&token, free);
         // The `collect` of another test frees this allocation too, but only once it is on the
         // shared list: there are at most two references.
         crate::current::set_on_path(false);
@@ -260,8 +257,7 @@ mod tests {
         let _keeps = keep_own();
         crate::current::set_on_path(true);
         for free in [free, free_and_panic, free] {
-            // SAFETY: no other code has a pointer to the allocation.
-            unsafe { retire(retired_with(&token, free)) };
+            retire_one(&token, free);
         }
         crate::current::set_on_path(false);
         collect();
@@ -283,22 +279,19 @@ mod tests {
         let keeps = keep_own();
         crate::current::set_on_path(true);
         for _ in 0..3 {
-            // SAFETY: no other code has a pointer to the allocation.
-            unsafe { retire(retired(&token)) };
+            retire_one(&token, free);
         }
         assert_eq!(kept(), 3);
         collect();
         assert_eq!(kept(), 0);
         for _ in 0..2 {
-            // SAFETY: no other code has a pointer to the allocation.
-            unsafe { retire(retired(&token)) };
+            retire_one(&token, free);
         }
         hand_over();
         hand_over();
         until_all_are_freed();
         for _ in 0..2 * MAX_OWN {
-            // SAFETY: no other code has a pointer to the allocation.
-            unsafe { retire(retired(&token)) };
+            retire_one(&token, free);
         }
         assert!(kept() >= MAX_OWN as usize, "the others are on the list");
         drop(keeps);

@@ -42,6 +42,12 @@ pub struct Parker {
     bell: Bell,
 }
 
+impl Default for Parker {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Parker {
     /// A parker without a wake.
     pub fn new() -> Self {

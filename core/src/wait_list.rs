@@ -4,6 +4,7 @@
 //! its node with it. The list belongs to a lock: every method is called with that lock held.
 
 use crate::current::{self, PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
+use std::cell::Cell;
 use std::ptr::NonNull;
 
 /// One waiter. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a
@@ -12,24 +13,37 @@ use std::ptr::NonNull;
 pub struct WaitNode {
     /// In a node that [waits alone](WaitNode::wait_alone): its process, and nothing else of the
     /// node is written.
-    before: Option<NonNull<WaitNode>>,
-    after: Option<NonNull<WaitNode>>,
-    priority: Priority,
-    user: User,
+    before: Cell<Link>,
+    after: Cell<Link>,
+    priority: Cell<Priority>,
+    user: Cell<User>,
     wake_handle: Option<WakeHandle>,
+}
+
+type Link = Option<NonNull<WaitNode>>;
+
+/// The fields of a node, of which others than the wake handle are cells.
+///
+/// For this module: `node` is in a list whose lock the caller has, or the caller of an unsafe
+/// method has promised that it is live and in no list.
+#[inline(always)]
+fn at<'a>(node: NonNull<WaitNode>) -> &'a WaitNode {
+    // SAFETY: the node is live by the invariant of the list, or by the promise of the caller. The
+    // reference is used within one call of a method, which drops no node.
+    unsafe { node.as_ref() }
 }
 
 impl WaitNode {
     /// A node that is in no list.
     pub const fn new() -> Self {
         Self {
-            before: None,
-            after: None,
-            priority: Priority {
+            before: Cell::new(None),
+            after: Cell::new(None),
+            priority: Cell::new(Priority {
                 thread: 0,
                 level: 0,
-            },
-            user: User::Outside,
+            }),
+            user: Cell::new(User::Outside),
             wake_handle: None,
         }
     }
@@ -39,8 +53,8 @@ impl WaitNode {
     #[inline(always)]
     pub fn waiting(user: User, priority: Priority, wake_handle: Option<WakeHandle>) -> Self {
         Self {
-            priority,
-            user,
+            priority: Cell::new(priority),
+            user: Cell::new(user),
             wake_handle,
             ..Self::new()
         }
@@ -56,7 +70,7 @@ impl WaitNode {
     pub unsafe fn wait_alone(place: *mut WaitNode, turn: PlainTurn<'_>) {
         let process = PlainPendingWake::of_plain_turn(turn).into_pointer();
         // SAFETY: the contract.
-        unsafe { (&raw mut (*place).before).write(Some(process.cast())) };
+        unsafe { (&raw mut (*place).before).write(Cell::new(Some(process.cast()))) };
     }
 
     /// Takes the wake of a process that waits alone.
@@ -68,7 +82,7 @@ impl WaitNode {
     #[inline(always)]
     pub unsafe fn take_alone(place: *const WaitNode) -> PlainPendingWake {
         // SAFETY: by the contract the pointer is there, and is used once.
-        unsafe { PlainPendingWake::from_pointer((*place).before.unwrap_unchecked().cast()) }
+        unsafe { PlainPendingWake::from_pointer((*place).before.get().unwrap_unchecked().cast()) }
     }
 
     /// Writes the other fields of a node that waits alone, so that it can be listed. It gets the
@@ -90,13 +104,13 @@ impl WaitNode {
     /// Its priority when it was listed.
     #[inline]
     pub fn priority(&self) -> Priority {
-        self.priority
+        self.priority.get()
     }
 
     /// The waiting process: the one that listed the node.
     #[inline]
     pub fn user(&self) -> User {
-        self.user
+        self.user.get()
     }
 
     /// The handle that wakes the waiter; change it only under the list's lock.
@@ -115,7 +129,7 @@ impl WaitNode {
 /// priorities never rise from first to last.
 #[derive(Debug)]
 pub struct WaitList {
-    first: Option<NonNull<WaitNode>>,
+    first: Link,
 }
 
 // SAFETY: the list owns no node, and the lock that guards the list guards the nodes' links too, so
@@ -140,6 +154,12 @@ impl WaitList {
         self.first
     }
 
+    /// The waiters, in their order. The caller has the list's lock until it is done with them.
+    #[inline]
+    pub fn nodes(&self) -> impl Iterator<Item = NonNull<WaitNode>> + '_ {
+        std::iter::successors(self.first, |&node| at(node).after.get())
+    }
+
     /// The waiter after `node`.
     ///
     /// # Safety
@@ -147,9 +167,7 @@ impl WaitList {
     /// `node` is in this list.
     #[inline]
     pub unsafe fn after(&self, node: NonNull<WaitNode>) -> Option<NonNull<WaitNode>> {
-        // SAFETY: the caller promises that the node is in this list, so by the invariant it is
-        // live.
-        unsafe { node.as_ref() }.after
+        at(node).after.get()
     }
 
     /// Inserts `node` for the current process, behind all nodes of the same or a higher priority.
@@ -178,8 +196,7 @@ impl WaitList {
     /// As for `insert`; and the list is empty.
     #[inline(always)]
     pub unsafe fn insert_into_empty(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
-        unsafe { (*node.as_ptr()).before = Some(node) };
+        at(node).before.set(Some(node));
         self.first = Some(node);
     }
 
@@ -190,13 +207,9 @@ impl WaitList {
     /// `node` is the first of this list.
     #[inline(always)]
     pub unsafe fn remove_first(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: the caller promises that the node is in this list, so by the invariant it and its
-        // neighbour are live.
-        unsafe {
-            self.first = node.as_ref().after;
-            if let Some(first) = self.first {
-                (*first.as_ptr()).before = node.as_ref().before;
-            }
+        self.first = at(node).after.get();
+        if let Some(first) = self.first {
+            at(first).before.set(at(node).before.get());
         }
     }
 
@@ -209,9 +222,7 @@ impl WaitList {
     /// As for `insert`.
     #[inline]
     pub unsafe fn insert_again(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: the caller promises that the node is in no list and stays valid; `last_of`
-        // returns a node of this list.
-        unsafe { self.link(self.last_of(node.as_ref().priority), node) };
+        self.link(self.last_of(at(node).priority()), node);
     }
 
     /// As [`insert_again`](Self::insert_again), at another priority than before. Cost as for
@@ -221,12 +232,8 @@ impl WaitList {
     ///
     /// As for `insert`.
     pub unsafe fn insert_again_at(&mut self, node: NonNull<WaitNode>, priority: Priority) {
-        // SAFETY: the caller promises that the node is in no list, so no other code uses it while
-        // the lock is held.
-        unsafe {
-            (*node.as_ptr()).priority = priority;
-            self.insert_again(node);
-        }
+        at(node).priority.set(priority);
+        self.link(self.last_of(priority), node);
     }
 
     /// As [`insert_again`](Self::insert_again), but before all nodes of its priority: its turn had
@@ -236,28 +243,16 @@ impl WaitList {
     ///
     /// As for `insert`.
     pub unsafe fn insert_again_first(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: the caller promises that the node is live and in no list; by the invariant all
-        // nodes in the list are live.
-        unsafe {
-            let priority = node.as_ref().priority;
-            let mut before = None;
-            let mut next = self.first;
-            while let Some(other) = next
-                && other.as_ref().priority > priority
-            {
-                before = next;
-                next = other.as_ref().after;
-            }
-            self.link(before, node);
-        }
+        let priority = at(node).priority();
+        let is_above = |node: &NonNull<WaitNode>| at(*node).priority() > priority;
+        let before = self.nodes().take_while(is_above).last();
+        self.link(before, node);
     }
 
     /// The last node.
     #[inline]
     fn last(&self) -> Option<NonNull<WaitNode>> {
-        // SAFETY: by the invariant the first node is live.
-        self.first
-            .and_then(|first| unsafe { first.as_ref() }.before)
+        self.first.and_then(|first| at(first).before.get())
     }
 
     /// The last node of this priority or higher.
@@ -265,13 +260,12 @@ impl WaitList {
     fn last_of(&self, priority: Priority) -> Option<NonNull<WaitNode>> {
         let mut last = self.last();
         while let Some(node) = last {
-            // SAFETY: by the invariant all nodes in the list are live.
-            let fields = unsafe { node.as_ref() };
-            if fields.priority >= priority {
+            if at(node).priority() >= priority {
                 break;
             }
             // `before` of the first node is the last one: stop there.
-            last = fields.before.filter(|_| self.first != Some(node));
+            let before = at(node).before.get();
+            last = before.filter(|_| self.first != Some(node));
         }
         last
     }
@@ -291,66 +285,52 @@ impl WaitList {
         wake_handle: impl Into<Option<WakeHandle>>,
     ) {
         // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
-        unsafe {
-            let fields = &mut *node.as_ptr();
-            fields.priority = priority;
-            fields.user = current::user();
-            fields.wake_handle = wake_handle.into();
-            self.link(before, node);
-        }
+        unsafe { (*node.as_ptr()).wake_handle = wake_handle.into() };
+        at(node).priority.set(priority);
+        at(node).user.set(current::user());
+        self.link(before, node);
     }
 
-    /// # Safety
-    ///
-    /// As for [`insert_after`](Self::insert_after).
+    /// Puts a node that is in no list behind `before`, which is in this one, or first.
     #[inline]
-    unsafe fn link(&mut self, before: Option<NonNull<WaitNode>>, node: NonNull<WaitNode>) {
-        // SAFETY: the caller promises that the new node is live and in no list; by the invariant
-        // all nodes in the list are live.
-        unsafe {
-            let fields = &mut *node.as_ptr();
-            match (before, self.first) {
-                (Some(before), Some(first)) => {
-                    let after = (*before.as_ptr()).after.replace(node);
-                    fields.before = Some(before);
-                    fields.after = after;
-                    // Link it before its follower, or as the last one, before the first.
-                    (*after.unwrap_or(first).as_ptr()).before = Some(node);
-                }
-                (_, Some(first)) => {
-                    fields.before = (*first.as_ptr()).before.replace(node);
-                    fields.after = Some(first);
-                    self.first = Some(node);
-                }
-                (_, None) => {
-                    fields.before = Some(node);
-                    fields.after = None;
-                    self.first = Some(node);
-                }
+    fn link(&mut self, before: Link, node: NonNull<WaitNode>) {
+        let fields = at(node);
+        match (before, self.first) {
+            (Some(before), Some(first)) => {
+                let after = at(before).after.replace(Some(node));
+                fields.before.set(Some(before));
+                fields.after.set(after);
+                // Link it before its follower, or as the last one, before the first.
+                at(after.unwrap_or(first)).before.set(Some(node));
+            }
+            (_, Some(first)) => {
+                fields.before.set(at(first).before.replace(Some(node)));
+                fields.after.set(Some(first));
+                self.first = Some(node);
+            }
+            (_, None) => {
+                fields.before.set(Some(node));
+                fields.after.set(None);
+                self.first = Some(node);
             }
         }
     }
 
     /// Appends all nodes of `other`, and leaves `other` empty. O(1).
     pub fn append(&mut self, other: &mut WaitList) {
-        let (Some(first), last) = (other.first, other.last()) else {
+        let last = other.last();
+        let Some(first) = other.first.take() else {
             return;
         };
-        other.first = None;
         let Some(own_first) = self.first else {
             self.first = Some(first);
             return;
         };
-        // SAFETY: by the invariant all nodes of both lists are live; both lists belong to this
-        // lock.
-        unsafe {
-            let own_last = (*own_first.as_ptr()).before;
-            if let Some(own_last) = own_last {
-                (*own_last.as_ptr()).after = Some(first);
-            }
-            (*first.as_ptr()).before = own_last;
-            (*own_first.as_ptr()).before = last;
+        let own_last = at(own_first).before.replace(last);
+        if let Some(own_last) = own_last {
+            at(own_last).after.set(Some(first));
         }
+        at(first).before.set(own_last);
     }
 
     /// Removes `node`. O(1).
@@ -360,22 +340,16 @@ impl WaitList {
     /// `node` is in this list.
     #[inline]
     pub unsafe fn remove(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: the caller promises that the node is in this list, so by the invariant it and its
-        // neighbours are live.
-        unsafe {
-            let (before, after) = {
-                let fields = &mut *node.as_ptr();
-                (fields.before.take(), fields.after.take())
-            };
-            if self.first == Some(node) {
-                self.first = after;
-            } else if let Some(before) = before {
-                (*before.as_ptr()).after = after;
-            }
-            // Before its follower, or before the first if it was the last.
-            if let Some(follower) = after.or(self.first) {
-                (*follower.as_ptr()).before = before;
-            }
+        debug_assert!(self.first.is_some(), "removed from an empty list");
+        let (before, after) = (at(node).before.take(), at(node).after.take());
+        if self.first == Some(node) {
+            self.first = after;
+        } else if let Some(before) = before {
+            at(before).after.set(after);
+        }
+        // Before its follower, or before the first if it was the last.
+        if let Some(follower) = after.or(self.first) {
+            at(follower).before.set(before);
         }
     }
 
@@ -384,10 +358,8 @@ impl WaitList {
     pub fn pop(&mut self) -> Option<NonNull<WaitNode>> {
         let node = self.first?;
         // SAFETY: it is the first node of this list.
-        unsafe {
-            self.remove_first(node);
-            (*node.as_ptr()).after = None;
-        }
+        unsafe { self.remove_first(node) };
+        at(node).after.set(None);
         Some(node)
     }
 }

@@ -105,20 +105,12 @@ impl Waits {
     /// modulo 256).
     fn find(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<NonNull<Node>> {
         let list = &self.0[fd as usize % LISTS];
-        let mut next = list.first();
-        while let Some(wait) = next {
-            let node = wait.cast::<Node>();
+        let mut nodes = list.nodes().map(NonNull::cast::<Node>);
+        nodes.find(|node| {
             // SAFETY: by the invariant what is listed is live and part of a `Node`.
-            let (is_it, after) = unsafe {
-                let fields = node.as_ref();
-                (fields.fd == fd && meant(fields), list.after(wait))
-            };
-            if is_it {
-                return Some(node);
-            }
-            next = after;
-        }
-        None
+            let node = unsafe { node.as_ref() };
+            node.fd == fd && meant(node)
+        })
     }
 
     /// The union of the interests of all waits for `fd`.

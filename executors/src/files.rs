@@ -115,7 +115,7 @@ impl<'file> FileReady<'file> {
     }
 
     fn node(&self) -> NonNull<Node> {
-        NonNull::new(self.node.get()).expect("a cell's address is never null")
+        NonNull::from(&self.node).cast()
     }
 }
 

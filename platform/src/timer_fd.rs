@@ -1,5 +1,5 @@
-//! Timers that are files: a thread can sleep on one that other threads arm, and a reactor can watch
-//! one.
+//! Timers that a thread can sleep on and other threads arm. On Linux they are files, which a reactor
+//! can watch.
 //!
 //! They follow the clock of [`Instant`](crate::clock::Instant), and deadlines are absolute.
 
@@ -17,10 +17,37 @@ pub enum TimerError {
         /// Its words.
         message: String,
     },
-    /// This backend has no such timers.
-    #[error(
-        "timers that are files need Linux: the portable backend has none; run it on Linux, built \
-         without `--cfg luna_portable`"
-    )]
-    Unsupported,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Instant;
+    use std::time::Duration;
+
+    #[test]
+    fn once_and_not_before() {
+        let timer = TimerFd::new().unwrap();
+        let deadline = Instant::now() + Duration::from_millis(3);
+        timer.arm_at(deadline).unwrap();
+        timer.wait().unwrap();
+        assert!(Instant::now() >= deadline);
+    }
+
+    #[test]
+    fn what_was_armed_last_counts() {
+        let timer = TimerFd::new().unwrap();
+        timer.arm_at(Instant::from_nanos(1)).unwrap();
+        timer.arm_at(Instant::NEVER).unwrap();
+        let deadline = Instant::now() + Duration::from_millis(3);
+        timer.arm_at(deadline).unwrap();
+        timer.wait().unwrap();
+        assert!(
+            Instant::now() >= deadline,
+            "what expired before is forgotten"
+        );
+        // One that has passed.
+        timer.arm_at(Instant::from_nanos(0)).unwrap();
+        timer.wait().unwrap();
+    }
 }

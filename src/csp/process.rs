@@ -7,7 +7,6 @@ use crate::log::Log;
 use crate::replay::ReplayLogs;
 use crate::safety::Emergency;
 use crate::time::Scope;
-use luna_core::arc_cache::ArcCache;
 use luna_executors::{Announced, ExecutorHandle, ProcessHandle, ProcessRegistry, ProcessSpec};
 use luna_platform::clock::Clock;
 use luna_platform::memory::copy_words;
@@ -16,7 +15,6 @@ use luna_platform::usage::ThreadUsage;
 use std::cell::RefCell;
 use std::future::Future;
 use std::marker::PhantomData;
-use std::mem::ManuallyDrop;
 use std::sync::Arc;
 
 /// A process with three phases.
@@ -339,8 +337,6 @@ pub(crate) struct Common {
 thread_local! {
     /// What the bodies of this thread have in common, once there is one.
     static ENTERED: RefCell<Option<Arc<Common>>> = const { RefCell::new(None) };
-    /// What those that have begun were brought of it.
-    static SPARE_COMMON: ArcCache<Common> = const { ArcCache::new() };
 }
 
 impl Common {
@@ -358,7 +354,6 @@ impl Common {
         self.emergency.enter_thread();
         self.log.enter_thread();
         ThreadUsage::prepare_thread();
-        SPARE_COMMON.with(|spare| spare.keep(self));
         ENTERED.set(Some(self.clone()));
     }
 
@@ -372,31 +367,12 @@ impl Common {
     }
 }
 
-/// What the framework gives a body on its way: on its thread it finds the same by itself.
-pub(crate) struct Frame {
-    /// Given back with the frame.
-    pub(super) common: ManuallyDrop<Arc<Common>>,
-}
-
-impl Frame {
-    pub(crate) fn new(common: &Arc<Common>) -> Self {
-        Self {
-            common: ManuallyDrop::new(SPARE_COMMON.with(|spare| spare.another(common))),
-        }
-    }
-}
+/// What a body needs to enter the thread that it runs on: `None` for a body that is made there, by
+/// one of the same executor, which has entered it.
+pub(crate) type Frame = Option<Arc<Common>>;
 
 /// A frame may go to any thread because of this.
 const _: () = {
     const fn shared<T: Send + Sync>() {}
     shared::<Arc<Common>>();
 };
-
-impl Drop for Frame {
-    fn drop(&mut self) {
-        // SAFETY: it is not used any more.
-        let common = unsafe { ManuallyDrop::take(&mut self.common) };
-        // A thread that is ending keeps none any more.
-        let _ = SPARE_COMMON.try_with(move |spare| spare.give_back(common));
-    }
-}

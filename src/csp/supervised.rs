@@ -95,8 +95,10 @@ pub(crate) struct Supervised<F> {
 impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
     pub(super) fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
-        frame.common.enter_thread();
-        frame.common.log.enter_executor();
+        if let Some(common) = frame {
+            common.enter_thread();
+            common.log.enter_executor();
+        }
         let alarm = Alarm;
         let body = make();
         std::mem::forget(alarm);

@@ -10,7 +10,7 @@ use luna_platform::lock::PiLock;
 use std::fmt;
 use std::ops::Deref;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 /// What becomes of the system when a device is lost while it runs.
@@ -66,12 +66,12 @@ pub struct DeviceView {
 #[derive(Debug)]
 pub(super) struct Status {
     name: Arc<str>,
-    key: String,
+    pub(super) key: String,
     kind: &'static str,
     users: AtomicUsize,
     is_closed: AtomicBool,
-    on_loss: AtomicU8,
-    loss: PiLock<Option<Error>>,
+    /// What becomes of the system at a loss, and the first loss.
+    loss: PiLock<(OnLoss, Option<Error>)>,
 }
 
 impl Status {
@@ -82,8 +82,7 @@ impl Status {
             kind,
             users: AtomicUsize::new(0),
             is_closed: AtomicBool::new(false),
-            on_loss: AtomicU8::new(OnLoss::Emergency as u8),
-            loss: PiLock::new(None),
+            loss: PiLock::new((OnLoss::default(), None)),
         }
     }
 
@@ -92,12 +91,8 @@ impl Status {
         self.users.load(Ordering::Acquire) == 0
     }
 
-    pub(super) fn key(&self) -> &str {
-        &self.key
-    }
-
     pub(super) fn view(&self, sharing: Sharing) -> DeviceView {
-        let loss = self.loss.lock().clone();
+        let loss = self.loss.lock().1.clone();
         DeviceView {
             name: self.name.to_string(),
             kind: self.kind,
@@ -258,10 +253,7 @@ impl<D: Send + Sync + 'static> Device<D> {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn on_loss(&self, policy: OnLoss) {
-        self.open
-            .status
-            .on_loss
-            .store(policy as u8, Ordering::Release);
+        self.open.status.loss.lock().0 = policy;
     }
 
     /// Reports that the device is gone or does not answer, as was found by `error`. Its driver
@@ -274,25 +266,24 @@ impl<D: Send + Sync + 'static> Device<D> {
     pub fn lost(&self, error: impl Into<Error>) -> Error {
         let status = &self.open.status;
         let error = error.into();
-        let lost = off_path(|| {
+        let (policy, lost) = off_path(|| {
             let mut loss = status.loss.lock();
-            if loss.is_none() {
-                *loss = Some(error.clone());
-            }
+            let (policy, first) = &mut *loss;
+            first.get_or_insert_with(|| error.clone());
+            let policy = *policy;
             drop(loss);
-            Error::from(DeviceError::Lost {
+            let lost = DeviceError::Lost {
                 device: status.name.clone(),
                 kind: status.kind,
                 error: Box::new(error),
-            })
+            };
+            (policy, Error::from(lost))
         });
-        let policy = status.on_loss.load(Ordering::Acquire);
-        if policy == OnLoss::Emergency as u8 {
-            self.safety.raise(lost.clone());
-        } else if policy == OnLoss::SafeState as u8 {
-            self.safety.enter_safe_state(lost.clone());
-        } else if policy == OnLoss::Warn as u8 {
-            self.safety.warn(lost.clone());
+        match policy {
+            OnLoss::Emergency => self.safety.raise(lost.clone()),
+            OnLoss::SafeState => self.safety.enter_safe_state(lost.clone()),
+            OnLoss::Warn => self.safety.warn(lost.clone()),
+            OnLoss::Fail => {}
         }
         lost
     }

@@ -173,7 +173,7 @@ impl DeviceManager {
         self.wait_while_closing(&key);
         let status = {
             let mut entries = devices.lock();
-            let there = entries.iter().position(|entry| *entry.status.key() == *key);
+            let there = entries.iter().position(|entry| *entry.status.key == *key);
             if let Some(entry) = there.map(|place| &entries[place]) {
                 if entry.open.is_none() {
                     return Err(busy());
@@ -221,7 +221,7 @@ impl DeviceManager {
         let begin = Instant::now();
         let is_closing = || {
             let entries = self.plan.devices.lock();
-            let entry = entries.iter().find(|entry| entry.status.key() == key);
+            let entry = entries.iter().find(|entry| entry.status.key == key);
             entry.is_some_and(|entry| entry.status.is_left() && entry.is_open())
         };
         // In an emergency it stays open until the functions have run.

@@ -1,32 +1,17 @@
 //! The file of a link, whose reads and writes are recorded and replayed.
 
-use super::error::LinkError;
 use super::wire::{Wire, WireStop as Stop};
 use crate::replay::{self, Untaped};
 use luna_channels::{ChannelEnd, Ended};
 use luna_core::current;
 use luna_core::replay_log::{Event, Turn};
-use std::os::fd::OwnedFd;
 use std::pin::Pin;
 
 /// An open file that lets its link wait.
 #[derive(Debug)]
-pub(super) struct Device(Wire);
+pub(super) struct Device(pub(super) Wire);
 
 impl Device {
-    pub(super) fn new(file: OwnedFd) -> Self {
-        Self(Wire::unprepared(file, false))
-    }
-
-    /// As [`new`](Self::new), to be read alone: its mode stays as it is.
-    pub(super) fn shared(file: OwnedFd) -> Self {
-        Self(Wire::unprepared(file, true))
-    }
-
-    pub(super) fn prepare(&mut self) -> Result<(), LinkError> {
-        self.0.prepare()
-    }
-
     /// Reads what is there, to a place that is not empty; waits for some, while the channel has not
     /// `ended`. 0 is the end of the file.
     pub(super) async fn read(

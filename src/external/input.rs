@@ -5,11 +5,10 @@ use super::error::LinkError;
 use super::framing::Framing;
 use super::record::{Fault, FromBytes};
 use super::splitter::Splitter;
-use super::wire::WireStop as Stop;
+use super::wire::Wire;
 use crate::Sender;
 use crate::csp::process::Process;
 use crate::error::{Error, Result};
-use luna_channels::ChannelEnd;
 use std::future::Future;
 use std::os::fd::{AsFd, OwnedFd};
 use std::pin::pin;
@@ -60,12 +59,7 @@ pub fn input<T: FromBytes + Send>(
     sender: Sender<T>,
     framing: Framing,
 ) -> Input<T> {
-    Input {
-        device: Some(Device::new(file.into())),
-        sender: Some(sender.external()),
-        framing,
-        splitter: None,
-    }
+    Input::of(Wire::unprepared(file.into(), false), sender, framing)
 }
 
 /// Makes a process that reads records from standard input, as [`input`] does from another file. The
@@ -109,12 +103,7 @@ pub fn stdin<T: FromBytes + Send>(
 ) -> Result<Input<T>, LinkError> {
     let file = std::io::stdin().as_fd().try_clone_to_owned();
     let file = file.map_err(|error| LinkError::Read(error.into()))?;
-    Ok(Input {
-        device: Some(Device::shared(file)),
-        sender: Some(sender.external()),
-        framing,
-        splitter: None,
-    })
+    Ok(Input::of(Wire::unprepared(file, true), sender, framing))
 }
 
 /// A link from a file to a channel, to be spawned: see [`input`] and [`stdin`].
@@ -131,6 +120,17 @@ pub struct Input<T> {
     splitter: Option<Splitter>,
 }
 
+impl<T> Input<T> {
+    fn of(wire: Wire, sender: Sender<T>, framing: Framing) -> Self {
+        Self {
+            device: Some(Device(wire)),
+            sender: Some(sender.external()),
+            framing,
+            splitter: None,
+        }
+    }
+}
+
 impl<T: FromBytes + Send> Process for Input<T> {
     /// Checks the framing, makes room for records, and puts the file in non-blocking mode, unless
     /// it is standard input.
@@ -141,7 +141,7 @@ impl<T: FromBytes + Send> Process for Input<T> {
     fn pre_run(&mut self) -> Result<()> {
         let splitter = Splitter::new(self.framing)?;
         if let Some(device) = &mut self.device {
-            device.prepare()?;
+            device.0.prepare()?;
         }
         self.splitter = Some(splitter);
         Ok(())
@@ -159,13 +159,21 @@ impl<T: FromBytes + Send> Process for Input<T> {
             else {
                 return Err(LinkError::NotPrepared.into());
             };
-            pump(device, splitter, &sender).await
+            unless_closed(pump(device, splitter, &sender).await)
         }
     }
 
     /// Closes the file.
     fn post_run(&mut self) {
         self.device = None;
+    }
+}
+
+/// A link ends well when no other end of its channel is left.
+pub(super) fn unless_closed(pumped: Result<()>) -> Result<()> {
+    match pumped {
+        Err(Error::Closed) => Ok(()),
+        pumped => pumped,
     }
 }
 
@@ -187,13 +195,9 @@ async fn pump<T: FromBytes + Send>(
             Some(Err(bad)) => Err(bad.fault),
             None if is_at_end => return Ok(()),
             None => {
-                match device.read(splitter.room(), ended.as_mut()).await {
-                    Ok(0) => is_at_end = true,
-                    Ok(count) => splitter.filled(count),
-                    // No receiver of the device's data is left.
-                    Err(Stop::Ended(ChannelEnd::Closed)) => return Ok(()),
-                    Err(Stop::Ended(ChannelEnd::Poisoned)) => return Err(Error::Poisoned),
-                    Err(Stop::Failed(error)) => return Err(error.into()),
+                match device.read(splitter.room(), ended.as_mut()).await? {
+                    0 => is_at_end = true,
+                    count => splitter.filled(count),
                 }
                 continue;
             }
@@ -202,11 +206,7 @@ async fn pump<T: FromBytes + Send>(
             Ok(value) => value,
             Err(fault) => T::from_bad(splitter.bad(fault)).map_err(LinkError::Record)?,
         };
-        match sender.send(value).await {
-            Ok(()) => {}
-            Err(error) if error.is_closed() => return Ok(()),
-            Err(error) => return Err(error.into()),
-        }
+        sender.send(value).await?;
     }
 }
 

@@ -3,12 +3,13 @@
 use super::device::Device;
 use super::error::LinkError;
 use super::framing::Framing;
+use super::input::unless_closed;
 use super::packer::Packer;
 use super::record::ToBytes;
-use super::wire::WireStop as Stop;
+use super::wire::Wire;
 use crate::Receiver;
 use crate::csp::process::Process;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use std::future::Future;
 use std::os::fd::OwnedFd;
 use std::pin::pin;
@@ -51,7 +52,7 @@ pub fn output<T: ToBytes + Send>(
     framing: Framing,
 ) -> Output<T> {
     Output {
-        device: Some(Device::new(file.into())),
+        device: Some(Device(Wire::unprepared(file.into(), false))),
         receiver: Some(receiver.external()),
         framing,
         packer: None,
@@ -81,7 +82,7 @@ impl<T: ToBytes + Send> Process for Output<T> {
     fn pre_run(&mut self) -> Result<()> {
         let packer = Packer::new(self.framing)?;
         if let Some(device) = &mut self.device {
-            device.prepare()?;
+            device.0.prepare()?;
         }
         self.packer = Some(packer);
         Ok(())
@@ -97,7 +98,7 @@ impl<T: ToBytes + Send> Process for Output<T> {
             else {
                 return Err(LinkError::NotPrepared.into());
             };
-            pump(device, packer, &receiver).await
+            unless_closed(pump(device, packer, &receiver).await)
         }
     }
 
@@ -115,18 +116,10 @@ async fn pump<T: ToBytes + Send>(
     let mut poisoned = pin!(receiver.poisoned());
     let mut number = 0;
     loop {
-        let value = match receiver.recv().await {
-            Ok(value) => value,
-            Err(error) if error.is_closed() => return Ok(()),
-            Err(error) => return Err(error.into()),
-        };
+        let value = receiver.recv().await?;
         number += 1;
         let bytes = packer.pack(&value).map_err(LinkError::Record)?;
-        match device.write(bytes, number, poisoned.as_mut()).await {
-            Ok(()) => {}
-            Err(Stop::Ended(_)) => return Err(Error::Poisoned),
-            Err(Stop::Failed(error)) => return Err(error.into()),
-        }
+        device.write(bytes, number, poisoned.as_mut()).await?;
     }
 }
 

@@ -5,7 +5,6 @@ use std::cell::Cell;
 use std::convert::Infallible;
 use std::fmt;
 use std::marker::PhantomData;
-use std::time::Duration;
 
 /// A number, a boolean or a small vector over time. This build has no logger (feature `logger`), so
 /// it is nothing: it has no size, and recording is no code.
@@ -175,9 +174,7 @@ impl Log {
     #[inline(always)]
     pub(crate) fn enter_executor(&self) {}
 
-    pub(crate) fn report_stolen(&self, _: usize, _: Duration, _: Duration) {}
-
-    pub(crate) fn report_safety(&self, _: u32, _: u8) {}
+    pub(crate) fn report(&self, _: u16, _: u32, _: [u64; 2]) {}
 
     pub(crate) fn start(&self, _: bool, _: Asked) -> Result<Session, SetupError> {
         Ok(Session)

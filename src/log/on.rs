@@ -7,10 +7,7 @@ pub use luna_logger::{
 
 use crate::error::SetupError;
 use luna_logger::{Entered, Hub, LoggingReport, Recorder, TimeBase};
-#[cfg(feature = "events")]
-use luna_platform::clock::nanos;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// The variable of the environment that names where to record to: a file, `tcp://HOST:PORT` or
 /// `udp://HOST:PORT`.
@@ -91,28 +88,14 @@ impl Log {
         self.0.enter_executor();
     }
 
-    /// A hypervisor took so much of a core in the time that has just passed.
-    pub(crate) fn report_stolen(&self, core: usize, stolen: Duration, within: Duration) {
+    /// Records an event that happens outside of executors.
+    #[cfg_attr(
+        not(feature = "events"),
+        expect(unused_variables, reason = "there are none")
+    )]
+    pub(crate) fn report(&self, code: u16, of: u32, arguments: [u64; 2]) {
         #[cfg(feature = "events")]
-        self.0.report(
-            luna_core::events::code::STOLEN,
-            core as u32,
-            [nanos(stolen), nanos(within)],
-        );
-        #[cfg(not(feature = "events"))]
-        let _ = (core, stolen, within);
-    }
-
-    /// Records a change of the safety state, by a process or from outside of processes (0).
-    pub(crate) fn report_safety(&self, process: u32, degree: u8) {
-        #[cfg(feature = "events")]
-        self.0.report(
-            luna_core::events::code::EMERGENCY,
-            process,
-            [degree.into(), 0],
-        );
-        #[cfg(not(feature = "events"))]
-        let _ = (process, degree);
+        self.0.report(code, of, arguments);
     }
 }
 

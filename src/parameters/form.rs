@@ -190,18 +190,10 @@ impl Form {
         let Some((least, most)) = &self.range else {
             return true;
         };
+        // An f32 is read as its limits are written: 0.1 lies within 0.0 to 0.1.
         match (self.read(word), least, most) {
-            (Value::Float(_), _, _) => {
-                // As the type has them: 0.1 of f32 lies within 0.0 to 0.1 of f32.
-                let number = |word: u64| match self.kind {
-                    Kind::F32 => f64::from(f32::from_bits(word as u32)),
-                    _ => f64::from_bits(word),
-                };
-                let limit = |value: &Value| match value {
-                    Value::Float(limit) => self.float(*limit).map_or(f64::NAN, number),
-                    _ => f64::NAN,
-                };
-                (limit(least)..=limit(most)).contains(&number(word))
+            (Value::Float(number), Value::Float(least), Value::Float(most)) => {
+                (least..=most).contains(&&number)
             }
             (Value::Integer(number), Value::Integer(least), Value::Integer(most)) => {
                 (least..=most).contains(&&number)

@@ -88,18 +88,17 @@ impl Store {
             };
             match option {
                 "--parameters" | "--set" => {
-                    let value = value.or_else(|| arguments.next());
-                    let value = value.filter(|value| !value.is_empty());
-                    match (option, value) {
-                        ("--set", value) => self.take_assignment(&value.unwrap_or_default())?,
-                        (_, Some(file)) => self.read_from(file.into()),
-                        (_, None) => {
-                            return Err(SetError::File {
-                                path: option.to_owned(),
-                                line: None,
-                                message: "it needs the name of a file".to_owned(),
-                            });
-                        }
+                    let value = value.or_else(|| arguments.next()).unwrap_or_default();
+                    if option == "--set" {
+                        self.take_assignment(&value)?;
+                    } else if value.is_empty() {
+                        return Err(SetError::File {
+                            path: option.to_owned(),
+                            line: None,
+                            message: "it needs the name of a file".to_owned(),
+                        });
+                    } else {
+                        self.read_from(value.into());
                     }
                 }
                 _ => others.push(argument),

@@ -41,6 +41,20 @@ pub(super) struct Event {
     pub(super) kind: Kind,
 }
 
+impl Event {
+    /// Its bytes, if it is about this and has this name.
+    pub(super) fn bytes_of(&self, about: About, name: u32) -> Option<&[u8]> {
+        match &self.kind {
+            Kind::Bytes {
+                about: of,
+                name: named,
+                bytes,
+            } if (*of, *named) == (about, name) => Some(bytes),
+            _ => None,
+        }
+    }
+}
+
 /// An event's head on its way to a ring.
 pub(super) struct Head(ArrayVec<u8, LONGEST_HEAD>);
 

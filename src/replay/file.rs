@@ -2,7 +2,9 @@
 //! its kind and its bytes.
 
 use super::error::RecordError;
-use std::io::Write;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
 
 pub(super) const VERSION: u16 = 2;
 const MAGIC: &[u8; 8] = b"LUNAREPL";
@@ -53,14 +55,17 @@ fn checksum(number: u64, kind_and_bytes: &[u8]) -> u32 {
 }
 
 /// Writes blocks.
-pub(super) struct Writer<W> {
-    to: W,
+pub(super) struct Writer {
+    to: BufWriter<File>,
     blocks: u64,
     block: Vec<u8>,
+    /// The size of the file.
+    pub(super) bytes: u64,
 }
 
-impl<W: Write> Writer<W> {
-    pub(super) fn new(mut to: W) -> std::io::Result<Self> {
+impl Writer {
+    pub(super) fn create(path: &Path) -> std::io::Result<Self> {
+        let mut to = BufWriter::new(File::create(path)?);
         let mut head = MAGIC.to_vec();
         head.extend(VERSION.to_le_bytes());
         let sum = checksum(0, &head);
@@ -70,6 +75,7 @@ impl<W: Write> Writer<W> {
             to,
             blocks: 0,
             block: Vec::new(),
+            bytes: HEAD as u64,
         })
     }
 
@@ -78,6 +84,7 @@ impl<W: Write> Writer<W> {
         self.block.push(kind as u8);
         parts.iter().for_each(|part| self.block.extend(*part));
         self.blocks += 1;
+        self.bytes += (BLOCK_HEAD + self.block.len()) as u64;
         self.to
             .write_all(&(self.block.len() as u32).to_le_bytes())?;
         self.to
@@ -85,8 +92,14 @@ impl<W: Write> Writer<W> {
         self.to.write_all(&self.block)
     }
 
-    pub(super) fn into_inner(self) -> W {
-        self.to
+    /// A block about the process with this index.
+    pub(super) fn block_of(
+        &mut self,
+        process: usize,
+        kind: BlockKind,
+        bytes: &[u8],
+    ) -> std::io::Result<()> {
+        self.block(kind, &[&(process as u32).to_le_bytes(), bytes])
     }
 
     pub(super) fn flush(&mut self) -> std::io::Result<()> {

@@ -11,8 +11,6 @@ use luna_executors::Name;
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::collections::HashMap;
 use std::convert::Infallible;
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -89,24 +87,7 @@ impl Recorder {
             let path = path.display().to_string();
             return Err(RecordError::NameOfTheLogger { path });
         }
-        let file = File::create(path).map_err(failed)?;
-        let mut writer =
-            Writer::new(BufWriter::new(Counting { file, bytes: 0 })).map_err(failed)?;
-        writer
-            .block(BlockKind::System, &[system.as_bytes()])
-            .map_err(failed)?;
-        writer
-            .block(BlockKind::Note, &[note.as_bytes()])
-            .map_err(failed)?;
-        for (name, value) in parameters {
-            let length = (name.len() as u32).to_le_bytes();
-            writer
-                .block(
-                    BlockKind::Parameter,
-                    &[&length, name.as_bytes(), value.as_bytes()],
-                )
-                .map_err(failed)?;
-        }
+        let writer = Self::begin(path, system, note, parameters).map_err(failed)?;
         let recorder = Arc::new(Self {
             stamps: AtomicU64::new(1),
             room: room.max(256),
@@ -115,8 +96,6 @@ impl Recorder {
             writer: Mutex::new(None),
             path: path.to_owned(),
         });
-        // So that it is there, also if the program crashes.
-        writer.flush().map_err(failed)?;
         let shared = Arc::downgrade(&recorder);
         let (wakes, woken) = mpsc::channel();
         // Not `std`'s: the recording thread may have a real-time policy and one core, and this
@@ -129,6 +108,25 @@ impl Recorder {
         .map_err(|error| failed(std::io::Error::other(error.to_string())))?;
         *lock(&recorder.writer) = Some(Writing { wakes, thread });
         Ok(recorder)
+    }
+
+    /// Writes what is known at the start, so that it is there, also if the program crashes.
+    fn begin(
+        path: &Path,
+        system: &str,
+        note: &str,
+        parameters: &[(String, String)],
+    ) -> std::io::Result<Writer> {
+        let mut writer = Writer::create(path)?;
+        writer.block(BlockKind::System, &[system.as_bytes()])?;
+        writer.block(BlockKind::Note, &[note.as_bytes()])?;
+        for (name, value) in parameters {
+            let length = (name.len() as u32).to_le_bytes();
+            let parts = [&length[..], name.as_bytes(), value.as_bytes()];
+            writer.block(BlockKind::Parameter, &parts)?;
+        }
+        writer.flush()?;
+        Ok(writer)
     }
 
     /// Makes the recorder of a process of this name. Allocates.
@@ -149,7 +147,7 @@ impl Recorder {
 
     fn write(
         shared: &Weak<Self>,
-        mut writer: Writer<BufWriter<Counting>>,
+        mut writer: Writer,
         woken: &Receiver<()>,
     ) -> std::io::Result<u64> {
         let mut announced = 0;
@@ -178,8 +176,7 @@ impl Recorder {
                     if bytes.is_empty() {
                         break;
                     }
-                    let number = (number as u32).to_le_bytes();
-                    writer.block(BlockKind::Events, &[&number, &bytes])?;
+                    writer.block_of(number, BlockKind::Events, &bytes)?;
                     if !stops {
                         break;
                     }
@@ -188,19 +185,16 @@ impl Recorder {
             if stops {
                 for (number, Listed { ring, .. }) in rings.iter().enumerate() {
                     if let Some(construct) = ring.outside() {
-                        let number = (number as u32).to_le_bytes();
-                        writer.block(BlockKind::Outside, &[&number, construct.as_bytes()])?;
+                        writer.block_of(number, BlockKind::Outside, construct.as_bytes())?;
                     }
                     let lost = ring.counts().1;
                     if lost > 0 || !ring.is_closed() {
-                        let number = (number as u32).to_le_bytes();
-                        let lost = lost.to_le_bytes();
-                        writer.block(BlockKind::Lost, &[&number, &lost])?;
+                        writer.block_of(number, BlockKind::Lost, &lost.to_le_bytes())?;
                     }
                 }
                 writer.block(BlockKind::End, &[])?;
                 writer.flush()?;
-                return Ok(writer.into_inner().get_ref().bytes);
+                return Ok(writer.bytes);
             }
             // What a round has found is in the file before the next: after a kill the last events
             // are the ones of interest.
@@ -258,23 +252,5 @@ pub(super) fn file_error(path: &Path, error: &std::io::Error) -> RecordError {
     RecordError::File {
         path: path.display().to_string(),
         message: error.to_string(),
-    }
-}
-
-/// A file that counts what was written.
-pub(super) struct Counting {
-    file: File,
-    bytes: u64,
-}
-
-impl std::io::Write for Counting {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let written = self.file.write(bytes)?;
-        self.bytes += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        self.file.flush()
     }
 }

@@ -96,10 +96,9 @@ impl Guardian {
             std::env::current_exe()
         };
         Guardian {
-            // If the path is unknown, the start fails with that error.
-            program: itself.unwrap_or_default().into_os_string(),
-            arguments: Vec::new(),
             is_this: true,
+            // If the path is unknown, the start fails with that error.
+            ..Self::command(itself.unwrap_or_default())
         }
     }
 

@@ -5,7 +5,7 @@ use super::state::Cause;
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use luna_platform::parent::{ParentWatch, Watched};
-use luna_platform::thread::{self, Attributes, MINIMUM_STACK_SIZE, Policy, TIMER_PRIORITY, Thread};
+use luna_platform::thread::{self, Attributes, MINIMUM_STACK_SIZE, Policy, Thread};
 use std::convert::Infallible;
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ impl ParentThread {
     /// notice.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
-        real_time: bool,
+        policy: Policy,
         is_strict: bool,
     ) -> Result<Option<Self>> {
         let watch = match ParentWatch::new() {
@@ -35,11 +35,6 @@ impl ParentThread {
                 notice!("luna: {error}");
                 return Ok(None);
             }
-        };
-        let policy = match real_time {
-            // It only triggers.
-            true => Policy::fifo(TIMER_PRIORITY),
-            false => Policy::Other,
         };
         let own = watch.clone();
         let thread = thread::spawn(

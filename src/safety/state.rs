@@ -4,6 +4,7 @@
 use crate::error::Error;
 use crate::log::Log;
 use luna_core::current::{self, ProcessId};
+use luna_core::events::code;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::signals;
@@ -227,14 +228,31 @@ struct Book {
 type Place = Arc<OnceLock<SafetyEvent>>;
 
 impl Book {
-    /// The place of the next event, which is latched as `latches`; none if there is no room.
-    fn next_place(&mut self, kept: &[Place], latches: Option<usize>) -> Option<Place> {
-        if let Some(place) = kept.get(self.kept) {
-            self.kept += 1;
-            return Some(place.clone());
+    /// Keeps an event, which is latched as `latches`. Returns it if there is no room.
+    fn keep(
+        &mut self,
+        kept: &[Place],
+        event: SafetyEvent,
+        latches: Option<usize>,
+    ) -> Option<SafetyEvent> {
+        let place = match kept.get(self.kept) {
+            Some(place) => {
+                self.kept += 1;
+                Some(place.clone())
+            }
+            None => {
+                self.more += 1;
+                latches.map(|slot| self.apart[slot].clone())
+            }
+        };
+        if let Some(slot) = latches {
+            self.latched[slot].clone_from(&place);
         }
-        self.more += 1;
-        Some(self.apart[latches?].clone())
+        match place {
+            // Only the lock's holder writes, each place once.
+            Some(place) => place.set(event).err(),
+            None => Some(event),
+        }
     }
 }
 
@@ -268,7 +286,9 @@ impl Journal {
         #[cfg(test)]
         self.reported.lock().unwrap().push(degree);
         if let Some(log) = self.log.get() {
-            log.report_safety(process.map_or(0, ProcessId::get), degree as u8);
+            // 0: from outside of processes.
+            let of = process.map_or(0, ProcessId::get);
+            log.report(code::EMERGENCY, of, [degree as u64, 0]);
         }
     }
 
@@ -307,15 +327,7 @@ impl Journal {
         let latches = (degree as usize)
             .checked_sub(1)
             .filter(|&slot| book.latched[slot].is_none());
-        let place = book.next_place(&self.kept, latches);
-        let left = match &place {
-            // Only the lock's holder writes, each place once.
-            Some(place) => place.set(event).err(),
-            None => Some(event),
-        };
-        if let Some(slot) = latches {
-            book.latched[slot] = place;
-        }
+        let left = book.keep(&self.kept, event, latches);
         // A crash has made it that bad before it is noted here.
         if changes || latches.is_some() && degree >= self.degree() {
             self.report(&book, degree, by);
@@ -365,11 +377,7 @@ impl Journal {
             std::mem::replace(&mut book.apart, new_places),
         );
         let by = event.process;
-        let place = book.next_place(&self.kept, None);
-        let left = match place {
-            Some(place) => place.set(event).err(),
-            None => Some(event),
-        };
+        let left = book.keep(&self.kept, event, None);
         self.report(&book, Degree::Normal, by);
         drop(book);
         drop((former, left));

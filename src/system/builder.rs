@@ -1,11 +1,11 @@
 //! How a system is described: builders of executors, threads and processes.
 
 use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
-use crate::csp::process::{Build, IntoProcess};
-use crate::error::{Result, SetupError};
+use crate::csp::process::{Build, IntoProcess, Prepared};
+use crate::error::{Error, Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
-use crate::safety::{Budgets, Ledger, OnOverrun};
+use crate::safety::{Budgets, OnOverrun};
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, LEVELS, ProcessId};
 use luna_executors::{Name, ProcessHandle, ProcessSpec};
@@ -216,10 +216,7 @@ impl Thread {
             .map_err(Into::into)
             .and_then(|()| check_core(&self.plan, &self.name, self.attributes.asked_core()))
             .and_then(|()| self.plan.take_thread_name(&self.name))
-            .map(|()| Placement::Thread {
-                name: self.name,
-                attributes: Box::new(self.attributes),
-            });
+            .map(|()| Placement::Thread(Box::new(self.attributes)));
         ProcessBuilder::new(self.plan, name.as_ref(), place)
     }
 }
@@ -229,10 +226,11 @@ impl Thread {
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
     spec: ProcessSpec,
-    place: Result<Placement>,
+    place: std::result::Result<Placement, Box<Error>>,
     level: u8,
     shares_name: bool,
-    budgets: Budgets,
+    /// If there are any.
+    budgets: Option<Box<Budgets>>,
 }
 
 // A description: each of its methods changes one value, and calls no code of the user.
@@ -244,10 +242,10 @@ impl ProcessBuilder {
         Self {
             plan,
             spec: ProcessSpec::new(Name::from(name)),
-            place,
+            place: place.map_err(Box::new),
             level: ProcessSpec::DEFAULT_LEVEL,
             shares_name: false,
-            budgets: Budgets::default(),
+            budgets: None,
         }
     }
 
@@ -362,7 +360,7 @@ impl ProcessBuilder {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn poll_budget(mut self, budget: Duration) -> Self {
-        self.budgets.poll = Some(budget);
+        self.budgets().poll = Some(budget);
         self
     }
 
@@ -391,13 +389,13 @@ impl ProcessBuilder {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn cycle_budget(mut self, budget: Duration) -> Self {
-        self.budgets.cycle = Some(budget);
+        self.budgets().cycle = Some(budget);
         self
     }
 
     /// What happens when the process takes longer than a budget; without this it is counted.
     pub fn on_overrun(mut self, policy: OnOverrun) -> Self {
-        self.budgets.on_overrun = Some(policy);
+        self.budgets().on_overrun = Some(policy);
         self
     }
 
@@ -406,8 +404,12 @@ impl ProcessBuilder {
     /// Three system calls, about two microseconds a poll: for the search, not for the machine.
     /// Without it the counts go back to the overrun before, or the start.
     pub fn accounted(mut self) -> Self {
-        self.budgets.accounted = true;
+        self.budgets().accounted = true;
         self
+    }
+
+    fn budgets(&mut self) -> &mut Budgets {
+        self.budgets.get_or_insert_default()
     }
 
     /// Adds the process to the system. It starts with the others; if they run already, at once.
@@ -468,16 +470,8 @@ impl ProcessBuilder {
         self.plan
             .check_plain(self.spec.name())
             .inspect_err(|_| self.plan.note_refusal())?;
-        let shares_name = self.shares_name;
-        let (system, place, spec, ledger) = self.checked()?;
-        let plan = ProcessPlan {
-            place,
-            spec,
-            shares_name,
-            ledger,
-            prepared: process.prepare(),
-        };
-        Ok((system, plan))
+        let (system, plan) = self.checked()?;
+        Ok((system, plan.map(|_| process.prepare())))
     }
 
     /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart
@@ -499,9 +493,10 @@ impl ProcessBuilder {
     ) -> Result<ProcessId> {
         // All that can be refused is refused before the stand-in is taken: otherwise a second
         // attempt would run the process itself unnoticed.
-        let (system, place, spec, ledger) = self.checked()?;
-        let name = system.reserve(spec.name())?;
-        let declared = system.stand_ins().declare::<E>(spec.name());
+        let (system, mut plan) = self.checked()?;
+        plan.shares_name = false;
+        let name = system.reserve(plan.name())?;
+        let declared = system.stand_ins().declare::<E>(plan.name());
         // Without the lock: what is made here is the user's.
         let prepared = match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
@@ -516,20 +511,16 @@ impl ProcessBuilder {
                 prepared
             }
         };
-        system.add_reserved(ProcessPlan {
-            place,
-            spec,
-            shares_name: false,
-            ledger,
-            prepared,
-        })
+        system.add_reserved(plan.map(|_| prepared))
     }
 
-    /// The description of the process, if it is valid.
+    /// The description of the process, if it is valid, without the body.
     #[inline]
-    #[expect(clippy::type_complexity, reason = "the parts of a plan")]
-    fn checked(self) -> Result<(Arc<Plan>, Placement, ProcessSpec, Option<Arc<Ledger>>)> {
-        let place = self.place.inspect_err(|_| self.plan.note_refusal())?;
+    fn checked(self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
+        let place = self.place.map_err(|error| {
+            self.plan.note_refusal();
+            *error
+        })?;
         if self.level >= LEVELS {
             self.plan.note_refusal();
             return Err(SetupError::Level {
@@ -538,13 +529,25 @@ impl ProcessBuilder {
             }
             .into());
         }
-        let budgets = self.budgets.ledger(self.spec.name());
-        let ledger = budgets.inspect_err(|_| self.plan.note_refusal())?;
         let mut spec = self.spec.level(self.level);
-        if let Some(ledger) = &ledger {
-            spec = spec.monitored(ledger.clone());
+        let mut ledger = None;
+        if let Some(budgets) = self.budgets {
+            let kept = budgets.ledger(spec.name());
+            let kept = Arc::new(kept.inspect_err(|_| self.plan.note_refusal())?);
+            spec = spec.monitored(kept.clone());
+            ledger = Some(kept);
         }
-        Ok((self.plan, place, spec, ledger))
+        let plan = ProcessPlan {
+            place,
+            spec,
+            shares_name: self.shares_name,
+            ledger,
+            prepared: Prepared {
+                resident: None,
+                build: (),
+            },
+        };
+        Ok((self.plan, plan))
     }
 }
 

@@ -91,8 +91,9 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
     let planned = members.executors.iter().map(ExecutorPlan::part);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
-        let (state, priority) = (member.handle.state(), member.handle.priority());
-        (part(member.name(), id, state, priority), member.on())
+        let known = member.known();
+        let part = part(member.name(), id, known.state, known.priority);
+        (part, member.on())
     });
     let waiting = members.waiting.iter().map(|process| {
         let priority = process.spec.priority();
@@ -104,11 +105,14 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
         );
         let on = match &process.place {
             Placement::Executor(number) => On::Executor(*number),
-            Placement::Thread { name, attributes } => On::Thread(Box::new(ThreadPart::asked(
-                name,
-                ThreadKind::OsThread,
-                attributes,
-            ))),
+            Placement::Thread(attributes) => {
+                let name = attributes.name();
+                On::Thread(Box::new(ThreadPart::asked(
+                    name,
+                    ThreadKind::OsThread,
+                    attributes,
+                )))
+            }
         };
         (part, on)
     });

@@ -9,7 +9,7 @@ use crate::notice::notice;
 use crate::replay::RecordError;
 use crate::report::{End, Report};
 use crate::safety::{Cause, Emergency};
-use crate::time::{StolenTime, Witness};
+use crate::time::Witness;
 use luna_core::current::ProcessId;
 use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::Instant;
@@ -45,9 +45,10 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
     let raised = raised_error(started, emergency);
     let end = end_of(&ended, started, raised.is_some());
     let (standstill, signal) = (ended.standstill, ended.signal);
-    let known = Known {
-        started,
-        stolen: ended.stolen,
+    let stolen = ended.stolen;
+    let known = Witness {
+        name_of: &|process| started.name(process).map(str::to_owned),
+        stolen: &|core, from, until| stolen.between(core, from, until),
     };
     let report = Report {
         end,
@@ -89,7 +90,7 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
 /// Keeps what the bodies on detached threads refer to, and names those that are not cleaned up.
 fn keep_residents_left_behind(started: &mut Register) {
     for left_behind in started.left_behind() {
-        if left_behind.handle.state() == ProcessState::Running {
+        if left_behind.known().state == ProcessState::Running {
             notice!(
                 "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
                 left_behind.name()
@@ -108,10 +109,15 @@ fn raised_error(started: &Register, emergency: &Emergency) -> Option<Error> {
         Cause::ParentDied | Cause::GuardianLost => Error::other(cause.to_string()),
         _ => return None,
     };
-    Some(match process.and_then(|process| started.name(process)) {
+    Some(in_its_process(started, process, error))
+}
+
+/// The error, in the process from which it comes, if it comes from one.
+fn in_its_process(started: &Register, process: Option<ProcessId>, error: Error) -> Error {
+    match process.and_then(|process| started.name(process)) {
         Some(name) => error.in_process(name),
         None => error,
-    })
+    }
 }
 
 /// How the system ended.
@@ -136,22 +142,6 @@ fn end_of(ended: &Ended, started: &Register, is_raised: bool) -> End {
     }
 }
 
-/// What the report needs to explain why cycles were late.
-struct Known<'a> {
-    started: &'a Register,
-    stolen: Stolen,
-}
-
-impl Witness for Known<'_> {
-    fn name_of(&self, process: ProcessId) -> Option<String> {
-        self.started.name(process).map(str::to_owned)
-    }
-
-    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime> {
-        self.stolen.between(core, from, until)
-    }
-}
-
 /// The livelock that a virtual clock has reached, if any, at `now`.
 fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) -> Option<Error> {
     match standstill? {
@@ -170,10 +160,7 @@ fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> O
     let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
     let message = "it was caught, but not by `luna::safety::catch_panic`";
     let error = Error::Panicked(message.to_owned());
-    match process.and_then(|process| started.name(process)) {
-        Some(name) => Some(error.in_process(name)),
-        None => Some(error),
-    }
+    Some(in_its_process(started, process, error))
 }
 
 /// The error that a run returns if its time did not stand still: a panic's before all others, since

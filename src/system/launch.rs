@@ -18,7 +18,7 @@ use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::MemoryLock;
 use luna_platform::shortfall::Shortfall;
-use luna_platform::thread::{Attributes, Mode, Policy, TIMER_PRIORITY};
+use luna_platform::thread::{Attributes, Mode, TIMER_PRIORITY};
 use machine::{Needs, lock_memory};
 use processes::start_processes;
 use std::sync::Arc;
@@ -115,7 +115,7 @@ fn launch_described(
     })?;
 
     let emergency = plan.emergency.clone();
-    emergency.record(log.clone());
+    emergency.journal.record(log.clone());
     if let Some(simulation) = &handle {
         emergency.simulate(simulation.clone());
     }
@@ -189,10 +189,7 @@ fn start_timers(
     emergency: &Arc<Emergency>,
 ) -> Result<ManagerThread> {
     manager.prepare(settings.max_timers.unwrap_or(MAX_CALLBACKS), loops)?;
-    let policy = match needs.real_time {
-        true => Policy::fifo(TIMER_PRIORITY),
-        false => Policy::Other,
-    };
+    let policy = needs.policy(TIMER_PRIORITY);
     let mut attributes = Attributes::framework("luna-timers", policy).mode(needs.mode);
     if let Some(core) = settings.timer_core {
         attributes = attributes.core(core);
@@ -240,7 +237,7 @@ impl SafetyThreads {
         let (own, registry) = (emergency.clone(), registry.clone());
         let guard = EmergencyThread::start(own, registry, needs.real_time, &needs.cores)?;
         let parent = match settings.parents_death {
-            true => ParentThread::start(emergency.clone(), needs.real_time, strict)?,
+            true => ParentThread::start(emergency.clone(), needs.policy(TIMER_PRIORITY), strict)?,
             false => None,
         };
         Ok(Self {

@@ -51,7 +51,7 @@ use crate::report::Report;
 use crate::time::{Manager, TimerManager, Timers};
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
-pub(crate) use plan::{Phase, Plan};
+pub(crate) use plan::{Member, Phase, Plan};
 use std::sync::Arc;
 
 /// A machine's software: executors and OS threads, the processes on them, and what to do in an

@@ -37,8 +37,8 @@ pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPla
         all.push((executor.name.clone(), &mut executor.attributes));
     }
     for process in processes {
-        if let Placement::Thread { name, attributes } = &mut process.place {
-            all.push((name.clone(), attributes));
+        if let Placement::Thread(attributes) = &mut process.place {
+            all.push((attributes.name().to_owned(), attributes));
         }
     }
     let cores: Vec<_> = all
@@ -67,19 +67,18 @@ pub(super) fn join(
     parts: &[ThreadPart],
     threads: &[NamedThread],
 ) {
-    if let Placement::Thread { name, attributes } = &mut plan.place {
-        join_as(name, attributes, executors, parts, threads);
+    if let Placement::Thread(attributes) = &mut plan.place {
+        join_as(attributes, executors, parts, threads);
     }
 }
 
 fn join_as(
-    name: &str,
     attributes: &mut Attributes,
     executors: &[ExecutorHandle],
     parts: &[ThreadPart],
     threads: &[NamedThread],
 ) {
-    let core = attributes.asked_core();
+    let (core, name) = (attributes.asked_core(), attributes.name());
     let mut own = None;
     let mut meet = |other: &str, others_core, end_spin: &dyn Fn() -> bool| {
         if let Some(why) = refusal(core, other, others_core) {
@@ -128,12 +127,12 @@ mod tests {
 
         let mut of_second = comes.clone();
         let executors = [executor.handle().clone()];
-        join_as("second", &mut of_second, &executors, &[part], &[]);
+        join_as(&mut of_second, &executors, &[part], &[]);
         let with_executor = (executor.handle().end_spin(), refused(of_second));
 
         let mut of_second = comes;
         let threads = [("first".to_owned(), thread)];
-        join_as("second", &mut of_second, &[], &[], &threads);
+        join_as(&mut of_second, &[], &[], &threads);
         [with_executor, (threads[0].1.end_spin(), refused(of_second))]
     }
 

@@ -57,7 +57,7 @@ impl Reaper<'_> {
             if let Some(error) = panicked
                 && let Some((order, process)) = of
             {
-                let error = error.in_process(process.name());
+                let error = error.in_process(&process);
                 if let Some(errors) = self.errors {
                     errors.add(&error);
                 }

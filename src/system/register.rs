@@ -26,8 +26,8 @@ pub(super) const REMEMBERED: usize = 1024;
 /// Work that is left for a process that has ended, to be done outside of the plan's lock.
 pub(super) struct Reaped {
     pub(super) resident: Option<Box<dyn Phases>>,
-    /// The process that owns it, and its place in the order of starts.
-    pub(super) of: Option<(u64, ProcessHandle)>,
+    /// The process that owns it, by its place in the order of starts and its name.
+    pub(super) of: Option<(u32, String)>,
     /// Its poll monitor ended it for an overrun.
     pub(super) ended_for_overrun: bool,
     pub(super) error: Option<Error>,
@@ -36,16 +36,17 @@ pub(super) struct Reaped {
 }
 
 /// The error, with its process' place in the order of starts.
-type Found = Option<(u64, Error)>;
+type Found = Option<(u32, Error)>;
 
 #[derive(Default)]
 pub(crate) struct Register {
     members: ById<Member>,
     names: FxHashSet<Name>,
-    /// Number of processes ever started: the next one's place in the order.
-    started: u64,
+    /// Number of processes ever started: the next one's place in the order. From four billion on all
+    /// have the same place.
+    started: u32,
     /// The processes with budgets, in the order of their start.
-    monitored: BTreeSet<(u64, ProcessId)>,
+    monitored: BTreeSet<(u32, ProcessId)>,
     /// The processes that ended before they were entered here.
     premature: HashSet<ProcessId>,
     reaped: VecDeque<Reaped>,
@@ -81,13 +82,13 @@ impl Register {
 
     pub(super) fn enter(&mut self, id: ProcessId, mut member: Member, emergency: &Emergency) {
         member.order = self.started;
-        self.started += 1;
+        self.started = self.started.saturating_add(1);
         if member.ledger().is_some() {
             self.monitored.insert((member.order, id));
         }
         self.members.insert(id, member);
         if !self.premature.is_empty() && self.premature.remove(&id) {
-            self.note_end(id, emergency);
+            drop(self.note_end(id, emergency));
         }
     }
 
@@ -99,9 +100,8 @@ impl Register {
     /// Looks at the processes that have ended. O(their number).
     pub(super) fn note_ends(&mut self, common: &Common) {
         let emergency = &common.emergency;
-        common
-            .registry
-            .take_ended(|id| self.note_end(id, emergency));
+        let registry = &common.registry;
+        registry.take_ended(|one| self.note_reported(one, emergency));
     }
 
     /// Looks at all processes that live: some may have ended and not been reported yet. O(their
@@ -109,22 +109,21 @@ impl Register {
     pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
         self.count_looks(self.members.len());
         let have_ended = |(id, one): (ProcessId, &Member)| {
-            let has_ended = !one.reaped && one.handle.exit().is_some();
+            let has_ended = !one.is_reaped() && one.known().exit.is_some();
             has_ended.then_some((one.order, id))
         };
         let mut ended: Vec<_> = self.members.iter().filter_map(have_ended).collect();
         ended.sort_unstable();
         for (_, id) in ended {
-            self.note_end(id, emergency);
+            drop(self.note_end(id, emergency));
         }
     }
 
     /// As [`note_ends`](Self::note_ends), for the last time.
     pub(super) fn note_last_ends(&mut self, common: &Common) {
         let emergency = &common.emergency;
-        common
-            .registry
-            .close_ended(|id| self.note_end(id, emergency));
+        let registry = &common.registry;
+        registry.close_ended(|one| self.note_reported(one, emergency));
     }
 
     /// Whether any end was noted since the last call.
@@ -132,28 +131,30 @@ impl Register {
         std::mem::take(&mut self.has_news)
     }
 
-    fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
+    fn note_reported(&mut self, ended: ProcessHandle, emergency: &Emergency) {
+        if let Some(kept) = self.note_end(ended.id(), emergency) {
+            kept.drop_with(ended);
+        }
+    }
+
+    /// Gives the handle of the process, if it is kept no more. No user code is dropped with it.
+    fn note_end(&mut self, id: ProcessId, emergency: &Emergency) -> Option<ProcessHandle> {
         self.count_looks(1);
         let Some(member) = self.members.get_mut(id) else {
             // Otherwise its end was noted before it was reported.
             if !self.forgotten.contains(id.get()) {
                 self.premature.insert(id);
             }
-            return;
+            return None;
         };
-        if std::mem::replace(&mut member.reaped, true) {
-            return;
+        if member.reap() {
+            return None;
         }
         self.has_news = true;
-        let exit = member.handle.exit();
-        let said = member.handle.take_exit_value::<Verdict>();
-        let said = said.and_then(|verdict| verdict.0);
-        let may_be_forgotten = member.is_late && member.is_on_executor();
-        member.handle.forget_body();
+        let may_be_forgotten = member.may_be_forgotten();
         // Most ends leave no further work.
-        if !member.is_plain() || said.is_some() || !matches!(exit, Some(Exit::Completed)) {
-            self.see_to(id, exit, said, emergency);
-        }
+        let kept = member.forget_completed();
+        let kept = kept.or_else(|| self.see_to(id, emergency));
         if may_be_forgotten {
             self.ended.push_back(id);
             // Two, to make up for one that is kept for its news.
@@ -163,21 +164,18 @@ impl Register {
                 }
             }
         }
+        kept
     }
 
     /// Handles what is left of a process that has ended: its error, its cleanup, and the
     /// notifications of its end.
     #[cold]
-    fn see_to(
-        &mut self,
-        id: ProcessId,
-        exit: Option<Exit>,
-        said: Option<Ended>,
-        emergency: &Emergency,
-    ) {
-        let Some(member) = self.members.get_mut(id) else {
-            return;
-        };
+    fn see_to(&mut self, id: ProcessId, emergency: &Emergency) -> Option<ProcessHandle> {
+        let member = self.members.get_mut(id)?;
+        let handle = member.kept()?;
+        let exit = handle.exit();
+        let said = handle.take_exit_value::<Verdict>();
+        let said = said.and_then(|verdict| verdict.0);
         // A panicking process has triggered the emergency already, unless the panic was in the
         // thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {
@@ -187,24 +185,27 @@ impl Register {
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
-        let resident = member.take_resident();
+        let (order, resident) = (member.order, member.take_resident());
+        let of = resident
+            .is_some()
+            .then(|| (order, member.name().to_owned()));
+        let kept = member.forget_body();
         if let Some(error) = &error {
-            keep_first(&mut self.first_error, member.order, error);
+            keep_first(&mut self.first_error, order, error);
             if is_panic(error) {
-                keep_first(&mut self.first_panic, member.order, error);
+                keep_first(&mut self.first_panic, order, error);
             }
         }
         if resident.is_some() || error.is_some() {
             self.reaped.push_back(Reaped {
-                of: resident
-                    .is_some()
-                    .then(|| (member.order, member.handle.clone())),
+                of,
                 resident,
                 ended_for_overrun,
                 error,
                 forgotten: None,
             });
         }
+        kept
     }
 
     /// Forgets the remembered process that ended first.
@@ -230,16 +231,17 @@ impl Register {
         let overruns = member.ledger().map_or(0, |ledger| {
             ledger.reports().iter().map(|one| one.overruns).sum()
         });
-        self.earlier
-            .count(&member.handle, member.has_failed, overruns);
+        self.earlier.count(&member, overruns);
         self.forgotten.insert(id.get());
-        if member.has_failed {
+        if member.has_failed
+            && let Some(handle) = member.kept()
+        {
             self.reaped.push_back(Reaped {
                 resident: None,
                 of: None,
                 ended_for_overrun: false,
                 error: None,
-                forgotten: Some(member.handle),
+                forgotten: Some(handle.clone()),
             });
         }
     }
@@ -250,7 +252,7 @@ impl Register {
     }
 
     pub(super) fn handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members.get(id).map(|member| member.handle.clone())
+        self.members.get(id).map(|member| member.handle(id))
     }
 
     pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
@@ -282,7 +284,9 @@ impl Register {
     /// The processes that have no known end.
     pub(super) fn left_behind(&mut self) -> impl Iterator<Item = &mut Member> {
         self.count_looks(self.members.len());
-        self.members.values_mut().filter(|member| !member.reaped)
+        self.members
+            .values_mut()
+            .filter(|member| !member.is_reaped())
     }
 
     /// The overrun that ends the system, if one does, with the process that caused it.
@@ -299,7 +303,7 @@ impl Register {
     }
 
     /// Notes a panic in the cleanup of the process at place `order` in the order of starts.
-    pub(super) fn note_cleanup(&mut self, order: u64, error: &Error) {
+    pub(super) fn note_cleanup(&mut self, order: u32, error: &Error) {
         keep_first(&mut self.first_cleanup, order, error);
     }
 
@@ -343,7 +347,7 @@ impl Register {
     }
 }
 
-fn keep_first(first: &mut Found, order: u64, error: &Error) {
+fn keep_first(first: &mut Found, order: u32, error: &Error) {
     if first.as_ref().is_none_or(|(other, _)| order < *other) {
         *first = Some((order, error.clone()));
     }
@@ -366,12 +370,13 @@ fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
 }
 
 fn process_report(member: &Member) -> ProcessReport {
+    let known = member.known();
     ProcessReport {
         name: member.name().to_owned(),
-        exit: member.handle.exit(),
+        exit: known.exit,
         failed: member.has_failed,
-        polls: member.handle.polls(),
-        longest_poll: member.handle.longest_poll(),
+        polls: known.polls,
+        longest_poll: known.longest_poll,
         budgets: member
             .ledger()
             .map(|ledger| ledger.reports())

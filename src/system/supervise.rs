@@ -18,7 +18,8 @@ use crate::report::Report;
 use crate::safety::Cause;
 use crate::time::ManagerThread;
 use luna_core::current;
-use luna_platform::clock::{Clock, Instant};
+use luna_core::events::code;
+use luna_platform::clock::{Clock, Instant, nanos};
 use luna_platform::signals::HeldBack;
 use luna_platform::thread::HandlerStack;
 use std::collections::VecDeque;
@@ -218,7 +219,8 @@ fn end(
 
 fn report_stolen(running: &Running, window: &Window) {
     let log = &running.common.log;
-    log.report_stolen(window.core, window.stolen, window.length());
+    let arguments = [nanos(window.stolen), nanos(window.length())];
+    log.report(code::STOLEN, window.core as u32, arguments);
 }
 
 /// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way.

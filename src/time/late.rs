@@ -89,11 +89,11 @@ pub(crate) struct LateCycles {
 }
 
 /// What is known to the report and was not known on the path.
-pub(crate) trait Witness {
+pub(crate) struct Witness<'a> {
     /// A process' name.
-    fn name_of(&self, process: ProcessId) -> Option<String>;
-    /// What was stolen from a core.
-    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime>;
+    pub(crate) name_of: &'a dyn Fn(ProcessId) -> Option<String>,
+    /// What was stolen from a core between two instants.
+    pub(crate) stolen: &'a dyn Fn(usize, Instant, Instant) -> Option<StolenTime>,
 }
 
 impl LateCycles {
@@ -194,7 +194,7 @@ impl LateCycles {
     }
 
     /// The worst first. Not for the real-time path.
-    pub(crate) fn reports(&self, witness: &impl Witness) -> Vec<LateCycle> {
+    pub(crate) fn reports(&self, witness: &Witness<'_>) -> Vec<LateCycle> {
         let mut notes: Vec<Note> = self.worst.iter().flatten().copied().collect();
         notes.sort_by_key(|note| std::cmp::Reverse(note.lateness()));
         notes
@@ -206,8 +206,7 @@ impl LateCycles {
                 own_overrun: Duration::from_nanos(note.own_overrun),
                 previous_run: note.previous_run.map(Duration::from_nanos),
                 ran_instead: note.interference.map(|turn| RanInstead {
-                    process: witness
-                        .name_of(turn.process)
+                    process: (witness.name_of)(turn.process)
                         .unwrap_or_else(|| format!("process {}", turn.process)),
                     is_own: note.own == User::Process(turn.process),
                     took: turn.held,
@@ -216,7 +215,7 @@ impl LateCycles {
                 core: note.core,
                 stolen: note
                     .core
-                    .and_then(|core| witness.stolen(core, note.slot, note.began)),
+                    .and_then(|core| (witness.stolen)(core, note.slot, note.began)),
             })
             .collect()
     }
@@ -226,19 +225,16 @@ impl LateCycles {
 mod tests {
     use super::*;
 
-    struct Nobody;
-
-    impl Witness for Nobody {
-        fn name_of(&self, _: ProcessId) -> Option<String> {
-            None
-        }
-        fn stolen(&self, _: usize, from: Instant, until: Instant) -> Option<StolenTime> {
+    /// Knows no name, and of each time that half of it was stolen at least.
+    const NOBODY: Witness<'static> = Witness {
+        name_of: &|_| None,
+        stolen: &|_, from, until| {
             Some(StolenTime {
                 at_least: (until - from) / 2,
                 at_most: until - from,
             })
-        }
-    }
+        },
+    };
 
     fn at(micros: u64) -> Instant {
         Instant::from_nanos(micros * 1000)
@@ -255,7 +251,7 @@ mod tests {
             late.cycle_begins(number, at(slot), at(slot + 10 * (number * 37 % 101)));
         }
         assert_eq!(late.summary(), (90, Duration::from_micros(100)));
-        let reports = late.reports(&Nobody);
+        let reports = late.reports(&NOBODY);
         let lateness: Vec<u128> = reports.iter().map(|one| one.lateness.as_micros()).collect();
         assert_eq!(lateness, [1000, 990, 980, 970, 960, 950, 940, 930]);
         assert!(reports.iter().all(|one| one.own_overrun.is_zero()));
@@ -272,7 +268,7 @@ mod tests {
         cycles.begin(Duration::from_millis(1), at(0));
         cycles.asked(at(1300), None);
         cycles.cycle_begins(1, at(1000), at(1310));
-        let one = &cycles.reports(&Nobody)[0];
+        let one = &cycles.reports(&NOBODY)[0];
         assert_eq!(
             (one.own_overrun, one.lateness),
             (Duration::from_micros(300), Duration::from_micros(310))
@@ -299,7 +295,7 @@ mod tests {
             (late::cause(reported), late::percent(reported)),
             (late::UNKNOWN, 0)
         );
-        let text = cycles.reports(&Nobody)[0].to_string();
+        let text = cycles.reports(&NOBODY)[0].to_string();
         assert!(!text.contains("overran"), "{text}");
     }
 

@@ -238,7 +238,7 @@ impl Scope {
     }
 
     /// The reports of the loops that have ended, by their names. Not for the real-time path.
-    pub(crate) fn take_reports(&self, witness: &impl Witness) -> BTreeMap<String, LoopReport> {
+    pub(crate) fn take_reports(&self, witness: &Witness<'_>) -> BTreeMap<String, LoopReport> {
         let ended = std::mem::take(&mut self.loops.lock().ended);
         ended
             .into_iter()

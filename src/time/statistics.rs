@@ -19,7 +19,7 @@ pub(crate) struct Statistics {
 }
 
 impl Statistics {
-    pub(crate) fn into_report(self, witness: &impl Witness) -> LoopReport {
+    pub(crate) fn into_report(self, witness: &Witness<'_>) -> LoopReport {
         let (late, late_after) = self.late.summary();
         LoopReport {
             late,

@@ -53,7 +53,6 @@ mod parameters_properties;
 mod parameters_recorded;
 mod parents_death;
 mod phases;
-mod phases_at_emergency;
 mod post_run;
 mod pre_run_fails;
 mod pri_par;

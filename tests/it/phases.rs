@@ -2,9 +2,9 @@
 //! off the executor's thread.
 
 use crate::common;
-use common::{PLACEMENTS, Placement, SpawnOk, watchdog};
+use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
+
 use std::sync::{Arc, Mutex};
 
 /// What happened, in order: the phase and the process.
@@ -164,39 +164,6 @@ fn a_process_is_dropped_after_its_post_run_and_its_channels_end_with_it() {
             .collect();
         assert_eq!(events, ["post", "closed"], "{place:?}");
     }
-}
-
-#[test]
-fn a_post_run_that_panics_does_not_keep_the_others_from_theirs() {
-    let _watch = watchdog();
-    struct Counts(Arc<AtomicUsize>);
-    impl Process for Counts {
-        async fn run(&mut self) -> luna::Result<()> {
-            Ok(())
-        }
-        fn post_run(&mut self) {
-            self.0.fetch_add(1, Ordering::Relaxed);
-            panic!("in post_run, on purpose");
-        }
-    }
-    impl Drop for Counts {
-        fn drop(&mut self) {
-            self.0.fetch_add(100, Ordering::Relaxed);
-        }
-    }
-    let count = Arc::new(AtomicUsize::new(0));
-    let mut system = System::new("untidy");
-    for name in ["a", "b", "c"] {
-        Placement::Thread
-            .process(&mut system, name, name)
-            .spawn_ok(Counts(count.clone()));
-    }
-    let error = system.run().unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "process `a`: panicked: in post_run, on purpose"
-    );
-    assert_eq!(count.load(Ordering::Relaxed), 303);
 }
 
 #[test]

@@ -5,40 +5,11 @@ use common::watchdog;
 use luna::Error;
 use luna::error::SetupError;
 use luna::prelude::*;
-use std::cell::Cell;
-use std::rc::Rc;
 use std::time::Duration;
 
 #[test]
 fn smoke() {
     assert_eq!(luna::run(async { Ok(42) }), Ok(42));
-}
-
-#[test]
-fn the_body_borrows_from_its_surroundings() {
-    let greeting = String::from("hello");
-    let mut lengths = Vec::new();
-    luna::run(async {
-        lengths.push(greeting.len());
-        Ok(())
-    })
-    .unwrap();
-    assert_eq!((lengths, greeting), (vec![5], "hello".to_owned()));
-}
-
-#[test]
-fn values_need_not_be_send() {
-    let _watch = watchdog();
-    let shared = Rc::new(Cell::new(1));
-    let own = shared.clone();
-    let returned = luna::run(async move {
-        luna::yield_now().await;
-        own.set(own.get() + 1);
-        Ok(own)
-    })
-    .unwrap();
-    assert!(Rc::ptr_eq(&returned, &shared));
-    assert_eq!(shared.get(), 2);
 }
 
 #[test]
@@ -104,29 +75,6 @@ fn timers_all_fire_and_none_early() {
         par!(wait(9), wait(3), wait(6), wait(0), wait(3)).await
     });
     assert_eq!(fired, Ok((9, 3, 6, 0, 3)));
-}
-
-#[test]
-fn timeouts_are_exact() {
-    let _watch = watchdog();
-    luna::run(async {
-        let (sender, receiver) = luna::channel::<String>();
-        let sent = sender
-            .send_timeout("unwanted".to_owned(), Duration::from_millis(2))
-            .await
-            .unwrap_err();
-        assert!(sent.is_timeout());
-        assert_eq!(sent.into_inner(), "unwanted");
-        assert!(
-            receiver
-                .recv_timeout(Duration::from_millis(2))
-                .await
-                .unwrap_err()
-                .is_timeout()
-        );
-        Ok(())
-    })
-    .unwrap();
 }
 
 #[test]

@@ -24,7 +24,7 @@ use crate::stamp::Stamp;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::InsideGuard;
-use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User};
+use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -49,23 +49,19 @@ pub trait Visit {
 
 /// The greatest stamp among the ends of an alternative, if it is fair; else no end has one.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ends {
-    is_fair: bool,
+pub(super) struct Ends<const FAIR: bool> {
     greatest: u64,
 }
 
-impl Ends {
-    fn new(is_fair: bool) -> Self {
-        Self {
-            is_fair,
-            greatest: 0,
-        }
+impl<const FAIR: bool> Ends<FAIR> {
+    pub(super) const fn new() -> Self {
+        Self { greatest: 0 }
     }
 
     /// Notes an end; returns when it was last chosen.
     #[inline(always)]
     fn note(&mut self, stamp: &Stamp) -> u64 {
-        if !self.is_fair {
+        if !FAIR {
             return 0;
         }
         let stamp = stamp.get();
@@ -76,7 +72,7 @@ impl Ends {
     /// Gives the chosen end its new stamp, after all were noted.
     #[inline(always)]
     fn choose(self, chosen: &Stamp) {
-        if self.is_fair {
+        if FAIR {
             chosen.choose(self.greatest);
         }
     }
@@ -85,35 +81,52 @@ impl Ends {
 /// Looks at new guards, and keeps the locks of those that it has seen. A guard that comes behind a
 /// ready one, in the order of preference, cannot be chosen: it is not looked at.
 #[derive(Debug)]
-pub(super) struct Looks<'a> {
+pub(super) struct Looks<'a, const FAIR: bool> {
     turn: PlainTurn<'a>,
-    /// The number of the guard to choose.
-    pub(super) ready: Option<u32>,
+    /// The number of the guard to choose; or `NONE`, or `REFUSED`.
+    found: u32,
     /// When the end of `ready` was last chosen.
     least: u64,
-    ends: Ends,
+    pub(super) ends: Ends<FAIR>,
     /// A bit for each guard with a locked wait point.
     locked: u32,
-    is_refused: bool,
 }
 
-impl<'a> Looks<'a> {
+/// What [`Looks`] have found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Found {
+    /// The guard of this number is ready.
+    Ready(u32),
+    /// No guard is ready.
+    Nothing,
+    /// Fast path unavailable: no guard is there, or one cannot take it.
+    Refused,
+}
+
+impl<'a, const FAIR: bool> Looks<'a, FAIR> {
+    // As numbers of guards, so that one word holds what was found.
+    const NONE: u32 = u32::MAX;
+    const REFUSED: u32 = u32::MAX - 1;
+
     #[inline(always)]
-    pub(super) fn new(turn: PlainTurn<'a>, is_fair: bool) -> Self {
+    pub(super) fn new(turn: PlainTurn<'a>) -> Self {
         Self {
             turn,
-            ready: None,
+            found: Self::NONE,
             least: u64::MAX,
-            ends: Ends::new(is_fair),
+            ends: Ends::new(),
             locked: 0,
-            is_refused: false,
         }
     }
 
-    /// Whether the fast path is unavailable: no guard is there, or one cannot take it.
     #[inline(always)]
-    pub(super) fn is_refused(&self) -> bool {
-        self.is_refused || self.locked == 0
+    pub(super) fn found(&self) -> Found {
+        match self.found {
+            Self::REFUSED => Found::Refused,
+            Self::NONE if self.locked == 0 => Found::Refused,
+            Self::NONE => Found::Nothing,
+            number => Found::Ready(number),
+        }
     }
 
     /// What releases the locks, but for the lock of the guard that is ready.
@@ -121,8 +134,8 @@ impl<'a> Looks<'a> {
     pub(super) fn leaving(&self) -> Leaving<'_> {
         Leaving {
             turn: self.turn,
-            locked: match (self.ready, self.is_refused) {
-                (Some(ready), false) => self.locked & !(1 << ready),
+            locked: match self.found() {
+                Found::Ready(ready) => self.locked & !(1 << ready),
                 _ => self.locked,
             },
         }
@@ -134,7 +147,7 @@ impl<'a> Looks<'a> {
     ///
     /// It visits that guard, which is new, and the lock of its wait point is kept.
     #[inline(always)]
-    pub(super) unsafe fn meeting(&self) -> Meeting<'_> {
+    pub(super) unsafe fn meeting(&self) -> Meeting<'_, FAIR> {
         Meeting {
             turn: self.turn,
             ends: self.ends,
@@ -143,7 +156,7 @@ impl<'a> Looks<'a> {
     }
 }
 
-impl Visit for Looks<'_> {
+impl<const FAIR: bool> Visit for Looks<'_, FAIR> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool {
         let guard = guard.plain();
@@ -153,7 +166,7 @@ impl Visit for Looks<'_> {
             return true;
         }
         let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
-            self.is_refused = true;
+            self.found = Self::REFUSED;
             return false;
         };
         let is_ready = if lists.waiting.is_idle() {
@@ -165,7 +178,7 @@ impl Visit for Looks<'_> {
         } else {
             // SAFETY: the lock is held.
             let Some(found) = (unsafe { look_at_queues(lists, guard.of_sender) }) else {
-                self.is_refused = true;
+                self.found = Self::REFUSED;
                 return false;
             };
             found
@@ -175,8 +188,8 @@ impl Visit for Looks<'_> {
             return true;
         }
         self.least = stamp;
-        self.ready = Some(number);
-        self.ends.is_fair
+        self.found = number;
+        FAIR
     }
 }
 
@@ -215,13 +228,13 @@ fn first_partner(lists: &mut WaitQueues, of_sender: bool) -> Option<NonNull<Wait
 
 /// Lets the guard that is ready meet its partner, and the partner go.
 #[derive(Debug)]
-pub(super) struct Meeting<'a> {
+pub(super) struct Meeting<'a, const FAIR: bool> {
     turn: PlainTurn<'a>,
-    ends: Ends,
+    ends: Ends<FAIR>,
     pub(super) result: FastPath,
 }
 
-impl Visit for Meeting<'_> {
+impl<const FAIR: bool> Visit for Meeting<'_, FAIR> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
         let PlainGuard {
@@ -274,7 +287,6 @@ impl Visit for Leaving<'_> {
 #[derive(Debug)]
 pub(super) struct Listing<'a> {
     turn: PlainTurn<'a>,
-    by: (User, Priority),
     select_state: NonNull<SelectState>,
 }
 
@@ -285,12 +297,7 @@ impl<'a> Listing<'a> {
     /// before they and the select state go.
     #[inline(always)]
     pub(super) unsafe fn of(turn: PlainTurn<'a>, select_state: NonNull<SelectState>) -> Self {
-        let process = turn.process();
-        Self {
-            turn,
-            by: (User::Process(process.id()), process.priority()),
-            select_state,
-        }
+        Self { turn, select_state }
     }
 }
 
@@ -307,14 +314,11 @@ impl Visit for Listing<'_> {
         // knows it.
         unsafe {
             let mut lists = wait_point.kept(self.turn);
-            Waiter::<()>::begin_guard(node.cast(), self.by, self.select_state, number);
-            match of_sender {
-                true => lists.sender = LastUser::of(self.by.0),
-                false => lists.receiver = LastUser::of(self.by.0),
-            }
+            Waiter::<()>::begin_guard_alone(node.cast(), self.select_state, number);
+            lists.note_user(of_sender, LastUser::process(self.turn.process().id()));
             match lists.waiting.is_idle() {
                 true => lists.waiting = Waiting::alone_guard(node, of_sender),
-                false => list_in_queue(&mut lists, node, self.by.1, of_sender),
+                false => list_in_queue(&mut lists, node, of_sender),
             }
         }
         guard.note_listed();
@@ -326,18 +330,15 @@ impl Visit for Listing<'_> {
 ///
 /// # Safety
 ///
-/// The node is not listed, and complete. It is taken off before it goes.
+/// The node was begun to wait alone, and is not listed. It is taken off before it goes.
 #[cold]
 #[inline(never)]
-unsafe fn list_in_queue(
-    lists: &mut WaitQueues,
-    node: NonNull<WaitNode>,
-    priority: Priority,
-    of_sender: bool,
-) {
+unsafe fn list_in_queue(lists: &mut WaitQueues, node: NonNull<WaitNode>, of_sender: bool) {
     lists.list_lone();
     // SAFETY: the contract.
     unsafe {
+        Waiter::<()>::complete_guard(node.cast());
+        let priority = node.as_ref().priority();
         match of_sender {
             true => lists.senders.insert(node, priority, None),
             false => lists.receivers.insert(node, priority, None),
@@ -345,65 +346,39 @@ unsafe fn list_in_queue(
     }
 }
 
-/// Whether the chosen guard is over, and its stamp.
-#[derive(Debug, Default)]
-pub(super) struct Chosen(Option<NonNull<Stamp>>);
+/// Whether the chosen guard is over; then its end gets its new stamp.
+#[derive(Debug)]
+pub(super) struct Chosen<const FAIR: bool> {
+    /// As they were when the guards were listed. What this thread has chosen since has a smaller
+    /// stamp than its next choice.
+    pub(super) ends: Ends<FAIR>,
+    pub(super) is_over: bool,
+}
 
-impl Visit for Chosen {
+impl<const FAIR: bool> Visit for Chosen<FAIR> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
         let guard = guard.plain();
         // SAFETY: the node was begun when it was listed.
         let outcome = unsafe { Waiter::outcome(guard.node.cast::<Waiter<()>>()) };
-        self.0 = (outcome == Outcome::Done).then(|| NonNull::from(guard.stamp));
+        self.is_over = outcome == Outcome::Done;
+        if self.is_over {
+            self.ends.choose(guard.stamp);
+        }
         false
     }
 }
 
-impl Chosen {
-    /// What withdraws the other guards; `None` if the chosen one is not over.
-    ///
-    /// # Safety
-    ///
-    /// The guards stay until the result is gone, and it visits all of them.
-    #[inline(always)]
-    pub(super) unsafe fn withdrawing(
-        self,
-        turn: PlainTurn<'_>,
-        is_fair: bool,
-    ) -> Option<Withdrawing<'_>> {
-        Some(Withdrawing {
-            turn,
-            chosen: self.0?,
-            ends: Ends::new(is_fair),
-        })
-    }
-}
-
-/// Withdraws the guards that were listed and not chosen.
+/// Withdraws the guards that were listed and not chosen. The chosen one is over.
 #[derive(Debug)]
 pub(super) struct Withdrawing<'a> {
-    turn: PlainTurn<'a>,
-    /// Of the chosen guard, which is over.
-    chosen: NonNull<Stamp>,
-    ends: Ends,
-}
-
-impl Withdrawing<'_> {
-    /// Gives the end of the chosen guard its new stamp, after all guards were visited.
-    #[inline(always)]
-    pub(super) fn stamp(self) {
-        // SAFETY: it lies in an end that the guard borrows, and `withdrawing` requires that the
-        // guards stay.
-        self.ends.choose(unsafe { self.chosen.as_ref() });
-    }
+    pub(super) turn: PlainTurn<'a>,
 }
 
 impl Visit for Withdrawing<'_> {
     #[inline(always)]
     fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
         let guard = guard.plain();
-        self.ends.note(guard.stamp);
         let node = guard.node.cast::<Waiter<()>>();
         // SAFETY: the node was begun when it was listed. This thread holds no other lock of a wait
         // point, and under the lock a waiting node is listed. The chosen one is over.

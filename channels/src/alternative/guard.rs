@@ -36,6 +36,10 @@ pub trait Guard: RawGuard {
     #[doc(hidden)]
     const PLAIN: bool = false;
 
+    /// Whether every one [is open](Self::is_open).
+    #[doc(hidden)]
+    const ALWAYS_OPEN: bool = true;
+
     /// Takes a new guard for its seed.
     #[doc(hidden)]
     fn into_seed(self) -> Self::Seed;

@@ -8,6 +8,7 @@ use crate::barrier::SyncOp;
 use crate::call::CallOp;
 use crate::operation::{Direction, Operation};
 use arrayvec::ArrayVec;
+use std::mem::MaybeUninit;
 use std::pin::Pin;
 
 /// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
@@ -38,9 +39,17 @@ pub struct Nil;
 #[derive(Debug)]
 pub struct Skip;
 
-/// A guard, if its precondition holds, and the rest.
+/// A guard, in an `Option` if it has a precondition, and the rest.
 #[derive(Debug)]
-pub struct Cons<G, R>(pub Option<G>, pub R);
+pub struct Cons<G, R>(pub G, pub R);
+
+/// A guard without a precondition.
+#[derive(Debug)]
+pub struct Sure<G> {
+    guard: G,
+    /// Whether it can happen at all, if not all such guards can.
+    is_open: MaybeUninit<bool>,
+}
 
 /// What may stand as a guard, which a list takes as `Listed`. Each kind of guard has one
 /// implementation of its own, from which the compiler infers `Listed`. For any other type it cannot
@@ -91,6 +100,82 @@ pub fn guard<G: Offered<Listed>, Listed>(guard: G) -> Listed {
     guard.into_list()
 }
 
+/// A guard that has not been looked at, if its precondition holds.
+pub trait Planted {
+    /// Where it is to stay.
+    type Place: Place;
+
+    /// Makes the guard there.
+    ///
+    /// # Safety
+    ///
+    /// `place` is to be written.
+    unsafe fn plant(self, place: *mut Self::Place);
+}
+
+impl<G: Guard> Planted for Seed<G> {
+    type Place = Sure<G>;
+
+    #[inline(always)]
+    unsafe fn plant(self, place: *mut Sure<G>) {
+        // SAFETY: the contract.
+        unsafe {
+            (&raw mut (*place).guard).write(G::from_seed(self.0));
+            if !G::ALWAYS_OPEN {
+                (*place).is_open.write((*place).guard.is_open());
+            }
+        }
+    }
+}
+
+impl<G: Guard> Planted for Option<Seed<G>> {
+    type Place = Option<G>;
+
+    #[inline(always)]
+    unsafe fn plant(self, place: *mut Option<G>) {
+        // SAFETY: the contract.
+        unsafe {
+            place.write(self.map(|seed| G::from_seed(seed.0)));
+            if (*place).as_ref().is_some_and(|guard| !guard.is_open()) {
+                *place = None;
+            }
+        }
+    }
+}
+
+/// Where a guard stays.
+pub trait Place {
+    /// What stays there.
+    type Guard: Guard;
+
+    /// The guard, if it is open.
+    fn open(self: Pin<&mut Self>) -> Option<Pin<&mut Self::Guard>>;
+}
+
+impl<G: Guard> Place for Sure<G> {
+    type Guard = G;
+
+    #[inline(always)]
+    fn open(self: Pin<&mut Self>) -> Option<Pin<&mut G>> {
+        // SAFETY: the guard is pinned with the whole.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: as above; it was written with the guard.
+        unsafe {
+            (G::ALWAYS_OPEN || this.is_open.assume_init())
+                .then(|| Pin::new_unchecked(&mut this.guard))
+        }
+    }
+}
+
+impl<G: Guard> Place for Option<G> {
+    type Guard = G;
+
+    #[inline(always)]
+    fn open(self: Pin<&mut Self>) -> Option<Pin<&mut G>> {
+        self.as_pin_mut()
+    }
+}
+
 /// A list of guards that have not been looked at.
 pub trait Seeds {
     /// The list of the guards.
@@ -118,19 +203,15 @@ impl Seeds for Skip {
     unsafe fn grow(self, _: *mut Skip) {}
 }
 
-impl<G: Guard, R: Seeds> Seeds for Cons<Seed<G>, R> {
-    type Guards = Cons<G, R::Guards>;
+impl<G: Planted, R: Seeds> Seeds for Cons<G, R> {
+    type Guards = Cons<G::Place, R::Guards>;
 
     #[inline(always)]
     unsafe fn grow(self, place: *mut Self::Guards) {
         // Each where it is to stay: a whole that is made and then moved is copied once for each of
         // its parts. SAFETY: the contract.
         unsafe {
-            let guard = &raw mut (*place).0;
-            guard.write(self.0.map(|seed| G::from_seed(seed.0)));
-            if (*guard).as_ref().is_some_and(|guard| !guard.is_open()) {
-                *guard = None;
-            }
+            self.0.plant(&raw mut (*place).0);
             self.1.grow(&raw mut (*place).1);
         }
     }
@@ -211,26 +292,26 @@ end_of_list!(
 );
 end_of_list!(Skip, (), true, ());
 
-impl<G, R> Cons<G, R> {
+impl<P: Place, R> Cons<P, R> {
     #[inline(always)]
-    fn parts(self: Pin<&mut Self>) -> (Option<Pin<&mut G>>, Pin<&mut R>) {
+    fn parts(self: Pin<&mut Self>) -> (Option<Pin<&mut P::Guard>>, Pin<&mut R>) {
         // SAFETY: both fields are pinned with the whole.
         unsafe {
             let this = self.get_unchecked_mut();
             (
-                Pin::new_unchecked(&mut this.0).as_pin_mut(),
+                Pin::new_unchecked(&mut this.0).open(),
                 Pin::new_unchecked(&mut this.1),
             )
         }
     }
 }
 
-impl<G: Guard, R: Guards> Guards for Cons<G, R> {
-    type Output = Either<G::Output, R::Output>;
+impl<P: Place, R: Guards> Guards for Cons<P, R> {
+    type Output = Either<<P::Guard as Guard>::Output, R::Output>;
     const LEN: usize = R::LEN + 1;
-    const DROPS: bool = G::DROPS || R::DROPS;
+    const DROPS: bool = P::Guard::DROPS || R::DROPS;
     const SKIP: bool = R::SKIP;
-    const PLAIN: bool = G::PLAIN && R::PLAIN;
+    const PLAIN: bool = P::Guard::PLAIN && R::PLAIN;
 
     #[inline]
     fn collect<'a>(self: Pin<&'a mut Self>, number: u32, into: &mut Collected<'a>) {

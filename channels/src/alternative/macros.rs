@@ -183,7 +183,7 @@ macro_rules! __alternative {
     }};
     (@guards [$($conditions:tt)*] [$($skip:tt)*] {[$pattern:pat] [$guard:expr] [] [$body:expr]} $($rest:tt)*) => {
         $crate::__private::Cons(
-            ::core::option::Option::Some($crate::__private::guard($guard)),
+            $crate::__private::guard($guard),
             $crate::__alternative!(@guards [$($conditions)*.1] [$($skip)*] $($rest)*),
         )
     };

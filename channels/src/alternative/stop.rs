@@ -4,6 +4,7 @@ use luna_core::current;
 use luna_core::wait_list::WaitNode;
 use std::cell::UnsafeCell;
 use std::marker::PhantomPinned;
+use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
 #[cfg(not(loom))]
@@ -26,10 +27,10 @@ mod list {
 ///
 /// # Invariants
 ///
-/// Once `list` was called it is pinned, and it is unlisted when it is dropped.
+/// Once `list` was called it is pinned and its node is there, and it is unlisted when it is dropped.
 #[derive(Debug)]
 pub(super) struct Stop {
-    node: UnsafeCell<WaitNode>,
+    node: UnsafeCell<MaybeUninit<WaitNode>>,
     is_listed: bool,
     _pinned: PhantomPinned,
 }
@@ -37,7 +38,7 @@ pub(super) struct Stop {
 impl Stop {
     pub(super) fn new() -> Self {
         Self {
-            node: UnsafeCell::new(WaitNode::new()),
+            node: UnsafeCell::new(MaybeUninit::uninit()),
             is_listed: false,
             _pinned: PhantomPinned,
         }
@@ -45,7 +46,7 @@ impl Stop {
 
     fn node(&self) -> NonNull<WaitNode> {
         // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()) }
+        unsafe { NonNull::new_unchecked(self.node.get()).cast() }
     }
 
     /// Lists the current process. O(1), or O(stopped processes of lower priority).
@@ -58,6 +59,7 @@ impl Stop {
             return;
         }
         self.is_listed = true;
+        self.node.get_mut().write(WaitNode::new());
         // A model looks at no reports, and its lock cannot be a static one.
         #[cfg(not(loom))]
         // SAFETY: the contract; it is in no list, and its drop takes it off.

@@ -2,12 +2,14 @@
 
 use super::{CallError, Message};
 use crate::alternative::{Attempt, Guard, RawGuard, Terms};
+use crate::ended::Ended;
 use crate::error::SendError;
 use crate::operation::SendOp;
 use crate::select_state::SelectState;
 use crate::sender::Sender;
 use crate::wait_point::{Ending, WaitQueues};
 use luna_core::current;
+use pin_project_lite::pin_project;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -105,6 +107,19 @@ impl<Q, A> Client<Q, A> {
         self.sender.poison();
     }
 
+    /// Waits until no call can be served any more: as [`Sender::ended`].
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// use luna_channels::ChannelEnd;
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// let end = block_on(zip(client.ended(), async { drop(server) })).0;
+    /// assert_eq!(end, ChannelEnd::Closed);
+    /// ```
+    pub fn ended(&self) -> Ended<'_> {
+        self.sender.ended()
+    }
+
     /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     ///
     /// ```
@@ -143,20 +158,22 @@ impl<Q, A> fmt::Debug for Client<Q, A> {
     }
 }
 
-/// A call under way: see [`Client::call`].
-#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
-pub struct CallOp<'a, Q, A> {
-    send: SendOp<'a, Message<Q, A>>,
-    sender: &'a Sender<Message<Q, A>>,
-    /// The branch that called has failed while the server had the request.
-    interrupted: bool,
+pin_project! {
+    /// A call under way: see [`Client::call`].
+    #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+    pub struct CallOp<'a, Q, A> {
+        #[pin]
+        send: SendOp<'a, Message<Q, A>>,
+        sender: &'a Sender<Message<Q, A>>,
+        // The branch that called has failed while the server had the request.
+        interrupted: bool,
+    }
 }
 
 impl<'a, Q, A> CallOp<'a, Q, A> {
     #[inline]
     fn send(self: Pin<&mut Self>) -> Pin<&mut SendOp<'a, Message<Q, A>>> {
-        // SAFETY: the send is pinned with the whole.
-        unsafe { self.map_unchecked_mut(|this| &mut this.send) }
+        self.project().send
     }
 
     /// What a send that is over means.
@@ -193,8 +210,7 @@ impl<'a, Q, A> CallOp<'a, Q, A> {
     fn interrupt(mut self: Pin<&mut Self>) {
         current::stay_in_branch();
         self.as_mut().send().abandon();
-        // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.interrupted = true;
+        *self.project().interrupted = true;
     }
 }
 

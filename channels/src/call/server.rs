@@ -2,6 +2,7 @@
 
 use super::serving::Serving;
 use super::{Call, Message};
+use crate::ended::Ended;
 use crate::error::{RecvError, TryRecvError};
 use crate::operation::RecvOp;
 use crate::receiver::Receiver;
@@ -135,6 +136,33 @@ impl<Q, A> Server<Q, A> {
     /// ```
     pub fn poison(&self) {
         self.receiver.poison();
+    }
+
+    /// Waits until the clients are gone or the channel is poisoned, and accepts nothing: as
+    /// [`Receiver::ended`].
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// use luna_channels::ChannelEnd;
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// let end = block_on(zip(server.ended(), async { drop(client) })).0;
+    /// assert_eq!(end, ChannelEnd::Closed);
+    /// ```
+    pub fn ended(&self) -> Ended<'_> {
+        self.receiver.ended()
+    }
+
+    /// Waits until the channel is poisoned, and accepts nothing: as [`Receiver::poisoned`].
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// use luna_channels::ChannelEnd;
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// let end = block_on(zip(server.poisoned(), async { client.poison() })).0;
+    /// assert_eq!(end, ChannelEnd::Poisoned);
+    /// ```
+    pub fn poisoned(&self) -> Ended<'_> {
+        self.receiver.poisoned()
     }
 
     /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.

@@ -79,26 +79,16 @@ impl<T> Channel<T> {
     /// the value is dropped. O(held senders), and O(waiting senders of higher priority).
     fn wait_again(&self, value: T, ticket: u32) {
         let mut locked = self.lock();
-        let mut next = locked.lists.held.first();
-        let sender = loop {
-            let Some(node) = next else {
-                // The sender is gone, or the channel was poisoned.
-                drop(locked);
-                return drop(value);
-            };
-            // SAFETY: a node in the list is a live waiter that the lock guards.
-            unsafe {
-                if (*Waiter::<T>::link(node.cast())).ticket == ticket {
-                    break node;
-                }
-                next = locked.lists.held.after(node);
-            }
-        };
-        if locked.lists.ending == Ending::Poisoned {
-            // The channel is being poisoned: that releases the sender too.
+        let mut held = locked.lists.held.nodes();
+        // SAFETY: a node in the list is a live waiter that the lock guards.
+        let sender =
+            held.find(|node| unsafe { (*Waiter::<T>::link(node.cast())).ticket == ticket });
+        drop(held);
+        // Else the sender is gone. Poisoning the channel releases it too.
+        let Some(sender) = sender.filter(|_| locked.lists.ending != Ending::Poisoned) else {
             drop(locked);
             return drop(value);
-        }
+        };
         // SAFETY: the sender was found, and the receiver is committed here; a held sender holds no
         // value, nor does a receiver before it is done.
         unsafe {

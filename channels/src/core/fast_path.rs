@@ -27,6 +27,7 @@
 
 use super::Channel;
 use crate::alternative::{Commit, commit, take_first};
+use crate::select_state::SelectState;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use luna_core::biased_lock::{InsideGuard, Refused};
@@ -313,7 +314,8 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
     }
 }
 
-/// As [`meet`], where a guard waits alone for an operation of this side. The lock was kept.
+/// As [`meet`], where a guard waits alone for an operation of this side. The lock was kept. Rare
+/// cases are left to functions that are called last, so that no register is saved for them.
 ///
 /// # Safety
 ///
@@ -328,6 +330,56 @@ unsafe fn meet_guard<const SEND: bool>(
     // SAFETY: the contract; the lock was kept, and a guard that waits alone was begun as one.
     unsafe {
         let mut lists = wait_point.kept(turn);
+        // In a model every value is moved here.
+        if !lists.moves_word && cfg!(not(loom)) {
+            lists.keep();
+            return meet_guard_long::<SEND>(wait_point, node, turn, guard);
+        }
+        let (select_state, number) = Waiter::<()>::guard_of(guard.cast());
+        let select_state = select_state.as_ref();
+        if !select_state.is_open() {
+            Waiter::<()>::settle_stale(guard.cast());
+            return wait_alone::<SEND>(wait_point, lists, node, turn);
+        }
+        let commit_lock = match select_state.enter_commit_lock(turn) {
+            Ok(commit_lock) => commit_lock,
+            Err(refused) => return guard_refuses(lists, select_state, Err(refused)),
+        };
+        let Some(ready) = select_state.commit_plainly(number) else {
+            return guard_refuses(lists, select_state, Ok(commit_lock));
+        };
+        lists.set_nothing_waits();
+        if !commit_lock.leave() {
+            lists.keep();
+            return give_revoked::<SEND>(wait_point, node, turn, guard, ready);
+        }
+        let (from, to) = match SEND {
+            true => (node, guard.cast()),
+            false => (guard.cast(), node),
+        };
+        match cfg!(loom) {
+            true => move_value(wait_point, from, to),
+            false => Waiter::move_word(from, to),
+        }
+        depart::<SEND>(wait_point, lists, (guard, ready), turn)
+    }
+}
+
+/// As [`meet_guard`], for a value that is longer than a word.
+///
+/// # Safety
+///
+/// As there.
+#[inline(never)]
+unsafe fn meet_guard_long<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+    guard: NonNull<WaitNode>,
+) -> FastPath {
+    // SAFETY: the contract, as there.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
         match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
             Commit::Chosen(ready) => {
                 lists.set_nothing_waits();
@@ -339,6 +391,48 @@ unsafe fn meet_guard<const SEND: bool>(
             }
             Commit::No => FastPath::No,
         }
+    }
+}
+
+/// The alternative of a guard cannot be committed on the fast path.
+#[cold]
+#[inline(never)]
+pub(super) fn guard_refuses(
+    lists: InsideGuard<'_, WaitQueues>,
+    select_state: &SelectState,
+    commit_lock: Result<InsideGuard<'_, ()>, Refused>,
+) -> FastPath {
+    match commit_lock {
+        Ok(commit_lock) => drop(commit_lock),
+        Err(Refused::Revoked) => select_state.after_revocation(),
+        Err(Refused::NotBiased) => {}
+    }
+    drop(lists);
+    FastPath::No
+}
+
+/// As the rest of [`meet_guard`], where the bias of the commit lock was revoked meanwhile. The lock
+/// of the wait point was kept.
+///
+/// # Safety
+///
+/// As there; the alternative was committed through this guard, which does not wait alone, or
+/// through this node of a registered one.
+#[cold]
+#[inline(never)]
+pub(super) unsafe fn give_revoked<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+    guard: NonNull<WaitNode>,
+    ready: PlainPendingWake,
+) -> FastPath {
+    // SAFETY: the contract: until the guard is settled its select state is live.
+    unsafe {
+        let (select_state, _) = Waiter::<()>::guard_of(guard.cast());
+        select_state.as_ref().after_revocation();
+        let lists = wait_point.kept(turn);
+        give::<SEND>(wait_point, lists, node, (guard, ready), turn)
     }
 }
 
@@ -442,10 +536,26 @@ unsafe fn part_kept<const SEND: bool>(
 ) -> FastPath {
     // SAFETY: the contract.
     unsafe {
-        let mut lists = wait_point.kept(turn);
-        if lists.waiting.one(!SEND).is_some() {
-            return part::<SEND>(wait_point, lists, partner, turn);
+        let lists = wait_point.kept(turn);
+        if lists.waiting.one(!SEND).is_none() {
+            lists.keep();
+            return part_queued::<SEND>(wait_point, turn);
         }
+        part::<SEND>(wait_point, lists, partner, turn)
+    }
+}
+
+/// As [`part_kept`], for a partner that is the first of its queue.
+///
+/// # Safety
+///
+/// As there.
+#[cold]
+#[inline(never)]
+unsafe fn part_queued<const SEND: bool>(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
+    // SAFETY: the contract.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
         match take_first(lists.waiting_for::<SEND>(), turn) {
             Some(Some(partner)) => depart::<SEND>(wait_point, lists, partner, turn),
             _ => unreachable!("the first of a queue has changed under the lock"),

@@ -32,7 +32,7 @@ use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
 use crate::ended::take_watcher;
 use crate::finally::Finally;
-use crate::inspect::{Identity, Stored, ValueMethods};
+use crate::inspect::{Identity, ValueMethods, WaitPointKind};
 pub(crate) use crate::wait_point::Ending;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
@@ -79,6 +79,7 @@ impl<T> Channel<T> {
     pub(crate) fn allocate(buffer: Buffer, mut identity: Identity) -> NonNull<Channel<T>> {
         identity.values = const {
             &ValueMethods {
+                kind: WaitPointKind::Rendezvous,
                 stored: Self::stored,
                 mover: Waiter::<T>::MOVER,
                 store: Self::store_fast,
@@ -133,14 +134,12 @@ impl<T> Channel<T> {
     ///
     /// `wait_point` is that of a live channel of values of this type, by a pointer to the whole,
     /// and its lock is held.
-    unsafe fn stored(wait_point: NonNull<WaitPoint>) -> Stored {
+    unsafe fn stored(wait_point: NonNull<WaitPoint>) -> (usize, usize) {
         // SAFETY: the contract; the wait point is the channel's first field.
         let channel = unsafe { wait_point.cast::<Channel<T>>().as_ref() };
-        Stored {
-            // SAFETY: the lock is held.
-            now: channel.store.with(|store| unsafe { (*store).len() }),
-            capacity: channel.capacity(),
-        }
+        // SAFETY: the lock is held.
+        let now = channel.store.with(|store| unsafe { (*store).len() });
+        (now, channel.capacity())
     }
 
     #[inline]

@@ -2,9 +2,10 @@
 //! [`fast_path`](super::fast_path), with an [`Alternative`](crate::Alternative) on the receiving
 //! side.
 
-use super::fast_path::{depart, wait_alone};
+use super::fast_path::{depart, give_revoked, guard_refuses, wait_alone};
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
+use crate::select_state::SelectState;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use luna_core::current::{PlainPendingWake, PlainTurn};
@@ -32,10 +33,26 @@ impl<T> Channel<T> {
             let Some(node) = lists.registered.first() else {
                 return FastPath::No;
             };
-            match Entry::<T>::commit_or_announce(node.cast(), turn) {
-                None => FastPath::No,
-                Some(None) => wait_alone::<true>(wait_point, lists, sender, turn),
-                Some(Some(ready)) => {
+            let select_state = Entry::<T>::select_state(node.cast());
+            let commit_lock = match select_state.enter_commit_lock(turn) {
+                Ok(commit_lock) => commit_lock,
+                Err(refused) => return guard_refuses(lists, select_state, Err(refused)),
+            };
+            let Some(committed) = Entry::<T>::commit_or_announce(node.cast()) else {
+                return guard_refuses(lists, select_state, Ok(commit_lock));
+            };
+            let is_biased = commit_lock.leave();
+            match committed {
+                None if !is_biased => {
+                    lists.keep();
+                    wait_revoked(wait_point, select_state, sender, turn)
+                }
+                None => wait_alone::<true>(wait_point, lists, sender, turn),
+                Some(ready) if !is_biased => {
+                    lists.keep();
+                    give_revoked::<true>(wait_point, sender, turn, node, ready)
+                }
+                Some(ready) => {
                     let value = Waiter::<T>::take_value_of(sender.cast());
                     Waiter::<T>::put_value_of(node.cast(), value);
                     depart::<true>(wait_point, lists, (node, ready), turn)
@@ -80,6 +97,24 @@ impl<T> Channel<T> {
         note(lists.senders.is_empty());
         Some(taken)
     }
+}
+
+/// Lets a sender wait alone, after the bias of the alternative's commit lock was revoked.
+///
+/// # Safety
+///
+/// As for [`wait_alone`]; the lock of the wait point was kept.
+#[cold]
+#[inline(never)]
+unsafe fn wait_revoked(
+    wait_point: &WaitPoint,
+    select_state: &SelectState,
+    sender: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    select_state.after_revocation();
+    // SAFETY: the contract.
+    unsafe { wait_alone::<true>(wait_point, wait_point.kept(turn), sender, turn) }
 }
 
 /// Takes the value of a sender that was taken off. The caller wakes it when the lock is released.

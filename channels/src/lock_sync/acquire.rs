@@ -3,18 +3,23 @@
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::SemaphorePermit;
 use super::semaphore::Semaphore;
-use super::take::{Take, TakeUntil};
+use super::take::Take;
+use crate::replay;
 use luna_core::timer_queue::Sleep;
+use pin_project_lite::pin_project;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// Taking permits of a semaphore: see [`Semaphore::acquire`].
-#[derive(Debug)]
-#[must_use = "an operation does nothing unless awaited"]
-pub struct AcquireOp<'a> {
-    semaphore: &'a Semaphore,
-    take: Take<'a>,
+pin_project! {
+    /// Taking permits of a semaphore: see [`Semaphore::acquire`].
+    #[derive(Debug)]
+    #[must_use = "an operation does nothing unless awaited"]
+    pub struct AcquireOp<'a> {
+        semaphore: &'a Semaphore,
+        #[pin]
+        take: Take<'a>,
+    }
 }
 
 impl<'a> AcquireOp<'a> {
@@ -32,29 +37,32 @@ impl<'a> Future for AcquireOp<'a> {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let (semaphore, count) = (self.semaphore, self.take.count);
-        // SAFETY: the take is pinned with the whole.
-        let take = unsafe { self.map_unchecked_mut(|this| &mut this.take) };
-        // SAFETY: a take that succeeds gives the permits to its caller.
-        let permit = |()| unsafe { SemaphorePermit::new(semaphore, count) };
-        take.poll(cx).map_ok(permit)
+        let this = self.project();
+        let (semaphore, count) = (*this.semaphore, this.take.count);
+        let taken = this.take.poll(cx);
+        taken.map_ok(|()| SemaphorePermit::taken(semaphore, count))
     }
 }
 
-/// Taking a permit until a deadline: see [`Semaphore::acquire_timeout`].
-#[derive(Debug)]
-#[must_use = "an operation does nothing unless awaited"]
-pub struct AcquireTimeout<'a> {
-    semaphore: &'a Semaphore,
-    take: TakeUntil<'a>,
+pin_project! {
+    /// Taking a permit until a deadline: see [`Semaphore::acquire_timeout`].
+    #[derive(Debug)]
+    #[must_use = "an operation does nothing unless awaited"]
+    pub struct AcquireTimeout<'a> {
+        semaphore: &'a Semaphore,
+        #[pin]
+        take: Take<'a>,
+        #[pin]
+        sleep: Sleep,
+    }
 }
 
 impl<'a> AcquireTimeout<'a> {
     pub(super) fn new(semaphore: &'a Semaphore, sleep: Sleep) -> Self {
-        let take = semaphore.take(1, false);
         AcquireTimeout {
             semaphore,
-            take: TakeUntil { take, sleep },
+            take: semaphore.take(1, false),
+            sleep,
         }
     }
 }
@@ -63,11 +71,9 @@ impl<'a> Future for AcquireTimeout<'a> {
     type Output = Result<SemaphorePermit<'a>, AcquireTimeoutError>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let semaphore = self.semaphore;
-        // SAFETY: the take is pinned with the whole.
-        let take = unsafe { self.map_unchecked_mut(|this| &mut this.take) };
-        // SAFETY: a take that succeeds gives the permit to its caller.
-        let permit = |()| unsafe { SemaphorePermit::new(semaphore, 1) };
-        take.poll(cx).map_ok(permit)
+        let this = self.project();
+        let semaphore = *this.semaphore;
+        let taken = replay::poll_until(this.take, this.sleep, cx);
+        taken.map_ok(|()| SemaphorePermit::taken(semaphore, 1))
     }
 }

@@ -1,7 +1,7 @@
 //! Passes a priority on: from the first waiter to the holder of a mutex, and from there to the
 //! holder of the mutex that this one waits for.
 
-use super::core::{Core, CoreRef};
+use super::core::Core;
 use super::entry::Entry;
 use crate::wait_point::WaitQueues;
 use arrayvec::ArrayVec;
@@ -43,10 +43,10 @@ pub(super) fn follow(changed: Option<Changed>) {
         }
         // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
         let next = inheritor.next_wait(*above, |node| unsafe {
-            let (entry, core) = Entry::waited_for(node);
-            (node.addr().get(), entry, CoreRef::new(core))
+            let entry = Entry::waited_for(node);
+            (node.addr().get(), entry, Entry::core(entry))
         });
-        let Some((address, entry, core)) = next else {
+        let Some((address, entry, Some(core))) = next else {
             way.pop();
             continue;
         };
@@ -68,18 +68,12 @@ impl Core {
     /// the holder, if its boost changes by that. O(waiters).
     pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
         let mut lists = self.wait_point.lock();
-        let mut next = lists.senders.first();
-        while let Some(node) = next {
-            // SAFETY: the node is in the list, and the lock is held.
-            unsafe {
-                if Entry::of(node) == entry {
-                    self.requeue(&mut lists, entry);
-                    return self.relend(&lists).map(|changed| changed.inheritor);
-                }
-                next = lists.senders.after(node);
-            }
+        if !lists.senders.nodes().any(|node| Entry::of(node) == entry) {
+            return None;
         }
-        None
+        // SAFETY: its node is in the list, and the lock is held.
+        unsafe { self.requeue(&mut lists, entry) };
+        self.relend(&lists).map(|changed| changed.inheritor)
     }
 
     /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
@@ -128,15 +122,10 @@ pub(super) fn end_boost(former: Option<Inheritor>) {
 
 /// The priority of the first waiter that is not the holder itself.
 fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
-    let mut next = lists.senders.first();
-    while let Some(node) = next {
-        // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
-        unsafe {
-            if !Entry::is_of(Entry::of(node), holder) {
-                return node.as_ref().priority();
-            }
-            next = lists.senders.after(node);
-        }
-    }
-    Priority::default()
+    let mut waiters = lists.senders.nodes();
+    // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
+    let other = waiters.find(|&node| unsafe { !Entry::is_of(Entry::of(node), holder) });
+    // SAFETY: as above.
+    let priority = other.map(|node| unsafe { node.as_ref() }.priority());
+    priority.unwrap_or_default()
 }

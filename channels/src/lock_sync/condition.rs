@@ -1,6 +1,5 @@
 //! The condition variable.
 
-use super::core::CoreRef;
 use super::entry::{Cause, Entry};
 use super::error::LockError;
 use super::guard::MutexGuard;
@@ -302,7 +301,6 @@ unsafe fn move_on(
         let Some(core) = Entry::core(entry) else {
             return;
         };
-        let core = CoreRef::new(core);
         let admitted = core.admit(entry);
         (core, admitted)
     };

@@ -11,11 +11,9 @@ use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::biased_lock::Refused;
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal, User, WakeHandle};
-use luna_core::deferred_free::{self, Retired};
-use luna_platform::sync::atomic::{AtomicUsize, Ordering};
-use std::ops::Deref;
+use luna_core::deferred_free::Shared;
 use std::ptr::NonNull;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 /// The free permits, and the holder's inheritor.
@@ -33,90 +31,30 @@ pub(super) struct State {
 /// waiter, there are fewer permits than it wants, so a mutex with a waiter is held. The last user
 /// as a receiver is the holder of a mutex, or the last to take permits of a semaphore. `has_died`
 /// is written by the holder, or under the lock as it ceases to hold the mutex.
-#[repr(C)]
 pub(super) struct Core {
-    /// First, so that it leads back to the whole.
-    retired: Retired,
-    /// All handles count as one; the others are those of [`CoreRef`].
-    references: AtomicUsize,
     pub(super) wait_point: GuardedWaitPoint<State>,
     has_died: AtomicBool,
     /// It is a mutex: its holder inherits. A semaphore's permits belong to no process.
     pub(super) has_owner: bool,
 }
 
-/// Keeps a core's memory, not the value beside it.
-pub(super) struct CoreRef(NonNull<Core>);
-
-impl CoreRef {
-    /// # Safety
-    ///
-    /// The core is live.
-    pub(super) unsafe fn new(core: NonNull<Core>) -> Self {
-        // SAFETY: the contract. Relaxed: whatever keeps it live now was passed on by other means.
-        unsafe { core.as_ref() }
-            .references
-            .fetch_add(1, Ordering::Relaxed);
-        Self(core)
-    }
-
-    pub(super) fn pointer(&self) -> NonNull<Core> {
-        self.0
-    }
-}
-
-impl Deref for CoreRef {
-    type Target = Core;
-    fn deref(&self) -> &Core {
-        // SAFETY: it is counted, so it is live.
-        unsafe { self.0.as_ref() }
-    }
-}
-
-impl Drop for CoreRef {
-    fn drop(&mut self) {
-        // SAFETY: it was counted.
-        unsafe { Core::let_go(self.0) };
-    }
-}
-
 impl Core {
-    /// # Safety
-    ///
-    /// Its wait point is registered next.
+    /// A new one, for its first handle. Allocates.
     #[track_caller]
-    pub(super) unsafe fn new(
-        kind: WaitPointKind,
-        permits: u32,
-        free: unsafe fn(NonNull<Retired>),
-    ) -> Self {
+    pub(super) fn share(kind: WaitPointKind, permits: u32) -> Shared<Core> {
         let state = State {
             permits: u64::from(permits),
             inheritor: None,
         };
-        Self {
-            retired: Retired::new(free),
-            references: AtomicUsize::new(1),
-            // SAFETY: the contract.
+        let core = Shared::new(Core {
+            // SAFETY: it is registered next.
             wait_point: unsafe { GuardedWaitPoint::new(kind, state) },
             has_died: AtomicBool::new(false),
             has_owner: kind == WaitPointKind::Mutex,
-        }
-    }
-
-    /// Counts one reference less. The memory of the last one is freed off the real-time path.
-    ///
-    /// # Safety
-    ///
-    /// The reference is the caller's, and the caller does not use it any more.
-    pub(super) unsafe fn let_go(core: NonNull<Core>) {
-        // SAFETY: by the contract, each reference is let go once; after the last one the core is
-        // not used any more.
-        unsafe {
-            if core.as_ref().references.fetch_sub(1, Ordering::AcqRel) == 1 {
-                deferred_free::retire(core.cast());
-            }
-        }
+        });
+        // SAFETY: it is new, and stays in its allocation.
+        unsafe { core.wait_point.register() };
+        core
     }
 
     pub(super) fn state<R>(&self, lists: &WaitQueues, f: impl FnOnce(&mut State) -> R) -> R {
@@ -128,13 +66,12 @@ impl Core {
     #[inline]
     pub(super) fn has_died(&self) -> bool {
         // Relaxed: the lock, or the outcome of a node, came in between.
-        self.has_died.load(std::sync::atomic::Ordering::Relaxed)
+        self.has_died.load(Ordering::Relaxed)
     }
 
     /// Said by the holder.
     pub(super) fn set_died(&self, has_died: bool) {
-        self.has_died
-            .store(has_died, std::sync::atomic::Ordering::Relaxed);
+        self.has_died.store(has_died, Ordering::Relaxed);
     }
 
     /// Remembers that a user of a semaphore is outside of the system.
@@ -260,17 +197,15 @@ impl Core {
     ///
     /// # Safety
     ///
-    /// `entry` is the caller's, pinned and not begun; `core` is this. If it is pending, it is taken
+    /// `entry` is the caller's, pinned and not begun. If it is pending, it is taken
     /// back by [`withdraw`](Self::withdraw) or has become `Done` before it goes, and then ended.
     pub(super) unsafe fn take_or_list(
-        core: NonNull<Core>,
+        this: &Shared<Core>,
         entry: NonNull<Entry>,
         count: u32,
         (priority, mut inheritor): (Priority, Option<Inheritor>),
         renewal: &mut Renewal<'_, '_>,
     ) -> Poll<()> {
-        // SAFETY: the contract.
-        let this = unsafe { core.as_ref() };
         let mut changed = None;
         let listed = renewal.put(|renewal| {
             let mut lists = this.wait_point.lock();
@@ -284,7 +219,7 @@ impl Core {
             // SAFETY: the contract. Listed with its process before the priority is read again, and
             // in the list of this wait point's lock.
             changed = unsafe {
-                Entry::begin(entry, core, count, inheritor.take());
+                Entry::begin(entry, this, count, inheritor.take());
                 let node = Entry::node(entry);
                 lists.senders.insert(node, priority, wake_handle);
                 this.requeue(&mut lists, entry);

@@ -1,8 +1,9 @@
 //! The node of a waiter for a mutex or a semaphore, or for a condition and then its mutex.
 
-use super::core::{Core, CoreRef};
+use super::core::Core;
 use crate::waiter::{Link, Outcome, Waiter};
 use luna_core::current::{Inheritor, Priority};
+use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
@@ -23,7 +24,6 @@ struct Listed {
     /// First, so that it leads back to this.
     wait: WaitNode,
     entry: NonNull<Entry>,
-    core: NonNull<Core>,
     inheritor: Inheritor,
 }
 
@@ -34,7 +34,7 @@ struct Listed {
 /// While it is in a wait point's list, that wait point's lock guards `waiter` and `inheritor`; a
 /// settled one belongs to its future. `cause` is guarded by the condition's lock. `listed` is there
 /// while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the
-/// inheritor's executor, and the mutex lives.
+/// inheritor's executor, and `core` does not change.
 #[repr(C)]
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
@@ -46,7 +46,7 @@ pub(super) struct Entry {
     pub(super) cause: Cause,
     /// Where it is to take them, from its begin to its end. It keeps that mutex's memory, also if
     /// its future is leaked: the chain may still find it.
-    core: Option<CoreRef>,
+    core: Option<Shared<Core>>,
     is_listed: bool,
     listed: MaybeUninit<Listed>,
 }
@@ -83,11 +83,11 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `entry` is live, pinned, not accessed by another thread, and was not begun before; `core` is
-    /// live; [`end`](Self::end) is called before the entry goes, or the entry stays for ever.
+    /// `entry` is live, pinned, not accessed by another thread, and was not begun before;
+    /// [`end`](Self::end) is called before the entry goes, or the entry stays for ever.
     pub(super) unsafe fn begin(
         entry: NonNull<Entry>,
-        core: NonNull<Core>,
+        core: &Shared<Core>,
         count: u32,
         inheritor: Option<Inheritor>,
     ) {
@@ -95,11 +95,12 @@ impl Entry {
         unsafe {
             Waiter::begin(Self::waiter(entry), false, None, None);
             let this = entry.as_ptr();
+            // Before a chain can find it.
+            (*this).core = Some(core.clone());
             if let Some(inheritor) = &inheritor {
                 (*this).listed.write(Listed {
                     wait: WaitNode::new(),
                     entry,
-                    core,
                     inheritor: inheritor.copy(),
                 });
                 (*this).is_listed = true;
@@ -107,7 +108,6 @@ impl Entry {
             }
             (*this).inheritor = inheritor;
             (*this).count = count;
-            (*this).core = Some(CoreRef::new(core));
         }
     }
 
@@ -132,18 +132,14 @@ impl Entry {
         }
     }
 
-    /// What `node`, which is listed with a process, waits for: the entry, to be compared only, and
-    /// its mutex, which is live.
+    /// The entry of `node`, which is listed with a process. Only its mutex may be asked for.
     ///
     /// # Safety
     ///
     /// `node` was listed by [`begin`](Self::begin), and the lock of the process' executor is held.
-    pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> (NonNull<Entry>, NonNull<Core>) {
+    pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> NonNull<Entry> {
         // SAFETY: the contract.
-        unsafe {
-            let listed = node.cast::<Listed>().as_ptr();
-            ((*listed).entry, (*listed).core)
-        }
+        unsafe { (*node.cast::<Listed>().as_ptr()).entry }
     }
 
     /// How many permits it wants.
@@ -203,10 +199,8 @@ impl Entry {
     /// # Safety
     ///
     /// It is live.
-    pub(super) unsafe fn core(entry: NonNull<Entry>) -> Option<NonNull<Core>> {
+    pub(super) unsafe fn core(entry: NonNull<Entry>) -> Option<Shared<Core>> {
         // SAFETY: the contract; between begin and end, this does not change.
-        unsafe { &(*entry.as_ptr()).core }
-            .as_ref()
-            .map(CoreRef::pointer)
+        unsafe { (*entry.as_ptr()).core.clone() }
     }
 }

@@ -3,18 +3,23 @@
 use super::error::{LockError, LockTimeoutError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
-use super::take::{Take, TakeUntil};
+use super::take::Take;
+use crate::replay;
 use luna_core::timer_queue::Sleep;
+use pin_project_lite::pin_project;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// Locking a mutex: see [`Mutex::lock`].
-#[must_use = "an operation does nothing unless awaited"]
-pub struct LockOp<'a, T> {
-    mutex: &'a Mutex<T>,
-    take: Take<'a>,
+pin_project! {
+    /// Locking a mutex: see [`Mutex::lock`].
+    #[must_use = "an operation does nothing unless awaited"]
+    pub struct LockOp<'a, T> {
+        mutex: &'a Mutex<T>,
+        #[pin]
+        take: Take<'a>,
+    }
 }
 
 impl<'a, T> LockOp<'a, T> {
@@ -32,12 +37,10 @@ impl<'a, T> Future for LockOp<'a, T> {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing is moved; the take is pinned with the whole.
-        let this = unsafe { self.get_unchecked_mut() };
-        let taken = match this.take.lock_fast(cx) {
+        let mut this = self.project();
+        let taken = match this.take.as_mut().lock_fast(cx) {
             true => Poll::Ready(Ok(())),
-            // SAFETY: as above.
-            false => unsafe { Pin::new_unchecked(&mut this.take) }.poll(cx),
+            false => this.take.poll(cx),
         };
         // SAFETY: a take that succeeds gives the mutex to its caller.
         taken.map(|taken| unsafe { this.mutex.taken(taken) })
@@ -52,20 +55,25 @@ impl<T> fmt::Debug for LockOp<'_, T> {
     }
 }
 
-/// Locking a mutex until a deadline: see [`Mutex::lock_timeout`].
-#[derive(Debug)]
-#[must_use = "an operation does nothing unless awaited"]
-pub struct LockTimeout<'a, T> {
-    mutex: &'a Mutex<T>,
-    take: TakeUntil<'a>,
+pin_project! {
+    /// Locking a mutex until a deadline: see [`Mutex::lock_timeout`].
+    #[derive(Debug)]
+    #[must_use = "an operation does nothing unless awaited"]
+    pub struct LockTimeout<'a, T> {
+        mutex: &'a Mutex<T>,
+        #[pin]
+        take: Take<'a>,
+        #[pin]
+        sleep: Sleep,
+    }
 }
 
 impl<'a, T> LockTimeout<'a, T> {
     pub(super) fn new(mutex: &'a Mutex<T>, sleep: Sleep) -> Self {
-        let take = mutex.take(false);
         LockTimeout {
             mutex,
-            take: TakeUntil { take, sleep },
+            take: mutex.take(false),
+            sleep,
         }
     }
 }
@@ -74,12 +82,10 @@ impl<'a, T> Future for LockTimeout<'a, T> {
     type Output = Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing is moved; the take is pinned with the whole.
-        let this = unsafe { self.get_unchecked_mut() };
-        let taken = match this.take.take.lock_fast(cx) {
+        let mut this = self.project();
+        let taken = match this.take.as_mut().lock_fast(cx) {
             true => Poll::Ready(Ok(())),
-            // SAFETY: as above.
-            false => unsafe { Pin::new_unchecked(&mut this.take) }.poll(cx),
+            false => replay::poll_until(this.take, this.sleep, cx),
         };
         // SAFETY: a take that succeeds gives the mutex to its caller.
         taken.map(|taken| unsafe { this.mutex.taken_in_time(taken) })

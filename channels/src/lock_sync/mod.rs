@@ -67,7 +67,6 @@ mod entry;
 mod error;
 mod give_back;
 mod guard;
-mod handle;
 mod lock;
 mod mutex;
 mod permit;

@@ -3,13 +3,14 @@
 use super::core::Core;
 use super::error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
-use super::handle::Handle;
 use super::lock::{LockOp, LockTimeout};
 use super::take::Take;
 use crate::inspect::WaitPointKind;
+use luna_core::deferred_free::Shared;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
 use std::mem::ManuallyDrop;
 use std::time::Duration;
@@ -51,15 +52,40 @@ use std::time::Duration;
 /// assert_eq!(*total.try_lock().unwrap(), 2);
 /// ```
 pub struct Mutex<T> {
-    handle: Handle<T>,
+    core: Shared<Core>,
+    value: Shared<Value<T>>,
 }
+
+/// The guarded value.
+///
+/// # Invariants
+///
+/// `value` is accessed by the holder of the mutex, and dropped with the last handle.
+struct Value<T> {
+    handles: AtomicUsize,
+    value: UnsafeCell<ManuallyDrop<T>>,
+}
+
+// SAFETY: one at a time accesses the value, on whichever thread.
+unsafe impl<T: Send> Send for Value<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Value<T> {}
+// What a panic leaves half done is marked.
+impl<T> std::panic::UnwindSafe for Mutex<T> {}
+impl<T> std::panic::RefUnwindSafe for Mutex<T> {}
 
 impl<T: Send> Mutex<T> {
     /// An unlocked mutex around `value`. Allocates; not for the real-time path.
     #[track_caller]
     pub fn new(value: T) -> Mutex<T> {
+        let value = Value {
+            handles: AtomicUsize::new(1),
+            value: UnsafeCell::new(ManuallyDrop::new(value)),
+        };
         Mutex {
-            handle: Handle::new(WaitPointKind::Mutex, 1, value),
+            core: Core::share(WaitPointKind::Mutex, 1),
+            // SAFETY: the drop of what is `ManuallyDrop` does nothing.
+            value: unsafe { Shared::borrowing(value) },
         }
     }
 }
@@ -67,17 +93,17 @@ impl<T: Send> Mutex<T> {
 impl<T> Mutex<T> {
     #[inline]
     pub(super) fn core(&self) -> &Core {
-        self.handle.core()
+        &self.core
     }
 
     #[inline]
     pub(super) fn take(&self, of_thread: bool) -> Take<'_> {
-        Take::new(&self.handle, 1, of_thread)
+        Take::new(&self.core, 1, of_thread)
     }
 
     #[inline]
     pub(super) fn value(&self) -> &UnsafeCell<ManuallyDrop<T>> {
-        self.handle.value()
+        &self.value.value
     }
 
     /// Locks, waiting until the holder and all more urgent waiters have unlocked.
@@ -249,8 +275,21 @@ impl<T> Mutex<T> {
 
 impl<T> Clone for Mutex<T> {
     fn clone(&self) -> Self {
+        self.value.handles.fetch_add(1, Ordering::Relaxed);
         Mutex {
-            handle: self.handle.clone(),
+            core: self.core.clone(),
+            value: self.value.clone(),
+        }
+    }
+}
+
+impl<T> Drop for Mutex<T> {
+    fn drop(&mut self) {
+        if self.value.handles.fetch_sub(1, Ordering::AcqRel) == 1 {
+            let value = &self.value.value;
+            // SAFETY: this was the last handle, so the mutex is free, and can never be locked
+            // again: the value is dropped once.
+            value.with_mut(|value| unsafe { ManuallyDrop::drop(&mut *value) });
         }
     }
 }
@@ -265,7 +304,7 @@ impl<T: Send + Default> Default for Mutex<T> {
 impl<T> fmt::Debug for Mutex<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Mutex")
-            .field("shared", &self.handle)
+            .field("shared", &&raw const *self.core)
             .finish_non_exhaustive()
     }
 }

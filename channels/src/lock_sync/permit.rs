@@ -23,10 +23,8 @@ pub struct SemaphorePermit<'a> {
 }
 
 impl<'a> SemaphorePermit<'a> {
-    /// # Safety
-    ///
-    /// The caller has taken so many, and gives them away.
-    pub(super) unsafe fn new(semaphore: &'a Semaphore, count: u32) -> Self {
+    /// So many that the caller has taken, and gives away.
+    pub(super) fn taken(semaphore: &'a Semaphore, count: u32) -> Self {
         Self { semaphore, count }
     }
 

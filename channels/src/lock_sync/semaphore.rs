@@ -3,12 +3,12 @@
 use super::acquire::{AcquireOp, AcquireTimeout};
 use super::core::Core;
 use super::error::{AcquireError, AcquireTimeoutError};
-use super::handle::Handle;
 use super::permit::SemaphorePermit;
 use super::take::Take;
 use crate::inspect::WaitPointKind;
 use crate::replay;
 use luna_core::current;
+use luna_core::deferred_free::Shared;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::fmt;
@@ -39,25 +39,28 @@ use std::time::Duration;
 /// ```
 #[derive(Clone)]
 pub struct Semaphore {
-    handle: Handle<()>,
+    core: Shared<Core>,
 }
+
+impl std::panic::UnwindSafe for Semaphore {}
+impl std::panic::RefUnwindSafe for Semaphore {}
 
 impl Semaphore {
     /// A semaphore with `permits`. Allocates; not for the real-time path.
     #[track_caller]
     pub fn new(permits: u32) -> Semaphore {
         Semaphore {
-            handle: Handle::new(WaitPointKind::Semaphore, permits, ()),
+            core: Core::share(WaitPointKind::Semaphore, permits),
         }
     }
 
     pub(super) fn core(&self) -> &Core {
-        self.handle.core()
+        &self.core
     }
 
     #[inline]
     pub(super) fn take(&self, count: u32, of_thread: bool) -> Take<'_> {
-        Take::new(&self.handle, count, of_thread)
+        Take::new(&self.core, count, of_thread)
     }
 
     /// Takes a permit, waiting until there is one for the caller.
@@ -100,9 +103,8 @@ impl Semaphore {
     /// Takes `count` permits, if there are so many and no waiter is as urgent. O(1), for the
     /// real-time path.
     pub fn try_acquire_many(&self, count: u32) -> Option<SemaphorePermit<'_>> {
-        // SAFETY: they were taken.
-        let permit = || unsafe { SemaphorePermit::new(self, count) };
-        self.core().try_take(count).then(permit)
+        let is_taken = self.core().try_take(count);
+        is_taken.then(|| SemaphorePermit::taken(self, count))
     }
 
     /// Like [`acquire`](Self::acquire), for at most `timeout` from its first poll on. Exact: it
@@ -144,8 +146,7 @@ impl Semaphore {
     #[track_caller]
     pub fn blocking_acquire(&self) -> Result<SemaphorePermit<'_>, AcquireError> {
         let taken = luna_core::park::block_on(self.take(1, true));
-        // SAFETY: a take that succeeds gives the permit to its caller.
-        taken.map(|()| unsafe { SemaphorePermit::new(self, 1) })
+        taken.map(|()| SemaphorePermit::taken(self, 1))
     }
 
     /// Like [`blocking_acquire`](Self::blocking_acquire), for at most `timeout`.
@@ -171,8 +172,7 @@ impl Semaphore {
         timeout: Duration,
     ) -> Result<SemaphorePermit<'_>, AcquireTimeoutError> {
         let taken = self.take(1, true).block_for(timeout);
-        // SAFETY: a take that succeeds gives the permit to its caller.
-        taken.map(|()| unsafe { SemaphorePermit::new(self, 1) })
+        taken.map(|()| SemaphorePermit::taken(self, 1))
     }
 
     /// Makes `count` more permits. Real-time path: yes; O(waiters served by them), each in a lock
@@ -216,7 +216,7 @@ impl Semaphore {
 impl fmt::Debug for Semaphore {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Semaphore")
-            .field("shared", &self.handle)
+            .field("shared", &&raw const *self.core)
             .finish_non_exhaustive()
     }
 }

@@ -4,16 +4,15 @@
 use super::core::Core;
 use super::entry::Entry;
 use super::error::{AcquireError, AcquireTimeoutError};
-use super::handle::Handle;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::Outcome;
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal};
+use luna_core::deferred_free::Shared;
 use luna_core::replay_log::{Event, Turn};
-use luna_core::timer_queue::Sleep;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
-use std::marker::{PhantomData, PhantomPinned};
+use std::marker::PhantomPinned;
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -36,16 +35,15 @@ pub(super) enum Phase {
 ///
 /// # Invariants
 ///
-/// In `Listed` it is pinned, and the entry was begun. `core` lives for `'a`.
+/// In `Listed` it is pinned, and the entry was begun.
 pub(super) struct Take<'a> {
-    core: NonNull<Core>,
+    core: &'a Shared<Core>,
     /// Nothing of it is left to drop once it was ended, or if it was not begun.
     entry: UnsafeCell<ManuallyDrop<Entry>>,
     pub(super) phase: Phase,
     /// The thread itself takes them, so it may inherit, and waits at its priority.
     pub(super) of_thread: bool,
     pub(super) count: u32,
-    _core: PhantomData<&'a Core>,
     _pinned: PhantomPinned,
 }
 
@@ -56,27 +54,24 @@ unsafe impl Sync for Take<'_> {}
 
 impl<'a> Take<'a> {
     #[inline]
-    pub(super) fn new<T>(handle: &'a Handle<T>, count: u32, of_thread: bool) -> Self {
+    pub(super) fn new(core: &'a Shared<Core>, count: u32, of_thread: bool) -> Self {
         Take {
-            core: handle.core_pointer(),
+            core,
             entry: UnsafeCell::new(ManuallyDrop::new(Entry::new())),
             phase: Phase::New,
             of_thread,
             count,
-            _core: PhantomData,
             _pinned: PhantomPinned,
         }
     }
 
     #[inline]
     pub(super) fn core(&self) -> &'a Core {
-        // SAFETY: the type's invariant.
-        unsafe { self.core.as_ref() }
+        self.core
     }
 
     pub(super) fn entry(&self) -> NonNull<Entry> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.entry.get()) }.cast()
+        NonNull::from(&self.entry).cast()
     }
 
     /// Begins the entry, for the caller to list it.
@@ -207,15 +202,22 @@ impl<'a> Take<'a> {
 
     /// Locks a mutex on the fast path, if it can: the caller holds it then.
     #[inline(always)]
-    pub(super) fn lock_fast(&mut self, cx: &Context<'_>) -> bool {
+    pub(super) fn lock_fast(self: Pin<&mut Self>, cx: &Context<'_>) -> bool {
         if self.phase == Phase::New
             && let Some(turn) = PlainTurn::of(cx)
             && self.core().lock_fast(turn)
         {
-            self.phase = Phase::Over;
+            self.in_place().phase = Phase::Over;
             return true;
         }
         false
+    }
+
+    /// Its fields, of which no code here moves the entry.
+    #[inline(always)]
+    fn in_place(self: Pin<&mut Self>) -> &mut Self {
+        // SAFETY: what is pinned is the entry, which every method leaves where it is.
+        unsafe { self.get_unchecked_mut() }
     }
 }
 
@@ -241,8 +243,7 @@ impl Future for Take<'_> {
     /// Polls wherever the process is, and whatever it waits with.
     #[inline(never)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing pinned is moved: a listed entry stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let polled = match replay::is_on() {
             true => replay::poll(this, cx),
             false => this.poll_without_log(cx),
@@ -330,8 +331,7 @@ impl GiveUp for Take<'_> {
     }
 
     fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let has_them = this.withdraw();
         this.end();
         match has_them {
@@ -346,28 +346,5 @@ impl GiveUp for Take<'_> {
 
     fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
         matches!(outcome, Err(AcquireTimeoutError::Timeout)).then(replay::gave_up)
-    }
-}
-
-/// Taking permits until a deadline.
-#[derive(Debug)]
-pub(super) struct TakeUntil<'a> {
-    pub(super) take: Take<'a>,
-    pub(super) sleep: Sleep,
-}
-
-impl Future for TakeUntil<'_> {
-    type Output = Result<(), AcquireTimeoutError>;
-
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: both fields are pinned with the whole, and never moved.
-        let (take, sleep) = unsafe {
-            let this = self.get_unchecked_mut();
-            (
-                Pin::new_unchecked(&mut this.take),
-                Pin::new_unchecked(&mut this.sleep),
-            )
-        };
-        replay::poll_until(take, sleep, cx)
     }
 }

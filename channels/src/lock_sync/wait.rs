@@ -14,6 +14,7 @@ use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
+use pin_project_lite::pin_project;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -119,8 +120,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
 
     /// At a deadline: it waits for the mutex alone from now on, unless it was notified before.
     pub(super) fn time_out(self: Pin<&mut Self>) {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let entry = this.take.entry();
         let mut lists = this.condition.wait_point().lock();
         // SAFETY: the lock is held, and under it the entry's cause determines its list. This
@@ -171,6 +171,12 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         self.take.cancel();
     }
 
+    /// Its fields, of which no code here moves the entry.
+    fn in_place(self: Pin<&mut Self>) -> &mut Self {
+        // SAFETY: what is pinned is the entry in `take`, which every method leaves where it is.
+        unsafe { self.get_unchecked_mut() }
+    }
+
     /// Polls until it holds the mutex again, or its branch has failed.
     fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
         let has_failed = current::branch_failed();
@@ -205,8 +211,7 @@ impl<'a, T> Future for WaitOp<'_, 'a, T> {
     type Output = Result<MutexGuard<'a, T>, LockError<'a, T>>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing pinned is moved: a listed entry stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let polled = match replay::is_on() {
             true => replay::poll(this, cx),
             false => this.poll_without_log(cx),
@@ -248,13 +253,17 @@ impl WaitTimeoutResult {
     }
 }
 
-/// Waiting at a condition until a deadline: see [`Condvar::wait_timeout`].
-#[derive(Debug)]
-#[must_use = "an operation does nothing unless awaited, but that the mutex is unlocked when this is dropped"]
-pub struct WaitTimeout<'c, 'a, T> {
-    wait: WaitOp<'c, 'a, T>,
-    sleep: Sleep,
-    is_late: bool,
+pin_project! {
+    /// Waiting at a condition until a deadline: see [`Condvar::wait_timeout`].
+    #[derive(Debug)]
+    #[must_use = "an operation does nothing unless awaited, but that the mutex is unlocked when this is dropped"]
+    pub struct WaitTimeout<'c, 'a, T> {
+        #[pin]
+        wait: WaitOp<'c, 'a, T>,
+        #[pin]
+        sleep: Sleep,
+        is_late: bool,
+    }
 }
 
 impl<'c, 'a, T> WaitTimeout<'c, 'a, T> {
@@ -271,19 +280,12 @@ impl<'a, T> Future for WaitTimeout<'_, 'a, T> {
     type Output = Result<(MutexGuard<'a, T>, WaitTimeoutResult), LockError<'a, T>>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: both fields are pinned with the whole, and never moved.
-        let (mut wait, sleep, is_late) = unsafe {
-            let this = self.get_unchecked_mut();
-            (
-                Pin::new_unchecked(&mut this.wait),
-                Pin::new_unchecked(&mut this.sleep),
-                &mut this.is_late,
-            )
-        };
+        let this = self.project();
+        let mut wait = this.wait;
         let mut polled = wait.as_mut().poll(cx);
-        let may_be_late = polled.is_pending() && !*is_late && !replay::is_replayed();
-        if may_be_late && events::beside(|| sleep.poll(cx)).is_ready() {
-            *is_late = true;
+        let may_be_late = polled.is_pending() && !*this.is_late && !replay::is_replayed();
+        if may_be_late && events::beside(|| this.sleep.poll(cx)).is_ready() {
+            *this.is_late = true;
             wait.as_mut().time_out();
             // It holds the mutex already if that was free.
             polled = wait.as_mut().poll(cx);

@@ -127,6 +127,7 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     type Seed = D::Seed<'a>;
     const PLAIN: bool = D::PLAIN;
     const DROPS: bool = D::DROPS;
+    const ALWAYS_OPEN: bool = D::ALWAYS_OPEN;
 
     #[inline(always)]
     fn into_seed(self) -> Self::Seed {

@@ -2,7 +2,7 @@
 
 use super::{Begun, Link, Make, Outcome, Seldom, Waiter};
 use crate::select_state::SelectState;
-use luna_core::current::{self, PlainTurn, Priority, User, WakeHandle};
+use luna_core::current::{self, PlainTurn, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::atomic::AtomicU8;
 use std::mem::MaybeUninit;
@@ -99,26 +99,42 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares the node of a plain operation that is guard `number` of an alternative of `user`
-    /// for being listed. The type of the value does not matter.
+    /// Prepares the node of a plain operation that is guard `number` of an alternative for waiting
+    /// alone. The type of the value does not matter.
     ///
     /// # Safety
     ///
     /// As for [`begin`](Self::begin).
     #[inline(always)]
-    pub(crate) unsafe fn begin_guard(
+    pub(crate) unsafe fn begin_guard_alone(
         node: NonNull<Waiter<T>>,
-        (user, priority): (User, Priority),
         select_state: NonNull<SelectState>,
         number: u32,
     ) {
-        let wait = WaitNode::waiting(user, priority, None);
         // SAFETY: the contract.
         unsafe {
-            (*node.as_ptr()).link.write(Link {
-                begun: Begun::AsGuard,
-                ..Link::in_full(wait, Some((select_state, number)))
-            });
+            let link = Self::link(node);
+            (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
+            (&raw mut (*link).begun).write(Begun::AsGuard);
+            (&raw mut (*link).extended).write(false);
+            (&raw mut (*link).inherits).write(false);
+            (&raw mut (*link).ticket).write(0);
+            (*link).select_state.write(Some((select_state, number)));
+        }
+    }
+
+    /// Writes the other fields of a guard that was begun to wait alone, so that it can be listed.
+    ///
+    /// # Safety
+    ///
+    /// The node was begun by [`begin_guard_alone`](Self::begin_guard_alone) and is not settled; the
+    /// lock is held that guards it.
+    pub(crate) unsafe fn complete_guard(node: NonNull<Waiter<T>>) {
+        // SAFETY: the contract: the select state is live while its guard waits.
+        unsafe {
+            let (user, priority) = Self::guard_of(node).0.as_ref().opened_by();
+            let wait = WaitNode::waiting(user, priority, None);
+            (&raw mut (*Self::link(node)).wait).write(wait);
         }
     }
 }

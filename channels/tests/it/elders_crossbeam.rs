@@ -141,30 +141,6 @@ fn a_timeout_and_what_comes_after_it() {
     .unwrap();
 }
 
-/// crossbeam: `both_ready`. One that receives and one that sends are done in either order, against
-/// a partner with an order of its own.
-#[test]
-fn against_a_partner_with_an_order_of_its_own() {
-    let _watchdog = Watchdog::new();
-    let ((s1, r1), (s2, r2)) = (channel(), channel());
-    thread::scope(|scope| {
-        scope.spawn(|| {
-            for _ in 0..500 {
-                s1.blocking_send(1).unwrap();
-                assert_eq!(r2.blocking_recv(), Ok(2));
-            }
-        });
-        block_on(async {
-            for _ in 0..1_000 {
-                alt! {
-                    value = r1.recv() => assert_eq!(value, Ok(1)),
-                    sent = s2.send(2) => sent.unwrap(),
-                }
-            }
-        });
-    });
-}
-
 /// crossbeam: `loop_try`. Two processes that try without waiting, against one that waits for either
 /// of them.
 #[test]
@@ -504,7 +480,8 @@ fn what_may_stand_for_an_end_a_pattern_and_a_body() {
     assert!(nothing);
 }
 
-/// crossbeam: `reuse`. The same guards, again and again, against a partner that waits for each.
+/// crossbeam: `reuse`, `both_ready`. The same guards, again and again, one that receives and one that
+/// sends, against a partner that waits for each in an order of its own.
 #[test]
 fn again_and_again() {
     let _watchdog = Watchdog::new();

@@ -128,6 +128,49 @@ fn a_thread_comes_to_a_registered_alternative_on_the_fast_path() {
     run(Server::Registered);
 }
 
+/// The alternative is notified of its channel once, and looks for the second sender itself.
+#[test]
+fn a_registered_alternative_receives_from_both_senders_that_wait_at_one_channel() {
+    let executor = Executor::start(Attributes::new("home")).unwrap();
+    let (sender, receiver) = channel::<u64>();
+    let received = Arc::new(AtomicU64::new(0));
+    let mut processes = Vec::new();
+    for name in ["first", "second"] {
+        let sender = sender.clone();
+        processes.push(executor.spawn(ProcessSpec::new(name), move || async move {
+            for number in 0..EACH {
+                sender.send(number).await.unwrap();
+            }
+        }));
+    }
+    let count = received.clone();
+    let server = executor.spawn(ProcessSpec::new("server"), move || async move {
+        // Kept: a channel that ends notifies the alternative.
+        let _sender = sender;
+        let receivers = [receiver];
+        let mut inputs = Alternative::fair(&receivers);
+        for _ in 0..2 * EACH {
+            // Both senders wait when it looks.
+            yield_now().await;
+            inputs.recv().await.1.unwrap();
+            count.fetch_add(1, Ordering::Relaxed);
+        }
+    });
+    processes.push(
+        executor.spawn(ProcessSpec::new("judge"), move || async move {
+            // Each lets all processes run that can.
+            for _ in 0..20 * EACH {
+                yield_now().await;
+            }
+            assert_eq!(received.load(Ordering::Relaxed), 2 * EACH);
+        }),
+    );
+    executor.release();
+    for process in processes.into_iter().rev().chain([server]) {
+        assert_eq!(process.wait(), Exit::Completed);
+    }
+}
+
 #[test]
 fn a_thread_comes_to_an_alternative_that_offers_on_the_fast_path() {
     for _ in 0..ROUNDS {

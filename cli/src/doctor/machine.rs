@@ -1,11 +1,10 @@
 //! The machine that is looked at: its files, and the core that is to be real-time.
 
+use super::facts::{command_line, config};
 use flate2::read::GzDecoder;
 use luna_platform::facts::parse::core_list;
 use luna_platform::facts::task::field;
-use luna_platform::facts::{
-    ClockResolution, Source, Unread, UnreadReason, command_line, config, parse,
-};
+use luna_platform::facts::{ClockResolution, Source, Unread, UnreadReason, parse};
 use std::io::Read;
 
 /// The files of a machine, and which of its cores is to run real-time executors.

@@ -2,6 +2,7 @@
 
 mod checks;
 mod diagnosis;
+mod facts;
 mod finding;
 mod machine;
 mod measure;
@@ -14,9 +15,9 @@ use crate::args;
 use crate::demo::print_json;
 use crate::failure::Failure;
 use diagnosis::Diagnosis;
+use facts::cpu_time::{CpuTime, cpu_time};
 use finding::Finding;
 use luna_platform::facts::Source;
-use luna_platform::facts::cpu_time::{CpuTime, cpu_time};
 use machine::Machine;
 use std::io::Write;
 use std::process::ExitCode;

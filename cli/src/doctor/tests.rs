@@ -3,11 +3,11 @@
 mod fitness;
 
 use super::diagnosis::Diagnosis;
+use super::facts::cpu_time::cpu_time;
 use super::finding::{Check, Verdict};
 use super::machine::Machine;
 use super::{checks, look, table};
 use crate::columns::WIDTH;
-use luna_platform::facts::cpu_time::cpu_time;
 use luna_platform::facts::{Source, Unread, UnreadReason};
 use std::collections::{BTreeMap, HashSet};
 use std::fs;

@@ -6,6 +6,8 @@ mod convert;
 mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
+#[cfg(target_os = "linux")]
+mod production_cell;
 mod record;
 mod recordings;
 mod scope;

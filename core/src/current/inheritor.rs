@@ -313,17 +313,8 @@ impl Inheritor {
         found: impl FnOnce(NonNull<WaitNode>) -> R,
     ) -> Option<R> {
         self.with_waits(|waits| {
-            let mut lowest: Option<NonNull<WaitNode>> = None;
-            let mut next = waits.first();
-            while let Some(node) = next {
-                let at = node.addr().get();
-                if at > address && lowest.is_none_or(|lowest| at < lowest.addr().get()) {
-                    lowest = Some(node);
-                }
-                // SAFETY: the node is in the list.
-                next = unsafe { waits.after(node) };
-            }
-            lowest.map(found)
+            let further = waits.nodes().filter(|node| node.addr().get() > address);
+            further.min_by_key(|node| node.addr()).map(found)
         })
         .flatten()
     }

@@ -283,10 +283,11 @@ fn executor_thread_of(executor_id: ExecutorId) -> Option<StdArc<ExecutorThread>>
     if self::executor_id() != Some(executor_id) {
         return None;
     }
-    EXECUTOR_THREAD.with(|slot| {
-        let slot = slot.borrow();
-        let thread = slot.as_ref()?;
-        Some(SPARE_EXECUTOR_THREADS.with(|spare| spare.another(thread)))
+    // What is kept is of this thread.
+    SPARE_EXECUTOR_THREADS.with(|spare| {
+        spare
+            .kept()
+            .or_else(|| EXECUTOR_THREAD.with(|slot| Some(spare.another(slot.borrow().as_ref()?))))
     })
 }
 

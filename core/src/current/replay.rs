@@ -33,7 +33,11 @@ pub fn with_replay_log<R>(log: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
 }
 
 /// Calls `f` as if the current process had no replay log: for work within one of its operations.
+#[inline]
 pub fn without_replay_log<R>(f: impl FnOnce() -> R) -> R {
+    if !has_replay_log() {
+        return f();
+    }
     let before = THREAD.with(|thread| {
         let branch = Branch(thread.branch.get().0 & !Branch::HAS_LOG);
         thread.exchange_branch(branch)

@@ -1,12 +1,12 @@
 //! Shared ownership with a deferred end on the real-time path.
 
 use super::{Retired, retire};
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
 use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
 use std::ops::Deref;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A value with several owners, as [`Arc`](std::sync::Arc): but if the last owner is dropped on the
 /// real-time path, the value is dropped and freed by the next call of [`collect`](super::collect),
@@ -50,9 +50,23 @@ unsafe impl<T: Send + Sync> Send for Shared<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send + Sync> Sync for Shared<T> {}
 
-impl<T: Send + Sync + 'static> Shared<T> {
+impl<T: Send + Sync> Shared<T> {
     /// The first owner of `value`. Allocates.
-    pub fn new(value: T) -> Self {
+    pub fn new(value: T) -> Self
+    where
+        T: 'static,
+    {
+        // SAFETY: the value borrows nothing.
+        unsafe { Self::borrowing(value) }
+    }
+
+    /// As [`new`](Self::new), of a value that may borrow.
+    ///
+    /// # Safety
+    ///
+    /// The drop of the value, which may come after all that it borrows has gone, uses nothing of
+    /// that.
+    pub unsafe fn borrowing(value: T) -> Self {
         let inner = Box::new(Inner {
             retired: Retired::new(free::<T>),
             owners: AtomicUsize::new(1),
@@ -60,6 +74,24 @@ impl<T: Send + Sync + 'static> Shared<T> {
         });
         Self {
             inner: NonNull::from(Box::leak(inner)),
+            owns: PhantomData,
+        }
+    }
+}
+
+impl<T: Send + Sync + 'static> Shared<T> {
+    /// As [`new`](Self::new), of a value that knows the [pointer](Self::from_raw) of its owners.
+    /// The pointer may be used when this has returned.
+    pub(crate) fn new_cyclic(value: impl FnOnce(*const ()) -> T) -> Self {
+        let mut place = Box::<Inner<T>>::new_uninit();
+        place.write(Inner {
+            retired: Retired::new(free::<T>),
+            owners: AtomicUsize::new(1),
+            value: value(place.as_ptr().cast()),
+        });
+        Self {
+            // SAFETY: it was just written.
+            inner: NonNull::from(Box::leak(unsafe { place.assume_init() })),
             owns: PhantomData,
         }
     }

@@ -165,11 +165,12 @@ impl Ring {
 pub struct Writer(Arc<Ring>);
 
 impl Writer {
-    /// Puts an event in, for a thread that has no ring itself.
-    pub fn put(&mut self, of: u16, subject: u32, arguments: [u64; 2]) {
+    /// Puts an event in, for a thread that has no ring itself. Returns whether there is still a
+    /// reader, as far as is known.
+    pub fn put(&mut self, of: u16, subject: u32, arguments: [u64; 2]) -> bool {
         let head = u64::from(subject) << 32 | u64::from(of) << 16;
         // SAFETY: `self` is borrowed exclusively, so this is the one writer.
-        unsafe { self.0.put(head, arguments) };
+        unsafe { self.0.put(head, arguments) }
     }
 
     pub(super) fn ring(&self) -> &Ring {
@@ -249,12 +250,11 @@ mod tests {
 
     #[test]
     fn what_finds_no_room_is_counted_and_the_rest_comes_in_order() {
-        let (writer, mut reader) = ring(5, 3, None);
+        let (mut writer, mut reader) = ring(5, 3, None);
         let losses = reader.losses();
         let mut taken = Vec::new();
         for number in 0..30 {
-            // SAFETY: this is the writer's thread.
-            unsafe { writer.ring().put(number << 32, [number, 7]) };
+            writer.put(0, number, [number.into(), 7]);
             if number % 10 == 9 {
                 reader.take(&mut taken, 100);
             }
@@ -276,24 +276,22 @@ mod tests {
 
     #[test]
     fn a_writer_learns_that_nobody_reads_when_it_is_full() {
-        let (writer, reader) = ring(2, 0, None);
+        let (mut writer, reader) = ring(2, 0, None);
         drop(reader);
-        // SAFETY: this is the writer's thread.
-        let put = || unsafe { writer.ring().put(0, [0, 0]) };
+        let mut put = || writer.put(0, 0, [0, 0]);
         assert!(put() && put());
         assert!(!put());
     }
 
     #[test]
     fn two_threads_lose_none_unseen() {
-        let (writer, mut reader) = ring(64, 0, None);
+        let (mut writer, mut reader) = ring(64, 0, None);
         let losses = reader.losses();
         let mut taken = Vec::new();
         std::thread::scope(|scope| {
             scope.spawn(move || {
                 for number in 0..10_000 {
-                    // SAFETY: this is the writer's thread.
-                    unsafe { writer.ring().put(0, [number, !number]) };
+                    writer.put(0, 0, [number, !number]);
                 }
             });
             while !reader.is_over() {
@@ -314,12 +312,11 @@ mod model {
     #[test]
     fn events_come_out_whole_and_in_order_and_lost_ones_are_counted() {
         loom::model(|| {
-            let (writer, mut reader) = ring(2, 0, None);
+            let (mut writer, mut reader) = ring(2, 0, None);
             let losses = reader.losses();
             let thread = loom::thread::spawn(move || {
                 for number in 1..=3 {
-                    // SAFETY: this is the writer's thread.
-                    unsafe { writer.ring().put(number, [number, number]) };
+                    writer.put(0, number, [number.into(), number.into()]);
                 }
             });
             let mut taken = Vec::new();
@@ -330,12 +327,9 @@ mod model {
             assert!(!was_over || taken.len() as u64 / 4 + losses.get() == 3);
             reader.take(&mut taken, 9);
             assert!(reader.is_over());
-            let numbers: Vec<u64> = taken.chunks(4).map(|entry| entry[0]).collect();
-            assert!(
-                taken
-                    .chunks(4)
-                    .all(|entry| entry[0] == entry[2] && entry[0] == entry[3])
-            );
+            let numbers: Vec<u64> = taken.chunks(4).map(|entry| entry[2]).collect();
+            let is_whole = |entry: &[u64]| entry[0] == entry[2] << 32 && entry[2] == entry[3];
+            assert!(taken.chunks(4).all(is_whole));
             assert!(numbers.is_sorted());
             assert_eq!(numbers.len() as u64 + losses.get(), 3);
         });

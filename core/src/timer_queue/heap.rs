@@ -5,28 +5,39 @@
 //! deadlines or cascades. Its right spines are at most log2(n + 1) long, which bounds inserting,
 //! removing the first and removing any by O(log n).
 
-use super::Fired;
-use crate::current::{Priority, WakeHandle};
+use crate::current::{Priority, Renewal, WakeHandle};
 use luna_platform::clock::Instant;
+use luna_platform::sync::atomic::{AtomicBool, Ordering};
+use std::cell::Cell;
 use std::ptr::NonNull;
 
 type Link = Option<NonNull<Node>>;
 
-/// A deadline and its wake handle.
-#[derive(Debug)]
+/// A deadline and its wake handle. The cells are guarded by the lock around the heap.
 pub(super) struct Node {
-    parent: Link,
-    left: Link,
-    right: Link,
-    pub(super) deadline: Instant,
+    parent: Cell<Link>,
+    left: Cell<Link>,
+    right: Cell<Link>,
+    deadline: Instant,
     /// Of equal deadlines the one armed first comes first.
     sequence: u64,
     /// None of a deadline that wakes nobody.
-    pub(super) wake_handle: Option<WakeHandle>,
-    pub(super) label: Label,
+    wake_handle: Cell<Option<WakeHandle>>,
+    label: Label,
     /// The number of nodes on the way down to the right: no more than bits of their count.
-    rank: u8,
-    pub(super) fired: Fired,
+    rank: Cell<u8>,
+    fired: AtomicBool,
+}
+
+/// The fields of a node.
+///
+/// For this module: `node` is reached from the root of a heap whose lock the caller has, or the
+/// caller of an unsafe method has promised that it is live.
+#[inline(always)]
+fn at<'a>(node: NonNull<Node>) -> &'a Node {
+    // SAFETY: the node is live by the invariant of the heap, or by the promise of the caller. The
+    // reference is used within one call of a method, and not after `fired` was set.
+    unsafe { node.as_ref() }
 }
 
 /// What the owner of a shared queue knows of a node.
@@ -65,9 +76,64 @@ impl Heap {
         }
     }
 
-    /// The node with the earliest deadline.
-    pub(super) fn first(&self) -> Link {
-        self.root
+    /// The earliest deadline.
+    #[inline]
+    pub(super) fn first_deadline(&self) -> Option<Instant> {
+        self.root.map(|root| at(root).deadline)
+    }
+
+    /// Takes out the node with the earliest deadline, which has fired then: its owner may free it.
+    /// O(log n).
+    #[inline(always)]
+    pub(super) fn pop(&mut self) -> Option<(Option<WakeHandle>, Instant, Label)> {
+        let first = self.root?;
+        // SAFETY: it is in this heap.
+        unsafe { self.remove(first) };
+        let node = at(first);
+        let (deadline, label) = (node.deadline, node.label);
+        let wake_handle = node.wake_handle.take();
+        node.fired.store(true, Ordering::Release);
+        Some((wake_handle, deadline, label))
+    }
+
+    /// Whether the node has fired. From any thread, without the lock.
+    ///
+    /// # Safety
+    ///
+    /// It was inserted, and is live.
+    #[inline]
+    pub(super) unsafe fn has_fired(node: NonNull<Node>) -> bool {
+        at(node).fired.load(Ordering::Acquire)
+    }
+
+    /// Lets the context of `renewal` be woken. A node that has just fired stays without a handle:
+    /// it is ready at its next poll.
+    ///
+    /// # Safety
+    ///
+    /// The node was inserted into this heap, and is live.
+    pub(super) unsafe fn renew(&mut self, node: NonNull<Node>, renewal: &mut Renewal<'_, '_>) {
+        let wake_handle = &at(node).wake_handle;
+        let mut stored = wake_handle.take();
+        if stored.is_some() {
+            renewal.store(&mut stored);
+        }
+        wake_handle.set(stored);
+    }
+
+    /// Removes a node that has not fired, and gives its wake handle. O(log n).
+    ///
+    /// # Safety
+    ///
+    /// The node was inserted into this heap once and not removed, and is live.
+    #[inline(always)]
+    pub(super) unsafe fn withdraw(&mut self, node: NonNull<Node>) -> Option<Option<WakeHandle>> {
+        if at(node).fired.load(Ordering::Relaxed) {
+            return None;
+        }
+        // SAFETY: the contract; only what has fired was taken out otherwise.
+        unsafe { self.remove(node) };
+        Some(at(node).wake_handle.take())
     }
 
     /// Makes a node at `place`, and adds it. O(log n).
@@ -84,22 +150,21 @@ impl Heap {
         label: Label,
     ) {
         self.sequence += 1;
-        // SAFETY: the caller promises that there is room for the new node, which is in no heap; by
-        // the invariants the others are live.
+        // SAFETY: the caller promises that there is room for the new node, which is in no heap.
         unsafe {
             place.write(Node {
-                parent: None,
-                left: None,
-                right: None,
+                parent: Cell::new(None),
+                left: Cell::new(None),
+                right: Cell::new(None),
                 deadline,
                 sequence: self.sequence,
-                wake_handle,
+                wake_handle: Cell::new(wake_handle),
                 label,
-                rank: 1,
-                fired: Fired::new(false),
+                rank: Cell::new(1),
+                fired: AtomicBool::new(false),
             });
-            self.root = merge(self.root, Some(place));
         }
+        self.root = merge(self.root, Some(place));
     }
 
     /// Removes a node. O(log n).
@@ -108,97 +173,75 @@ impl Heap {
     ///
     /// `node` is in this heap.
     pub(super) unsafe fn remove(&mut self, node: NonNull<Node>) {
-        // SAFETY: the caller promises that the node is in this heap, so by the invariants it and
-        // its descendants are live.
-        unsafe {
-            let Node {
-                parent,
-                left,
-                right,
-                ..
-            } = *node.as_ptr();
-            let children = merge(left, right);
-            if let Some(children) = children {
-                (*children.as_ptr()).parent = parent;
-            }
-            match parent {
-                None => self.root = children,
-                Some(above) => {
-                    if (*above.as_ptr()).left == Some(node) {
-                        (*above.as_ptr()).left = children;
-                    } else {
-                        (*above.as_ptr()).right = children;
-                    }
-                    // Go up while ranks change, which is at most log2(n + 1) steps.
-                    let mut next = parent;
-                    while let Some(ancestor) = next {
-                        if !restore(ancestor) {
-                            break;
-                        }
-                        next = (*ancestor.as_ptr()).parent;
-                    }
-                }
-            }
+        let fields = at(node);
+        let parent = fields.parent.get();
+        let children = merge(fields.left.get(), fields.right.get());
+        if let Some(children) = children {
+            at(children).parent.set(parent);
+        }
+        let Some(above) = parent else {
+            self.root = children;
+            return;
+        };
+        if at(above).left.get() == Some(node) {
+            at(above).left.set(children);
+        } else {
+            at(above).right.set(children);
+        }
+        // Go up while ranks change, which is at most log2(n + 1) steps.
+        let mut next = parent;
+        while let Some(ancestor) = next
+            && restore(at(ancestor))
+        {
+            next = at(ancestor).parent.get();
         }
     }
 }
 
 /// Puts the child of higher rank on the left and sets the rank; returns whether the rank changed.
-///
-/// # Safety
-///
-/// `node` and its children are live.
-unsafe fn restore(node: NonNull<Node>) -> bool {
-    // SAFETY: the caller promises that the node and its children are live.
-    unsafe {
-        let rank = |link: Link| link.map_or(0, |child| (*child.as_ptr()).rank);
-        let fields = &mut *node.as_ptr();
-        if rank(fields.left) < rank(fields.right) {
-            std::mem::swap(&mut fields.left, &mut fields.right);
-        }
-        let new = rank(fields.right) + 1;
-        std::mem::replace(&mut fields.rank, new) != new
+fn restore(node: &Node) -> bool {
+    let rank = |link: Link| link.map_or(0, |child| at(child).rank.get());
+    let (left, right) = (node.left.get(), node.right.get());
+    let (of_left, of_right) = (rank(left), rank(right));
+    if of_left < of_right {
+        node.left.set(right);
+        node.right.set(left);
     }
+    let new = of_left.min(of_right) + 1;
+    node.rank.replace(new) != new
 }
 
-/// Joins two heaps. The function does not set the parent of the resulting root.
-///
-/// # Safety
-///
-/// All nodes of both are live, and the heaps share none.
-unsafe fn merge(a: Link, b: Link) -> Link {
+/// Joins two heaps, which share no node. The function does not set the parent of the resulting
+/// root.
+fn merge(a: Link, b: Link) -> Link {
     let (Some(a), Some(b)) = (a, b) else {
         return a.or(b);
     };
-    // SAFETY: the caller promises that all nodes of both heaps are live.
-    unsafe {
-        let less = |x: NonNull<Node>, y: NonNull<Node>| (*x.as_ptr()).key() < (*y.as_ptr()).key();
-        let (root, mut other) = if less(a, b) { (a, b) } else { (b, a) };
-        (*root.as_ptr()).parent = None;
-        // Down the right spine: at each place the lesser of the node there and the one to be
-        // placed.
-        let mut place = root;
-        while let Some(there) = (*place.as_ptr()).right {
-            let (here, rest) = if less(other, there) {
-                (other, there)
-            } else {
-                (there, other)
-            };
-            (*place.as_ptr()).right = Some(here);
-            (*here.as_ptr()).parent = Some(place);
-            place = here;
-            other = rest;
-        }
-        (*place.as_ptr()).right = Some(other);
-        (*other.as_ptr()).parent = Some(place);
-        // Up again: every node of the way has a new right child.
-        let mut next = Some(place);
-        while let Some(node) = next {
-            restore(node);
-            next = (*node.as_ptr()).parent;
-        }
-        Some(root)
+    let less = |x: NonNull<Node>, y: NonNull<Node>| at(x).key() < at(y).key();
+    let (root, mut other) = if less(a, b) { (a, b) } else { (b, a) };
+    at(root).parent.set(None);
+    // Down the right spine: at each place the lesser of the node there and the one to be placed.
+    let mut place = root;
+    while let Some(there) = at(place).right.get() {
+        let (here, rest) = if less(other, there) {
+            (other, there)
+        } else {
+            (there, other)
+        };
+        at(place).right.set(Some(here));
+        at(here).parent.set(Some(place));
+        place = here;
+        other = rest;
     }
+    at(place).right.set(Some(other));
+    at(other).parent.set(Some(place));
+    // Up again: every node of the way has a new right child.
+    let mut next = Some(place);
+    while let Some(node) = next {
+        restore(at(node));
+        next = at(node).parent.get();
+    }
+    Some(root)
 }
 
 #[cfg(all(test, not(loom)))]
@@ -216,18 +259,15 @@ mod tests {
 
     fn check(link: Link, parent: Link) -> (u8, usize) {
         let Some(node) = link else { return (0, 0) };
-        // SAFETY: the test's nodes live in boxes.
-        let node_ref = unsafe { node.as_ref() };
-        assert_eq!(node_ref.parent, parent);
-        if let Some(parent) = parent {
-            // SAFETY: the test's nodes live in boxes.
-            assert!(unsafe { parent.as_ref() }.key() <= node_ref.key());
-        }
-        let (left, left_count) = check(node_ref.left, link);
-        let (right, right_count) = check(node_ref.right, link);
+        // The test's nodes live in boxes.
+        let node = at(node);
+        assert_eq!(node.parent.get(), parent);
+        assert!(parent.is_none_or(|parent| at(parent).key() <= node.key()));
+        let (left, left_count) = check(node.left.get(), link);
+        let (right, right_count) = check(node.right.get(), link);
         assert!(left >= right);
-        assert_eq!(node_ref.rank, right + 1);
-        (node_ref.rank, left_count + right_count + 1)
+        assert_eq!(node.rank.get(), right + 1);
+        (node.rank.get(), left_count + right_count + 1)
     }
 
     #[test]
@@ -251,16 +291,13 @@ mod tests {
             }
             inside[index] = !inside[index];
         }
-        let (_, count) = check(heap.first(), None);
+        let (_, count) = check(heap.root, None);
         assert_eq!(count, inside.iter().filter(|&&x| x).count());
         let mut last = (Instant::from_nanos(0), 0);
-        while let Some(first) = heap.first() {
-            // SAFETY: it is in the heap.
-            unsafe {
-                assert!(first.as_ref().key() > last);
-                last = first.as_ref().key();
-                heap.remove(first);
-            }
+        while let Some(first) = heap.root {
+            assert!(at(first).key() > last);
+            last = at(first).key();
+            assert_eq!(heap.pop().map(|(_, deadline, _)| deadline), Some(last.0));
         }
     }
 }

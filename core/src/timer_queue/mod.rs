@@ -143,18 +143,11 @@ impl TimerQueue {
         while self.next_deadline() <= now {
             let ready = {
                 let mut heap = self.heap.lock();
-                let Some(first) = heap.first() else {
-                    self.next.store(u64::MAX, Ordering::Relaxed);
+                if heap.first_deadline().is_none_or(|first| first > now) {
+                    self.publish_next(&heap);
                     return;
-                };
-                // SAFETY: a node in the heap is live, and the heap's lock is held.
-                unsafe {
-                    if (*first.as_ptr()).deadline > now {
-                        self.publish_next(&heap);
-                        return;
-                    }
-                    self.fire(&mut heap, first)
                 }
+                self.fire(&mut heap)
             };
             // The last step of this deadline. A foreign waker that panics here ends the executor,
             // which is an emergency: otherwise a process that is never woken would wait without a
@@ -163,22 +156,26 @@ impl TimerQueue {
         }
     }
 
-    /// Removes a node, whose sleep may be freed from then on. Returns the wake of its process.
+    /// Removes the first node of this queue's `heap`, and returns the wake of its process.
+    #[inline(always)]
+    fn fire(&self, heap: &mut Heap) -> PendingWake {
+        let wake_handle = heap.pop().and_then(|(wake_handle, ..)| wake_handle);
+        self.publish_next(heap);
+        wake_handle.map_or(PendingWake::NONE, WakeHandle::take)
+    }
+
+    /// Removes a node that has not fired, and gives its wake handle.
     ///
     /// # Safety
     ///
-    /// `heap` is this queue's, and the node is in it.
+    /// As for [`Heap::withdraw`].
     #[inline(always)]
-    unsafe fn fire(&self, heap: &mut Heap, node: NonNull<Node>) -> PendingWake {
-        // SAFETY: a node in the heap is live, and the caller holds the heap's lock.
-        unsafe {
-            heap.remove(node);
-            self.publish_next(heap);
-            let node = &mut *node.as_ptr();
-            let wake_handle = node.wake_handle.take();
-            node.fired.store(true, Ordering::Release);
-            wake_handle.map_or(PendingWake::NONE, WakeHandle::take)
-        }
+    unsafe fn withdraw(&self, node: NonNull<Node>) -> Option<Option<WakeHandle>> {
+        let mut heap = self.heap.lock();
+        // SAFETY: the contract.
+        let withdrawn = unsafe { heap.withdraw(node) }?;
+        self.publish_next(&heap);
+        Some(withdrawn)
     }
 
     /// Adds a wait, and notifies the owner, this thread, if it has to be.
@@ -203,10 +200,7 @@ impl TimerQueue {
     }
 
     fn publish_next(&self, heap: &Heap) {
-        // SAFETY: the caller holds the heap's lock, and a node in it is live.
-        let next = heap
-            .first()
-            .map_or(Instant::NEVER, |node| unsafe { node.as_ref() }.deadline);
+        let next = heap.first_deadline().unwrap_or(Instant::NEVER);
         self.next.store(next.as_nanos(), Ordering::Relaxed);
     }
 }
@@ -288,8 +282,7 @@ impl Sleep {
     }
 
     fn node(&self) -> NonNull<Node> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()) }.cast()
+        NonNull::from(&self.node).cast()
     }
 
     /// The instant it waits for. [`Instant::NEVER`] before the first poll, if it is counted from
@@ -307,26 +300,30 @@ impl Sleep {
     }
 
     /// Waits for another instant from now on, as if it were made anew. O(log n).
-    pub fn reset(mut self: Pin<&mut Self>, deadline: Instant) {
-        let _former = self.as_mut().disarm();
-        // SAFETY: nothing is moved, and a disarmed node is in no heap.
-        let this = unsafe { self.get_unchecked_mut() };
+    pub fn reset(self: Pin<&mut Self>, deadline: Instant) {
+        let this = self.in_place();
+        let _former = this.disarm();
         this.deadline = deadline;
         this.is_relative = false;
     }
 
+    /// Its fields, of which no code here moves the node.
+    #[inline(always)]
+    fn in_place(self: Pin<&mut Self>) -> &mut Self {
+        // SAFETY: what is pinned is the node, which every method leaves where it is.
+        unsafe { self.get_unchecked_mut() }
+    }
+
     /// Polls one that was armed.
-    fn poll_armed(mut self: Pin<&mut Self>, cx: &Context<'_>) -> Armed {
-        // SAFETY: nothing is moved out.
-        let this = unsafe { self.as_mut().get_unchecked_mut() };
-        let node = this.node();
-        // SAFETY: the node is this sleep's; `fired` is atomic, so any thread may read it.
-        if unsafe { &(*node.as_ptr()).fired }.load(Ordering::Acquire) {
-            this.armed = false;
-            this.deadline = Instant::from_nanos(0);
+    fn poll_armed(&mut self, cx: &Context<'_>) -> Armed {
+        let node = self.node();
+        // SAFETY: it was armed, so there is a node.
+        if unsafe { Heap::has_fired(node) } {
+            self.armed = false;
+            self.deadline = Instant::from_nanos(0);
             return Armed::Is(Poll::Ready(()));
         }
-        let Some(queue) = &this.queue else {
+        let Some(queue) = &self.queue else {
             return Armed::Is(Poll::Pending);
         };
         if TimerQueue::is_left_here(queue) {
@@ -336,13 +333,8 @@ impl Sleep {
         }
         let mut renewal = Renewal::of(cx);
         renewal.put(|renewal| {
-            let _heap = queue.heap.lock();
-            // SAFETY: the lock that guards the node is held.
-            let wake_handle = unsafe { &mut (*node.as_ptr()).wake_handle };
-            // A deadline that has just fired is ready at its next poll.
-            if wake_handle.is_some() {
-                renewal.store(wake_handle);
-            }
+            // SAFETY: it was armed in this queue.
+            unsafe { queue.heap.lock().renew(node, renewal) };
         });
         events::waits_for_other();
         Armed::Is(Poll::Pending)
@@ -350,37 +342,22 @@ impl Sleep {
 
     /// Before it goes.
     #[inline(never)]
-    fn cancel(mut self: Pin<&mut Self>) {
-        let _former = self.as_mut().disarm();
-        // SAFETY: nothing is moved, and a disarmed node is in no heap.
-        if let Some(queue) = unsafe { self.get_unchecked_mut() }.queue.take() {
+    fn cancel(&mut self) {
+        let _former = self.disarm();
+        if let Some(queue) = self.queue.take() {
             current::give_back_timers(queue);
         }
     }
 
     /// Returns its wake handle, if there is one.
     #[must_use = "its drop is user code, and the caller's last step"]
-    fn disarm(self: Pin<&mut Self>) -> Option<WakeHandle> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
-        if !this.armed {
+    fn disarm(&mut self) -> Option<WakeHandle> {
+        if !std::mem::take(&mut self.armed) {
             return None;
         }
-        this.armed = false;
         events::waits_no_more(|| None);
-        let queue = this.queue.as_ref()?;
-        let node = this.node();
-        let mut heap = queue.heap.lock();
-        // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if
-        // not, it is in it.
-        unsafe {
-            if (*node.as_ptr()).fired.load(Ordering::Relaxed) {
-                return None;
-            }
-            heap.remove(node);
-            queue.publish_next(&heap);
-            (*node.as_ptr()).wake_handle.take()
-        }
+        // SAFETY: it was armed in this queue, and is disarmed once.
+        unsafe { self.queue.as_ref()?.withdraw(self.node()) }.flatten()
     }
 }
 
@@ -411,19 +388,18 @@ impl Sleep {
     /// that this sleep is a part of: see [`no_timers`].
     #[inline]
     pub fn poll_or(
-        mut self: Pin<&mut Self>,
+        self: Pin<&mut Self>,
         cx: &mut Context<'_>,
         refuse: impl FnOnce() -> Arc<TimerQueue>,
     ) -> Poll<()> {
+        let this = self.in_place();
         let mut _former = None;
-        if self.armed {
-            match self.as_mut().poll_armed(cx) {
+        if this.armed {
+            match this.poll_armed(cx) {
                 Armed::Is(polled) => return polled,
                 Armed::NotHere(former) => _former = former,
             }
         }
-        // SAFETY: nothing is moved out.
-        let this = unsafe { self.as_mut().get_unchecked_mut() };
         let now = Instant::now();
         if std::mem::take(&mut this.is_relative) {
             this.deadline = now.plus_nanos(this.deadline.as_nanos());
@@ -466,8 +442,7 @@ impl Drop for Sleep {
     #[inline]
     fn drop(&mut self) {
         if self.queue.is_some() {
-            // SAFETY: a value that is being dropped does not move any more.
-            unsafe { Pin::new_unchecked(self) }.cancel();
+            self.cancel();
         }
     }
 }
@@ -479,9 +454,6 @@ impl fmt::Debug for TimerQueue {
             .finish_non_exhaustive()
     }
 }
-
-/// Defined here, so that the heap does not depend on atomics.
-type Fired = AtomicBool;
 
 #[cfg(all(test, not(loom)))]
 mod tests;

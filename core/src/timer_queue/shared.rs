@@ -63,33 +63,20 @@ impl TimerQueue {
     ) -> bool {
         let mut heap = self.heap.lock();
         self.provide(Instant::from_nanos(0));
-        while let Some(first) = heap.first() {
-            // SAFETY: a node in the heap is live, and the heap's lock is held.
-            unsafe {
-                let node = &mut *first.as_ptr();
-                if node.deadline > now {
-                    break;
+        let is_due = |heap: &Heap| heap.first_deadline().is_some_and(|first| first <= now);
+        while is_due(&heap) && !due.is_full() {
+            match heap.pop() {
+                Some((Some(wake_handle), deadline, label)) => {
+                    note(label.number, deadline);
+                    let number = due.who.len();
+                    due.who.push((label.priority, number, wake_handle.take()));
                 }
-                if due.is_full() {
-                    self.publish_next(&heap);
-                    return false;
-                }
-                heap.remove(first);
-                match node.wake_handle.take() {
-                    Some(wake_handle) => {
-                        note(node.label.number, node.deadline);
-                        let number = due.who.len();
-                        due.who
-                            .push((node.label.priority, number, wake_handle.take()));
-                    }
-                    None => due.calls.push(node.label.number),
-                }
-                // Its owner may free it from here on.
-                node.fired.store(true, Ordering::Release);
+                Some((None, _, label)) => due.calls.push(label.number),
+                None => break,
             }
         }
         self.publish_next(&heap);
-        true
+        !is_due(&heap)
     }
 
     /// Adds a wait of the current process, unless the queue is closed. Returns whether it did.
@@ -165,11 +152,10 @@ impl TimerQueue {
         loop {
             let mut heap = self.heap.lock();
             self.is_closed.store(true, Ordering::Release);
-            let Some(first) = heap.first() else {
+            if heap.first_deadline().is_none() {
                 return;
-            };
-            // SAFETY: a node in the heap is live, and the heap's lock is held.
-            let ready = unsafe { self.fire(&mut heap, first) };
+            }
+            let ready = self.fire(&mut heap);
             drop(heap);
             ready.wake_contained();
         }
@@ -209,19 +195,7 @@ impl Deadline {
     }
 
     fn node(&self) -> NonNull<Node> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()) }.cast()
-    }
-
-    /// Whether the node has fired.
-    ///
-    /// # Safety
-    ///
-    /// There is a node.
-    unsafe fn has_fired(&self) -> bool {
-        // SAFETY: by the contract; the flag is atomic, so any thread may read it, and the other
-        // fields are not accessed.
-        unsafe { &(*self.node().as_ptr()).fired }.load(Ordering::Acquire)
+        NonNull::from(&*self.node).cast()
     }
 
     /// Arms it for `at`, which may have passed, in place of a former instant; the owner knows it by
@@ -250,23 +224,14 @@ impl Deadline {
         let Some(queue) = self.queue.take() else {
             return false;
         };
-        let mut heap = queue.heap.lock();
-        // SAFETY: the queue was there, so by the invariant there is a node; it is in this heap,
-        // whose lock is held, unless it has fired.
-        unsafe {
-            if self.has_fired() {
-                return false;
-            }
-            heap.remove(self.node());
-        }
-        queue.publish_next(&heap);
-        true
+        // SAFETY: the queue was there, so by the invariant there is a node, which was armed in it.
+        unsafe { queue.withdraw(self.node()) }.is_some()
     }
 
     /// Whether it was taken as due since it was armed; asked once.
     pub fn take_fired(&mut self) -> bool {
         // SAFETY: the queue is there, so by the invariant there is a node.
-        let has_fired = self.queue.is_some() && unsafe { self.has_fired() };
+        let has_fired = self.queue.is_some() && unsafe { Heap::has_fired(self.node()) };
         if has_fired {
             self.queue = None;
         }

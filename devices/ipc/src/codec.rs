@@ -1,11 +1,16 @@
-//! How a value lies in shared memory.
+//! How a value lies in shared memory, and where.
 
-use crate::ZeroCopySend;
-use std::fmt;
+use crate::error::TypeInfo;
+use crate::memory::OFFSET;
+use crate::session::Session;
+use crate::{IpcError, ZeroCopySend};
 use std::ptr::NonNull;
 
-type Write<T> = unsafe fn(NonNull<u8>, usize, &T) -> Result<(), String>;
-type Read<T> = unsafe fn(NonNull<u8>, usize) -> Result<T, String>;
+type Write<T> = Box<dyn Fn(NonNull<u8>, usize, &T) -> Result<(), String> + Send + Sync>;
+type Read<T> = Box<dyn Fn(NonNull<u8>, usize) -> Result<T, String> + Send + Sync>;
+
+type HandleWrite<T> = Box<dyn Fn(&T) -> [u64; 2] + Send + Sync>;
+type HandleRead<T> = Box<dyn Fn([u64; 2]) -> Result<T, String> + Send + Sync>;
 
 /// How values of a type are written and read.
 ///
@@ -14,45 +19,92 @@ type Read<T> = unsafe fn(NonNull<u8>, usize) -> Result<T, String>;
 /// `write` and `read` may be called with a place that is `size` bytes long and aligned to a page;
 /// `read`, where `write` of the same codec has written.
 pub(crate) struct Codec<T> {
+    info: TypeInfo,
     size: usize,
     write: Write<T>,
     read: Read<T>,
+    /// Takes a value back that was written, and that may have been read.
+    take_back: fn(&mut T),
 }
 
-impl<T> Clone for Codec<T> {
-    fn clone(&self) -> Self {
-        *self
-    }
+/// Where values of a codec are in the memory of a session.
+pub(crate) struct Place<T> {
+    codec: Codec<T>,
+    offset: usize,
 }
 
-impl<T> Copy for Codec<T> {}
-
-impl<T> Codec<T> {
-    /// The bytes that a value needs at most.
-    pub(crate) fn size(&self) -> usize {
-        self.size
+impl<T> Place<T> {
+    /// The first place in a segment.
+    pub(crate) fn first(codec: Codec<T>) -> Self {
+        let offset = OFFSET;
+        Self { codec, offset }
     }
 
-    /// # Safety
-    ///
-    /// `place` is as long as `size()`, aligned to a page, writable, and accessed by no one else.
-    pub(crate) unsafe fn write(&self, place: NonNull<u8>, value: &T) -> Result<(), String> {
-        // SAFETY: the contract, and the invariants.
-        unsafe { (self.write)(place, self.size, value) }
+    /// The next one, on pages of its own.
+    pub(crate) fn after<U>(place: &Place<U>, codec: Codec<T>) -> Self {
+        let offset = place.end().next_multiple_of(OFFSET);
+        Self { codec, offset }
     }
 
+    pub(crate) fn end(&self) -> usize {
+        self.offset + self.codec.size
+    }
+
+    pub(crate) fn info(&self) -> &TypeInfo {
+        &self.codec.info
+    }
+
+    /// Writes a value.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be encoded; then nothing is to be published.
+    ///
     /// # Safety
     ///
-    /// As for `write`, and the same codec has written the place.
-    pub(crate) unsafe fn read(&self, place: NonNull<u8>) -> Result<T, String> {
-        // SAFETY: the contract, and the invariants.
-        unsafe { (self.read)(place, self.size) }
+    /// Of the two programs this one has the turn to write here: no one else accesses the place.
+    pub(crate) unsafe fn write(&self, session: &Session, value: &T) -> Result<(), IpcError> {
+        let place = session.memory().at(self.offset, self.codec.size);
+        // SAFETY of what the codec does: the place is as long, and aligned to a page, since offsets
+        // are. By the contract no one else accesses it.
+        (self.codec.write)(place, self.codec.size, value).map_err(|why| IpcError::Encode {
+            name: session.name().to_owned(),
+            capacity: self.codec.size,
+            why,
+        })
+    }
+
+    /// Takes a value back whose sending has failed, before its sender has it again.
+    pub(crate) fn take_back(&self, value: &mut T) {
+        (self.codec.take_back)(value);
+    }
+
+    /// Copies a value out.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be decoded.
+    ///
+    /// # Safety
+    ///
+    /// The other program has written a value here by the same codec, and does not write meanwhile.
+    pub(crate) unsafe fn read(&self, session: &Session) -> Result<T, IpcError> {
+        let place = session.memory().at(self.offset, self.codec.size);
+        // SAFETY of what the codec does: as for `write`, and by the contract a value is there.
+        (self.codec.read)(place, self.codec.size).map_err(|why| IpcError::Decode {
+            name: session.name().to_owned(),
+            pid: session
+                .other()
+                .pid
+                .load(std::sync::atomic::Ordering::Relaxed),
+            why,
+        })
     }
 }
 
 impl<T: ZeroCopySend> Codec<T> {
     /// The value as it is, with its padding.
-    pub(crate) fn plain() -> Self {
+    pub(crate) fn plain(version: u32) -> Self {
         const {
             assert!(
                 !std::mem::needs_drop::<T>(),
@@ -64,17 +116,80 @@ impl<T: ZeroCopySend> Codec<T> {
             );
         }
         Self {
+            info: TypeInfo::of::<T>(version),
             size: size_of::<T>(),
-            write: |place, _, value| {
+            write: Box::new(|place, _, value| {
                 // SAFETY: by the codec's contract the place is large enough, aligned, and no one
                 // else accesses it. The value is a borrow, so it is elsewhere.
                 unsafe { place.cast::<T>().copy_from_nonoverlapping(value.into(), 1) };
                 Ok(())
-            },
+            }),
             // SAFETY: by the codec's contract a value was written there. Both programs state the
             // same type, whose bits mean the same in both, by `ZeroCopySend`; it has no drop, so a
             // copy is harmless.
-            read: |place, _| Ok(unsafe { place.cast::<T>().read() }),
+            read: Box::new(|place, _| Ok(unsafe { place.cast::<T>().read() })),
+            take_back: |_| (),
+        }
+    }
+}
+
+impl<T: 'static> Codec<T> {
+    /// Of a handle of which 16 bytes cross.
+    pub(crate) fn handle(
+        info: TypeInfo,
+        write: HandleWrite<T>,
+        read: HandleRead<T>,
+        take_back: fn(&mut T),
+    ) -> Self {
+        Self {
+            info,
+            size: size_of::<[u64; 2]>(),
+            write: Box::new(move |place, _, value| {
+                // SAFETY: by the codec's contract the place is large enough, aligned to a page, and
+                // accessed by no one else.
+                unsafe { place.cast().write(write(value)) };
+                Ok(())
+            }),
+            // SAFETY: as for `write`, which has written there. Any bits are valid.
+            read: Box::new(move |place, _| read(unsafe { place.cast().read() })),
+            take_back,
+        }
+    }
+
+    /// A value or none: a word after the place of `codec` says which.
+    pub(crate) fn optional(codec: Codec<T>) -> Codec<Option<T>> {
+        let Codec {
+            info,
+            size,
+            write,
+            read,
+            ..
+        } = codec;
+        let offset = size.next_multiple_of(align_of::<u64>());
+        let put = move |place: NonNull<u8>, _: usize, value: &Option<T>| {
+            if let Some(value) = value {
+                write(place, size, value)?;
+            }
+            let word = u64::from(value.is_some());
+            // SAFETY: by the codec's contract the place has room for the word behind the value, is
+            // aligned to a page, and is accessed by no one else.
+            unsafe { place.add(offset).cast::<u64>().write(word) };
+            Ok(())
+        };
+        let get = move |place: NonNull<u8>, _: usize| {
+            // SAFETY: as for `put`, which has written the word.
+            let word = unsafe { place.add(offset).cast::<u64>().read() };
+            match word {
+                0 => Ok(None),
+                _ => read(place, size).map(Some),
+            }
+        };
+        Codec {
+            info,
+            size: offset + size_of::<u64>(),
+            write: Box::new(put),
+            read: Box::new(get),
+            take_back: |_| (),
         }
     }
 }
@@ -82,10 +197,12 @@ impl<T: ZeroCopySend> Codec<T> {
 #[cfg(feature = "serde")]
 impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
     /// The value in postcard's format, with its length before it: `capacity` bytes at most.
-    pub(crate) fn postcard(capacity: usize) -> Self {
+    pub(crate) fn postcard(capacity: usize, version: u32) -> Self {
+        let name = format!("{} by postcard", std::any::type_name::<T>());
         Self {
+            info: TypeInfo::new(&name, capacity, 1, version),
             size: LENGTH + capacity,
-            write: |place, size, value| {
+            write: Box::new(|place, size, value| {
                 // SAFETY: by the codec's contract the place is as long, and no one else accesses
                 // it. It holds bytes, which the kernel has set to zero before the first use.
                 let bytes = unsafe { std::slice::from_raw_parts_mut(place.as_ptr(), size) };
@@ -95,8 +212,8 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
                     .len();
                 length.copy_from_slice(&used.to_ne_bytes());
                 Ok(())
-            },
-            read: |place, size| {
+            }),
+            read: Box::new(|place, size| {
                 // SAFETY: as for `write`; the sender does not write while this is read.
                 let bytes = unsafe { std::slice::from_raw_parts(place.as_ptr(), size) };
                 let (length, room) = bytes.split_at(LENGTH);
@@ -104,7 +221,8 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
                 let used = length.ok().and_then(|length| room.get(..length));
                 let used = used.ok_or("its length is beyond the end of the memory")?;
                 postcard::from_bytes(used).map_err(|error| error.to_string())
-            },
+            }),
+            take_back: |_| (),
         }
     }
 }
@@ -112,11 +230,3 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
 /// Bytes of the length before an encoded value.
 #[cfg(feature = "serde")]
 const LENGTH: usize = size_of::<usize>();
-
-impl<T> fmt::Debug for Codec<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Codec")
-            .field("size", &self.size)
-            .finish_non_exhaustive()
-    }
-}

@@ -60,6 +60,29 @@ impl TypeInfo {
         Self::new(name, size_of::<T>(), align_of::<T>(), version)
     }
 
+    /// Of values that are lent, in so many slots.
+    pub(crate) fn lent(&self, slots: usize) -> Self {
+        let name = &self.name[..self.name.floor_char_boundary(TYPE_NAME - 40)];
+        Self {
+            name: format!("{name}, lent in {slots} slots"),
+            ..self.clone()
+        }
+    }
+
+    /// Of calls with this request and that answer.
+    pub(crate) fn call(&self, answer: &TypeInfo) -> Self {
+        let part = |info: &TypeInfo| {
+            let name = &info.name[..info.name.floor_char_boundary(TYPE_NAME / 2 - 24)];
+            format!("{name} ({} bytes)", info.size)
+        };
+        Self {
+            name: format!("{} -> {}", part(self), part(answer)),
+            size: self.size + answer.size,
+            align: self.align.max(answer.align),
+            version: self.version,
+        }
+    }
+
     pub(crate) fn new(name: &str, size: usize, align: usize, version: u32) -> Self {
         Self {
             name: name[..name.floor_char_boundary(TYPE_NAME)].to_owned(),
@@ -217,6 +240,22 @@ pub enum IpcError {
         pid: u32,
         /// The error of postcard.
         why: String,
+    },
+    /// No program has written the blackboard yet, or all that had it open have gone.
+    #[error("blackboard `{name}`: no program has it open: open it when its writer runs")]
+    NoBoard {
+        /// The blackboard.
+        name: String,
+    },
+    /// A blackboard has no such key, has it twice, or its entry was taken already.
+    #[error("blackboard `{name}`: key `{key}` {why}")]
+    Key {
+        /// The blackboard.
+        name: String,
+        /// The key.
+        key: String,
+        /// What is wrong with it.
+        why: &'static str,
     },
     /// The link runs on a virtual clock, which does not wait for other programs.
     #[error(

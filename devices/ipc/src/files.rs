@@ -99,7 +99,16 @@ impl LockFile {
 
     /// Takes the role; `false`: it is held. The set-up lock is held.
     pub(crate) fn take(&self, role: Role) -> Result<bool, IpcError> {
-        let lock = range(libc::F_WRLCK, byte_of(role));
+        self.lock(libc::F_WRLCK, role)
+    }
+
+    /// Takes the role beside others that share it; `false`: one holds it alone.
+    pub(crate) fn share(&self, role: Role) -> Result<bool, IpcError> {
+        self.lock(libc::F_RDLCK, role)
+    }
+
+    fn lock(&self, kind: i32, role: Role) -> Result<bool, IpcError> {
+        let lock = range(kind, byte_of(role));
         match fcntl(&self.file, FcntlArg::F_OFD_SETLK(&lock)) {
             Ok(_) => Ok(true),
             Err(nix::Error::EAGAIN | nix::Error::EACCES) => Ok(false),

@@ -38,6 +38,10 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
+//! There are [call channels](client) too, with the caller's priority inherited by the server, and
+//! [blackboards](Blackboard): the latest value of each key, for any number of programs. Large
+//! values are [lent](Endpoint::loan_sender).
+//!
 //! # Guards
 //!
 //! A receiver is an input guard of `alt!` and [`Alternative`](luna::Alternative) as any other: the
@@ -53,7 +57,7 @@
 //!   that passes then returns as sent, as with any extended rendezvous, without the other program's
 //!   acknowledgement: [`Status::acknowledged`] has what was acknowledged. Before the other program
 //!   has joined, no value is taken, and a deadline is exact.
-//! - A value is copied into shared memory and out of it.
+//! - A value is copied into shared memory and out of it, but for a [`Loan`].
 //! - Both programs have the same user, and see the same `/dev/shm` and the same process numbers:
 //!   containers share both namespaces, or the opening fails.
 //! - A program that forks without `exec` keeps its channels open in the child.
@@ -81,6 +85,8 @@
 //! | `bound` of a role | its holder as it opens; the other side as it binds both; under the set-up lock | the other role's epoch in this session; 0: none yet |
 //! | `pid`, `end` of a role | the holder of the role | its process; whether it has closed, poisoned or left the session |
 //! | `asleep` of a role | its holder sets it, its partner clears it | the partner is to ring the bell |
+//! | `thread` and its scheduling | a server's link | the thread to raise for a call; 0: it does not run, and no call is taken |
+//! | `raised` | a client's link | whether it has raised that thread for the last call |
 //! | `published`, value | the sender | number of the newest value, and the value |
 //! | `taken` | the receiver | number of the last value that was taken |
 //!
@@ -97,11 +103,15 @@
 //! has taken it, and rings. The sender's link sees `taken` = n and releases its process. Numbers
 //! are never used twice, and there is one value under way at most.
 //!
+//! **A call** is a value whose answer the receiver's link writes, on pages of its own, before it
+//! stores `taken`. The sender's link raises the other link's thread before it stores `published`,
+//! and sets it back after it has seen `taken`.
+//!
 //! **Waking.** A link that has nothing to do sets `asleep`, looks once more, and waits for its bell
 //! as for any file. Its partner changes a word, and then exchanges `asleep` with 0: if it was set,
 //! it writes one byte to the bell. That is its only system call on behalf of the other side. All of
 //! these are sequentially consistent, so one of the two sees the other's store. Nothing spins
-//! without a bound: see [`SendLink::looks`].
+//! without a bound: see [`Link::looks`].
 //!
 //! **Death.** A link waits for the end of its partner's process too (a *pidfd*, which the kernel
 //! makes readable when all threads of that process have ended; so no store comes after it). That
@@ -134,9 +144,14 @@
 // Its messages go where this says: nowhere.
 extern crate iceoryx2_bb_loggers as _;
 
+mod blackboard;
+mod call;
 mod codec;
 mod error;
 mod files;
+mod inherit;
+mod link;
+mod loan;
 mod memory;
 mod name;
 mod receive_link;
@@ -147,6 +162,10 @@ mod session;
 mod status;
 mod wait;
 
+pub use blackboard::{
+    Blackboard, BoardReader, BoardWriter, Contended, ReadEntry, Reading, WriteEntry, WriterState,
+};
+pub use call::{ClientLink, ServerLink};
 pub use error::{IpcError, Role, TypeInfo};
 pub use files::clean_up;
 /// Derives [`trait@ZeroCopySend`] for a `#[repr(C)]` type of plain data. `#[type_name("Block")]`
@@ -154,13 +173,18 @@ pub use files::clean_up;
 pub use iceoryx2_bb_derive_macros::ZeroCopySend;
 /// iceoryx2's mark of plain data: no pointers, the same layout in all programs. Derive it.
 pub use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
+pub use link::Link;
+pub use loan::{Lent, Loan, Loans};
 pub use receive_link::ReceiveLink;
 pub use send_link::SendLink;
 pub use status::Status;
 
-use codec::Codec;
+use codec::{Codec, Place};
+use luna::channel::{Client, Server};
 use luna::{Buffer, Receiver, Sender};
 use name::Name;
+use receive_link::{Deliveries, Inward};
+use send_link::{Outward, Values};
 use session::Session;
 
 /// Opens the sending side of the channel `name`: [`Endpoint::sender`] with layout version 0.
@@ -199,6 +223,48 @@ pub fn receiver<T: ZeroCopySend + Send + 'static>(
     name: &str,
 ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
     Endpoint::new(name).receiver()
+}
+
+/// Opens the calling side of the call channel `name`: [`Endpoint::client`] with layout version 0.
+///
+/// # Errors
+///
+/// As there.
+///
+/// ```
+/// let name = format!("doc/{}/client", std::process::id());
+/// let (client, link) = luna_ipc::client::<u32, f64>(&name)?;
+/// # drop((client, link));
+/// # Ok::<(), luna_ipc::IpcError>(())
+/// ```
+#[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
+pub fn client<Q, A>(name: &str) -> Result<(Client<Q, A>, ClientLink<Q, A>), IpcError>
+where
+    Q: ZeroCopySend + Send + 'static,
+    A: ZeroCopySend + Send + 'static,
+{
+    Endpoint::new(name).client()
+}
+
+/// Opens the serving side of the call channel `name`: [`Endpoint::server`] with layout version 0.
+///
+/// # Errors
+///
+/// As there.
+///
+/// ```
+/// let name = format!("doc/{}/server", std::process::id());
+/// let (server, link) = luna_ipc::server::<u32, f64>(&name)?;
+/// # drop((server, link));
+/// # Ok::<(), luna_ipc::IpcError>(())
+/// ```
+#[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
+pub fn server<Q, A>(name: &str) -> Result<(Server<Q, A>, ServerLink<Q, A>), IpcError>
+where
+    Q: ZeroCopySend + Send + 'static,
+    A: ZeroCopySend + Send + 'static,
+{
+    Endpoint::new(name).server()
 }
 
 /// How a side of a channel is opened.
@@ -247,9 +313,7 @@ impl Endpoint {
     pub fn sender<T: ZeroCopySend + Send + 'static>(
         &self,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
-        let session = self.open::<T>(Role::Sender)?;
-        let (sender, receiver) = luna::channel();
-        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+        self.sending(Codec::plain(self.version), luna::channel())
     }
 
     /// Opens the sending side with a buffer in front of it, in this program: FIFO or overwriting. A
@@ -281,9 +345,7 @@ impl Endpoint {
         &self,
         buffer: Buffer,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
-        let session = self.open::<T>(Role::Sender)?;
-        let (sender, receiver) = luna::buffered(buffer);
-        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+        self.sending(Codec::plain(self.version), luna::buffered(buffer))
     }
 
     /// Opens the receiving side. All else is as for [`sender`](Self::sender).
@@ -294,14 +356,32 @@ impl Endpoint {
     pub fn receiver<T: ZeroCopySend + Send + 'static>(
         &self,
     ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
-        let session = self.open::<T>(Role::Receiver)?;
-        let (sender, receiver) = luna::channel();
-        let receiver = receiver.named(&self.name);
-        Ok((receiver, ReceiveLink::new(session, sender)))
+        self.receiving(Codec::plain(self.version))
     }
 
-    fn open<T: ZeroCopySend>(&self, role: Role) -> Result<Session<T>, IpcError> {
-        let info = TypeInfo::of::<T>(self.version);
-        Session::open(Name::new(&self.name)?, role, info, Codec::plain())
+    fn sending<T: Send>(
+        &self,
+        codec: Codec<T>,
+        (sender, receiver): (Sender<T>, Receiver<T>),
+    ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
+        let place = Place::first(codec);
+        let session = self.open(Role::Sender, place.info().clone(), place.end())?;
+        let near = Outward(Values::new(receiver, place));
+        Ok((sender.named(&self.name), Link::new(session, near)))
+    }
+
+    fn receiving<T: Send>(
+        &self,
+        codec: Codec<T>,
+    ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
+        let place = Place::first(codec);
+        let session = self.open(Role::Receiver, place.info().clone(), place.end())?;
+        let (sender, receiver) = luna::channel();
+        let near = Inward(Deliveries::new(sender, place));
+        Ok((receiver.named(&self.name), Link::new(session, near)))
+    }
+
+    fn open(&self, role: Role, info: TypeInfo, size: usize) -> Result<Session, IpcError> {
+        Session::open(Name::new(&self.name)?, role, info, size)
     }
 }

@@ -1,6 +1,5 @@
 //! The words in shared memory. The crate's documentation says which program writes which.
 
-use crate::codec::Codec;
 use crate::error::{TYPE_NAME, TypeInfo};
 use crate::name::Name;
 use crate::{IpcError, Role};
@@ -10,13 +9,13 @@ use iceoryx2_bb_posix::permission::Permission;
 use iceoryx2_bb_posix::shared_memory::{AccessMode, SharedMemory, SharedMemoryBuilder};
 use iceoryx2_bb_system_types::file_name::FileName;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
-/// Where the value is: aligned for all types that are allowed.
-const OFFSET: usize = 4096;
+/// Where the first value is: aligned for all types that are allowed.
+pub(crate) const OFFSET: usize = 4096;
 
 /// What the first word of a segment is: "luna-ipc", the last byte the version of the protocol.
-const MAGIC: u64 = u64::from_be_bytes(*b"lunaipc\x01");
+const MAGIC: u64 = u64::from_be_bytes(*b"lunaipc\x02");
 
 /// The words of one role, on cache lines of their own.
 #[repr(C, align(128))]
@@ -30,6 +29,12 @@ pub(crate) struct Side {
     pub(crate) asleep: AtomicU32,
     /// The sender's `published`, the receiver's `taken`.
     pub(crate) number: AtomicU64,
+    /// Of a link that serves calls: its thread, and that thread's own policy and priority.
+    pub(crate) thread: AtomicI32,
+    pub(crate) policy: AtomicI32,
+    pub(crate) priority: AtomicI32,
+    /// Of a link that calls: whether it has raised the partner's thread.
+    pub(crate) raised: AtomicU32,
 }
 
 /// The head of a segment. The value follows.
@@ -74,7 +79,7 @@ impl Words {
     }
 
     /// What the segment's maker has stated.
-    fn stated(&self) -> TypeInfo {
+    pub(crate) fn stated(&self) -> TypeInfo {
         let length = self.name_length.load(Ordering::Relaxed) as usize;
         let bytes = self.name.iter().take(length);
         let bytes: Vec<u8> = bytes.map(|word| word.load(Ordering::Relaxed)).collect();
@@ -87,31 +92,31 @@ impl Words {
     }
 }
 
-/// A mapped segment for values of type `T`.
+/// A mapped segment.
 ///
 /// # Invariants
 ///
-/// The mapping has room for the codec's size at `OFFSET`, is writable, aligned to a page, and stays
-/// while this is. It began as zeros, and its words are changed by atomic operations alone.
+/// The mapping is `size` bytes long, at least `OFFSET`, aligned to a page, and stays while this is.
+/// It began as zeros, and its words are changed by atomic operations alone.
 #[derive(Debug)]
-pub(crate) struct Memory<T> {
+pub(crate) struct Memory {
     base: NonNull<u8>,
+    size: usize,
     _mapping: SharedMemory,
-    codec: Codec<T>,
 }
 
 // SAFETY: the mapping may be used by any thread; what it holds is atomic, or guarded by the
 // numbers of the protocol.
-unsafe impl<T: Send> Send for Memory<T> {}
-// SAFETY: as above; reading and writing the value are `unsafe`, with a contract of their own.
-unsafe impl<T: Send> Sync for Memory<T> {}
+unsafe impl Send for Memory {}
+// SAFETY: as above; values are accessed by pointers, whose user has to see to that.
+unsafe impl Sync for Memory {}
 
-impl<T> Memory<T> {
+impl Memory {
     /// Makes a segment of zeros, and states the type in it. There is none of that name.
-    pub(crate) fn create(name: &Name, info: &TypeInfo, codec: Codec<T>) -> Result<Self, IpcError> {
+    pub(crate) fn create(name: &Name, info: &TypeInfo, size: usize) -> Result<Self, IpcError> {
         let created = SharedMemoryBuilder::new(&file_name(name)?)
             .creation_mode(CreationMode::PurgeAndCreate)
-            .size(OFFSET + codec.size())
+            .size(size)
             .permission(Permission::OWNER_READ_WRITE)
             // The kernel gives zeros.
             .zero_memory(false)
@@ -119,58 +124,70 @@ impl<T> Memory<T> {
             .has_ownership(false)
             .create();
         let mapping = created.map_err(|error| refused(name, "make", error))?;
-        let memory = Self::of(mapping, name, codec)?;
+        let memory = Self::of(mapping, name)?;
         memory.words().state(info);
         Ok(memory)
     }
 
-    /// Opens the segment of a channel that is in use.
+    /// Opens the segment of a channel that is in use, if this type is stated there.
     pub(crate) fn open(
         name: &Name,
         info: &TypeInfo,
         role: Role,
-        codec: Codec<T>,
+        size: usize,
     ) -> Result<Self, IpcError> {
-        let opened =
-            SharedMemoryBuilder::new(&file_name(name)?).open_existing(AccessMode::ReadWrite);
-        let mapping = opened.map_err(|error| refused(name, "open", error))?;
-        let protocol = || IpcError::Protocol {
-            name: name.text().to_owned(),
-        };
-        if mapping.size() < size_of::<Words>() {
-            return Err(protocol());
-        }
-        // SAFETY: the mapping is long enough for the words, aligned to a page, and outlives the
-        // borrow. Any bits are valid for atomic integers.
-        let words = unsafe { &*mapping.base_address().as_ptr().cast::<Words>() };
-        if words.magic.load(Ordering::Acquire) != MAGIC {
-            return Err(protocol());
-        }
-        let there = words.stated();
+        let memory = Self::map(name, AccessMode::ReadWrite)?;
+        let there = memory.words().stated();
         if there != *info {
             return Err(IpcError::Type {
                 name: name.text().to_owned(),
                 role,
                 here: Box::new(info.clone()),
                 there: Box::new(there),
-                pid: words.side(role.other()).pid.load(Ordering::Relaxed),
+                pid: memory
+                    .words()
+                    .side(role.other())
+                    .pid
+                    .load(Ordering::Relaxed),
             });
         }
-        Self::of(mapping, name, codec)
+        match memory.size < size {
+            true => Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            }),
+            false => Ok(memory),
+        }
     }
 
-    fn of(mapping: SharedMemory, name: &Name, codec: Codec<T>) -> Result<Self, IpcError> {
-        let base = mapping.base_address();
-        if mapping.size() < OFFSET + codec.size() {
+    /// Opens a segment, whatever is in it.
+    pub(crate) fn map(name: &Name, mode: AccessMode) -> Result<Self, IpcError> {
+        let opened = SharedMemoryBuilder::new(&file_name(name)?).open_existing(mode);
+        let mapping = opened.map_err(|error| refused(name, "open", error))?;
+        let memory = Self::of(mapping, name)?;
+        match memory.words().magic.load(Ordering::Acquire) {
+            MAGIC => Ok(memory),
+            _ => Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            }),
+        }
+    }
+
+    fn of(mapping: SharedMemory, name: &Name) -> Result<Self, IpcError> {
+        let (base, size) = (mapping.base_address(), mapping.size());
+        if size < OFFSET {
             return Err(IpcError::Protocol {
                 name: name.text().to_owned(),
             });
         }
         Ok(Self {
             base,
+            size,
             _mapping: mapping,
-            codec,
         })
+    }
+
+    pub(crate) fn size(&self) -> usize {
+        self.size
     }
 
     pub(crate) fn words(&self) -> &Words {
@@ -179,47 +196,17 @@ impl<T> Memory<T> {
         unsafe { self.base.cast().as_ref() }
     }
 
-    /// The bytes that a value has at most.
-    pub(crate) fn capacity(&self) -> usize {
-        self.codec.size()
-    }
-
-    fn value(&self) -> NonNull<u8> {
+    /// The first of `size` bytes at `offset`.
+    ///
+    /// # Panics
+    ///
+    /// If they are not in the mapping, beyond the words.
+    pub(crate) fn at(&self, offset: usize, size: usize) -> NonNull<u8> {
         const { assert!(size_of::<Words>() <= OFFSET) };
+        let end = offset.checked_add(size);
+        assert!(offset >= OFFSET && end.is_some_and(|end| end <= self.size));
         // SAFETY: by the invariants the mapping is longer.
-        unsafe { self.base.add(OFFSET) }
-    }
-
-    /// Writes the value.
-    ///
-    /// # Errors
-    ///
-    /// Why it cannot be encoded; then nothing is to be published.
-    ///
-    /// # Safety
-    ///
-    /// This program is the sender of a session, and no value is under way in it.
-    pub(crate) unsafe fn write(&self, value: &T) -> Result<(), String> {
-        // SAFETY: by the invariants the place is in the mapping, aligned to a page and large enough
-        // for the codec. By the contract no receiver reads it: it does so only between `published`
-        // and `taken`.
-        unsafe { self.codec.write(self.value(), value) }
-    }
-
-    /// Copies the value out.
-    ///
-    /// # Errors
-    ///
-    /// Why it cannot be decoded.
-    ///
-    /// # Safety
-    ///
-    /// This program is the receiver of a session, and its number was published in this session and
-    /// is not yet taken.
-    pub(crate) unsafe fn read(&self) -> Result<T, String> {
-        // SAFETY: as for `write`. By the contract the sender has written the value whole, with the
-        // codec of the type that both state, and does not write again before it is taken.
-        unsafe { self.codec.read(self.value()) }
+        unsafe { self.base.add(offset) }
     }
 }
 

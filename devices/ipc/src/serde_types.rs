@@ -1,11 +1,9 @@
 //! Values that are no plain data, by serde in postcard's format.
 
 use crate::codec::Codec;
-use crate::error::TypeInfo;
-use crate::name::Name;
-use crate::session::Session;
-use crate::{Endpoint, IpcError, ReceiveLink, Role, SendLink};
-use luna::{Receiver, Sender};
+use crate::{ClientLink, Endpoint, IpcError, ReceiveLink, SendLink, ServerLink};
+use luna::channel::{Client, Server};
+use luna::{Buffer, Receiver, Sender};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -47,9 +45,7 @@ impl Endpoint {
         &self,
         capacity: usize,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
-        let session = self.open_serde(Role::Sender, capacity)?;
-        let (sender, receiver) = luna::channel();
-        Ok((sender.named(&self.name), SendLink::new(session, receiver)))
+        self.sending(Codec::postcard(capacity, self.version), luna::channel())
     }
 
     /// As [`receiver`](Self::receiver), for a type of serde: see
@@ -70,20 +66,82 @@ impl Endpoint {
         &self,
         capacity: usize,
     ) -> Result<(Receiver<T>, ReceiveLink<T>), IpcError> {
-        let session = self.open_serde(Role::Receiver, capacity)?;
-        let (sender, receiver) = luna::channel();
-        let receiver = receiver.named(&self.name);
-        Ok((receiver, ReceiveLink::new(session, sender)))
+        self.receiving(Codec::postcard(capacity, self.version))
     }
 
-    fn open_serde<T: Serialize + DeserializeOwned>(
+    /// As [`serde_sender`](Self::serde_sender), with a [buffer](Self::buffered_sender) in front of
+    /// it.
+    ///
+    /// # Errors
+    ///
+    /// As for [`sender`](Self::sender).
+    ///
+    /// ```
+    /// let name = format!("doc/{}/lines", std::process::id());
+    /// let endpoint = luna_ipc::Endpoint::new(&name);
+    /// let (lines, link) = endpoint.buffered_serde_sender::<String>(80, luna::Buffer::fifo(16))?;
+    /// lines.try_send("started".to_owned()).unwrap();
+    /// # Ok::<(), luna_ipc::IpcError>(())
+    /// ```
+    pub fn buffered_serde_sender<T: Serialize + DeserializeOwned + Send + 'static>(
         &self,
-        role: Role,
         capacity: usize,
-    ) -> Result<Session<T>, IpcError> {
-        let name = format!("{} by postcard", std::any::type_name::<T>());
-        let info = TypeInfo::new(&name, capacity, 1, self.version);
-        let codec = Codec::postcard(capacity);
-        Session::open(Name::new(&self.name)?, role, info, codec)
+        buffer: Buffer,
+    ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
+        let codec = Codec::postcard(capacity, self.version);
+        self.sending(codec, luna::buffered(buffer))
+    }
+
+    /// As [`client`](Self::client), for types of serde: a request has at most `request` bytes, an
+    /// answer at most `answer` bytes.
+    ///
+    /// # Errors
+    ///
+    /// As for [`sender`](Self::sender).
+    ///
+    /// ```
+    /// let name = format!("doc/{}/plan", std::process::id());
+    /// let endpoint = luna_ipc::Endpoint::new(&name);
+    /// let (plan, link) = endpoint.serde_client::<String, Vec<u16>>(80, 512)?;
+    /// # drop(plan);
+    /// # Ok::<(), luna_ipc::IpcError>(())
+    /// ```
+    #[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
+    pub fn serde_client<Q, A>(
+        &self,
+        request: usize,
+        answer: usize,
+    ) -> Result<(Client<Q, A>, ClientLink<Q, A>), IpcError>
+    where
+        Q: Serialize + DeserializeOwned + Send + 'static,
+        A: Serialize + DeserializeOwned + Send + 'static,
+    {
+        let version = self.version;
+        self.calling(
+            Codec::postcard(request, version),
+            Codec::postcard(answer, version),
+        )
+    }
+
+    /// As [`server`](Self::server), for types of serde: see [`serde_client`](Self::serde_client).
+    ///
+    /// # Errors
+    ///
+    /// As for [`sender`](Self::sender).
+    #[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
+    pub fn serde_server<Q, A>(
+        &self,
+        request: usize,
+        answer: usize,
+    ) -> Result<(Server<Q, A>, ServerLink<Q, A>), IpcError>
+    where
+        Q: Serialize + DeserializeOwned + Send + 'static,
+        A: Serialize + DeserializeOwned + Send + 'static,
+    {
+        let version = self.version;
+        self.serving(
+            Codec::postcard(request, version),
+            Codec::postcard(answer, version),
+        )
     }
 }

@@ -1,6 +1,5 @@
 //! One opening of a side of a channel, and its partner.
 
-use crate::codec::Codec;
 use crate::error::TypeInfo;
 use crate::files::LockFile;
 use crate::memory::{Memory, Side, Words};
@@ -25,28 +24,29 @@ pub(crate) enum End {
     Poisoned = 2,
 }
 
-const OPEN: u32 = 0;
+pub(crate) const OPEN: u32 = 0;
 
 /// One opening of a role. Closed when dropped.
 #[derive(Debug)]
-pub(crate) struct Session<T> {
+pub(crate) struct Session {
     name: Name,
     role: Role,
     lock: LockFile,
-    memory: Memory<T>,
+    memory: Memory,
     /// The bell of this side.
     bell: File,
 }
 
-impl<T> Session<T> {
+impl Session {
+    /// Opens the role, in a segment of `size` bytes.
     pub(crate) fn open(
         name: Name,
         role: Role,
         info: TypeInfo,
-        codec: Codec<T>,
+        size: usize,
     ) -> Result<Self, IpcError> {
         let lock = LockFile::enter(&name)?;
-        let opened = Self::open_locked(&name, role, &info, &lock, codec);
+        let opened = Self::open_locked(&name, role, &info, &lock, size);
         match opened {
             Ok((memory, bell)) => {
                 lock.leave();
@@ -75,10 +75,10 @@ impl<T> Session<T> {
         role: Role,
         info: &TypeInfo,
         lock: &LockFile,
-        codec: Codec<T>,
-    ) -> Result<(Memory<T>, File), IpcError> {
+        size: usize,
+    ) -> Result<(Memory, File), IpcError> {
         if !lock.take(role)? {
-            let memory = Memory::open(name, info, role, codec);
+            let memory = Memory::open(name, info, role, size);
             let holder = memory.map(|memory| memory.words().side(role).pid.load(Relaxed));
             return Err(IpcError::Busy {
                 name: name.text().to_owned(),
@@ -88,14 +88,12 @@ impl<T> Session<T> {
         }
         let is_other_here = lock.is_held(role.other())?;
         let memory = if is_other_here {
-            Memory::open(name, info, role, codec)?
+            Memory::open(name, info, role, size)?
         } else {
             lock.remove_contents();
-            Memory::create(name, info, codec)?
+            Memory::create(name, info, size)?
         };
-        let namespace = fs::metadata("/proc/self/ns/pid")
-            .map_err(|error| IpcError::system(name.text(), "find its PID namespace", error))?
-            .ino();
+        let namespace = namespace(name)?;
         let words = memory.words();
         let (own, other) = (words.side(role), words.side(role.other()));
         if is_other_here && other.namespace.load(Relaxed) != namespace {
@@ -110,6 +108,8 @@ impl<T> Session<T> {
         own.namespace.store(namespace, Relaxed);
         own.asleep.store(0, Relaxed);
         own.end.store(OPEN, Relaxed);
+        own.thread.store(0, Relaxed);
+        own.raised.store(0, Relaxed);
         let epoch = own.epoch.fetch_add(1, SeqCst) + 1;
         if is_other_here {
             if other.bound.load(SeqCst) == 0 && other.end.load(SeqCst) == OPEN {
@@ -129,7 +129,7 @@ impl<T> Session<T> {
         self.name.text()
     }
 
-    pub(crate) fn memory(&self) -> &Memory<T> {
+    pub(crate) fn memory(&self) -> &Memory {
         &self.memory
     }
 
@@ -143,6 +143,10 @@ impl<T> Session<T> {
 
     pub(crate) fn bell(&self) -> &File {
         &self.bell
+    }
+
+    pub(crate) fn other(&self) -> &Side {
+        self.words().side(self.role.other())
     }
 
     /// Whether the session has a partner.
@@ -191,7 +195,7 @@ impl<T> Session<T> {
 
     /// The end of the partner's side, if it has ended the session.
     pub(crate) fn partners_end(&self) -> Option<End> {
-        match self.words().side(self.role.other()).end.load(Acquire) {
+        match self.other().end.load(Acquire) {
             OPEN => None,
             end if end == End::Poisoned as u32 => Some(End::Poisoned),
             _ => Some(End::Closed),
@@ -210,7 +214,7 @@ impl<T> Session<T> {
     }
 }
 
-impl<T> Drop for Session<T> {
+impl Drop for Session {
     fn drop(&mut self) {
         self.end(End::Closed);
         let other = self.role.other();
@@ -279,7 +283,15 @@ fn open_bell(path: &Path) -> io::Result<File> {
         .open(path)
 }
 
-fn open_process(pid: u32) -> io::Result<OwnedFd> {
+/// This process' namespace of process numbers.
+pub(crate) fn namespace(name: &Name) -> Result<u64, IpcError> {
+    let found = fs::metadata("/proc/self/ns/pid");
+    let found =
+        found.map_err(|error| IpcError::system(name.text(), "find its PID namespace", error))?;
+    Ok(found.ino())
+}
+
+pub(crate) fn open_process(pid: u32) -> io::Result<OwnedFd> {
     // SAFETY: takes two integers; no memory is passed.
     let opened = unsafe { libc::syscall(libc::SYS_pidfd_open, pid as libc::pid_t, 0) };
     if opened < 0 {

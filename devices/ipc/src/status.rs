@@ -25,6 +25,7 @@ struct Counts {
     number: AtomicU64,
     acknowledged: AtomicU64,
     missing: AtomicU64,
+    refused_priorities: AtomicU64,
 }
 
 impl Status {
@@ -38,6 +39,16 @@ impl Status {
     pub(crate) fn acknowledge(&self, number: u64) {
         self.0.number.store(number, Relaxed);
         self.0.acknowledged.fetch_add(1, Relaxed);
+    }
+
+    pub(crate) fn refuse_priority(&self) {
+        self.0.refused_priorities.fetch_add(1, Relaxed);
+    }
+
+    /// Calls whose server did not inherit the caller's priority, since the system refused it: see
+    /// RLIMIT_RTPRIO and CAP_SYS_NICE, of both programs.
+    pub fn refused_priorities(&self) -> u64 {
+        self.0.refused_priorities.load(Relaxed)
     }
 
     /// Whether the other program has joined the session.

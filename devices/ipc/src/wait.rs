@@ -1,8 +1,8 @@
 //! What a link waits for: a word of its partner, the partner's death, and an event of its own side.
 
 use crate::IpcError;
-use crate::session::{Partner, Session};
-use luna::external::{FileReady, readable};
+use crate::session::Session;
+use luna::external::FileReady;
 use luna_platform::file;
 use std::future::{Future, poll_fn};
 use std::io::ErrorKind;
@@ -25,30 +25,45 @@ pub(crate) enum First<A, B> {
 }
 
 /// Waits of one session. The futures of files last for the session, since to withdraw one is a
-/// system call.
-pub(crate) struct Waits<'a, T> {
-    session: &'a Session<T>,
-    bell: Pin<Box<FileReady<'a>>>,
-    death: Option<Pin<Box<FileReady<'a>>>>,
+/// system call. They lie in the caller's frame, which is not on the heap.
+pub(crate) struct Waits<'w, 'f> {
+    session: &'f Session,
+    bell: Pin<&'w mut FileReady<'f>>,
+    death: Option<Pin<&'w mut FileReady<'f>>>,
     /// Turns in which it looks before it waits, and those that are left.
     looks: u32,
     looks_left: u32,
 }
 
-impl<'a, T> Waits<'a, T> {
-    pub(crate) fn new(session: &'a Session<T>) -> Self {
+impl<'w, 'f> Waits<'w, 'f> {
+    /// `bell` waits for the session's bell.
+    pub(crate) fn new(session: &'f Session, bell: Pin<&'w mut FileReady<'f>>) -> Self {
         Self {
             session,
-            bell: Box::pin(readable(session.bell())),
+            bell,
             death: None,
             looks: 0,
             looks_left: 0,
         }
     }
 
-    pub(crate) fn watch(&mut self, partner: &'a Partner, looks: u32) {
+    /// `death` waits for the end of the partner's process.
+    pub(crate) fn watch(&mut self, death: Pin<&'w mut FileReady<'f>>, looks: u32) {
         self.looks = looks;
-        self.death = Some(Box::pin(readable(&partner.process)));
+        self.death = Some(death);
+    }
+
+    /// Waits until `own` is done, or the session has a partner.
+    pub(crate) async fn partner<A>(
+        &mut self,
+        own: Pin<&mut impl Future<Output = A>>,
+    ) -> Result<First<A, ()>, IpcError> {
+        let is_bound = |session: &Session| session.is_bound().then_some(());
+        Ok(match self.first(own, is_bound).await? {
+            First::Own(own) => First::Own(own),
+            // Nothing else is watched.
+            First::Other(_) => First::Other(()),
+        })
     }
 
     /// Waits until `own` is done, or `look` finds something in the words, or the partner has died.
@@ -56,7 +71,7 @@ impl<'a, T> Waits<'a, T> {
     pub(crate) async fn first<A, R>(
         &mut self,
         mut own: Pin<&mut impl Future<Output = A>>,
-        look: impl Fn(&Session<T>) -> Option<R>,
+        look: impl Fn(&Session) -> Option<R>,
     ) -> Result<First<A, Seen<R>>, IpcError> {
         self.looks_left = self.looks;
         poll_fn(|cx| {
@@ -72,7 +87,7 @@ impl<'a, T> Waits<'a, T> {
     fn poll<R>(
         &mut self,
         cx: &mut Context<'_>,
-        look: impl Fn(&Session<T>) -> Option<R>,
+        look: impl Fn(&Session) -> Option<R>,
     ) -> Poll<Result<Seen<R>, IpcError>> {
         let asleep = &self.session.own().asleep;
         let failed = |error| IpcError::system(self.session.name(), "wait for its bell", error);
@@ -118,7 +133,7 @@ impl<'a, T> Waits<'a, T> {
     }
 }
 
-fn drain<T>(session: &Session<T>) -> std::io::Result<()> {
+fn drain(session: &Session) -> std::io::Result<()> {
     let mut bytes = [0; 64];
     match file::read(session.bell(), &mut bytes) {
         Err(error) if error.kind() != ErrorKind::WouldBlock => Err(error),

@@ -41,9 +41,9 @@ impl Announced {
     /// what is given.
     #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
     pub fn start(self) -> Option<Announced> {
-        // A caller that saw that nothing is built here relies on it, also if the executor has been
-        // released meanwhile.
-        if self.decided.unwrap_or(true) && self.can_be_built_here() {
+        // A caller that saw what is done here relies on it. The executor may be released meanwhile,
+        // or asked to stop: that it sees after this turn.
+        if self.decided.unwrap_or_else(|| self.can_be_built_here()) {
             // Off the path, and no part of the turn in the middle of which it is done.
             let on_path = current::set_on_path(false);
             // SAFETY: building a process uses no turn of the caller's.

@@ -21,7 +21,7 @@ use crate::process::{ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec};
 use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::task::Unbuilt;
-use luna_core::deferred_free;
+use luna_core::{current, deferred_free};
 use luna_platform::clock::Instant;
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 use std::cell::Cell;
@@ -254,6 +254,12 @@ impl Drop for Executor {
 }
 
 impl ExecutorHandle {
+    /// Whether the caller runs on this executor. O(1).
+    #[inline]
+    pub fn is_here(&self) -> bool {
+        current::executor_id() == Some(self.shared.executor_id)
+    }
+
     /// From now on the thread sleeps as soon as it has nothing to do, regardless of
     /// [`Attributes::spin_before_sleep`]: for when another thread comes to its core. Returns
     /// whether that changes anything. Real-time path: yes; one atomic operation.

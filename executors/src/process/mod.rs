@@ -15,6 +15,7 @@ pub use join::Join;
 pub use name::Name;
 pub(crate) use poll_monitor::prepare as prepare_thread;
 pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
+use record::{How, Outcome, Timing};
 pub(crate) use record::{Notice, RawExit, Record, RecordRef};
 pub(crate) use registry::Enrolled;
 pub use registry::{ProcessRegistry, Quiescent};
@@ -28,17 +29,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// What a process is to be: its name, its level, and its poll monitor.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct ProcessSpec {
     id: ProcessId,
     name: Name,
-    level: u8,
-    timed: bool,
-    listed: bool,
-    unhurried: bool,
-    poll_monitor: Option<Arc<dyn PollMonitor>>,
-    /// Small, since hardly any has one.
-    log_installer: Option<Box<Arc<dyn LogInstaller>>>,
+    /// As in the process' record, as the next one.
+    level_and_how: u8,
+    timing: Option<Box<Timing>>,
 }
 
 impl ProcessSpec {
@@ -50,12 +47,8 @@ impl ProcessSpec {
         Self {
             id: ProcessId::new(),
             name: name.into(),
-            level: Self::DEFAULT_LEVEL,
-            timed: false,
-            listed: false,
-            unhurried: false,
-            poll_monitor: None,
-            log_installer: None,
+            level_and_how: Self::DEFAULT_LEVEL,
+            timing: None,
         }
     }
 
@@ -71,34 +64,36 @@ impl ProcessSpec {
 
     /// The level that the process will have.
     pub fn priority(&self) -> u8 {
-        self.level
+        self.level_and_how & How::LEVEL
     }
 
     /// At `level`, 0 (lowest) to 31; a greater one counts as 31.
     #[must_use]
     pub fn level(mut self, level: u8) -> Self {
-        self.level = level.min(current::LEVELS - 1);
+        self.level_and_how = self.level_and_how & !How::LEVEL | level.min(current::LEVELS - 1);
         self
     }
 
     /// Measures how long each poll takes, at two clock reads a poll (about 50 ns).
     #[must_use]
     pub fn timed(mut self, timed: bool) -> Self {
-        self.timed = timed;
+        if timed || self.timing.is_some() {
+            self.timing().asked = timed;
+        }
         self
     }
 
     /// Lists the process when it has ended, for [`ProcessRegistry::take_ended`].
     #[must_use]
     pub fn listed(mut self) -> Self {
-        self.listed = true;
+        self.level_and_how |= How::LISTED;
         self
     }
 
     /// Makes its end unhurried, unless it is cancelled or panics: see [`ProcessRegistry::rest`].
     #[must_use]
     pub fn unhurried(mut self) -> Self {
-        self.unhurried = true;
+        self.level_and_how |= How::UNHURRIED;
         self
     }
 
@@ -132,7 +127,7 @@ impl ProcessSpec {
     /// ```
     #[must_use]
     pub fn monitored(mut self, poll_monitor: Arc<dyn PollMonitor>) -> Self {
-        self.poll_monitor = Some(poll_monitor);
+        self.timing().poll_monitor = Some(poll_monitor);
         self
     }
 
@@ -141,8 +136,12 @@ impl ProcessSpec {
     #[doc(hidden)]
     #[must_use]
     pub fn with_replay_log(mut self, log_installer: Arc<dyn LogInstaller>) -> Self {
-        self.log_installer = Some(Box::new(log_installer));
+        self.timing().log_installer = Some(log_installer);
         self
+    }
+
+    fn timing(&mut self) -> &mut Timing {
+        self.timing.get_or_insert_default()
     }
 }
 
@@ -287,9 +286,29 @@ impl ProcessHandle {
         self.0.take_exit_value()
     }
 
-    /// Lets go of the room of its body, if it has ended and that is large: for a handle that is
-    /// kept for long. An exit value is to be taken before. Not for the real-time path: it may
-    /// allocate.
+    /// Its name and how often it was polled, if it has completed and no more is known of it: its
+    /// polls are not timed, and it left no exit value.
+    #[doc(hidden)]
+    pub fn completed(&self) -> Option<(Name, u64)> {
+        self.0.completed()
+    }
+
+    /// A handle of a process of which that is kept alone. Allocates.
+    #[doc(hidden)]
+    pub fn of_completed(id: ProcessId, name: Name, priority: u8, polls: u64) -> Self {
+        let record = Record::of_ended(id, name, priority, Outcome::COMPLETED, polls);
+        Self(RecordRef::boxed(record))
+    }
+
+    /// Drops this handle and another one of the same process: with fewer atomic operations than
+    /// one after the other.
+    #[doc(hidden)]
+    pub fn drop_with(self, other: Self) {
+        self.0.drop_with(other.0);
+    }
+
+    /// Lets go of the room of its body, if it has ended: for a handle that is kept for long. An
+    /// exit value is to be taken before. Not for the real-time path: it may allocate.
     pub fn forget_body(&mut self) {
         if let Some(record) = self.0.without_body() {
             self.0 = RecordRef::boxed(record);

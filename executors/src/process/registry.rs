@@ -1,10 +1,10 @@
 //! The processes and threads of one system: how many processes live, and whether all threads sleep
 //! for good.
 
+use super::ProcessHandle;
 use super::record::{Record, RecordRef};
 use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
 use luna_core::current::ExecutorId;
-use luna_core::current::ProcessId;
 use luna_core::deferred_free::Retired;
 use luna_core::path::{self, Call};
 use luna_platform::clock::Instant;
@@ -193,12 +193,12 @@ impl ProcessRegistry {
         }
     }
 
-    /// Passes the numbers of the processes that have ended since the last call to `each`, in the
-    /// order of their ends; only those that are to be [listed](crate::ProcessSpec::listed). O(their
+    /// Passes the processes that have ended since the last call to `each`, in the order of their
+    /// ends; only those that are to be [listed](crate::ProcessSpec::listed). O(their
     /// number). It may free memory, so it is not for the real-time path.
-    pub fn take_ended(&self, mut each: impl FnMut(ProcessId)) {
+    pub fn take_ended(&self, mut each: impl FnMut(ProcessHandle)) {
         for record in self.take_reported() {
-            each(record.id());
+            each(ProcessHandle(record));
         }
         let own = KEPT.with(|kept| match kept.is_of(self) {
             true => kept.take(),
@@ -206,7 +206,7 @@ impl ProcessRegistry {
         });
         if !own.is_null() {
             for record in Chain::reversed(own) {
-                each(record.id());
+                each(ProcessHandle(record));
             }
         }
     }
@@ -233,11 +233,11 @@ impl ProcessRegistry {
 
     /// As [`take_ended`](Self::take_ended), for the last time: processes that end later are not
     /// listed.
-    pub fn close_ended(&self, mut each: impl FnMut(ProcessId)) {
+    pub fn close_ended(&self, mut each: impl FnMut(ProcessHandle)) {
         let ended = self.ended.swap(CLOSED, Ordering::Acquire);
         if !ended.is_null() && ended != CLOSED {
             for record in Chain::reversed(ended) {
-                each(record.id());
+                each(ProcessHandle(record));
             }
         }
     }

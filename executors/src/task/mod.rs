@@ -154,15 +154,16 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
     unsafe {
         let (record, shared) = (&(*head).record, &(*head).shared);
         let level = record.level();
-        let process = Process::new(
-            record.id(),
-            shared.executor_id,
+        // In its place, where nothing is dropped: what was there says how it was built.
+        let place = (&raw mut (*head).process).cast::<Process>();
+        let (id, executor_id) = (record.id(), shared.executor_id);
+        place.write(Process::new(
+            id,
+            executor_id,
             shared.thread_priority(),
             level,
-        );
+        ));
         let slot = REMOTE_WAKES.with_borrow_mut(|remote_wakes| remote_wakes.enter(task));
-        let process = ManuallyDrop::new(process);
-        (&raw mut (*head).process).write(Head { process });
         (&raw mut (*head).slot).write(slot);
         let this = task.as_ref();
         this.process.set_waker(waker::first(task));

@@ -16,9 +16,6 @@ use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// The most memory, in bytes, that is worth keeping for a process that has ended.
-const LARGE: usize = 1024;
-
 /// How a task is built.
 pub(super) struct Methods {
     /// Builds its body and queues it. If that panics, nothing of the builder is left.
@@ -47,10 +44,7 @@ impl Unbuilt {
     {
         let is_on_executor = current::executor_id() == Some(shared.executor_id);
         let free = free_retired::<F, B>;
-        let mut record = Record::new(spec, &shared.registry, is_on_executor, 2, free);
-        if size_of::<Whole<F, B>>() > LARGE {
-            record.set_large();
-        }
+        let record = Record::new(spec, &shared.registry, is_on_executor, 2, free);
         let (whole, skipped) = memory::allocate::<Whole<F, B>>();
         let unbuilt = const {
             &Methods {

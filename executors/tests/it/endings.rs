@@ -336,10 +336,10 @@ fn announced_and_dropped_or_built_in_the_turn_of_another() {
     // A waiter may be notified before the end is listed.
     executor.stop();
     let mut ended = Vec::new();
-    registry.take_ended(|id| ended.push(id));
+    registry.take_ended(|one| ended.push(one.id()));
     assert_eq!(ended.len(), 3);
     assert_eq!((ended[0], ended[2]), (dropped.id(), parent.id()));
-    registry.take_ended(|id| panic!("{id} was listed twice"));
+    registry.take_ended(|one| panic!("{one:?} was listed twice"));
 }
 
 /// A waker of another runtime, with a bug.

@@ -3,11 +3,7 @@
 //! Every fact may be missing: another system, a container that hides a file, a user without
 //! permission to read it. Nothing here fails.
 
-pub mod command_line;
-pub mod config;
 pub mod control_group;
-pub mod cpu_time;
-pub mod interrupts;
 pub mod parse;
 mod source;
 pub mod task;
@@ -86,58 +82,6 @@ impl PreemptionModel {
         let asked = || Some((parse::preemption_asked(&source.read(boot).ok()?)?, boot));
         Ok(in_effect.or_else(asked).unwrap_or((built, version)))
     }
-
-    /// The one that a kernel with this configuration boots with, unless its command line asks for
-    /// another.
-    ///
-    /// ```
-    /// use luna_platform::facts::PreemptionModel;
-    ///
-    /// let config = "CONFIG_PREEMPT_NONE=y\n# CONFIG_PREEMPT is not set\nCONFIG_PREEMPT_DYNAMIC=y\n";
-    /// assert_eq!(PreemptionModel::built_in(config), Some(PreemptionModel::None));
-    /// assert_eq!(PreemptionModel::built_in("CONFIG_HZ=100\n"), None);
-    /// ```
-    pub fn built_in(config: &str) -> Option<PreemptionModel> {
-        let options = [
-            ("CONFIG_PREEMPT_RT", PreemptionModel::RealTime),
-            ("CONFIG_PREEMPT_NONE", PreemptionModel::None),
-            ("CONFIG_PREEMPT_VOLUNTARY", PreemptionModel::Voluntary),
-            ("CONFIG_PREEMPT_LAZY", PreemptionModel::Lazy),
-            ("CONFIG_PREEMPT", PreemptionModel::Full),
-        ];
-        let mut options = options.into_iter();
-        let set = options.find(|(name, _)| config::option(config, name) == Some("y"));
-        set.map(|(_, model)| model)
-    }
-}
-
-/// How much of each period real-time threads may take together, on each core. A spinning one is
-/// stopped for the rest.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub struct Throttling {
-    /// Microseconds of each period; `None` for all of it: nothing is throttled.
-    pub runtime_us: Option<u64>,
-    /// The period in microseconds.
-    pub period_us: u64,
-}
-
-impl Throttling {
-    /// That of `source`.
-    ///
-    /// # Errors
-    ///
-    /// The file that could not be read.
-    pub fn read(source: &Source) -> Result<Throttling, Unread> {
-        let value = |name: &str| source.parse(&format!("/proc/sys/kernel/{name}"), parse::number);
-        Ok(Throttling {
-            // -1 says that there is no limit.
-            runtime_us: u64::try_from(value("sched_rt_runtime_us")?).ok(),
-            period_us: source.parse("/proc/sys/kernel/sched_rt_period_us", |text| {
-                u64::try_from(parse::number(text)?).ok()
-            })?,
-        })
-    }
 }
 
 /// How finely the kernel keeps time, in nanoseconds.
@@ -160,23 +104,5 @@ impl ClockResolution {
     /// ```
     pub fn of_this_machine() -> Option<ClockResolution> {
         backend::clock_resolution()
-    }
-}
-
-/// A limit that the system sets a process.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Limit {
-    /// None.
-    Unlimited,
-    /// At most this.
-    AtMost(u64),
-}
-
-impl fmt::Display for Limit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Limit::Unlimited => f.write_str("unlimited"),
-            Limit::AtMost(most) => most.fmt(f),
-        }
     }
 }

@@ -57,19 +57,6 @@ pub fn write_core_list(cores: &[usize]) -> String {
     parts.collect::<Vec<_>>().join(",")
 }
 
-/// Reads `cpu.rt_runtime_us`-like numbers: one, with white space around it.
-///
-/// ```
-/// use luna_platform::facts::parse::number;
-///
-/// assert_eq!(number("950000\n"), Some(950_000));
-/// assert_eq!(number("-1\n"), Some(-1));
-/// assert_eq!(number("max"), None);
-/// ```
-pub fn number(text: &str) -> Option<i64> {
-    text.trim().parse().ok()
-}
-
 /// The preemption model that the kernel was built with, from its version line (`uname -v`).
 ///
 /// Since Linux 5.12 a kernel can choose when it boots: then this is [`PreemptionModel::Dynamic`],
@@ -250,12 +237,5 @@ mod tests {
             Some(PreemptionModel::None)
         );
         assert_eq!(preemption_asked("preempt=other"), None);
-    }
-
-    #[test]
-    fn numbers() {
-        assert_eq!(number(" 1000000\n"), Some(1_000_000));
-        assert_eq!(number("-1"), Some(-1));
-        assert_eq!(number(""), None);
     }
 }

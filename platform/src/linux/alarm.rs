@@ -6,6 +6,7 @@ use crate::clock::Instant;
 use crate::path::{self, Call};
 use libc::{c_int, c_void, siginfo_t, timer_t};
 use nix::errno::Errno;
+use nix::unistd::gettid;
 use std::any::Any;
 use std::cell::Cell;
 use std::marker::PhantomData;
@@ -37,7 +38,7 @@ thread_local! {
 /// `HERE` of that thread points to `target` as long as this lives; the word is a part of `owner`.
 #[derive(Debug)]
 pub struct Alarm {
-    timer: timer_t,
+    timer: Timer,
     target: Box<Target>,
     /// Which signals the thread blocked before.
     blocked: libc::sigset_t,
@@ -75,7 +76,7 @@ impl Alarm {
             bit,
             rung: AtomicU64::new(0),
         });
-        let timer = create(number, ptr::null_mut())?;
+        let timer = Timer::new(number, ptr::null_mut())?;
         let blocked = unblock(number);
         HERE.set(&raw const *target);
         Some(Alarm {
@@ -91,14 +92,13 @@ impl Alarm {
     /// if the kernel refuses. Real-time path: yes; one system call.
     #[must_use = "without an alarm the clock is to be read"]
     pub fn arm(&self, deadline: Instant) -> bool {
-        // 0 would disarm.
-        self.set(deadline.as_nanos().max(1))
+        self.timer.arm(deadline)
     }
 
     /// Disarms the timer: the bit is not set any more. Real-time path: yes; one system call.
     pub fn disarm(&self) {
         // It fails for no timer that exists.
-        self.set(0);
+        self.timer.set(0);
     }
 
     /// When the bit was set last, if that was not taken before. Real-time path: yes; a load and a
@@ -110,29 +110,6 @@ impl Alarm {
             Instant::from_nanos(rung)
         })
     }
-
-    fn set(&self, nanos: u64) -> bool {
-        // SAFETY: the timer is this value's.
-        unsafe { set(self.timer, nanos) }
-    }
-}
-
-/// Sets the instant at which a timer expires, 0 for never. Returns whether the kernel did.
-///
-/// # Safety
-///
-/// `timer` was created, and is not deleted during the call.
-unsafe fn set(timer: timer_t, nanos: u64) -> bool {
-    let time = libc::itimerspec {
-        it_interval: timespec(0),
-        it_value: timespec(nanos),
-    };
-    path::expected(Call::ArmTimer, || {
-        // SAFETY: the timer exists by this function's contract, and the time lives during the call.
-        unsafe {
-            libc::timer_settime(timer, libc::TIMER_ABSTIME, &raw const time, ptr::null_mut()) == 0
-        }
-    })
 }
 
 impl Drop for Alarm {
@@ -140,9 +117,8 @@ impl Drop for Alarm {
         // A signal that is under way finds nothing to set, also if it comes only when the thread
         // unblocks it.
         HERE.set(ptr::null());
-        // SAFETY: the timer is this value's, and is deleted once; the mask was given by the kernel.
+        // SAFETY: the mask was given by the kernel. The timer is deleted next.
         unsafe {
-            libc::timer_delete(self.timer);
             libc::pthread_sigmask(libc::SIG_SETMASK, &raw const self.blocked, ptr::null_mut());
         }
     }
@@ -152,13 +128,8 @@ impl Drop for Alarm {
 /// that made it.
 #[derive(Debug)]
 pub struct EventAlarm {
-    timer: timer_t,
+    timer: Timer,
 }
-
-// SAFETY: the kernel's name of a timer; any thread of the program may set and delete it.
-unsafe impl Send for EventAlarm {}
-// SAFETY: setting it is one system call, which the kernel orders with others.
-unsafe impl Sync for EventAlarm {}
 
 impl EventAlarm {
     /// An alarm that interrupts the calling thread, which hears its signal from now on. Nothing if
@@ -177,7 +148,7 @@ impl EventAlarm {
     /// ```
     pub fn here() -> Option<EventAlarm> {
         let number = signal_number()?;
-        let timer = create(number, event_mark())?;
+        let timer = Timer::new(number, event_mark())?;
         unblock(number);
         Some(EventAlarm { timer })
     }
@@ -186,18 +157,7 @@ impl EventAlarm {
     /// any thread. `false` if the kernel refuses. One system call.
     #[must_use = "without an alarm the event is to be announced now"]
     pub fn arm(&self, at: Instant) -> bool {
-        // SAFETY: the timer is this value's. 0 would disarm.
-        unsafe { set(self.timer, at.as_nanos().max(1)) }
-    }
-}
-
-impl Drop for EventAlarm {
-    fn drop(&mut self) {
-        // A child of a bare `fork` has no timers of its parent.
-        if !crate::forked::is_child() {
-            // SAFETY: the timer is this value's, and is deleted once.
-            unsafe { libc::timer_delete(self.timer) };
-        }
+        self.timer.arm(at)
     }
 }
 
@@ -207,20 +167,64 @@ fn event_mark() -> *mut c_void {
     (&raw const MARK).cast_mut().cast()
 }
 
-/// A timer of the calling thread that sends it the signal `number` with `mark`.
-fn create(number: c_int, mark: *mut c_void) -> Option<timer_t> {
-    // SAFETY: zero is a value of each field.
-    let mut event: libc::sigevent = unsafe { MaybeUninit::zeroed().assume_init() };
-    event.sigev_notify = libc::SIGEV_THREAD_ID;
-    event.sigev_signo = number;
-    event.sigev_value.sival_ptr = mark;
-    // SAFETY: it has no precondition.
-    event.sigev_notify_thread_id = unsafe { libc::gettid() };
-    let mut timer = ptr::null_mut();
-    // SAFETY: both live during the call.
-    let outcome =
-        unsafe { libc::timer_create(libc::CLOCK_MONOTONIC, &raw mut event, &raw mut timer) };
-    (outcome == 0).then_some(timer)
+/// A timer of the kernel.
+///
+/// # Invariants
+///
+/// `id` was created, and is deleted when this is dropped.
+#[derive(Debug)]
+struct Timer {
+    id: timer_t,
+}
+
+// SAFETY: the kernel's name of a timer; any thread of the program may set and delete it.
+unsafe impl Send for Timer {}
+// SAFETY: setting it is one system call, which the kernel orders with others.
+unsafe impl Sync for Timer {}
+
+impl Timer {
+    /// A timer of the calling thread that sends it the signal `number` with `mark`.
+    fn new(number: c_int, mark: *mut c_void) -> Option<Timer> {
+        // SAFETY: zero is a value of each field.
+        let mut event: libc::sigevent = unsafe { MaybeUninit::zeroed().assume_init() };
+        event.sigev_notify = libc::SIGEV_THREAD_ID;
+        event.sigev_signo = number;
+        event.sigev_value.sival_ptr = mark;
+        event.sigev_notify_thread_id = gettid().as_raw();
+        let mut id = ptr::null_mut();
+        // SAFETY: both live during the call.
+        let outcome =
+            unsafe { libc::timer_create(libc::CLOCK_MONOTONIC, &raw mut event, &raw mut id) };
+        (outcome == 0).then_some(Timer { id })
+    }
+
+    fn arm(&self, at: Instant) -> bool {
+        // 0 would disarm.
+        self.set(at.as_nanos().max(1))
+    }
+
+    /// Sets the instant at which it expires, 0 for never. Returns whether the kernel did.
+    fn set(&self, nanos: u64) -> bool {
+        let time = libc::itimerspec {
+            it_interval: timespec(0),
+            it_value: timespec(nanos),
+        };
+        let (flags, none) = (libc::TIMER_ABSTIME, ptr::null_mut());
+        path::expected(Call::ArmTimer, || {
+            // SAFETY: the timer exists by the invariant, and the time lives during the call.
+            unsafe { libc::timer_settime(self.id, flags, &raw const time, none) == 0 }
+        })
+    }
+}
+
+impl Drop for Timer {
+    fn drop(&mut self) {
+        // A child of a bare `fork` has no timers of its parent.
+        if !crate::forked::is_child() {
+            // SAFETY: by the invariant it exists.
+            unsafe { libc::timer_delete(self.id) };
+        }
+    }
 }
 
 /// Lets the signal `number` interrupt the calling thread. Gives what it blocked before.

@@ -10,18 +10,15 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 /// A timer that is a file: disarmed, or armed for one deadline.
 ///
-/// Linux only; elsewhere [`new`](Self::new) fails. Made off the real-time path; all else may be
-/// done on it: one system call each, O(log of the system's timers). One thread reads it.
+/// Made off the real-time path; all else may be done on it: one system call each, O(log of the
+/// system's timers). One thread waits for it.
 ///
 /// ```
 /// use luna_platform::clock::Instant;
 /// use luna_platform::timer_fd::{TimerError, TimerFd};
 /// use std::time::Duration;
 ///
-/// let timer = match TimerFd::new() {
-///     Err(TimerError::Unsupported) => return Ok(()),
-///     timer => timer?,
-/// };
+/// let timer = TimerFd::new()?;
 /// let deadline = Instant::now() + Duration::from_millis(1);
 /// timer.arm_at(deadline)?;
 /// timer.wait()?;
@@ -38,7 +35,7 @@ impl TimerFd {
     ///
     /// # Errors
     ///
-    /// The process has no file descriptors left, or (elsewhere) [`TimerError::Unsupported`].
+    /// The process has no file descriptors left.
     pub fn new() -> Result<TimerFd, TimerError> {
         // Blocking, so that a thread can sleep on it in one call.
         let timer = SysTimer::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_CLOEXEC);
@@ -103,37 +100,5 @@ fn refused(call: &'static str) -> impl Fn(Errno) -> TimerError {
     move |error| TimerError::Kernel {
         call,
         message: error.to_string(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::time::Duration;
-
-    #[test]
-    fn once_and_not_before() {
-        let timer = TimerFd::new().unwrap();
-        let deadline = Instant::now() + Duration::from_millis(3);
-        timer.arm_at(deadline).unwrap();
-        timer.wait().unwrap();
-        assert!(Instant::now() >= deadline);
-    }
-
-    #[test]
-    fn what_was_armed_last_counts() {
-        let timer = TimerFd::new().unwrap();
-        timer.arm_at(Instant::from_nanos(1)).unwrap();
-        timer.arm_at(Instant::NEVER).unwrap();
-        let deadline = Instant::now() + Duration::from_millis(3);
-        timer.arm_at(deadline).unwrap();
-        timer.wait().unwrap();
-        assert!(
-            Instant::now() >= deadline,
-            "what expired before is forgotten"
-        );
-        // One that has passed.
-        timer.arm_at(Instant::from_nanos(0)).unwrap();
-        timer.wait().unwrap();
     }
 }

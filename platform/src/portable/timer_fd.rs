@@ -1,52 +1,62 @@
-//! The standard library has no timers that are files.
+//! Timers of the standard library, in the place of those that are files.
 
 use crate::clock::Instant;
 use crate::timer_fd::TimerError;
-use std::convert::Infallible;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-/// A timer that is a file. This backend has none: [`new`](Self::new) always fails.
+/// A timer: disarmed, or armed for one deadline. One thread waits for it.
 #[derive(Debug)]
 pub struct TimerFd {
-    never: Infallible,
+    /// [`Instant::NEVER`] while it is not armed.
+    deadline: Mutex<Instant>,
+    changed: Condvar,
 }
 
 impl TimerFd {
-    /// Fails.
+    /// A timer that is not armed.
     ///
     /// # Errors
     ///
-    /// Always [`TimerError::Unsupported`].
+    /// None.
     pub fn new() -> Result<TimerFd, TimerError> {
-        Err(TimerError::Unsupported)
+        Ok(TimerFd {
+            deadline: Mutex::new(Instant::NEVER),
+            changed: Condvar::new(),
+        })
     }
 
-    /// There is no timer to arm.
+    fn deadline(&self) -> MutexGuard<'_, Instant> {
+        self.deadline.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Expires once, at `deadline`; at once if that has passed. [`Instant::NEVER`] disarms it. What
+    /// expired before is forgotten.
     ///
     /// # Errors
     ///
-    /// Cannot be called.
-    pub fn arm_at(&self, _deadline: Instant) -> Result<(), TimerError> {
-        match self.never {}
+    /// None.
+    pub fn arm_at(&self, deadline: Instant) -> Result<(), TimerError> {
+        *self.deadline() = deadline;
+        self.changed.notify_one();
+        Ok(())
     }
 
-    /// There is no timer to wait for.
+    /// Waits until it expires, if it has not since it was last waited for or armed.
     ///
     /// # Errors
     ///
-    /// Cannot be called.
+    /// None.
     pub fn wait(&self) -> Result<(), TimerError> {
-        match self.never {}
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn says_that_there_are_none() {
-        let error = TimerFd::new().unwrap_err();
-        assert_eq!(error, TimerError::Unsupported);
-        assert!(error.to_string().contains("Linux"), "{error}");
+        let mut deadline = self.deadline();
+        loop {
+            let now = Instant::now_real();
+            if *deadline <= now {
+                *deadline = Instant::NEVER;
+                return Ok(());
+            }
+            let left = *deadline - now;
+            let waited = self.changed.wait_timeout(deadline, left);
+            deadline = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
     }
 }

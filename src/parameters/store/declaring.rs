@@ -159,14 +159,10 @@ impl State {
     /// Gives all parameters that are declared already what the start found for them.
     pub(super) fn give_wishes(&mut self) {
         (0..self.entries.len()).for_each(|number| self.give_wish(number));
-        for Group { reader, cells, .. } in &self.groups {
-            reader.offer(|| {
-                for cells in cells {
-                    cells.fill(&self.entries[cells.entry].words);
-                }
-            });
+        for group in &self.groups {
+            group.offer(&self.entries);
             // No process runs yet, so this thread is the owner.
-            reader.take_offer();
+            group.reader.take_offer();
         }
     }
 
@@ -182,11 +178,7 @@ impl State {
                 parameter: parameter(),
             });
         }
-        let who_has = self.groups.iter().find(|group| {
-            let is_it = |cells: &&Arc<Cells>| cells.entry == number && Arc::strong_count(cells) > 1;
-            group.cells.iter().any(|cells| is_it(&cells))
-        });
-        match who_has {
+        match self.groups.iter().find(|group| group.has(number)) {
             Some(group) if !(there.is_shared && declared.is_shared) => {
                 return Err(DeclareError::Duplicate {
                     parameter: parameter(),

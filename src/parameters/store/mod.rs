@@ -78,6 +78,21 @@ struct Group {
 }
 
 impl Group {
+    /// Whether its process has the parameter with this number.
+    fn has(&self, entry: usize) -> bool {
+        let mut cells = self.cells.iter();
+        cells.any(|cells| cells.entry == entry && Arc::strong_count(cells) > 1)
+    }
+
+    /// Offers what the parameters have now. Returns whether the process had taken all before.
+    fn offer(&self, entries: &[Entry]) -> bool {
+        self.reader.offer(|| {
+            for cells in &self.cells {
+                cells.fill(&entries[cells.entry].words);
+            }
+        })
+    }
+
     /// Whether what it reads is of this set, or a later one; it is of all sets if nothing is on
     /// offer.
     fn has_taken(&self, set: u64) -> bool {
@@ -177,11 +192,7 @@ impl Store {
         let mut state = self.state();
         let mut refused = std::mem::take(&mut state.refused);
         let wishes = std::mem::take(&mut state.wishes);
-        let names = || state.entries.iter().map(|entry| &*entry.declared.name);
-        refused.extend(wishes.into_values().map(|given| {
-            let nearest = nearest(&given.name, names()).map(str::to_owned);
-            given.refused("", Reason::Unknown { nearest })
-        }));
+        refused.extend(wishes.into_values().map(|given| state.unknown(&given)));
         if !refused.is_empty() {
             return Err(SetError::Refused(refused));
         }
@@ -226,15 +237,7 @@ impl Store {
             .iter()
             .enumerate()
             .map(|(number, entry)| {
-                let groups = || {
-                    let has = move |group: &&Group| {
-                        group
-                            .cells
-                            .iter()
-                            .any(|cells| cells.entry == number && Arc::strong_count(cells) > 1)
-                    };
-                    state.groups.iter().filter(has)
-                };
+                let groups = || state.groups.iter().filter(move |group| group.has(number));
                 let Entry {
                     declared,
                     words,
@@ -266,6 +269,13 @@ impl Store {
 }
 
 impl State {
+    /// Refuses a value for a parameter that nobody has declared.
+    fn unknown(&self, given: &Given) -> Refusal {
+        let names = self.entries.iter().map(|entry| &*entry.declared.name);
+        let nearest = nearest(&given.name, names).map(str::to_owned);
+        given.refused("", Reason::Unknown { nearest })
+    }
+
     /// Writes a message for each parameter that `changed` gives the former words of.
     pub(super) fn notify(&self, mut changed: impl FnMut(&Entry) -> Option<Box<[u64]>>) {
         let (Some(log), Some(clock)) = (&self.log, &self.clock) else {

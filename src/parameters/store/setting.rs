@@ -1,8 +1,7 @@
 //! Sets of values that take the place of others while the system runs.
 
-use super::{Group, Phase, State, Store, note_outside};
-use crate::parameters::error::{Reason, Refusal, SetError, Source};
-use crate::parameters::nearest::nearest;
+use super::{Phase, State, Store, note_outside};
+use crate::parameters::error::{Refusal, SetError, Source};
 use crate::parameters::sources::{self, Given, merge};
 use luna_core::current;
 use std::collections::{BTreeMap, HashMap};
@@ -110,16 +109,9 @@ impl Store {
         }
         // Values of a process that has ended are not read.
         for group in state.groups.iter_mut().filter(|group| group.is_used()) {
-            let Group { reader, cells, .. } = &*group;
-            if !cells.iter().any(|cells| former.contains_key(&cells.entry)) {
-                continue;
-            }
-            let had_taken = reader.offer(|| {
-                for cells in cells {
-                    cells.fill(&state.entries[cells.entry].words);
-                }
-            });
-            if had_taken {
+            let mut cells = group.cells.iter();
+            let changes = cells.any(|cells| former.contains_key(&cells.entry));
+            if changes && group.offer(&state.entries) {
                 group.taken = set - 1;
             }
         }
@@ -144,9 +136,7 @@ impl State {
     /// The number of the parameter, and the words of its new value.
     fn check(&self, given: &Given) -> Result<(usize, Box<[u64]>), Box<Refusal>> {
         let Some(&number) = self.numbers.get(&*given.name) else {
-            let names = self.entries.iter().map(|entry| &*entry.declared.name);
-            let nearest = nearest(&given.name, names).map(str::to_owned);
-            return Err(given.refused("", Reason::Unknown { nearest }).into());
+            return Err(self.unknown(given).into());
         };
         let declared = &self.entries[number].declared;
         match declared.form.pack(&given.value) {

@@ -2,20 +2,23 @@
 
 use super::branch_log::Stage;
 use super::stamps::after;
-use super::track::{Track, described};
+use super::track::{Track, described, outcome_text};
 use crate::replay::error::RecordError;
 use crate::replay::event::{Event as Noted, Kind};
 use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
 use std::task::{Context, Poll};
+
+/// What a [call](ReplayLog::call) is.
+const AT_ONCE: &str = "an operation at once";
 
 impl ReplayLog for Track {
     fn enter(&self, cx: &mut Context<'_>) -> Poll<Turn> {
         if self.is_off() {
             return Poll::Pending;
         }
-        let entered = self.with_branch_log(|branch_log| {
+        self.with_branch_log(|branch_log| {
             match branch_log.stage {
-                Stage::Running(turn) => return Poll::Ready(Ok(turn)),
+                Stage::Running(turn) => return Poll::Ready(turn),
                 Stage::Entering => {}
                 Stage::Idle => {
                     branch_log.operations += 1;
@@ -23,29 +26,18 @@ impl ReplayLog for Track {
                     branch_log.stage = Stage::Entering;
                 }
             }
-            let entered = self.entering(branch_log, cx);
-            if let Poll::Ready(Ok(turn)) = entered {
-                branch_log.stage = Stage::Running(turn);
-            }
-            entered.map_err(|found| {
-                (
-                    branch_log.operations,
-                    branch_log.events.front().map(described),
-                    found,
-                )
-            })
-        });
-        match entered {
-            Poll::Pending => Poll::Pending,
-            Poll::Ready(Ok(turn)) => Poll::Ready(turn),
-            Poll::Ready(Err((operation, expected, found))) => {
-                match expected {
-                    Some(expected) => self.differ(operation, None, expected, found.into()),
-                    None => self.beyond(operation, found),
+            match self.entering(branch_log, cx) {
+                Poll::Pending => Poll::Pending,
+                Poll::Ready(Ok(turn)) => {
+                    branch_log.stage = Stage::Running(turn);
+                    Poll::Ready(turn)
                 }
-                Poll::Pending
+                Poll::Ready(Err(found)) => {
+                    self.unexpected(branch_log, None, found);
+                    Poll::Pending
+                }
             }
-        }
+        })
     }
 
     fn call(&self, _: bool) -> Turn {
@@ -63,17 +55,11 @@ impl ReplayLog for Track {
                 ..
             }) => Turn::Given(outcome),
             Some(event) => {
-                let operation = event.operation;
-                self.differ(
-                    operation,
-                    None,
-                    described(&event),
-                    "an operation at once".into(),
-                );
+                self.differ(event.operation, None, described(&event), AT_ONCE);
                 Turn::Look
             }
             None => {
-                self.nothing_for(None, "an operation at once");
+                self.nothing_for(None, AT_ONCE);
                 Turn::Look
             }
         };
@@ -102,24 +88,12 @@ impl ReplayLog for Track {
                 let is_same = given.what == event.what
                     && (given.number == event.number || given.what == What::Time);
                 if !is_same {
-                    let words = |event: Event| {
-                        described(&Noted {
-                            path: 0,
-                            operation,
-                            is_call: false,
-                            kind: Kind::Outcome(event),
-                        })
-                    };
-                    self.differ(operation, None, words(given), words(event));
+                    let (expected, found) = (outcome_text(given, ""), outcome_text(event, ""));
+                    self.differ(operation, None, expected, found);
                 }
             }
             _ if event.what == What::Done => {}
-            _ => self.differ(
-                operation,
-                None,
-                "a success".into(),
-                "another outcome".into(),
-            ),
+            _ => self.differ(operation, None, "a success", "another outcome"),
         }
     }
 
@@ -167,21 +141,12 @@ impl ReplayLog for Track {
         self.with_branch_log(|branch_log| branch_log.operations += 1);
         let output = self.outputs.get() + 1;
         self.outputs.set(output);
-        match self.take_event(true) {
-            Some(Noted {
-                kind:
-                    Kind::Bytes {
-                        about: of,
-                        name: named,
-                        bytes: recorded,
-                    },
-                ..
-            }) if of == about && named == name && recorded == bytes => {}
-            Some(event) => {
-                let found = format!("the output {bytes:?}");
-                self.differ(event.operation, Some(output), described(&event), found);
-            }
-            None => self.nothing_for(Some(output), "an output"),
+        let Some(event) = self.take_event(true) else {
+            return self.nothing_for(Some(output), "an output");
+        };
+        if event.bytes_of(about, name) != Some(bytes) {
+            let found = format!("the output {bytes:?}");
+            self.differ(event.operation, Some(output), described(&event), found);
         }
     }
 
@@ -199,33 +164,18 @@ impl ReplayLog for Track {
             About::Read => "bytes from outside",
             _ => "an input",
         };
-        match self.take_event(is_call) {
-            Some(Noted {
-                kind:
-                    Kind::Bytes {
-                        about: of,
-                        name: named,
-                        bytes,
-                    },
-                ..
-            }) if of == about && named == name && bytes.len() <= into.len() => {
-                into[..bytes.len()].copy_from_slice(&bytes);
-                Some(bytes.len())
-            }
-            Some(event) => {
-                self.differ(
-                    event.operation,
-                    None,
-                    described(&event),
-                    format!("other than {what}"),
-                );
-                None
-            }
-            None => {
-                self.nothing_for(None, what);
-                None
-            }
-        }
+        let Some(event) = self.take_event(is_call) else {
+            self.nothing_for(None, what);
+            return None;
+        };
+        let bytes = event.bytes_of(about, name);
+        let Some(bytes) = bytes.filter(|bytes| bytes.len() <= into.len()) else {
+            let found = format!("other than {what}");
+            self.differ(event.operation, None, described(&event), found);
+            return None;
+        };
+        into[..bytes.len()].copy_from_slice(bytes);
+        Some(bytes.len())
     }
 
     fn branch_log(&self) -> u32 {
@@ -256,16 +206,13 @@ impl ReplayLog for Track {
 
     fn differs(&self, what: &'static str) {
         if !self.is_off() {
-            let (operation, expected) = self.with_branch_log(|branch_log| {
-                (
-                    branch_log.operations,
-                    match branch_log.stage {
-                        Stage::Running(Turn::Given(_)) => "that it does",
-                        _ => "something else",
-                    },
-                )
+            self.with_branch_log(|branch_log| {
+                let expected = match branch_log.stage {
+                    Stage::Running(Turn::Given(_)) => "that it does",
+                    _ => "something else",
+                };
+                self.differ(branch_log.operations, None, expected, what);
             });
-            self.differ(operation, None, expected.into(), what.into());
         }
     }
 }

@@ -92,22 +92,14 @@ impl Track {
         let branch_log = branch_logs
             .entry(0)
             .or_insert_with(|| BranchLog::new(VecDeque::new()));
-        let next = branch_log.events.front();
-        if next.is_some_and(|event| {
-            event.kind == Kind::Ended && event.operation == branch_log.operations
-        }) {
-            branch_log.events.pop_front();
-            self.replayer.replayed.fetch_add(1, Ordering::Relaxed);
-            drop(branch_logs);
-            return self.check_rest();
-        }
         let operation = branch_log.operations;
-        let expected = next.map(described);
-        drop(branch_logs);
-        match expected {
-            Some(expected) => self.differ(operation, None, expected, "the process returns".into()),
-            None => self.beyond(operation, "the process returns"),
+        let is_end = |event: &mut Noted| event.kind == Kind::Ended && event.operation == operation;
+        if branch_log.events.pop_front_if(is_end).is_none() {
+            return self.unexpected(branch_log, None, "the process returns");
         }
+        drop(branch_logs);
+        self.replayer.replayed.fetch_add(1, Ordering::Relaxed);
+        self.check_rest();
     }
 
     /// Checks that all recorded events were replayed.
@@ -120,7 +112,7 @@ impl Track {
             let next = branch_log.events.front();
             if let Some(event) = next.filter(|event| !matches!(event.kind, Kind::Cut(_))) {
                 let (expected, operation) = (described(event), event.operation);
-                return self.differ(operation, None, expected, "nothing".into());
+                return self.differ(operation, None, expected, "nothing");
             }
         }
     }
@@ -129,8 +121,8 @@ impl Track {
         &self,
         operation: u64,
         output: Option<u64>,
-        expected: String,
-        found: String,
+        expected: impl Into<String>,
+        found: impl Into<String>,
     ) {
         self.replayer
             .note(RecordError::Diverged(Box::new(Divergence {
@@ -138,15 +130,24 @@ impl Track {
                 process: self.name.clone(),
                 operation,
                 output,
-                expected,
-                found,
+                expected: expected.into(),
+                found: found.into(),
             })));
     }
 
+    /// The process does something else than the next event of the branch log.
+    pub(super) fn unexpected(&self, branch_log: &BranchLog, output: Option<u64>, found: &str) {
+        let operation = branch_log.operations;
+        match branch_log.events.front() {
+            Some(event) => self.differ(operation, output, described(event), found),
+            None => self.beyond(operation, found),
+        }
+    }
+
     /// The process does something that is beyond the end of the recording.
-    pub(super) fn beyond(&self, operation: u64, found: &str) {
+    fn beyond(&self, operation: u64, found: &str) {
         if self.replayer.is_whole {
-            self.differ(operation, None, "nothing more".into(), found.into());
+            self.differ(operation, None, "nothing more", found);
         }
         self.past_end.set(true);
     }
@@ -231,23 +232,18 @@ impl Track {
 
     /// There is no event for what is done now.
     pub(super) fn nothing_for(&self, output: Option<u64>, found: &str) {
-        let (operation, expected, is_cut) = self.with_branch_log(|branch_log| {
-            let next = branch_log.events.front();
-            let is_cut = match next {
+        self.with_branch_log(|branch_log| {
+            let is_cut = match branch_log.events.front() {
                 Some(event) => {
                     matches!(event.kind, Kind::Cut(_)) && event.operation < branch_log.operations
                 }
                 None => current::branch_path() != 0 && !self.returns,
             };
-            (branch_log.operations, next.map(described), is_cut)
+            match is_cut {
+                true => self.has_overrun.set(true),
+                false => self.unexpected(branch_log, output, found),
+            }
         });
-        if is_cut {
-            return self.has_overrun.set(true);
-        }
-        match expected {
-            Some(expected) => self.differ(operation, output, expected, found.into()),
-            None => self.beyond(operation, found),
-        }
     }
 }
 
@@ -255,13 +251,7 @@ impl Track {
 pub(super) fn described(event: &Noted) -> String {
     let call = if event.is_call { " at once" } else { "" };
     match &event.kind {
-        Kind::Outcome(Event { what, number, .. }) => match what {
-            What::Done => format!("a success{call}"),
-            What::Failed => format!("a failure{call} ({number})"),
-            What::TimedOut => "a timeout".to_owned(),
-            What::Chosen => format!("guard {number}"),
-            What::Time => "a look at the clock".to_owned(),
-        },
+        Kind::Outcome(outcome) => outcome_text(*outcome, call),
         Kind::Bytes { about, bytes, .. } => match about {
             About::Input => "an input".to_owned(),
             About::Output => format!("the output {bytes:?}"),
@@ -270,5 +260,16 @@ pub(super) fn described(event: &Noted) -> String {
         },
         Kind::Ended => "that the process returns".to_owned(),
         Kind::Cut(_) => "that the process is ended".to_owned(),
+    }
+}
+
+/// An outcome as text, of a `call` or of an operation that waits.
+pub(super) fn outcome_text(Event { what, number, .. }: Event, call: &str) -> String {
+    match what {
+        What::Done => format!("a success{call}"),
+        What::Failed => format!("a failure{call} ({number})"),
+        What::TimedOut => "a timeout".to_owned(),
+        What::Chosen => format!("guard {number}"),
+        What::Time => "a look at the clock".to_owned(),
     }
 }

@@ -9,7 +9,6 @@ use crate::error::SetupError;
 use crate::time::{UsageSince, short};
 use luna_platform::clock::Instant;
 use std::fmt;
-use std::sync::Arc;
 use std::time::Duration;
 
 /// What happens when a process overruns a budget. In any case it is counted, and the worst one
@@ -139,8 +138,8 @@ pub(crate) struct Budgets {
 }
 
 impl Budgets {
-    /// The ledger that keeps them, if there are any.
-    pub(crate) fn ledger(self, process: &str) -> Result<Option<Arc<Ledger>>, SetupError> {
+    /// The ledger that keeps them.
+    pub(crate) fn ledger(self, process: &str) -> Result<Ledger, SetupError> {
         let kinds = [
             (BudgetKind::Poll, self.poll),
             (BudgetKind::Cycle, self.cycle),
@@ -153,14 +152,11 @@ impl Budgets {
                 });
             }
         }
-        if self.poll.is_some() || self.cycle.is_some() {
-            return Ok(Some(Arc::new(Ledger::new(self))));
-        }
-        if self.on_overrun.is_some() || self.accounted {
+        if self.poll.is_none() && self.cycle.is_none() {
             return Err(SetupError::NoBudget {
                 process: process.to_owned(),
             });
         }
-        Ok(None)
+        Ok(Ledger::new(self))
     }
 }

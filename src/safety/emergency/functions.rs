@@ -106,7 +106,7 @@ pub(super) enum Task {
 
 /// Functions that run one after the other.
 pub(crate) struct Functions {
-    failover: FailoverSequence,
+    pub(super) failover: FailoverSequence,
     /// By the numbers of the failover, and in the order of their ids.
     slots: PiLock<Vec<Slot>>,
     next_id: AtomicU64,
@@ -189,10 +189,6 @@ impl Functions {
             (is_withdrawn, taken, is_free.then(|| slots.remove(number)))
         };
         is_withdrawn
-    }
-
-    pub(super) fn failover(&self) -> &FailoverSequence {
-        &self.failover
     }
 
     /// Begins, unless it has begun; `now` is then the instant of the trigger.

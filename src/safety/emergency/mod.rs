@@ -13,7 +13,6 @@ use super::entered::Waiting;
 use super::report::SafetyReport;
 use super::state::{Cause, Degree, Journal};
 use crate::error::{Error, Result};
-use crate::log::Log;
 use crate::system::Plan;
 use functions::{Functions, Run};
 use luna_core::current::ProcessId;
@@ -132,12 +131,6 @@ impl Emergency {
         self.at_emergency
             .report_limits(|limits| self.workers.bound_crashes(limits));
     }
-
-    /// Sets the log that records changes of the safety state.
-    pub(crate) fn record(&self, log: Log) {
-        self.journal.record(log);
-    }
-
     /// Sets the simulation that the processes run on, before they run.
     pub(crate) fn simulate(&self, simulation: SimulationHandle) {
         // A system is started once.
@@ -241,7 +234,7 @@ impl Emergency {
         self.journal.note(Degree::SafeState, cause, || {
             is_entered = true;
             has_functions = self.at_safe_state.begin(Instant::now_real())
-                && !self.at_safe_state.failover().is_done();
+                && !self.at_safe_state.failover.is_done();
             true
         });
         if has_functions {
@@ -271,12 +264,12 @@ impl Emergency {
 
     /// Whether there is an emergency: the functions have run, or will.
     pub(crate) fn has_begun(&self) -> bool {
-        self.at_emergency.failover().has_begun()
+        self.at_emergency.failover.has_begun()
     }
 
     /// Whether the functions have run.
     pub(crate) fn is_safe(&self) -> bool {
-        self.at_emergency.failover().is_done()
+        self.at_emergency.failover.is_done()
     }
 
     /// Makes the report at the end. Drops the functions.
@@ -305,11 +298,11 @@ impl Emergency {
     /// Whether the workers may end: there is no emergency and none will begin, or its functions
     /// have run; and no others do.
     fn may_end(&self) -> bool {
-        let failover = self.at_emergency.failover();
+        let failover = &self.at_emergency.failover;
         self.is_to_end.load(Ordering::Acquire)
-            && !self.at_safe_state.failover().is_under_way()
+            && !self.at_safe_state.failover.is_under_way()
             && (failover.is_done() || failover.close())
             // No worker would run what begins from now on.
-            && self.at_safe_state.failover().retire()
+            && self.at_safe_state.failover.retire()
     }
 }

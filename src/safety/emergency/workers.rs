@@ -22,13 +22,13 @@ mod reserve;
 mod threads;
 
 use super::Emergency;
+use luna_core::park::Parker;
 use luna_platform::alarm::EventAlarm;
 use luna_platform::clock::Instant;
 use luna_platform::crash::{CrashSlot, MAX_MEMBERS};
 use luna_platform::facts::{PreemptionModel, Source};
 use luna_platform::signals;
-use luna_platform::thread::{self, ThreadNumber};
-use reserve::Reserve;
+use luna_platform::thread::{self, Policy, ThreadNumber};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};
 use std::time::Duration;
@@ -57,7 +57,14 @@ pub(super) struct EmergencyWorkers {
     brought: AtomicU32,
     /// A third was brought on duty for the functions of the safe state.
     has_third: AtomicBool,
-    reserve: Reserve,
+    /// What those of the reserve sleep in until they are called. A call that comes before is taken
+    /// then.
+    parkers: [Parker; MAX],
+    /// The core on which each worker of the reserve waits. None for a worker that would not preempt
+    /// a core.
+    cores: [OnceLock<usize>; MAX],
+    /// The policy of the workers on duty.
+    policy: OnceLock<Policy>,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MAX],
     /// A bit for each member that was left behind.
@@ -115,13 +122,18 @@ impl EmergencyWorkers {
         u32::from(member) < ON_DUTY as u32 + self.brought.load(Ordering::Acquire)
     }
 
-    /// The next of the reserve comes on duty, if there is one.
+    /// The next of the reserve comes on duty, if there is one, and gets the priority for it. Two
+    /// system calls.
     fn bring_on_duty(&self) {
         let next = ON_DUTY as u32 + self.brought.fetch_add(1, Ordering::AcqRel);
         let number = self.numbers.get(next as usize).and_then(OnceLock::get);
         // One that took over its core, and was left behind there, was none of those on duty.
         if let Some(number) = number.filter(|_| !self.is_left_behind(next as u8)) {
-            self.reserve.summon(next as usize, *number);
+            // First its priority, so that it runs as soon as it is woken.
+            if let Some(policy) = self.policy.get() {
+                thread::promote(*number, *policy);
+            }
+            self.parkers[next as usize].unpark();
         }
     }
 
@@ -166,7 +178,7 @@ impl Emergency {
         let workers = &self.workers;
         // One that runs a function of the safe state may hang, and one that was left behind may
         // never run again.
-        let all_wait = !self.at_safe_state.failover().is_under_way()
+        let all_wait = !self.at_safe_state.failover.is_under_way()
             && workers.left_behind.load(Ordering::Acquire) == 0;
         // The alarm of a thread that is stuck in the kernel does not ring.
         let other = &workers.watch_alarms[usize::from(member == 0)];

@@ -2,7 +2,7 @@ use super::*;
 use crate::error::Error;
 use crate::safety::{Cause, Safety};
 use std::pin::pin;
-use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, Weak};
 use std::task::{Wake, Waker};
 

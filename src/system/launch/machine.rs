@@ -5,7 +5,7 @@ use crate::error::{Result, SetupError};
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
 use luna_platform::shortfall::Shortfall;
-use luna_platform::thread::{Attributes, Mode};
+use luna_platform::thread::{Attributes, Mode, Policy};
 
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite
 /// of it all comes from here first.
@@ -28,7 +28,7 @@ impl Needs {
         processes: &[ProcessPlan],
     ) -> Needs {
         let threads = processes.iter().filter_map(|process| match &process.place {
-            Placement::Thread { attributes, .. } => Some(&**attributes),
+            Placement::Thread(attributes) => Some(&**attributes),
             Placement::Executor(_) => None,
         });
         let executors = executors.iter().map(|executor| &executor.attributes);
@@ -47,6 +47,15 @@ impl Needs {
             },
             real_time,
             cores,
+        }
+    }
+
+    /// The policy of a thread of the framework: with this priority if the system is a real-time
+    /// one.
+    pub(super) fn policy(&self, priority: u8) -> Policy {
+        match self.real_time {
+            true => Policy::fifo(priority),
+            false => Policy::Other,
         }
     }
 

@@ -113,8 +113,8 @@ impl Plan {
             |executor: &_, spec, frame| announce(Room::Plain(build), executor, spec, frame);
         let (mut member, announced) =
             running.announce(number, plan.spec, plan.ledger, None, announce);
-        let handle = wanted.then(|| member.handle.clone());
-        member.is_late = true;
+        let handle = wanted.then(|| member.handle(id));
+        member.set_late();
         member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
         start_announced(members, announced);
@@ -195,57 +195,47 @@ impl Plan {
             drop(log);
             members = self.members();
         }
-        let on_thread = matches!(plan.place, Placement::Thread { .. });
-        if on_thread {
-            if running.simulation.is_none() {
-                let places = &members.places;
-                neighbours::join(&mut plan, &running.executors, places, &members.threads);
-            }
-            drop(members);
-        } else if members.phase == Phase::Ended {
-            // On an executor the lock is kept from the look at the phase until it is entered: the
-            // end cannot come in between.
+        if members.phase == Phase::Ended {
             drop(members);
             clean_up(plan.prepared.resident);
             return Err(self.ended(name));
-        } else {
-            // No user code runs there.
-            return match running.start(plan) {
-                Ok((member, Started::OnExecutor(announced))) => {
-                    let handle = member.handle.clone();
-                    members.enter_late(id, member, running);
-                    start_announced(members, announced);
-                    Ok(handle)
-                }
-                Ok((_, Started::OnThread(_))) => unreachable!("its place is an executor"),
-                Err(refused) => {
-                    drop(members);
-                    Err(refused.clean_up())
-                }
-            };
         }
-        let (mut member, thread) = match running.start(plan) {
-            Ok((member, Started::OnThread(thread))) => (member, thread),
-            Ok((_, Started::OnExecutor(_))) => unreachable!("its place is a thread"),
+        let on_thread = matches!(plan.place, Placement::Thread(_));
+        if on_thread && running.simulation.is_none() {
+            let places = &members.places;
+            neighbours::join(&mut plan, &running.executors, places, &members.threads);
+        }
+        // For an executor the lock is kept from the look at the phase until it is entered: the end
+        // cannot come in between. No user code runs there.
+        let held = (!on_thread).then_some(members);
+        let started = running.start(plan);
+        let mut members = held.unwrap_or_else(|| self.members());
+        let (mut member, started) = match started {
+            Ok(both) => both,
             Err(refused) => {
+                drop(members);
                 self.never_entered(running, id);
                 return Err(refused.clean_up());
             }
         };
-        // The thread is held until the system is known to run still.
-        let mut members = self.members();
+        // A thread is held until the system is known to run still.
         if members.phase == Phase::Ended {
             drop(members);
             // Its body ends before it began.
-            drop(thread);
+            drop(started);
             self.never_entered(running, id);
             clean_up(member.take_resident());
             return Err(self.ended(name));
         }
-        let handle = member.handle.clone();
+        let handle = member.handle(id);
         members.enter_late(id, member, running);
-        thread.1.release();
-        members.threads.push(thread);
+        match started {
+            Started::OnExecutor(announced) => start_announced(members, announced),
+            Started::OnThread(thread) => {
+                thread.1.release();
+                members.threads.push(thread);
+            }
+        }
         Ok(handle)
     }
 }

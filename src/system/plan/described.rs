@@ -13,10 +13,7 @@ pub(crate) enum Placement {
     /// The executor with this number.
     Executor(usize),
     /// A thread of its own.
-    Thread {
-        name: String,
-        attributes: Box<Attributes>,
-    },
+    Thread(Box<Attributes>),
 }
 
 /// An executor to be.
@@ -51,6 +48,18 @@ impl<B> ProcessPlan<B> {
         self.spec.id()
     }
 
+    /// The same description with another body.
+    #[inline]
+    pub(crate) fn map<C>(self, other: impl FnOnce(Prepared<B>) -> Prepared<C>) -> ProcessPlan<C> {
+        ProcessPlan {
+            place: self.place,
+            spec: self.spec,
+            shares_name: self.shares_name,
+            ledger: self.ledger,
+            prepared: other(self.prepared),
+        }
+    }
+
     /// Its name, if it is to be its own; else the name as an error.
     pub(super) fn own_name(&self) -> Result<&Name, &Name> {
         match self.shares_name {
@@ -63,12 +72,6 @@ impl<B> ProcessPlan<B> {
 impl<B: Build> ProcessPlan<B> {
     /// The same description with a boxed body, for lists of mixed types.
     pub(super) fn boxed(self) -> ProcessPlan {
-        ProcessPlan {
-            place: self.place,
-            spec: self.spec,
-            shares_name: self.shares_name,
-            ledger: self.ledger,
-            prepared: self.prepared.boxed(),
-        }
+        self.map(Prepared::boxed)
     }
 }

@@ -105,7 +105,7 @@ pub(crate) enum Phase {
 impl Members {
     /// Enters a process that starts while the system runs.
     fn enter_late(&mut self, id: ProcessId, mut member: Member, running: &Running) {
-        member.is_late = true;
+        member.set_late();
         self.started.enter(id, member, &running.common.emergency);
     }
 

@@ -5,11 +5,14 @@ use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, Frame, Phases, Prepared, clean_up};
 use crate::error::Error;
 use crate::safety::Ledger;
+use luna_core::current::ProcessId;
 use luna_executors::{
-    Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, SimulationHandle, Standstill,
+    Announced, ExecutorHandle, Exit, Name, OsThread, ProcessHandle, ProcessSpec, ProcessState,
+    SimulationHandle, Standstill,
 };
 use luna_platform::thread::Mode;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// What processes are started with while the system runs.
 pub(crate) struct Running {
@@ -83,8 +86,9 @@ impl Running {
         if common.replay_logs.are_there() {
             spec = common.replay_logs.give_log(spec);
         }
-        let frame = Frame::new(common);
-        let (announced, handle) = announce(&self.executors[number], spec, frame);
+        let executor = &self.executors[number];
+        let frame = (!executor.is_here()).then(|| common.clone());
+        let (announced, handle) = announce(executor, spec, frame);
         let member = Member::new(handle, On::Executor(number), ledger, resident);
         (member, announced)
     }
@@ -103,7 +107,7 @@ impl Running {
                     build: starter,
                 },
         } = plan;
-        let (thread_name, attributes) = match place {
+        let attributes = match place {
             Placement::Executor(number) => {
                 let announce = |executor: &_, spec, frame| starter.announce(executor, spec, frame);
                 let (mut member, announced) =
@@ -111,14 +115,15 @@ impl Running {
                 member.shares_name = shares_name;
                 return Ok((member, Started::OnExecutor(announced)));
             }
-            Placement::Thread { name, attributes } => (name, attributes),
+            Placement::Thread(attributes) => attributes,
         };
         let common = &self.common;
-        let frame = Frame::new(common);
+        let frame = Some(common.clone());
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.registry);
         }
         let name = spec.name().clone();
+        let thread_name = attributes.name().to_owned();
         let attributes = (*attributes).mode(self.mode);
         let spec = common.replay_logs.give_log(spec.listed());
         let announce = |executor: &_| starter.announce(executor, spec, frame);
@@ -146,22 +151,47 @@ impl Running {
 
 /// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
-    pub(crate) handle: ProcessHandle,
-    seldom: Option<Box<Seldom>>,
+    is: Is,
     /// Its place in the order of starts.
-    pub(crate) order: u64,
+    pub(crate) order: u32,
     /// The number of its executor, or [`NO_EXECUTOR`].
-    executor: u32,
-    /// It was spawned while the system ran.
-    pub(crate) is_late: bool,
+    executor: u16,
     pub(crate) shares_name: bool,
     pub(crate) has_failed: bool,
-    /// Its end was noted.
-    pub(crate) reaped: bool,
+}
+
+#[cfg(target_pointer_width = "64")]
+const _: () = assert!(size_of::<Option<Member>>() == 32);
+
+/// What there is of a process.
+enum Is {
+    Kept {
+        handle: ProcessHandle,
+        seldom: Option<Box<Seldom>>,
+        /// It was spawned while the system ran.
+        is_late: bool,
+        /// Its end was noted.
+        is_reaped: bool,
+    },
+    /// It has completed, and its memory is let go of.
+    Ended {
+        name: Name,
+        polls: u32,
+        priority: u8,
+    },
+}
+
+/// What others see of a process.
+pub(crate) struct Known {
+    pub(crate) state: ProcessState,
+    pub(crate) priority: u8,
+    pub(crate) exit: Option<Exit>,
+    pub(crate) polls: u64,
+    pub(crate) longest_poll: Option<Duration>,
 }
 
 /// In the place of the number of an executor: it has a thread of its own.
-const NO_EXECUTOR: u32 = u32::MAX;
+const NO_EXECUTOR: u16 = u16::MAX;
 
 /// What few members have.
 struct Seldom {
@@ -178,69 +208,180 @@ impl Member {
         resident: Option<Box<dyn Phases>>,
     ) -> Self {
         let (executor, thread) = match on {
-            On::Executor(number) => (u32::try_from(number).unwrap_or(NO_EXECUTOR), None),
+            On::Executor(number) => (u16::try_from(number).unwrap_or(NO_EXECUTOR), None),
             On::Thread(part) => (NO_EXECUTOR, Some(part)),
         };
         let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
+        let seldom = has_any.then(|| {
+            Box::new(Seldom {
+                ledger,
+                resident,
+                thread,
+            })
+        });
         Self {
-            handle,
-            seldom: has_any.then(|| {
-                Box::new(Seldom {
-                    ledger,
-                    resident,
-                    thread,
-                })
-            }),
+            is: Is::Kept {
+                handle,
+                seldom,
+                is_late: false,
+                is_reaped: false,
+            },
             order: 0,
             executor,
-            is_late: false,
             shares_name: false,
             has_failed: false,
-            reaped: false,
+        }
+    }
+
+    /// Notes that it was spawned while the system ran.
+    pub(in crate::system) fn set_late(&mut self) {
+        if let Is::Kept { is_late, .. } = &mut self.is {
+            *is_late = true;
+        }
+    }
+
+    /// Whether it need not be remembered when it has ended.
+    pub(in crate::system) fn may_be_forgotten(&self) -> bool {
+        let is_on_executor = self.executor != NO_EXECUTOR;
+        is_on_executor && matches!(self.is, Is::Kept { is_late: true, .. })
+    }
+
+    pub(crate) fn is_reaped(&self) -> bool {
+        matches!(
+            self.is,
+            Is::Kept {
+                is_reaped: true,
+                ..
+            } | Is::Ended { .. }
+        )
+    }
+
+    /// Notes its end. Gives whether it was noted before.
+    pub(in crate::system) fn reap(&mut self) -> bool {
+        match &mut self.is {
+            Is::Kept { is_reaped, .. } => std::mem::replace(is_reaped, true),
+            Is::Ended { .. } => true,
+        }
+    }
+
+    /// Lets go of the memory of a process that has just completed, if it has nothing that few
+    /// have. Gives its handle.
+    pub(in crate::system) fn forget_completed(&mut self) -> Option<ProcessHandle> {
+        let Is::Kept {
+            handle,
+            seldom: None,
+            ..
+        } = &self.is
+        else {
+            return None;
+        };
+        let (name, polls) = handle.completed()?;
+        let ended = Is::Ended {
+            name,
+            polls: u32::try_from(polls).ok()?,
+            priority: handle.priority(),
+        };
+        match std::mem::replace(&mut self.is, ended) {
+            Is::Kept { handle, .. } => Some(handle),
+            Is::Ended { .. } => None,
+        }
+    }
+
+    /// Lets go of the room of the body of a process that has ended in any way.
+    pub(in crate::system) fn forget_body(&mut self) -> Option<ProcessHandle> {
+        if let Is::Kept { seldom, .. } = &mut self.is {
+            seldom.take_if(|one| {
+                one.ledger.is_none() && one.resident.is_none() && one.thread.is_none()
+            });
+        }
+        let completed = self.forget_completed();
+        if let Is::Kept { handle, .. } = &mut self.is {
+            handle.forget_body();
+        }
+        completed
+    }
+
+    /// Its handle, if it is kept.
+    pub(crate) fn kept(&self) -> Option<&ProcessHandle> {
+        match &self.is {
+            Is::Kept { handle, .. } => Some(handle),
+            Is::Ended { .. } => None,
+        }
+    }
+
+    /// Its handle, as it was, or made anew. May allocate.
+    pub(crate) fn handle(&self, id: ProcessId) -> ProcessHandle {
+        match &self.is {
+            Is::Kept { handle, .. } => handle.clone(),
+            &Is::Ended {
+                ref name,
+                polls,
+                priority,
+            } => ProcessHandle::of_completed(id, name.clone(), priority, polls.into()),
         }
     }
 
     pub(crate) fn name(&self) -> &str {
-        self.handle.name()
+        match &self.is {
+            Is::Kept { handle, .. } => handle.name(),
+            Is::Ended { name, .. } => name,
+        }
+    }
+
+    pub(crate) fn known(&self) -> Known {
+        match &self.is {
+            Is::Kept { handle, .. } => Known {
+                state: handle.state(),
+                priority: handle.priority(),
+                exit: handle.exit(),
+                polls: handle.polls(),
+                longest_poll: handle.longest_poll(),
+            },
+            &Is::Ended {
+                polls, priority, ..
+            } => Known {
+                state: ProcessState::Ended,
+                priority,
+                exit: Some(Exit::Completed),
+                polls: polls.into(),
+                longest_poll: None,
+            },
+        }
+    }
+
+    fn seldom(&self) -> Option<&Seldom> {
+        match &self.is {
+            Is::Kept { seldom, .. } => seldom.as_deref(),
+            Is::Ended { .. } => None,
+        }
     }
 
     pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
-        self.seldom.as_ref()?.ledger.as_ref()
-    }
-
-    /// Whether it has nothing that few have.
-    pub(crate) fn is_plain(&self) -> bool {
-        self.seldom.is_none()
+        self.seldom()?.ledger.as_ref()
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
-        self.seldom.as_mut()?.resident.take()
+        match &mut self.is {
+            Is::Kept { seldom, .. } => seldom.as_mut()?.resident.take(),
+            Is::Ended { .. } => None,
+        }
     }
 
     /// The machine words of the process' own memory, some of which are addresses.
     pub(crate) fn words(&self) -> Vec<usize> {
-        let mut words = self.handle.words_of_body();
-        let seldom = self.seldom.as_ref();
-        if let Some(resident) = seldom.and_then(|seldom| seldom.resident.as_ref()) {
+        let words = self.kept().map(ProcessHandle::words_of_body);
+        let mut words = words.unwrap_or_default();
+        if let Some(resident) = self.seldom().and_then(|seldom| seldom.resident.as_ref()) {
             words.extend(resident.words());
         }
         words
     }
 
-    /// Whether it shares its thread.
-    pub(crate) fn is_on_executor(&self) -> bool {
-        self.executor != NO_EXECUTOR
-    }
-
     /// Where it was started.
     pub(crate) fn on(&self) -> On {
-        match self
-            .seldom
-            .as_ref()
-            .and_then(|seldom| seldom.thread.as_ref())
-        {
+        match self.seldom().and_then(|seldom| seldom.thread.as_ref()) {
             Some(part) => On::Thread(part.clone()),
-            None => On::Executor(self.executor as usize),
+            None => On::Executor(self.executor.into()),
         }
     }
 }

@@ -27,6 +27,9 @@ impl<T> Page<T> {
 
 /// At most one `T` for each process.
 pub(super) struct ById<T> {
+    /// The page of the number that was entered last, and its number: most looks are for these.
+    latest: (u32, Box<Page<T>>),
+    /// The others; none is empty.
     pages: FxHashMap<u32, Box<Page<T>>>,
     /// The page that was emptied last, for the next that is needed.
     spare: Option<Box<Page<T>>>,
@@ -42,6 +45,7 @@ fn place(id: ProcessId) -> (u32, usize) {
 impl<T> Default for ById<T> {
     fn default() -> Self {
         Self {
+            latest: (0, Page::new()),
             pages: FxHashMap::default(),
             spare: None,
             len: 0,
@@ -60,37 +64,61 @@ impl<T> ById<T> {
         self.pages.reserve(more.div_ceil(PAGE));
     }
 
+    fn page_mut(&mut self, number: u32) -> Option<&mut Box<Page<T>>> {
+        match number == self.latest.0 {
+            true => Some(&mut self.latest.1),
+            false => self.pages.get_mut(&number),
+        }
+    }
+
     pub(super) fn get(&self, id: ProcessId) -> Option<&T> {
-        let (page, place) = place(id);
-        self.pages.get(&page)?.entries[place].as_ref()
+        let (number, place) = place(id);
+        let page = match number == self.latest.0 {
+            true => &self.latest.1,
+            false => self.pages.get(&number)?,
+        };
+        page.entries[place].as_ref()
     }
 
     pub(super) fn get_mut(&mut self, id: ProcessId) -> Option<&mut T> {
-        let (page, place) = place(id);
-        self.pages.get_mut(&page)?.entries[place].as_mut()
+        let (number, place) = place(id);
+        self.page_mut(number)?.entries[place].as_mut()
     }
 
     /// Keeps `value` in the place of what was kept before.
     pub(super) fn insert(&mut self, id: ProcessId, value: T) {
-        let (page, place) = place(id);
-        let spare = &mut self.spare;
-        let page = self
-            .pages
-            .entry(page)
-            .or_insert_with(|| spare.take().unwrap_or_else(Page::new));
+        let (number, place) = place(id);
+        if number != self.latest.0 {
+            self.turn_to(number);
+        }
+        let page = &mut self.latest.1;
         if page.entries[place].replace(value).is_none() {
             page.count += 1;
             self.len += 1;
         }
     }
 
+    /// Makes a page the latest.
+    #[cold]
+    fn turn_to(&mut self, number: u32) {
+        let page = self.pages.remove(&number).or_else(|| self.spare.take());
+        let page = page.unwrap_or_else(Page::new);
+        let (number, page) = std::mem::replace(&mut self.latest, (number, page));
+        if page.count == 0 {
+            self.spare = Some(page);
+        } else {
+            self.pages.insert(number, page);
+        }
+    }
+
     pub(super) fn remove(&mut self, id: ProcessId) -> Option<T> {
         let (number, place) = place(id);
-        let page = self.pages.get_mut(&number)?;
+        let page = self.page_mut(number)?;
         let removed = page.entries[place].take()?;
-        self.len -= 1;
         page.count -= 1;
-        if page.count == 0 {
+        let is_empty = page.count == 0;
+        self.len -= 1;
+        if is_empty && number != self.latest.0 {
             self.spare = self.pages.remove(&number);
         }
         Some(removed)
@@ -98,19 +126,23 @@ impl<T> ById<T> {
 
     /// All of them, in no order.
     pub(super) fn iter(&self) -> impl Iterator<Item = (ProcessId, &T)> {
-        self.pages.iter().flat_map(|(&page, entries)| {
-            let entries = entries.entries.iter().enumerate();
-            entries.filter_map(move |(place, entry)| {
-                // The last place of all is unused.
-                let number = (page * PAGE as u32 + place as u32).wrapping_add(1);
-                Some((ProcessId::from_number(number)?, entry.as_ref()?))
+        let latest = (&self.latest.0, &self.latest.1);
+        self.pages
+            .iter()
+            .chain([latest])
+            .flat_map(|(&page, entries)| {
+                let entries = entries.entries.iter().enumerate();
+                entries.filter_map(move |(place, entry)| {
+                    // The last place of all is unused.
+                    let number = (page * PAGE as u32 + place as u32).wrapping_add(1);
+                    Some((ProcessId::from_number(number)?, entry.as_ref()?))
+                })
             })
-        })
     }
 
     /// As [`iter`](Self::iter), to change them.
     pub(super) fn values_mut(&mut self) -> impl Iterator<Item = &mut T> {
-        let pages = self.pages.values_mut();
+        let pages = self.pages.values_mut().chain([&mut self.latest.1]);
         pages.flat_map(|page| page.entries.iter_mut().flatten())
     }
 }

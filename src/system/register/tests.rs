@@ -110,3 +110,49 @@ fn what_is_kept_of_processes_that_come_and_go_does_not_grow() {
         assert!((CHILDREN / 3 - REMEMBERED as u64..=CHILDREN / 3).contains(&earlier.failed));
     }
 }
+
+#[test]
+fn a_completed_process_is_known_without_its_memory() {
+    let mut system = System::new("remembering");
+    let main = system.executor("main").build().unwrap();
+    let plan = system.plan.clone();
+    main.clone()
+        .process("parent")
+        .spawn(async move {
+            let child = main.process("child with a long name").priority(3);
+            let id = child.spawn(async {
+                crate::yield_now().await;
+                Ok(())
+            })?;
+            let known = |one: &ProcessHandle| {
+                let is = (one.id(), one.priority(), one.state());
+                (one.name().to_owned(), is, one.exit(), one.polls())
+            };
+            let handle = main.process_handle(id).unwrap();
+            assert_eq!(handle.join().await, Exit::Completed);
+            // Its end is noted now, if it was not yet.
+            main.process("next").spawn(async { Ok(()) })?;
+            let is_kept = plan
+                .members()
+                .started
+                .members
+                .get(id)
+                .unwrap()
+                .kept()
+                .is_some();
+            assert!(!is_kept);
+            let again = main.process_handle(id).unwrap();
+            assert_eq!(known(&again), known(&handle));
+            again.cancel();
+            assert_eq!(again.join().await, Exit::Completed);
+            Ok(())
+        })
+        .unwrap();
+    let report = system.run().unwrap();
+    let child = &report.processes[1];
+    assert_eq!(child.name, "child with a long name");
+    assert_eq!(
+        (child.exit.clone(), child.polls),
+        (Some(Exit::Completed), 2)
+    );
+}

@@ -8,7 +8,6 @@ mod messages;
 mod none;
 
 use common::{COMPLETE, PLACEMENTS, Placement, Program, SpawnOk, deadlock_of, strict, watchdog};
-use luna::inspect::Deadlock;
 use luna::inspect::{Operation, Partner};
 use luna::prelude::*;
 use luna::system::ProcessBuilder;

@@ -4,7 +4,7 @@ use crate::core::Channel;
 use crate::error::RecvError;
 use crate::select_state::SelectState;
 use crate::waiter::Waiter;
-use luna_core::current::{PlainPendingWake, PlainTurn};
+use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 
@@ -114,20 +114,17 @@ impl<T> Entry<T> {
     ///
     /// # Safety
     ///
-    /// `entry` is in its channel's list, and that lock is held. Unless the commit succeeds, the
-    /// sender waits.
+    /// `entry` is in its channel's list, and that lock is held, and the commit lock by the executor
+    /// that owns its bias. Unless the commit succeeds, the sender waits.
     #[inline(always)]
     pub(crate) unsafe fn commit_or_announce(
         entry: NonNull<Entry<T>>,
-        turn: PlainTurn<'_>,
     ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
-        // SAFETY: the contract; the hub outlives its entries' being listed. The commit lock is held
-        // around what it guards.
+        // SAFETY: the contract; the hub outlives its entries' being listed.
         unsafe {
             let hub = (*entry).hub.as_ref();
-            let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
             if !hub.select_state.is_open() {
                 if !(*entry).is_queued {
                     (*entry).is_queued = true;

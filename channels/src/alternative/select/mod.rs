@@ -2,7 +2,7 @@
 
 mod slow_path;
 
-use crate::alternative::fast_path::{Chosen, Listing, Looks};
+use crate::alternative::fast_path::{Chosen, Ends, Found, Listing, Looks, Withdrawing};
 use crate::alternative::list::{Collected, Guards, MAX_GUARDS, Seeds};
 use crate::alternative::stop::Stop;
 use crate::core::FastPath;
@@ -55,6 +55,8 @@ pub struct Select<const FAIR: bool, S: Seeds> {
     select_state: MaybeUninit<SelectState>,
     has_select_state: bool,
     state: State,
+    /// Of the guards, when the fast path listed them.
+    ends: Ends<FAIR>,
     polled_by: Identity,
     stop: ManuallyDrop<Stop>,
     _pinned: PhantomPinned,
@@ -81,6 +83,7 @@ pub fn select<const FAIR: bool, S: Seeds>(seeds: S) -> Select<FAIR, S> {
         select_state: MaybeUninit::uninit(),
         has_select_state: false,
         state: State::Seeds,
+        ends: Ends::new(),
         polled_by: (std::ptr::null(), std::ptr::null()),
         stop: ManuallyDrop::new(Stop::new()),
         _pinned: PhantomPinned,
@@ -104,22 +107,33 @@ impl<const FAIR: bool, S: Seeds> Future for Select<FAIR, S> {
                 this.seeds.assume_init_read().grow(this.guards.as_mut_ptr());
             }
         }
+        let mut polled = None;
         if S::Guards::PLAIN
             && let State::New | State::Listed = self.state
             && let Some(turn) = PlainTurn::of(cx)
         {
             // SAFETY: the guards are plain; their state is looked at here.
-            let polled = unsafe {
+            polled = unsafe {
                 match self.state {
                     State::Listed => self.as_mut().finish_fast(turn),
                     _ => self.as_mut().begin_fast(turn, cx),
                 }
             };
-            if let Some(polled) = polled {
-                return polled;
-            }
         }
-        self.poll_slow_path(cx)
+        let polled = match polled {
+            Some(polled) => polled,
+            None => self.as_mut().poll_slow_path(cx),
+        };
+        let Poll::Ready(number) = polled else {
+            return Poll::Pending;
+        };
+        // SAFETY: the guards are pinned with the whole, and are there since the poll began. The
+        // guard was chosen and is over, and the alternative is not polled again.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            this.state = State::Over;
+            Poll::Ready(Pin::new_unchecked(this.guards.assume_init_mut()).output(number))
+        }
     }
 }
 
@@ -137,14 +151,15 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         self: Pin<&mut Self>,
         turn: PlainTurn<'_>,
         cx: &Context<'_>,
-    ) -> Option<Poll<Outputs<S>>> {
+    ) -> Option<Poll<u32>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
-        let mut looks = Looks::new(turn, FAIR);
+        let mut looks = Looks::<FAIR>::new(turn);
         guards.as_mut().each(0, &mut looks);
-        if looks.ready.is_none() && !looks.is_refused() && !S::Guards::SKIP {
+        let found = looks.found();
+        if found == Found::Nothing && !S::Guards::SKIP {
             // Before another thread can find a node that leads to it.
             // SAFETY: by the contract, and a wait point is locked by its bias.
             let select_state = this
@@ -155,29 +170,26 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             // SAFETY: none is ready; the guards are pinned, and go before the select state.
             guards.each(0, &mut unsafe { Listing::of(turn, select_state) });
             this.state = State::Listed;
+            this.ends = looks.ends;
             this.polled_by = identity(cx);
             return Some(Poll::Pending);
         }
         guards.as_mut().each(0, &mut looks.leaving());
-        if looks.is_refused() {
-            return None;
-        }
-        let (number, gives_way) = match looks.ready {
-            Some(number) => {
+        let (number, gives_way) = match found {
+            Found::Refused => return None,
+            Found::Ready(number) => {
                 // SAFETY: the look has kept the lock of this guard, which is new.
                 let mut meeting = unsafe { looks.meeting() };
                 guards.as_mut().one(number, &mut meeting);
                 (number, meeting.result == FastPath::GaveWay)
             }
-            None => (S::Guards::LEN as u32, turn.yields_after_operation()),
+            Found::Nothing => (S::Guards::LEN as u32, turn.yields_after_operation()),
         };
         if gives_way {
             this.state = State::GaveWay(number);
             return Some(Poll::Pending);
         }
-        this.state = State::Over;
-        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
-        Some(Poll::Ready(unsafe { guards.output(number) }))
+        Some(Poll::Ready(number))
     }
 
     /// Takes the result of a partner's commit, and withdraws the other guards. `None`: take the
@@ -187,7 +199,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     ///
     /// The guards are plain and listed.
     #[inline(always)]
-    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
+    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<u32>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; both are there since the guards were listed.
@@ -198,20 +210,21 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             )
         };
         let chosen = select_state.chosen()?;
-        let mut settled = Chosen::default();
+        let mut settled = Chosen {
+            ends: this.ends,
+            is_over: false,
+        };
         guards.as_mut().one(chosen, &mut settled);
-        // SAFETY: the guards are there, and all are visited.
-        let mut others = unsafe { settled.withdrawing(turn, FAIR) }?;
-        guards.as_mut().each(0, &mut others);
-        others.stamp();
-        this.state = State::Over;
-        // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
-        Some(Poll::Ready(unsafe { guards.output(chosen) }))
+        if !settled.is_over {
+            return None;
+        }
+        guards.each(0, &mut Withdrawing { turn });
+        Some(Poll::Ready(chosen))
     }
 
     /// Polls wherever the process is, and whatever is offered.
     #[inline(never)]
-    fn poll_slow_path(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
+    fn poll_slow_path(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<u32> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above; they are there since the poll began.
@@ -238,15 +251,11 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
                 false => alternative.poll(cx),
             }
         };
-        if polled.is_pending() {
-            events::waits_for_several();
+        match polled {
+            Poll::Pending => events::waits_for_several(),
+            Poll::Ready(number) => report_choice(guards, number),
         }
-        polled.map(|number| {
-            this.state = State::Over;
-            report_choice(guards.as_mut(), number);
-            // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
-            unsafe { guards.output(number) }
-        })
+        polled
     }
 }
 

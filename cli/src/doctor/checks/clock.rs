@@ -1,9 +1,9 @@
 //! The clock, and how exactly threads sleep by it.
 
+use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna_platform::facts::Unread;
-use luna_platform::facts::parse::number;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

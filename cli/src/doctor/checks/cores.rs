@@ -1,9 +1,9 @@
 //! The cores: which may be used, and what else runs on the real-time one.
 
+use crate::doctor::facts::interrupts::core_mask;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
 use luna_platform::facts::Unread;
-use luna_platform::facts::interrupts::core_mask;
 use luna_platform::facts::parse::{core_list, write_core_list};
 
 pub(super) const CHECKS: &[Check] = &[

@@ -1,12 +1,13 @@
 //! Interrupts: which go to the real-time core, and which handler they have.
 
 use super::cores::mask_without;
+use crate::doctor::facts::command_line;
+use crate::doctor::facts::interrupts::{core_mask, interrupts};
+use crate::doctor::facts::task::scheduling;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna_platform::facts::interrupts::{core_mask, interrupts};
 use luna_platform::facts::parse::{core_list, write_core_list};
-use luna_platform::facts::task::scheduling;
-use luna_platform::facts::{PreemptionModel, Unread, UnreadReason, command_line};
+use luna_platform::facts::{PreemptionModel, Unread, UnreadReason};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -1,8 +1,9 @@
 //! The kernel: which, how it preempts, how finely it keeps time.
 
+use crate::doctor::facts::{command_line, config};
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna_platform::facts::{PreemptionModel, Unread, command_line};
+use luna_platform::facts::{PreemptionModel, Unread};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {
@@ -93,8 +94,8 @@ fn effective_preemption(machine: &Machine) -> Result<(PreemptionModel, String), 
     // Without its command line it is not known whether it asked for another one.
     if model == PreemptionModel::Dynamic
         && machine.command_line().is_ok()
-        && let Ok((config, file)) = machine.config()
-        && let Some(model) = PreemptionModel::built_in(&config)
+        && let Ok((text, file)) = machine.config()
+        && let Some(model) = config::preemption(&text)
     {
         return Ok((model, file));
     }

@@ -1,10 +1,10 @@
 //! Memory: what could make a thread wait for a page.
 
 use super::permissions::can_lock_memory;
+use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
 use luna_platform::facts::Unread;
-use luna_platform::facts::parse::number;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -1,13 +1,14 @@
 //! What this process may do: policies, locked memory, time.
 
+use crate::doctor::facts::task::{Limit, soft_limit};
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna::Policy;
 use luna::report::Shortfall;
+use luna_platform::facts::Unread;
 use luna_platform::facts::task::{
-    CAP_IPC_LOCK, CAP_SYS_NICE, has_capability, is_first_user_namespace, soft_limit,
+    CAP_IPC_LOCK, CAP_SYS_NICE, has_capability, is_first_user_namespace,
 };
-use luna_platform::facts::{Limit, Unread};
 use luna_platform::shortfall::{MemoryRefusal, PolicyRefusal};
 
 pub(super) const CHECKS: &[Check] = &[

@@ -1,9 +1,9 @@
 //! Power: how fast the core is, and how deeply it sleeps.
 
+use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna::report::Shortfall;
-use luna_platform::facts::parse::number;
 use luna_platform::facts::{Source, Unread, UnreadReason};
 use luna_platform::shortfall::LatencyRefusal;
 

@@ -1,10 +1,10 @@
 //! How much of a core real-time threads may take.
 
+use crate::doctor::facts::{command_line, number};
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
 use luna_platform::facts::control_group::{file, group_one, group_two, mount_of_one, mount_of_two};
-use luna_platform::facts::parse::number;
-use luna_platform::facts::{Throttling, Unread, UnreadReason, command_line};
+use luna_platform::facts::{Unread, UnreadReason};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {
@@ -43,12 +43,14 @@ const GROUPS: &str = "/proc/self/cgroup";
 
 fn throttling(machine: &Machine) -> Result<Seen, Unread> {
     let from = "/proc/sys/kernel/sched_rt_runtime_us";
-    let Throttling {
-        runtime_us,
-        period_us,
-        ..
-    } = Throttling::read(&machine.source)?;
-    let Some(runtime) = runtime_us.filter(|runtime| *runtime < period_us) else {
+    // -1 says that there is no limit.
+    let runtime = machine.source.parse(from, number)?;
+    let period = "/proc/sys/kernel/sched_rt_period_us";
+    let period_us = machine
+        .source
+        .parse(period, |text| u64::try_from(number(text)?).ok())?;
+    let runtime = u64::try_from(runtime).ok();
+    let Some(runtime) = runtime.filter(|runtime| *runtime < period_us) else {
         return Ok(Seen::good(
             "none: real-time threads may take all of a core",
             from,

@@ -1,9 +1,9 @@
 //! Whether there is another scheduler below this one.
 
+use crate::doctor::facts::cpu_time::cpu_time;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna_platform::facts::Unread;
-use luna_platform::facts::cpu_time::cpu_time;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

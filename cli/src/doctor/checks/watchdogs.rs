@@ -1,9 +1,10 @@
 //! The kernel's own watchdogs, which interrupt every core that they watch.
 
+use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
 use luna_platform::facts::Unread;
-use luna_platform::facts::parse::{core_list, number};
+use luna_platform::facts::parse::core_list;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -1,9 +1,10 @@
 //! What the library relies on: policies that are read back, and the lock with priority inheritance.
 
 use super::{Outcome, Test, Trouble, ensure, same};
+use crate::doctor::facts::task;
 use luna::Policy;
 use luna_platform::clock::Instant;
-use luna_platform::facts::{Source, task};
+use luna_platform::facts::Source;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{Attributes, Mode, SpawnError, current_policy, spawn};

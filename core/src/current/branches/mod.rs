@@ -1,11 +1,10 @@
 //! The set of woken branches of a process, for processes with too many branches to poll them all.
 
 use super::{PendingWake, QueueEnd, WakeHandle, ready_again};
-use crate::deferred_free::{self, Retired};
+use crate::deferred_free::Shared;
 use luna_platform::lock::PiLock;
-use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use luna_platform::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::mem::ManuallyDrop;
-use std::ptr::NonNull;
 use std::task::{Context, RawWaker, RawWakerVTable, Waker};
 
 const WORD: usize = u64::BITS as usize;
@@ -22,11 +21,9 @@ const WORD: usize = u64::BITS as usize;
 ///
 /// # Invariants
 ///
-/// `references` counts the collection and the wakers; the block is freed with the last one. `slots`
-/// does not change.
+/// The collection and each waker are owners of the block. `slots` does not change.
+#[derive(Debug)]
 struct Block {
-    retired: Retired,
-    references: AtomicUsize,
     words: Box<[AtomicU64]>,
     summary: Box<[AtomicU64]>,
     /// The parent waits, so a wake has to take `parent`.
@@ -36,32 +33,22 @@ struct Block {
 }
 
 /// The data of a branch's waker.
+#[derive(Debug)]
 struct BranchSlot {
-    block: NonNull<Block>,
+    /// An owner of the block that holds this, as a pointer: that of each waker of this data.
+    owner: *const (),
     number: usize,
 }
 
-/// A counted reference to a block.
-#[derive(Debug)]
-struct Shared(NonNull<Block>);
-
-// SAFETY: every field of a block is atomic, locked or constant, and its memory can be freed on any
-// thread.
-unsafe impl Send for Shared {}
+// SAFETY: an owner of a block may be used and dropped on any thread.
+unsafe impl Send for BranchSlot {}
 // SAFETY: as above.
-unsafe impl Sync for Shared {}
+unsafe impl Sync for BranchSlot {}
 
 fn zeros(bits: usize) -> Box<[AtomicU64]> {
     (0..bits.div_ceil(WORD))
         .map(|_| AtomicU64::new(0))
         .collect()
-}
-
-impl Shared {
-    fn block(&self) -> &Block {
-        // SAFETY: this reference is counted, so the block is alive.
-        unsafe { self.0.as_ref() }
-    }
 }
 
 /// The branches of one parent, each with a waker of its own.
@@ -71,7 +58,7 @@ impl Shared {
 /// then readies it, as its own context does, at the level of the branch that it is itself.
 #[derive(Debug)]
 pub struct Branches {
-    shared: Shared,
+    block: Shared<Block>,
     count: usize,
     /// The word being taken, and its branches that are still to have their turn.
     word: usize,
@@ -84,21 +71,17 @@ impl Branches {
         let words = zeros(count);
         let summary = zeros(words.len());
         let last = words.len().saturating_sub(1);
-        let block = NonNull::from(Box::leak(Box::new(Block {
-            retired: Retired::new(free),
-            references: AtomicUsize::new(1),
+        let block = Shared::new_cyclic(|owner| Block {
             words,
             summary,
             is_waiting: AtomicBool::new(false),
             parent: PiLock::new(None),
-            slots: Box::new([]),
-        })));
-        let slots = (0..count).map(|number| BranchSlot { block, number });
-        let slots = slots.collect();
-        // SAFETY: no other code has a pointer to the block yet.
-        unsafe { (*block.as_ptr()).slots = slots };
+            slots: (0..count)
+                .map(|number| BranchSlot { owner, number })
+                .collect(),
+        });
         Branches {
-            shared: Shared(block),
+            block,
             count,
             // The search begins behind it, at the first word.
             word: last,
@@ -112,10 +95,10 @@ impl Branches {
     ///
     /// Panics if there is no such branch.
     pub fn with_waker<R>(&self, branch: usize, f: impl FnOnce(&mut Context<'_>) -> R) -> R {
-        let slot = NonNull::from(&self.shared.block().slots[branch]);
+        let slot = &raw const self.block.slots[branch];
         // SAFETY: the functions of the table fulfil the contract of wakers. The waker is not
         // counted, so it must not be dropped; this reference keeps the block alive for longer.
-        let waker = unsafe { ManuallyDrop::new(Waker::new(slot.as_ptr().cast(), &TABLE)) };
+        let waker = unsafe { ManuallyDrop::new(Waker::new(slot.cast(), &TABLE)) };
         f(&mut Context::from_waker(&waker))
     }
 
@@ -123,7 +106,7 @@ impl Branches {
     pub fn wake_all(&self) {
         for word in 0..self.count.div_ceil(WORD) {
             let branches = (self.count - word * WORD).min(WORD);
-            self.shared.block().set(word, !0 >> (WORD - branches));
+            self.block.set(word, !0 >> (WORD - branches));
         }
     }
 
@@ -132,7 +115,7 @@ impl Branches {
     #[expect(clippy::should_implement_trait, reason = "it goes on after a `None`")]
     pub fn next(&mut self) -> Option<usize> {
         if self.bits == 0 {
-            (self.word, self.bits) = self.shared.block().take(self.word + 1)?;
+            (self.word, self.bits) = self.block.take(self.word + 1)?;
         }
         let bit = self.bits.trailing_zeros() as usize;
         self.bits &= self.bits - 1;
@@ -143,7 +126,7 @@ impl Branches {
     /// `cx` would. If a woken branch has not been returned by [`next`](Self::next) yet, the parent
     /// is readied at once, behind the others of its level.
     pub fn wait(&self, cx: &Context<'_>) {
-        let block = self.shared.block();
+        let block = &*self.block;
         if self.bits == 0 {
             let wake_handle = WakeHandle::of(cx);
             // Dropped after the lock is released.
@@ -161,7 +144,7 @@ impl Branches {
 
     /// Notes that the parent does not wait, so that wakes need not ready it.
     pub fn stop_waiting(&self) {
-        let block = self.shared.block();
+        let block = &*self.block;
         if block.is_waiting.load(Ordering::Relaxed) {
             let _before = block.take_parent();
         }
@@ -243,76 +226,45 @@ impl Block {
     }
 }
 
-impl Clone for Shared {
-    fn clone(&self) -> Self {
-        // Relaxed: the cloned reference keeps the block alive meanwhile.
-        self.block().references.fetch_add(1, Ordering::Relaxed);
-        Shared(self.0)
-    }
-}
-
-impl Drop for Shared {
-    fn drop(&mut self) {
-        // AcqRel: all other references' uses of the block happen before it is freed.
-        if self.block().references.fetch_sub(1, Ordering::AcqRel) == 1 {
-            // SAFETY: this was the last reference, and `free` finds the block from its field.
-            unsafe {
-                deferred_free::retire(NonNull::new_unchecked(&raw mut (*self.0.as_ptr()).retired));
-            }
-        }
-    }
-}
-
-/// # Safety
-///
-/// `head` is the field `retired` of a block that is no longer used.
-unsafe fn free(head: NonNull<Retired>) {
-    // SAFETY: the block was made from a box, and the pointer to the field leads back to it.
-    unsafe {
-        let block = head.byte_sub(std::mem::offset_of!(Block, retired));
-        drop(Box::from_raw(block.cast::<Block>().as_ptr()));
-    }
-}
-
 static TABLE: RawWakerVTable = RawWakerVTable::new(clone, wake, wake_by_ref, drop_waker);
 
-/// The reference and the branch of the waker with this data.
+/// The owner and the number of the waker with this data.
 ///
 /// # Safety
 ///
 /// `slot` is the data of a live waker of this table.
-unsafe fn held<'a>(slot: *const ()) -> (ManuallyDrop<Shared>, &'a BranchSlot) {
-    // SAFETY: the caller promises that the waker is alive; its data lies in the block, which the
-    // waker keeps alive.
-    let slot = unsafe { &*slot.cast::<BranchSlot>() };
-    (ManuallyDrop::new(Shared(slot.block)), slot)
+unsafe fn held(slot: *const ()) -> (ManuallyDrop<Shared<Block>>, usize) {
+    // SAFETY: the caller promises that the waker is live; its data lies in the block, which the
+    // waker owns.
+    unsafe {
+        let BranchSlot { owner, number } = *slot.cast::<BranchSlot>();
+        (ManuallyDrop::new(Shared::from_raw(owner)), number)
+    }
 }
 
 unsafe fn clone(slot: *const ()) -> RawWaker {
     // SAFETY: the contract of wakers: the data is that of a live waker of this table.
-    let (shared, _) = unsafe { held(slot) };
-    let _of_the_clone = ManuallyDrop::new(Shared::clone(&shared));
+    let (block, _) = unsafe { held(slot) };
+    let _of_the_clone = block.clone();
     RawWaker::new(slot, &TABLE)
 }
 
 unsafe fn wake(slot: *const ()) {
     // SAFETY: the contract of wakers: the data is that of a live waker, which is consumed here.
-    unsafe {
-        wake_by_ref(slot);
-        drop_waker(slot);
-    }
+    let (block, number) = unsafe { held(slot) };
+    ManuallyDrop::into_inner(block).wake(number);
 }
 
 unsafe fn wake_by_ref(slot: *const ()) {
     // SAFETY: the contract of wakers: the data is that of a live waker of this table.
-    let (shared, slot) = unsafe { held(slot) };
-    shared.block().wake(slot.number);
+    let (block, number) = unsafe { held(slot) };
+    block.wake(number);
 }
 
 unsafe fn drop_waker(slot: *const ()) {
     // SAFETY: the contract of wakers: the data is that of a live waker, which ends here.
-    let (shared, _) = unsafe { held(slot) };
-    drop(ManuallyDrop::into_inner(shared));
+    let (block, _) = unsafe { held(slot) };
+    drop(ManuallyDrop::into_inner(block));
 }
 
 #[cfg(all(test, loom))]

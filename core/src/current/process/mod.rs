@@ -134,7 +134,7 @@ impl Process {
 
     /// A process of the executor `executor_id`, the thread of which has the real-time priority
     /// `thread_priority` (0: none), at `level`.
-    #[inline]
+    #[inline(always)]
     pub fn new(id: ProcessId, executor_id: ExecutorId, thread_priority: u8, level: u8) -> Self {
         Self {
             link: Link::new(),
@@ -166,8 +166,9 @@ impl Process {
         unsafe { *self.waker.get() = Some(waker) };
     }
 
-    /// Sets the owner and its operations, before the first notice. For a process that shares its thread, which is readied
-    /// without its waker, and for one that is [alone](super::Lone) on it, which its waker readies.
+    /// Sets the owner and its operations, before the first notice. For a process that shares its
+    /// thread, which is readied without its waker, and for one that is [alone](super::Lone) on it,
+    /// which its waker readies.
     ///
     /// # Safety
     ///
@@ -196,7 +197,8 @@ impl Process {
     pub unsafe fn poll(&self) -> Poll {
         // Acquire: pairs with the store of a notice.
         let poll = self.poll.load(Ordering::Acquire);
-        // SAFETY: `set_owner`, which the caller promises, and `notify` store functions of this type.
+        // SAFETY: `set_owner`, which the caller promises, and `notify` store functions of this
+        // type.
         unsafe { std::mem::transmute::<*mut (), Poll>(poll) }
     }
 

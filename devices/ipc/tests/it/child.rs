@@ -107,12 +107,17 @@ fn program() {
     let (name, folder) = rest.split_once(':').unwrap();
     let (name, folder) = (name.to_owned(), PathBuf::from(folder));
     let mut system = System::new("child");
-    let policy = match looks() {
-        0 => Policy::fifo(30),
+    let policy = match (task, looks()) {
+        ("low-takes" | "low-gives" | "low-serves", _) => Policy::fifo(20),
+        (_, 0) | ("calls", _) => Policy::fifo(30),
         // Two that look take all of two cores, which others need too.
         _ => Policy::Other,
     };
-    let main = system.executor("main").policy(policy).build().unwrap();
+    let mut main = system.executor("main").policy(policy);
+    if task.starts_with("low") {
+        main = main.core(crate::same_core::core());
+    }
+    let main = main.build().unwrap();
     match task {
         "hold" => {
             let (receiver, link) = luna_ipc::receiver::<Block>(&name).unwrap();
@@ -135,6 +140,73 @@ fn program() {
                 Ok(())
             };
             main.process("feeds").spawn(feeds).unwrap();
+        }
+        "low-takes" => {
+            let (receiver, link) = luna_ipc::receiver::<Block>(&name).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let takes = async move {
+                while receiver.recv().await.is_ok() {}
+                Ok(())
+            };
+            main.process("takes").spawn(takes).unwrap();
+        }
+        "low-gives" => {
+            let (sender, link) = luna_ipc::sender::<Block>(&name).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let gives = async move {
+                let mut number = 1;
+                while sender.send(block(number)).await.is_ok() {
+                    number += 1;
+                }
+                Ok(())
+            };
+            main.process("gives").spawn(gives).unwrap();
+        }
+        "low-serves" | "holds-call" => {
+            let (server, link) = luna_ipc::server::<u64, u64>(&name).unwrap();
+            main.process("link").priority(31).spawn(link).unwrap();
+            let holds = task == "holds-call";
+            let serves = async move {
+                while let Ok(call) = server.accept().await {
+                    if holds {
+                        println!("\n{THERE}");
+                        std::future::pending::<()>().await;
+                    }
+                    crate::kernel::burn(std::time::Duration::from_micros(20));
+                    let answer = *call + 1;
+                    let _ = call.reply(answer);
+                }
+                Ok(())
+            };
+            main.process("serves").spawn(serves).unwrap();
+        }
+        "calls" => {
+            let (client, link) = luna_ipc::client::<u64, u64>(&name).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let calls = async move { Ok(client.call(1).await.map(drop)?) };
+            main.process("calls").spawn(calls).unwrap();
+        }
+        "holds-loan" => {
+            let endpoint = luna_ipc::Endpoint::new(&name);
+            let (receiver, link) = endpoint.loan_receiver::<u64>(2).unwrap();
+            main.process("link").spawn(link).unwrap();
+            let holds = async move {
+                let _held = receiver.recv().await?;
+                let _pending = receiver.recv_extended().await?;
+                println!("\n{THERE}");
+                std::future::pending::<()>().await;
+                Ok(())
+            };
+            main.process("holds").spawn(holds).unwrap();
+        }
+        "board" => {
+            let board = luna_ipc::Blackboard::new(&name).entry("large", [0_u64; 8192]);
+            let mut writer = board.write().unwrap();
+            let mut large = writer.take::<[u64; 8192]>("large").unwrap();
+            println!("\n{THERE}");
+            for number in 1.. {
+                large.set([number; 8192]);
+            }
         }
         "send" => drop(main.process("sends").spawn(sends(name, folder)).unwrap()),
         "receive" => drop(

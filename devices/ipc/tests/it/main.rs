@@ -1,15 +1,22 @@
 //! Tests of channels between programs. One program; a module a subject.
 
+#[path = "../../../../tests/kernel/mod.rs"]
+mod kernel;
 #[path = "../../../../tests/shared/mod.rs"]
+#[macro_use]
 mod shared;
 
+mod blackboard;
 mod buffers;
+mod calls;
 mod child;
 mod death;
 mod guards;
 mod kill;
+mod loans;
 mod opening;
 mod rendezvous;
+mod same_core;
 #[cfg(feature = "serde")]
 mod serde_types;
 
@@ -70,8 +77,8 @@ fn spawn(
     std::thread::spawn(move || run(policy, link, body))
 }
 
-/// SCHED_OTHER, and SCHED_FIFO where this process may have it.
-fn policies() -> Vec<Policy> {
+/// Whether this process may have SCHED_FIFO.
+fn has_real_time() -> bool {
     let probe = std::thread::spawn(|| {
         // SAFETY: the parameter is a valid structure, and the thread is this one.
         unsafe {
@@ -79,7 +86,12 @@ fn policies() -> Vec<Policy> {
             libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) == 0
         }
     });
-    if probe.join().unwrap() {
+    probe.join().unwrap()
+}
+
+/// SCHED_OTHER, and SCHED_FIFO where this process may have it.
+fn policies() -> Vec<Policy> {
+    if has_real_time() {
         vec![Policy::Other, Policy::fifo(30)]
     } else {
         shared::skip("the part with SCHED_FIFO: it is not granted");

@@ -11,12 +11,11 @@ pub(in crate::process) use shown::Shown;
 use crate::process::poll_monitor::{self, PollMonitor, Verdict};
 use crate::process::registry::ProcessRegistry;
 use crate::process::{Name, ProcessSpec, ProcessState};
-use end::Outcome;
+pub(in crate::process) use end::Outcome;
 use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::deferred_free::{self, Retired};
 use luna_core::replay_log::LogInstaller;
-use luna_core::wait_list::WaitList;
 use luna_core::{events, path};
 use luna_platform::clock::Instant;
 use reference::free_boxed;
@@ -28,14 +27,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
 /// Flags for the end of a process, stored beside its level.
-struct How;
+pub(in crate::process) struct How;
 
 impl How {
+    /// The bits of the level.
+    pub(in crate::process) const LEVEL: u8 = LEVELS - 1;
     /// Its end is listed.
-    const LISTED: u8 = 1 << 5;
-    const UNHURRIED: u8 = 1 << 6;
-    /// The room of its body is large.
-    const LARGE: u8 = 1 << 7;
+    pub(in crate::process) const LISTED: u8 = 1 << 5;
+    pub(in crate::process) const UNHURRIED: u8 = 1 << 6;
 }
 
 /// Causes for an executor to check a process before it polls it.
@@ -77,16 +76,34 @@ pub(crate) struct Record {
     pub(in crate::process) shown: BiasedLock<Shown>,
 }
 
-/// The timing of a process with timed polls.
-struct Timing {
-    poll_monitor: Option<Arc<dyn PollMonitor>>,
-    log_installer: Option<Box<Arc<dyn LogInstaller>>>,
-    /// The polls are timed: this is not timed for the replay log alone.
-    is_timed: bool,
+/// What is done around each poll of a process with timed polls, or with a replay log.
+pub(in crate::process) struct Timing {
+    pub(in crate::process) poll_monitor: Option<Arc<dyn PollMonitor>>,
+    pub(in crate::process) log_installer: Option<Arc<dyn LogInstaller>>,
+    /// The polls are timed also without a monitor.
+    pub(in crate::process) asked: bool,
     /// Written by the process' thread alone, as the next field.
     longest_poll: AtomicU64,
     /// When the poll began that is under way and not [ended](Record::end_poll) yet, else never.
     began: AtomicU64,
+}
+
+impl Default for Timing {
+    fn default() -> Self {
+        Self {
+            poll_monitor: None,
+            log_installer: None,
+            asked: false,
+            longest_poll: AtomicU64::new(0),
+            began: AtomicU64::new(Instant::NEVER.as_nanos()),
+        }
+    }
+}
+
+impl fmt::Debug for Timing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Timing").finish_non_exhaustive()
+    }
 }
 
 impl Record {
@@ -101,33 +118,17 @@ impl Record {
         free: unsafe fn(NonNull<Retired>),
     ) -> Self {
         registry.enter();
-        let shown = Shown {
-            joining: WaitList::new(),
-            beside: Beside::Nothing,
-        };
+        let shown = Shown::nothing();
         path::name_process(spec.id, &spec.name);
         events::report(events::code::SPAWNED, spec.id.get(), || {
             [events::current_process(), 0]
-        });
-        let flag = |is_set, bit| if is_set { bit } else { 0 };
-        let is_timed = spec.timed || spec.poll_monitor.is_some();
-        let timing = (is_timed || spec.log_installer.is_some()).then(|| {
-            Box::new(Timing {
-                poll_monitor: spec.poll_monitor,
-                log_installer: spec.log_installer,
-                is_timed,
-                longest_poll: AtomicU64::new(0),
-                began: AtomicU64::new(Instant::NEVER.as_nanos()),
-            })
         });
         Self {
             retired: Retired::new(free),
             references: AtomicU32::new(references),
             name: spec.name,
             id: spec.id,
-            level_and_how: spec.level
-                | flag(spec.listed, How::LISTED)
-                | flag(spec.unhurried, How::UNHURRIED),
+            level_and_how: spec.level_and_how,
             outcome: AtomicU8::new(Outcome::NONE),
             cancelled: AtomicBool::new(false),
             is_poisoned: AtomicBool::new(false),
@@ -137,42 +138,53 @@ impl Record {
             } else {
                 BiasedLock::new(shown)
             },
-            timing,
+            timing: spec.timing,
         }
     }
 
-    /// Notes that the memory in which it lies is large.
-    pub(crate) fn set_large(&mut self) {
-        self.level_and_how |= How::LARGE;
-    }
-
     /// What is known of a process that has ended, in memory without the room of its body; `None` if
-    /// that is not large, or there is more to know than is copied.
+    /// there is more to know than is copied.
     pub(in crate::process) fn without_body(&self) -> Option<Self> {
         let outcome = match self.outcome.load(Ordering::Acquire) {
             Outcome::COMPLETED | Outcome::WITH_VALUE => Outcome::COMPLETED,
             Outcome::CANCELLED => Outcome::CANCELLED,
             _ => return None,
         };
-        if !self.is(How::LARGE) || self.timing.is_some() {
+        let (name, level) = (self.name.clone(), self.level());
+        let has_more = self.timing.is_some();
+        (!has_more).then(|| Self::of_ended(self.id, name, level, outcome, self.polls()))
+    }
+
+    /// See [`ProcessHandle::completed`](crate::ProcessHandle::completed).
+    pub(in crate::process) fn completed(&self) -> Option<(Name, u64)> {
+        let has_more = self.outcome.load(Ordering::Acquire) != Outcome::COMPLETED;
+        if has_more || self.timing.is_some() {
             return None;
         }
-        Some(Self {
+        Some((self.name.clone(), self.seen.last_polls()?))
+    }
+
+    /// That of a process that has ended, in memory of its own, with one reference.
+    pub(in crate::process) fn of_ended(
+        id: ProcessId,
+        name: Name,
+        level: u8,
+        outcome: u8,
+        polls: u64,
+    ) -> Self {
+        Self {
             retired: Retired::new(free_boxed),
-            name: self.name.clone(),
-            seen: Seen(AtomicPtr::new(self.seen.0.load(Ordering::Relaxed))),
+            name,
+            seen: Seen::gone(polls),
             timing: None,
             references: AtomicU32::new(1),
-            id: self.id,
-            level_and_how: self.level_and_how & !How::LARGE,
+            id,
+            level_and_how: level,
             outcome: AtomicU8::new(outcome),
-            cancelled: AtomicBool::new(self.is_cancelled()),
-            is_poisoned: AtomicBool::new(self.is_poisoned()),
-            shown: BiasedLock::new(Shown {
-                joining: WaitList::new(),
-                beside: Beside::Nothing,
-            }),
-        })
+            cancelled: AtomicBool::new(outcome == Outcome::CANCELLED),
+            is_poisoned: AtomicBool::new(false),
+            shown: BiasedLock::new(Shown::nothing()),
+        }
     }
 
     /// Counts one more reference, for a caller that has one.
@@ -227,7 +239,7 @@ impl Record {
     }
 
     pub(crate) fn level(&self) -> u8 {
-        self.level_and_how & (LEVELS - 1)
+        self.level_and_how & How::LEVEL
     }
 
     fn is(&self, how: u8) -> bool {
@@ -259,7 +271,8 @@ impl Record {
 
     /// There is one if its polls are timed.
     fn timed(&self) -> Option<&Timing> {
-        self.timing.as_deref().filter(|timing| timing.is_timed)
+        let timing = self.timing.as_deref()?;
+        (timing.asked || timing.poll_monitor.is_some()).then_some(timing)
     }
 
     /// The longest of its polls in nanoseconds, if they are timed.
@@ -269,7 +282,7 @@ impl Record {
 
     /// Installs its replay log around each poll.
     pub(in crate::process) fn log_installer(&self) -> Option<&Arc<dyn LogInstaller>> {
-        self.timing.as_ref()?.log_installer.as_deref()
+        self.timing.as_ref()?.log_installer.as_ref()
     }
 
     fn poll_monitor(&self) -> Option<&Arc<dyn PollMonitor>> {

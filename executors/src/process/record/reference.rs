@@ -45,6 +45,14 @@ impl RecordRef {
         ManuallyDrop::new(self).0
     }
 
+    /// Drops two references to one record, without counting if there are no others.
+    pub(in crate::process) fn drop_with(self, other: Self) {
+        debug_assert_eq!(self.0, other.0);
+        std::mem::forget(other);
+        // SAFETY: the invariant; neither reference is used any more.
+        unsafe { Record::count_less(self.into_raw(), 2) };
+    }
+
     /// Reports the end of this process, which has [finished](Record::finish), to the registry that
     /// counts and lists it. The list takes this reference.
     pub(crate) fn report(self, registry: &ProcessRegistry) {

@@ -21,6 +21,13 @@ impl Seen {
         Self(AtomicPtr::new(ptr::null_mut()))
     }
 
+    /// That of a process that was polled so often before it went.
+    pub(in crate::process) fn gone(polls: u64) -> Self {
+        let most = usize::MAX >> 1;
+        let polls = usize::try_from(polls).unwrap_or(most).min(most);
+        Self(AtomicPtr::new(ptr::without_provenance_mut(polls << 1 | 1)))
+    }
+
     /// How often a process that has gone was polled. No process lies at an odd address.
     pub(in crate::process) fn polls_of_gone(word: *mut Process) -> Option<u64> {
         let word = word.addr();
@@ -65,11 +72,8 @@ impl Seen {
     /// The record's lock is held.
     pub(in crate::process) unsafe fn forget(&self) {
         // SAFETY: the contract.
-        let polls = unsafe { self.polls() };
-        let most = usize::MAX >> 1;
-        let polls = usize::try_from(polls).unwrap_or(most).min(most);
-        let word = ptr::without_provenance_mut(polls << 1 | 1);
-        self.0.store(word, Ordering::Release);
+        let gone = Self::gone(unsafe { self.polls() });
+        self.0.store(gone.0.into_inner(), Ordering::Release);
     }
 }
 
@@ -77,6 +81,15 @@ impl Seen {
 pub(in crate::process) struct Shown {
     pub(in crate::process) joining: WaitList,
     pub(in crate::process) beside: Beside,
+}
+
+impl Shown {
+    pub(in crate::process) const fn nothing() -> Self {
+        Self {
+            joining: WaitList::new(),
+            beside: Beside::Nothing,
+        }
+    }
 }
 
 /// State of a process that has ended.

@@ -36,7 +36,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, registry: &ProcessRegistr
     let _clock = emergency.clock().enter();
     let is_wanted = || workers.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
     while !is_wanted() {
-        workers.reserve.sleep(member);
+        workers.parkers[usize::from(member)].park(Instant::NEVER);
         // Called on its core: what is there to be run. Those on duty see that it does not take too
         // long.
         if work(emergency, member, registry).is_none() {
@@ -141,7 +141,7 @@ impl Emergency {
     /// Whether no worker is left to watch while the calling one runs a function.
     fn is_last_worker(&self) -> bool {
         let kinds = [&self.at_emergency, &self.at_safe_state];
-        let run = kinds.map(|kind| u32::from(kind.failover().is_under_way()));
+        let run = kinds.map(|kind| u32::from(kind.failover.is_under_way()));
         self.workers.able() <= run.iter().sum()
     }
 

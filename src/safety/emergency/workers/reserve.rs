@@ -4,41 +4,11 @@
 //! cores of the system's real-time threads, one worker on each: a trigger on such a core calls that
 //! worker, which preempts the core and runs the functions.
 
-use super::{EmergencyWorkers, MAX, ON_DUTY};
-use luna_core::park::Parker;
+use super::EmergencyWorkers;
 use luna_core::path::{self, Call};
-use luna_platform::clock::Instant;
-use luna_platform::thread::{self, EMERGENCY_PRIORITY, Obtained, Policy, ThreadNumber};
-use std::sync::OnceLock;
+use luna_platform::thread::{self, EMERGENCY_PRIORITY, Obtained, Policy};
 
-/// What those of the reserve sleep in, by their numbers as members.
-#[derive(Debug)]
-pub(super) struct Reserve {
-    /// Of those that are on duty from the start nothing is used.
-    parkers: [Parker; MAX],
-    /// The core on which each worker waits. None for a worker that would not preempt a core.
-    cores: [OnceLock<usize>; MAX],
-    /// The policy of the workers on duty.
-    policy: OnceLock<Policy>,
-}
-
-impl Default for Reserve {
-    fn default() -> Self {
-        Self {
-            parkers: std::array::from_fn(|_| Parker::new()),
-            cores: [const { OnceLock::new() }; MAX],
-            policy: OnceLock::new(),
-        }
-    }
-}
-
-impl Reserve {
-    /// Sets the policy of the workers on duty, before there are workers.
-    pub(super) fn set_policy(&self, policy: Policy) {
-        // A system is started once.
-        let _ = self.policy.set(policy);
-    }
-
+impl EmergencyWorkers {
     /// `member` waits on a core, with what it obtained, and takes it over when it is called there.
     pub(super) fn wait_on_core(&self, member: u8, asked: Policy, obtained: &Obtained) {
         if let Some(core) = core_to_take_over(asked, obtained.policy, obtained.core) {
@@ -47,42 +17,17 @@ impl Reserve {
         }
     }
 
-    /// Sleeps until the worker is called. A call that comes before it sleeps is taken then.
-    pub(super) fn sleep(&self, member: u8) {
-        self.parkers[usize::from(member)].park(Instant::NEVER);
-    }
-
-    /// `member`, the thread with this number, is on duty, and gets the priority for it. Two system
-    /// calls.
-    pub(super) fn summon(&self, member: usize, number: ThreadNumber) {
-        // First, so that it runs as soon as it is woken.
-        if let Some(policy) = self.policy.get() {
-            thread::promote(number, *policy);
-        }
-        self.parkers[member].unpark();
-    }
-
-    /// All are to end.
-    pub(super) fn call_all(&self) {
-        for parker in &self.parkers[ON_DUTY..] {
-            parker.unpark();
-        }
-    }
-}
-
-impl EmergencyWorkers {
     /// Calls the worker that waits on this core, if there is one. Returns whether it comes.
     pub(in super::super) fn call_here(&self) -> bool {
-        let reserve = &self.reserve;
         let member = thread::current_core().and_then(|here| {
-            let mut cores = reserve.cores.iter();
+            let mut cores = self.cores.iter();
             cores.position(|core| core.get() == Some(&here))
         });
         member.is_some_and(|member| {
             // One of the same priority, such as a function of another system, does not give way,
             // nor does a thread with a deadline.
             path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
-                && reserve.parkers[member].unpark()
+                && self.parkers[member].unpark()
         })
     }
 }

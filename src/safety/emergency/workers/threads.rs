@@ -75,7 +75,8 @@ impl EmergencyThread {
             is_armed: false,
         };
         let workers = &all.emergency.workers;
-        workers.reserve.set_policy(policy);
+        // A system is started once.
+        let _ = workers.policy.set(policy);
         // To wake others on the same core takes no time, and later they would wait for their turns
         // behind the function.
         let is_watched_late = !has_one_core && wakes_beside_a_function(&Source::machine());
@@ -119,7 +120,7 @@ impl EmergencyThread {
                     workers.make_watch_alarm(member);
                 }
                 if !is_on_duty {
-                    workers.reserve.wait_on_core(member, policy, obtained);
+                    workers.wait_on_core(member, policy, obtained);
                 }
                 workers.members.fetch_add(1, Ordering::Relaxed);
                 // A thread's first lock asks the kernel for its number: not in an emergency.
@@ -157,7 +158,9 @@ impl EmergencyThread {
     fn join(&mut self) {
         self.emergency.end();
         let workers = &self.emergency.workers;
-        workers.reserve.call_all();
+        for parker in &workers.parkers {
+            parker.unpark();
+        }
         for (member, thread) in self.threads.drain(..) {
             // A hung worker is detached: the watching worker may notice only now. No event covers
             // both conditions, and polling is good enough here.

@@ -36,6 +36,7 @@ scenarios! {
         processes_spawned_while_running, processes_of_types, processes_that_fail, a_limit_that_is_reached, wakers_that_outlive_their_thread, wakers_that_outlive_their_process, a_contended_lock,
         a_bias_that_is_revoked;
     files: files_that_become_ready, links;
+    programs: values_to_other_programs, values_through_a_buffer, values_that_are_lent, calls_to_other_programs, blackboards;
     logging: signals_and_messages, signals_without_room, signals_without_a_recording;
     parameters: parameters_that_are_replaced, parameters_that_are_recorded;
 }

@@ -3,25 +3,16 @@
 /// The time of all cores together since the machine started, in ticks of the kernel's clock for
 /// users.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub struct CpuTime {
+pub(crate) struct CpuTime {
     /// All of it.
-    pub total: u64,
+    pub(crate) total: u64,
     /// In which a virtual core could have run, and the hypervisor ran another.
-    pub stolen: u64,
+    pub(crate) stolen: u64,
 }
 
 impl CpuTime {
     /// What has been added since `earlier`.
-    ///
-    /// ```
-    /// use luna_platform::facts::cpu_time::cpu_time;
-    ///
-    /// let before = cpu_time("cpu 10 0 0 90 0 0 0 5 0 0\n").unwrap();
-    /// let after = cpu_time("cpu 10 0 0 185 0 0 0 10 0 0\n").unwrap();
-    /// assert_eq!(after.since(before).stolen_share(), Some(0.05));
-    /// ```
-    pub fn since(self, earlier: CpuTime) -> CpuTime {
+    pub(crate) fn since(self, earlier: CpuTime) -> CpuTime {
         CpuTime {
             total: self.total.saturating_sub(earlier.total),
             stolen: self.stolen.saturating_sub(earlier.stolen),
@@ -29,13 +20,13 @@ impl CpuTime {
     }
 
     /// Which part of it was stolen, 0 to 1; nothing if no time has passed.
-    pub fn stolen_share(self) -> Option<f64> {
+    pub(crate) fn stolen_share(self) -> Option<f64> {
         (self.total > 0).then(|| self.stolen as f64 / self.total as f64)
     }
 }
 
 /// Reads the line of all cores in `/proc/stat`. `None` where it is missing or has no eight columns.
-pub fn cpu_time(text: &str) -> Option<CpuTime> {
+pub(crate) fn cpu_time(text: &str) -> Option<CpuTime> {
     let line = text.lines().find_map(|line| line.strip_prefix("cpu "))?;
     // user nice system idle iowait irq softirq steal; guest times follow, and are within user and
     // nice.
@@ -69,6 +60,9 @@ mod tests {
             assert_eq!(cpu_time(bad), None, "{bad:?}");
         }
         assert_eq!(time.since(time).stolen_share(), None);
+        let before = cpu_time("cpu 10 0 0 90 0 0 0 5 0 0\n").unwrap();
+        let after = cpu_time("cpu 10 0 0 185 0 0 0 10 0 0\n").unwrap();
+        assert_eq!(after.since(before).stolen_share(), Some(0.05));
     }
 
     #[test]

@@ -1,16 +1,9 @@
 //! The kernel's command line (`/proc/cmdline`), as it was booted with.
 
-use super::parse::core_list;
+use luna_platform::facts::parse::core_list;
 
 /// The value of `key=value`; the last one counts. `None` if there is no such word.
-///
-/// ```
-/// use luna_platform::facts::command_line::value;
-///
-/// assert_eq!(value("quiet nosmt=force nosmt=", "nosmt"), Some(""));
-/// assert_eq!(value("quiet", "quiet"), None);
-/// ```
-pub fn value<'a>(command_line: &'a str, key: &str) -> Option<&'a str> {
+pub(crate) fn value<'a>(command_line: &'a str, key: &str) -> Option<&'a str> {
     let mut values = command_line
         .split_whitespace()
         .filter_map(|word| word.strip_prefix(key)?.strip_prefix('='));
@@ -18,26 +11,14 @@ pub fn value<'a>(command_line: &'a str, key: &str) -> Option<&'a str> {
 }
 
 /// Whether the word itself is there, without a value.
-///
-/// ```
-/// assert!(luna_platform::facts::command_line::has("ro threadirqs", "threadirqs"));
-/// ```
-pub fn has(command_line: &str, word: &str) -> bool {
+pub(crate) fn has(command_line: &str, word: &str) -> bool {
     command_line.split_whitespace().any(|one| one == word)
 }
 
 /// The cores of `key=cores`, such as `rcu_nocbs=2-3` or `isolcpus=managed_irq,domain,2-3`, with
 /// leading words skipped. `None` if there is no such word or its value is no list; `Some` of an
 /// empty list for `key` without a value.
-///
-/// ```
-/// use luna_platform::facts::command_line::cores;
-///
-/// assert_eq!(cores("isolcpus=managed_irq,domain,2-3,5", "isolcpus", 8), Some(vec![2, 3, 5]));
-/// assert_eq!(cores("rcu_nocbs=all", "rcu_nocbs", 2), Some(vec![0, 1]));
-/// assert_eq!(cores("rcu_nocbs=2-N", "rcu_nocbs", 4), Some(vec![2, 3]));
-/// ```
-pub fn cores(command_line: &str, key: &str, count: usize) -> Option<Vec<usize>> {
+pub(crate) fn cores(command_line: &str, key: &str, count: usize) -> Option<Vec<usize>> {
     let value = value(command_line, key)?;
     let list = value.split(',').skip_while(|part| {
         part.starts_with(|first: char| first.is_ascii_lowercase()) && *part != "all"
@@ -62,12 +43,18 @@ mod tests {
         assert_eq!(value("a=1 b=2 a=3", "a"), Some("3"));
         assert_eq!(value("ab=1", "a"), None);
         assert_eq!(value("", "a"), None);
+        assert_eq!(value("quiet nosmt=force nosmt=", "nosmt"), Some(""));
+        assert_eq!(value("quiet", "quiet"), None);
+        assert!(has("ro threadirqs", "threadirqs"));
     }
 
     #[test]
     fn lists_behind_words() {
         for (line, cores_of) in [
             ("isolcpus=1", Some(vec![1])),
+            ("isolcpus=managed_irq,domain,2-3,5", Some(vec![2, 3, 5])),
+            ("isolcpus=all", Some(vec![0, 1, 2, 3])),
+            ("isolcpus=2-N", Some(vec![2, 3])),
             ("isolcpus=nohz,domain,1-2", Some(vec![1, 2])),
             ("isolcpus=domain", Some(vec![])),
             ("isolcpus=", Some(vec![])),

@@ -2,25 +2,24 @@
 
 /// One line of `/proc/interrupts`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct Interrupt {
+pub(crate) struct Interrupt {
     /// Its number, or the kernel's letters for those without one (`LOC`, `RES`).
-    pub id: String,
+    pub(crate) id: String,
     /// How often it came since the machine started: (core, count), for the cores that the table
     /// has.
-    pub counts: Vec<(usize, u64)>,
+    pub(crate) counts: Vec<(usize, u64)>,
     /// What it is of.
-    pub name: String,
+    pub(crate) name: String,
 }
 
 impl Interrupt {
     /// Whether it is of a device, and so has an affinity: it has a number.
-    pub fn is_of_a_device(&self) -> bool {
+    pub(crate) fn is_of_a_device(&self) -> bool {
         self.id.parse::<u32>().is_ok()
     }
 
     /// How often it came to `core`.
-    pub fn on(&self, core: usize) -> u64 {
+    pub(crate) fn on(&self, core: usize) -> u64 {
         let count = self.counts.iter().find(|(one, _)| *one == core);
         count.map_or(0, |(_, count)| *count)
     }
@@ -28,16 +27,7 @@ impl Interrupt {
 
 /// Reads `/proc/interrupts`. Lines of another form (`ERR:`, a column short) keep what they have;
 /// `None` if the heading names no core.
-///
-/// ```
-/// use luna_platform::facts::interrupts::interrupts;
-///
-/// let text = "           CPU0       CPU3\n 24:          1          7  IO-APIC   5-edge      eth0\nLOC:  9 8  Local timer\n";
-/// let all = interrupts(text).unwrap();
-/// assert_eq!((all[0].on(3), all[0].is_of_a_device()), (7, true));
-/// assert!(!all[1].is_of_a_device());
-/// ```
-pub fn interrupts(text: &str) -> Option<Vec<Interrupt>> {
+pub(crate) fn interrupts(text: &str) -> Option<Vec<Interrupt>> {
     let mut lines = text.lines();
     let cores = lines.next()?.split_whitespace();
     let cores: Option<Vec<usize>> = cores
@@ -66,15 +56,7 @@ pub fn interrupts(text: &str) -> Option<Vec<Interrupt>> {
 
 /// Reads a mask of cores as the kernel writes it, `ff,00000001`: groups of 32 bits in hexadecimal,
 /// the highest first. Ascending.
-///
-/// ```
-/// use luna_platform::facts::interrupts::core_mask;
-///
-/// assert_eq!(core_mask("3\n"), Some(vec![0, 1]));
-/// assert_eq!(core_mask("1,00000002"), Some(vec![1, 32]));
-/// assert_eq!(core_mask("x"), None);
-/// ```
-pub fn core_mask(text: &str) -> Option<Vec<usize>> {
+pub(crate) fn core_mask(text: &str) -> Option<Vec<usize>> {
     let groups: Option<Vec<u32>> = text
         .trim()
         .split(',')
@@ -98,6 +80,7 @@ mod tests {
             "  CPU0  CPU2\n  1:  10  20  IO-APIC 1-edge  keyboard\nERR:  0\n 9: 5\nnothing\n";
         let all = interrupts(text).unwrap();
         assert_eq!(all.len(), 3);
+        assert!(all[0].is_of_a_device() && !all[1].is_of_a_device());
         assert_eq!(
             (all[0].on(0), all[0].on(1), all[0].on(2), &*all[0].name),
             (10, 0, 20, "IO-APIC 1-edge keyboard")
@@ -113,6 +96,7 @@ mod tests {
     fn masks() {
         assert_eq!(core_mask("00000000,00000000"), Some(vec![]));
         assert_eq!(core_mask("f0"), Some(vec![4, 5, 6, 7]));
+        assert_eq!(core_mask("1,00000002"), Some(vec![1, 32]));
         for bad in ["", ",", "1,,1", "123456789", "-1"] {
             assert_eq!(core_mask(bad), None, "{bad:?}");
         }

@@ -1,0 +1,108 @@
+//! The Production Cell in its deployments, as users run it. The drills in virtual time are tests of
+//! its crate.
+
+use serde_json::Value;
+use std::process::{Command, Output};
+
+fn luna(arguments: &str) -> Output {
+    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(["demo", "production-cell"])
+        .args(arguments.split_whitespace())
+        .output();
+    output.expect("the program starts")
+}
+
+/// What a run prints that has lost no block.
+fn good(arguments: &str) -> Value {
+    let output = luna(&format!("{arguments} --json"));
+    let said = String::from_utf8_lossy(&output.stderr);
+    let run = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{arguments}: {run}\n{said}");
+    let run: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    for count in ["lost", "doubled", "collisions"] {
+        assert_eq!(run[count], 0, "{run}");
+    }
+    run
+}
+
+fn stops(run: &Value) -> Vec<(&str, bool)> {
+    let units = run["units"].as_array().expect("units");
+    let stops = units.iter().map(|unit| {
+        let name = unit["name"].as_str().expect("a name");
+        (name, unit["stops"].as_u64().expect("a number") > 0)
+    });
+    stops.collect()
+}
+
+#[test]
+fn it_prints_json_on_a_virtual_clock() {
+    let run = good("--deploy executor --seconds 10 --virtual");
+    assert_eq!(run["deployment"], "executor");
+    assert!(run["blocks"].as_u64() >= Some(4), "{run}");
+    assert_eq!(run["units"].as_array().map(Vec::len), Some(6));
+}
+
+#[test]
+fn six_threads_carry_blocks_round() {
+    assert_eq!(
+        good("--deploy threads --seconds 4")["deployment"],
+        "threads"
+    );
+}
+
+/// Each unit's program is killed by SIGKILL and started again.
+#[test]
+fn programs_that_are_killed_lose_no_block() {
+    let units = [
+        "feeder",
+        "robot",
+        "extractor",
+        "feeder-belt",
+        "moulder-door",
+        "extraction-belt",
+    ];
+    let kills = units.map(|unit| format!("--fault kill-{unit}")).join(" ");
+    let run = good(&format!("--deploy programs --seconds 12 {kills}"));
+    let marks = run["marks"].as_array().expect("marks");
+    let kills = marks.iter().filter(|mark| mark["what"] == "fault").count();
+    assert_eq!(kills, 6, "{run}");
+    // The unit behind each one halted: all of them did.
+    assert!(stops(&run).iter().all(|(_, stops)| *stops), "{run}");
+}
+
+#[test]
+fn a_fault_is_drawn_and_stops_those_that_depend_on_the_unit() {
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("cell.svg");
+    let picture = path.display();
+    let run = good(&format!(
+        "--virtual --seconds 8 --fault stuck-feeder --picture {picture}"
+    ));
+    let stopped: Vec<_> = stops(&run)
+        .into_iter()
+        .filter(|(_, stops)| *stops)
+        .collect();
+    assert_eq!(stopped, [("feeder-belt", true), ("moulder-door", true)]);
+    let svg = std::fs::read_to_string(&path).expect("a picture");
+    assert!(
+        svg.starts_with("<svg ") && svg.contains("the feeder is stuck"),
+        "{svg}"
+    );
+}
+
+#[test]
+fn what_cannot_be_is_refused_with_a_remedy() {
+    for (arguments, says) in [
+        ("--deploy hosts", "--deploy programs"),
+        (
+            "--deploy programs --virtual",
+            "--deploy executor or threads",
+        ),
+        ("--fault stuck-toaster", "moulder-door"),
+        ("--fault melted-feeder", "stuck-UNIT"),
+    ] {
+        let output = luna(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
+        assert!(said.contains(says), "{arguments}: {said}");
+    }
+}

@@ -1,0 +1,118 @@
+//! The keys of a blackboard, and where their cells are. Written by the program that makes the
+//! segment, under the set-up lock, and never changed: so all others read it as plain memory.
+
+use super::cell;
+use crate::error::{TYPE_NAME, TypeInfo};
+use crate::memory::{Memory, OFFSET};
+
+/// The longest key.
+pub(super) const KEY: usize = 64;
+/// The bytes before the entries: their count.
+const HEAD: usize = 64;
+
+/// An entry as it lies in memory: integers and bytes without padding.
+#[repr(C)]
+#[derive(Clone, Copy)]
+struct Line {
+    key: [u8; KEY],
+    type_name: [u8; TYPE_NAME],
+    key_length: u32,
+    type_length: u32,
+    size: u64,
+    align: u64,
+    offset: u64,
+    version: u64,
+}
+
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Entry {
+    pub(super) key: String,
+    pub(super) info: TypeInfo,
+    pub(super) offset: usize,
+}
+
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Directory {
+    pub(super) entries: Vec<Entry>,
+}
+
+impl Directory {
+    /// Gives each key a cell. Returns the length of the segment too.
+    pub(super) fn plan(keys: impl ExactSizeIterator<Item = (String, TypeInfo)>) -> (Self, usize) {
+        let lines = OFFSET + HEAD + keys.len() * size_of::<Line>();
+        let mut end = lines.next_multiple_of(OFFSET);
+        let entries = keys.map(|(key, info)| {
+            let (length, align) = cell::layout(info.size as usize, info.align as usize);
+            let offset = end.next_multiple_of(align);
+            end = offset + length;
+            Entry { key, info, offset }
+        });
+        let entries = entries.collect();
+        (Self { entries }, end)
+    }
+
+    pub(super) fn entry(&self, key: &str) -> Option<&Entry> {
+        self.entries.iter().find(|entry| entry.key == key)
+    }
+
+    /// The set-up lock is held, and the segment is this program's alone.
+    pub(super) fn write(&self, memory: &Memory) {
+        let count = self.entries.len();
+        let length = HEAD + count * size_of::<Line>();
+        let base = memory.at(OFFSET, length);
+        // SAFETY: the place is in the mapping, and aligned to a page.
+        unsafe { base.cast::<u64>().write(count as u64) };
+        for (index, entry) in self.entries.iter().enumerate() {
+            let bytes = |text: &str| {
+                text.bytes()
+                    .chain(std::iter::repeat(0))
+                    .take(TYPE_NAME)
+                    .collect::<Vec<u8>>()
+            };
+            let mut line = Line {
+                key: [0; KEY],
+                type_name: [0; TYPE_NAME],
+                key_length: entry.key.len() as u32,
+                type_length: entry.info.name.len() as u32,
+                size: entry.info.size,
+                align: entry.info.align,
+                offset: entry.offset as u64,
+                version: u64::from(entry.info.version),
+            };
+            line.key.copy_from_slice(&bytes(&entry.key)[..KEY]);
+            line.type_name.copy_from_slice(&bytes(&entry.info.name));
+            // SAFETY: as above; the lines are behind a head of 64 bytes.
+            unsafe { base.add(HEAD).cast::<Line>().add(index).write(line) };
+        }
+    }
+
+    /// The set-up lock is held, and a program has the blackboard open.
+    pub(super) fn read(memory: &Memory) -> Self {
+        let base = memory.at(OFFSET, HEAD);
+        // SAFETY: the place is in the mapping, and aligned to a page.
+        let count = unsafe { base.cast::<u64>().read() };
+        let room = (memory.size() - OFFSET - HEAD) / size_of::<Line>();
+        let count = (count as usize).min(room);
+        let entries = (0..count).map(|index| {
+            // SAFETY: there is room for so many lines. Any bits are valid in them.
+            let line = unsafe { base.add(HEAD).cast::<Line>().add(index).read() };
+            let text = |bytes: &[u8], length: u32| {
+                let length = (length as usize).min(bytes.len());
+                String::from_utf8_lossy(&bytes[..length]).into_owned()
+            };
+            Entry {
+                key: text(&line.key, line.key_length),
+                info: TypeInfo {
+                    name: text(&line.type_name, line.type_length),
+                    size: line.size,
+                    align: line.align,
+                    version: line.version as u32,
+                },
+                offset: line.offset as usize,
+            }
+        });
+        Self {
+            entries: entries.collect(),
+        }
+    }
+}
