@@ -55,6 +55,7 @@ static METHODS: Methods = Methods {
     ready_elsewhere,
     free,
     poll: |_, _| {},
+    poll_attentively: |_, _| {},
     body: |_| 0..0,
     seldom: None,
 };

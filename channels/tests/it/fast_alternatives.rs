@@ -128,17 +128,20 @@ fn a_thread_comes_to_a_registered_alternative_on_the_fast_path() {
     run(Server::Registered);
 }
 
-/// The alternative is notified of its channel once, and looks for the second sender itself.
-#[test]
-fn a_registered_alternative_receives_from_both_senders_that_wait_at_one_channel() {
+/// The alternative is notified of its channel once, and looks for the second sender itself. That
+/// one lets the others run `pause` times before it sends.
+fn receive_from_two_senders(pause: usize) {
     let executor = Executor::start(Attributes::new("home")).unwrap();
     let (sender, receiver) = channel::<u64>();
     let received = Arc::new(AtomicU64::new(0));
     let mut processes = Vec::new();
-    for name in ["first", "second"] {
+    for (name, pause) in [("first", 0), ("second", pause)] {
         let sender = sender.clone();
         processes.push(executor.spawn(ProcessSpec::new(name), move || async move {
             for number in 0..EACH {
+                for _ in 0..pause {
+                    yield_now().await;
+                }
                 sender.send(number).await.unwrap();
             }
         }));
@@ -169,6 +172,17 @@ fn a_registered_alternative_receives_from_both_senders_that_wait_at_one_channel(
     for process in processes.into_iter().rev().chain([server]) {
         assert_eq!(process.wait(), Exit::Completed);
     }
+}
+
+#[test]
+fn a_registered_alternative_receives_from_both_senders_that_wait_at_one_channel() {
+    receive_from_two_senders(0);
+}
+
+/// The first one alone has waited on the fast path.
+#[test]
+fn a_registered_alternative_receives_from_a_sender_that_waits_behind_another() {
+    receive_from_two_senders(4);
 }
 
 #[test]
@@ -253,37 +267,4 @@ fn what_a_buffer_stores_is_found_on_the_fast_path() {
     executor.release();
     assert_eq!(watch.wait(), Exit::Completed);
     assert_eq!(both.wait(), Exit::Completed);
-}
-
-/// All senders wait before each choice, so the fair alternative takes their channels in turn. A
-/// choice by priority in between does not count.
-#[test]
-fn the_least_recently_chosen_end_is_taken_on_the_fast_path() {
-    let executor = Executor::start(Attributes::new("home")).unwrap();
-    let (outputs, inputs): (Vec<_>, Vec<_>) = (0..CHANNELS).map(|_| channel::<usize>()).unzip();
-    let senders: Vec<_> = (outputs.into_iter().enumerate())
-        .map(|(from, output)| {
-            executor.spawn(ProcessSpec::new("sends"), move || async move {
-                while output.send(from).await.is_ok() {}
-            })
-        })
-        .collect();
-    let server = executor.spawn(ProcessSpec::new("chooses"), move || async move {
-        let [a, b, c] = &inputs[..] else {
-            unreachable!()
-        };
-        for round in 0..3 * WARM as usize {
-            yield_now().await;
-            let fair = alt! { x = a.recv() => x, x = b.recv() => x, x = c.recv() => x };
-            assert_eq!(fair, Ok(round % CHANNELS));
-            yield_now().await;
-            let first = pri_alt! { x = c.recv() => x, x = a.recv() => x, x = b.recv() => x };
-            assert_eq!(first, Ok(CHANNELS - 1));
-        }
-    });
-    executor.release();
-    assert_eq!(server.wait(), Exit::Completed);
-    for sender in senders {
-        assert_eq!(sender.wait(), Exit::Completed);
-    }
 }

@@ -32,6 +32,7 @@ mod hostile_futures;
 mod invariants;
 mod late;
 mod mutex;
+mod order_of_fast_alternatives;
 mod output_guards;
 mod panicking;
 mod poison;
