@@ -3,8 +3,7 @@
 //! neighbours' states.
 //!
 //! 1. A sensor that reads what cannot be, or an axis that is driven and does not move, is a
-//! *fault*.
-//!    It lasts until the operator reports a repair.
+//!    *fault*. It lasts until the operator reports a repair.
 //! 2. A unit with a fault has its motor off. It stays where it is.
 //! 3. A unit *halts* while the unit ahead of it has failed: it gives to that one.
 //! 4. A unit with a safe position goes there while the unit behind it has failed; one without goes
