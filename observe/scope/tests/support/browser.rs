@@ -16,11 +16,13 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::runtime::{Builder, Runtime};
 
-/// Only a browser that hangs takes this long: the tests wait in the page.
+/// Only a browser that hangs takes this long.
 const PATIENCE: Duration = Duration::from_secs(600);
+/// The longest wait for a condition in the page.
+const LONGEST_WAIT: Duration = Duration::from_secs(240);
 /// What [`Browser::complaints`] writes to the page's console: all complaints that came before it
 /// have been read when it is read.
 const MARK: &str = "the complaints end here";
@@ -183,11 +185,19 @@ impl Browser {
 
     /// Waits until a condition holds in the page.
     pub fn wait(&self, condition: &str) {
-        let held = self.run(&format!(
-            "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 240000) done(why || 'false'); else setTimeout(look, 30); }}; look(); }})"
-        ));
+        let begun = Instant::now();
+        // In parts: the client gives up a request after 30 s, whatever its settings say.
+        let mut held = Value::Null;
+        while held != true && begun.elapsed() < LONGEST_WAIT {
+            held = self.run(&format!(
+                "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 5000) done(why || 'false'); else setTimeout(look, 30); }}; look(); }})"
+            ));
+        }
         if held != true {
-            panic!("it never came that {condition}; {:?}", self.complaints());
+            panic!(
+                "it never came that {condition}: {held}; {:?}",
+                self.complaints()
+            );
         }
     }
 
