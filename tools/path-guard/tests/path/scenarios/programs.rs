@@ -118,22 +118,22 @@ pub(crate) fn blackboards(places: &mut Places) {
     let mut pose = writer.take::<[u64; 4]>("pose").unwrap();
     let reader = Blackboard::new(&name).read().unwrap();
     let entry = reader.entry::<[u64; 4]>("pose").unwrap();
+    let (written, next) = luna::channel();
     places.process("writes", async move {
         for n in 1..=ROUNDS {
             pose.set([n; 4]);
-            luna::yield_now().await;
+            written.send(n).await?;
         }
         luna::realtime::off_path(|| drop((pose, writer)));
         Ok(())
     });
     places.process("reads", async move {
-        let mut last = 0;
-        while last < ROUNDS {
+        for _ in 1..=ROUNDS {
+            let least = next.recv().await?;
             if let Ok(reading) = entry.get() {
                 assert_eq!(reading.value, [reading.number - 1; 4]);
-                last = reading.number - 1;
+                assert!(reading.value[0] >= least);
             }
-            luna::yield_now().await;
         }
         luna::realtime::off_path(|| drop((entry, reader)));
         Ok(())
