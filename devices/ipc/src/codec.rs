@@ -74,7 +74,7 @@ impl<T> Place<T> {
         })
     }
 
-    /// Takes a value back whose sending has failed, before its sender has it again.
+    /// Takes a value back after its sending has failed, before its sender has it again.
     pub(crate) fn take_back(&self, value: &mut T) {
         (self.codec.take_back)(value);
     }

@@ -103,9 +103,9 @@
 //! has taken it, and rings. The sender's link sees `taken` = n and releases its process. Numbers
 //! are never used twice, and there is one value under way at most.
 //!
-//! **A call** is a value whose answer the receiver's link writes, on pages of its own, before it
-//! stores `taken`. The sender's link raises the other link's thread before it stores `published`,
-//! and sets it back after it has seen `taken`.
+//! **A call** is a value with an answer: the receiver's link writes it, on pages of its own, before
+//! it stores `taken`. The sender's link raises the other link's thread before it stores
+//! `published`, and sets it back after it has seen `taken`.
 //!
 //! **Waking.** A link that has nothing to do sets `asleep`, looks once more, and waits for its bell
 //! as for any file. Its partner changes a word, and then exchanges `asleep` with 0: if it was set,

@@ -1,10 +1,11 @@
 //! Large values that cross without a copy.
 //!
-//! Behind the place of a value lie the *slots*, and before them a word for each: whose it is. 0: no
-//! one's; else the *ticket* of a loan, which is never used twice, and in its last bit the side that
-//! has it. What crosses is a slot's number and its ticket. The receiver takes the slot by
-//! exchanging the sender's ticket with its own side's; the sender takes it back, when a send has
-//! failed, by exchanging it with a new one. So one of them has it, also if they do so at once.
+//! Behind the place of a value lie the *slots*, and before them a word for each, which names the
+//! holder. 0: it is free; else the *ticket* of a loan, which is never used twice, and in its last
+//! bit the side that has it. What crosses is a slot's number and its ticket. The receiver takes the
+//! slot by exchanging the sender's ticket with its own side's; the sender takes it back, when a
+//! send has failed, by exchanging it with a new one. So one of them has it, also if they do so at
+//! once.
 //!
 //! The handles keep the session open: so when a role is opened, no handle of an earlier opening is
 //! left, and what was that side's is free.

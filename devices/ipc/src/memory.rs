@@ -108,7 +108,7 @@ pub(crate) struct Memory {
 // SAFETY: the mapping may be used by any thread; what it holds is atomic, or guarded by the
 // numbers of the protocol.
 unsafe impl Send for Memory {}
-// SAFETY: as above; values are accessed by pointers, whose user has to see to that.
+// SAFETY: as above; values are accessed by pointers, and each access states why it is exclusive.
 unsafe impl Sync for Memory {}
 
 impl Memory {

@@ -1,8 +1,8 @@
 //! Blackboards: the latest value of each key, written by one program and read by many.
 //!
-//! A blackboard is a segment as that of a channel, whose type is stated as `blackboard`. The writer
+//! A blackboard is a segment as that of a channel. Its type is stated as `blackboard`. The writer
 //! holds the sender's role, and the readers share the receiver's. Behind the words lies a directory
-//! of the keys, which nobody changes after the segment was made, and a cell for each key.
+//! of the keys, which does not change after the segment was made, and a cell for each key.
 
 mod cell;
 mod directory;
