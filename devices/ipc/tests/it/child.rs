@@ -7,7 +7,6 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
 
 const TASK: &str = "LUNA_IPC_CHILD";
 
@@ -107,7 +106,7 @@ fn program() {
     let (name, folder) = rest.split_once(':').unwrap();
     let (name, folder) = (name.to_owned(), PathBuf::from(folder));
     let mut system = System::new("child");
-    let policy = match (task, looks()) {
+    let policy = match (task, crate::kill_tasks::looks()) {
         ("low-takes" | "low-gives" | "low-serves", _) => Policy::fifo(20),
         (_, 0) | ("calls", _) => Policy::fifo(30),
         // Two that look take all of two cores, which others need too.
@@ -208,104 +207,7 @@ fn program() {
                 large.set([number; 8192]);
             }
         }
-        "send" => drop(main.process("sends").spawn(sends(name, folder)).unwrap()),
-        "receive" => drop(
-            main.process("receives")
-                .spawn(receives(name, folder))
-                .unwrap(),
-        ),
-        task => panic!("no task `{task}`"),
+        task => crate::kill_tasks::spawn(task, &main, name, folder),
     }
     system.run().unwrap();
-}
-
-/// How often the links of this program look: in every other program.
-fn looks() -> u32 {
-    std::process::id() % 2 * 100
-}
-
-/// Sends unique numbers, session after session, until there is a file `stop`.
-async fn sends(name: String, folder: PathBuf) -> luna::Result<()> {
-    let mut sent = Log::open(folder.join("acknowledged"));
-    let mut ends = Log::open(folder.join("ends"));
-    let stop = folder.join("stop");
-    let mut next = u64::from(std::process::id()) << 32;
-    let name: Arc<str> = name.into();
-    while !stop.exists() {
-        let opening = name.clone();
-        let opened = luna::blocking(move || luna_ipc::sender::<u64>(&opening)).await?;
-        let (sender, link) = opened;
-        let mut link = link.looks(looks());
-        let status = link.status();
-        let work = async {
-            let mut is_over = false;
-            while !is_over && !stop.exists() {
-                next += 1;
-                match sender.send_unless(next, stopped(&stop)).await {
-                    Ok(()) => sent.add([next]),
-                    Err(_) => is_over = true,
-                }
-            }
-            if let (true, Some(partner)) = (is_over, status.partner()) {
-                ends.add([u64::from(partner), now(), u64::from(looks())]);
-            }
-            drop(sender);
-            Ok::<(), luna::Error>(())
-        };
-        let run = async {
-            let _ = link.run().await;
-            Ok::<(), luna::Error>(())
-        };
-        par!(run, work).await?;
-        luna::blocking(move || drop(link)).await;
-    }
-    Ok(())
-}
-
-/// Looks now and then, for the end of the test alone.
-async fn stopped(stop: &Path) {
-    while !stop.exists() {
-        luna::after(std::time::Duration::from_millis(20)).await;
-    }
-}
-
-/// Notes each number before its sender goes on, session after session, until there is a file
-/// `stop`.
-async fn receives(name: String, folder: PathBuf) -> luna::Result<()> {
-    let mut taken = Log::open(folder.join("taken"));
-    let mut ends = Log::open(folder.join("ends"));
-    let stop = folder.join("stop");
-    let name: Arc<str> = name.into();
-    while !stop.exists() {
-        let opening = name.clone();
-        let opened = luna::blocking(move || luna_ipc::receiver::<u64>(&opening)).await?;
-        let (receiver, link) = opened;
-        let mut link = link.looks(looks());
-        let status = link.status();
-        let work = async {
-            loop {
-                alt! {
-                    value = receiver.recv_extended() => match value {
-                        Ok(value) => taken.add([*value]),
-                        Err(_) => break,
-                    },
-                    () = luna::after(std::time::Duration::from_millis(20)) => if stop.exists() {
-                        break;
-                    },
-                }
-            }
-            if let (false, Some(partner)) = (stop.exists(), status.partner()) {
-                ends.add([u64::from(partner), now(), u64::from(looks())]);
-            }
-            drop(receiver);
-            Ok::<(), luna::Error>(())
-        };
-        let run = async {
-            let _ = link.run().await;
-            Ok::<(), luna::Error>(())
-        };
-        par!(run, work).await?;
-        luna::blocking(move || drop(link)).await;
-    }
-    Ok(())
 }

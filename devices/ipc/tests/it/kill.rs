@@ -1,6 +1,7 @@
-//! Programs that are killed at random instants.
+//! Programs that are killed at random instants: of a channel, of calls, and of lent values.
 
 use crate::child::{Program, read_log};
+use crate::kill_tasks::PAIRS;
 use crate::shared::{Random, watchdog};
 use crate::{channel_name, files, policies};
 use std::collections::{HashMap, HashSet};
@@ -26,16 +27,23 @@ fn wait_for_progress(taken: &Path, before: u64) -> u64 {
 
 #[test]
 fn kills_at_random_instants() {
+    for tasks in PAIRS {
+        kill_at_random_instants(tasks);
+    }
+}
+
+fn kill_at_random_instants(tasks: [&str; 2]) {
     let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
     // The watchdog allows five minutes, less than a long run.
     let _watchdog = (!is_long).then(watchdog);
-    let kills = if is_long { 1000 } else { 40 };
+    let kills = if is_long { 1000 } else { 20 };
     let mut random = Random::seeded();
-    let name = channel_name("kill");
-    let folder = std::env::temp_dir().join(format!("luna-ipc-kill-{}", std::process::id()));
+    let name = channel_name(&format!("kill-{}", tasks[0]));
+    let folder =
+        std::env::temp_dir().join(format!("luna-ipc-kill-{}-{}", tasks[0], std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let taken = folder.join("taken");
-    let mut programs = ["send", "receive"].map(|task| Program::start(task, &name, &folder));
+    let mut programs = tasks.map(|task| Program::start(task, &name, &folder));
     let mut killed_at = HashMap::new();
     let mut size = 0;
     for _ in 0..kills {
@@ -51,8 +59,7 @@ fn kills_at_random_instants() {
             let at = programs[index].kill();
             killed_at.insert(u64::from(programs[index].id()), at);
             programs[index].wait();
-            let task = ["send", "receive"][index];
-            programs[index] = Program::start(task, &name, &folder);
+            programs[index] = Program::start(tasks[index], &name, &folder);
         }
     }
     // Two values more: one may still be of a sender that was killed. So the last programs have a
@@ -84,7 +91,7 @@ fn kills_at_random_instants() {
         .collect();
     delays.sort_unstable();
     println!(
-        "{kills} kills, {} values taken, {} acknowledged, none lost or doubled",
+        "{tasks:?}: {kills} kills, {} values taken, {} acknowledged, none lost or doubled",
         taken.len(),
         acknowledged.len(),
     );

@@ -13,6 +13,7 @@ mod child;
 mod death;
 mod guards;
 mod kill;
+mod kill_tasks;
 mod loans;
 mod opening;
 mod rendezvous;
