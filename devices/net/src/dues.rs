@@ -1,0 +1,110 @@
+//! The messages that a side owes to its partner.
+
+use crate::age::now_nanos;
+use crate::message::{Beat, Body, Head, Hello, add_value, encode};
+use crate::peering::{Peering, Values};
+use luna::Instant;
+use luna::channel::ChannelEnd;
+
+/// Values go together in one message up to this many bytes.
+const BATCH: usize = 32 * 1024;
+
+impl Peering {
+    /// The next message that is due. `taken` is the number of the last value that was taken here.
+    pub(crate) fn next_message(&mut self, taken: u64, now: Instant) -> Option<Vec<u8>> {
+        let from = self.own.number;
+        if let Some(to) = self.owes_busy.take()
+            && let Some(partner) = &self.partner
+        {
+            let (pid, host) = (partner.peer.pid, partner.peer.host.clone());
+            return Some(encode(Head { from, to }, &Body::Busy { pid, host }));
+        }
+        let to = self.partner.as_ref().map_or(0, |partner| partner.number);
+        let head = Head { from, to };
+        if std::mem::take(&mut self.owes_hello) {
+            return Some(encode(head, &Body::Hello(self.hello())));
+        }
+        if !self.is_joined() {
+            // Nobody waits for these.
+            (self.owes_beat, self.owes_end) = (false, false);
+            return None;
+        }
+        if let Some(values) = self.next_values(head) {
+            return Some(values);
+        }
+        if std::mem::take(&mut self.owes_beat) {
+            let arrived = match &self.values {
+                Values::In { arrived, .. } => *arrived,
+                Values::Out { .. } => 0,
+            };
+            let beat = Beat {
+                taken,
+                arrived,
+                sent: now_nanos(),
+                seen: self.clocks.seen_here(now),
+            };
+            return Some(encode(head, &Body::Beat(beat)));
+        }
+        if std::mem::take(&mut self.owes_end) {
+            let there = self.partner.as_ref().and_then(|partner| partner.end);
+            let end = self.end.or(there).unwrap_or(ChannelEnd::Closed);
+            let is_poisoned = end == ChannelEnd::Poisoned;
+            let is_answer = there.is_some();
+            let end = Body::End {
+                is_poisoned,
+                is_answer,
+            };
+            return Some(encode(head, &end));
+        }
+        None
+    }
+
+    fn hello(&self) -> Hello {
+        let own = &self.own;
+        Hello {
+            type_name: own.info.name.clone(),
+            type_version: own.info.version,
+            pid: own.peer.pid,
+            host: own.peer.host.clone(),
+            clock: own.clock,
+            last: own.memory.last,
+            session: own.memory.session,
+            window: match &self.values {
+                Values::In { window, .. } => *window,
+                Values::Out { .. } => 0,
+            },
+        }
+    }
+
+    /// Values that wait, as far as the partner has room for them.
+    fn next_values(&mut self, head: Head) -> Option<Vec<u8>> {
+        let Values::Out {
+            queue,
+            sent,
+            window,
+            ..
+        } = &mut self.values
+        else {
+            return None;
+        };
+        let room = queue.len().min(*window as usize);
+        let has_ended = self
+            .partner
+            .as_ref()
+            .is_none_or(|partner| partner.end.is_some());
+        if self.end.is_some() || has_ended || *sent >= room {
+            return None;
+        }
+        let first = queue.get(*sent)?.0;
+        let mut message = encode(head, &Body::Values { first });
+        for (_, packet) in queue.range(*sent..room) {
+            let bytes = &packet.buffer[..packet.length];
+            add_value(&mut message, packet.sent, bytes);
+            *sent += 1;
+            if message.len() > BATCH {
+                break;
+            }
+        }
+        Some(message)
+    }
+}

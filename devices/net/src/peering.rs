@@ -1,0 +1,530 @@
+//! The protocol of one opening of a side: who its partner is, and what is under way. It does no
+//! input or output: zenoh's threads and the link's own put events in, and the latter takes
+//! messages out.
+
+use crate::age::{ClockDifference, Sent};
+use crate::error::TypeInfo;
+use crate::message::{Beat, Body, Head, Hello, end_of, next_value};
+use crate::{NetError, Peer, Role, Sign, Status};
+use luna::Instant;
+use luna::channel::ChannelEnd;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Why a link ends.
+#[derive(Debug)]
+pub(crate) enum Stop {
+    /// The local channel or the partner's has ended so.
+    Ended(ChannelEnd),
+    Failed(NetError),
+}
+
+/// What the link's process is to know.
+#[derive(Debug)]
+pub(crate) enum Event {
+    Joined,
+    Stop(Stop),
+    /// The link's thread ends.
+    Over,
+}
+
+/// What one message has led to.
+pub(crate) type Events = [Option<Event>; 2];
+
+/// An encoded value.
+#[derive(Debug)]
+pub(crate) struct Packet {
+    pub(crate) buffer: Box<[u8]>,
+    pub(crate) length: usize,
+    pub(crate) sent: u64,
+}
+
+/// Takes values that have arrived. An error of decoding is a text.
+pub(crate) type Deliver =
+    Box<dyn FnMut(u64, Instant, Sent, &[u8]) -> Result<Accepted, String> + Send>;
+
+/// Gives a buffer back to the link's process.
+pub(crate) type GiveBack = Box<dyn FnMut(Box<[u8]>) + Send>;
+
+/// Whether there was room for a value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Accepted {
+    Yes,
+    Full,
+}
+
+/// What a side does with values.
+pub(crate) enum Values {
+    Out {
+        /// Sent and not acknowledged, or still to be sent.
+        queue: VecDeque<(u64, Packet)>,
+        /// How many of them were sent.
+        sent: usize,
+        /// The number of the last one that was queued.
+        last: u64,
+        /// The partner's window.
+        window: u64,
+        give_back: GiveBack,
+    },
+    In {
+        deliver: Deliver,
+        arrived: u64,
+        window: u64,
+    },
+}
+
+impl Values {
+    pub(crate) fn sending(
+        buffers: usize,
+        give_back: impl FnMut(Box<[u8]>) + Send + 'static,
+    ) -> Self {
+        Values::Out {
+            queue: VecDeque::with_capacity(buffers),
+            sent: 0,
+            last: 0,
+            window: 0,
+            give_back: Box::new(give_back),
+        }
+    }
+
+    pub(crate) fn receiving(
+        window: u64,
+        deliver: impl FnMut(u64, Instant, Sent, &[u8]) -> Result<Accepted, String> + Send + 'static,
+    ) -> Self {
+        Values::In {
+            deliver: Box::new(deliver),
+            arrived: 0,
+            window,
+        }
+    }
+}
+
+pub(crate) struct Partner {
+    pub(crate) number: u64,
+    pub(crate) peer: Peer,
+    session: u64,
+    /// Number of the last value of earlier sessions.
+    start: u64,
+    heard: Instant,
+    /// It says that this is its partner.
+    is_joined: bool,
+    /// What it has received; for a sender.
+    arrived: u64,
+    /// For how many ticks it has missed what was sent.
+    behind: u32,
+    pub(crate) end: Option<ChannelEnd>,
+}
+
+/// What a program keeps of a side's sessions.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Memory {
+    /// Number of the last value that was sent, or taken.
+    pub(crate) last: u64,
+    /// Number of the last one that was acknowledged; none before the first session.
+    pub(crate) acknowledged: Option<u64>,
+    /// Number of the last session.
+    pub(crate) session: u64,
+}
+
+/// What one side states of itself.
+#[derive(Debug, Clone)]
+pub(crate) struct Own {
+    pub(crate) name: String,
+    pub(crate) role: Role,
+    pub(crate) number: u64,
+    pub(crate) info: TypeInfo,
+    pub(crate) peer: Peer,
+    pub(crate) clock: u64,
+    pub(crate) memory: Memory,
+    pub(crate) lost_after: Duration,
+}
+
+pub(crate) struct Peering {
+    pub(crate) own: Own,
+    status: Status,
+    pub(crate) values: Values,
+    pub(crate) partner: Option<Partner>,
+    pub(crate) clocks: ClockDifference,
+    /// Another opening of the partner's role that says hello, and since when.
+    rival: Option<(u64, Instant)>,
+    is_over: bool,
+    /// What the partner was told of.
+    reported: u64,
+    pub(crate) end: Option<ChannelEnd>,
+    pub(crate) owes_hello: bool,
+    pub(crate) owes_beat: bool,
+    pub(crate) owes_end: bool,
+    pub(crate) owes_busy: Option<u64>,
+}
+
+impl Peering {
+    pub(crate) fn new(own: Own, status: Status, values: Values) -> Self {
+        Self {
+            own,
+            status,
+            values,
+            partner: None,
+            clocks: ClockDifference::new(false),
+            rival: None,
+            is_over: false,
+            reported: 0,
+            end: None,
+            owes_hello: true,
+            owes_beat: false,
+            owes_end: false,
+            owes_busy: None,
+        }
+    }
+
+    pub(crate) fn is_joined(&self) -> bool {
+        self.partner
+            .as_ref()
+            .is_some_and(|partner| partner.is_joined)
+    }
+
+    /// The first reason counts.
+    fn stop(&mut self, stop: Stop) -> Option<Event> {
+        (!std::mem::replace(&mut self.is_over, true)).then_some(Event::Stop(stop))
+    }
+
+    fn lost(&mut self, sign: Sign) -> Option<Event> {
+        let partner = self.partner.as_mut()?;
+        if !partner.is_joined {
+            self.partner = None;
+            return None;
+        }
+        partner.is_joined = false;
+        let error = NetError::PartnerLost {
+            name: self.own.name.clone(),
+            role: self.own.role.other(),
+            peer: partner.peer.clone(),
+            sign,
+            acknowledged: self.status.acknowledged(),
+            in_doubt: match &self.values {
+                Values::Out { queue, .. } => queue.len() as u64,
+                Values::In { .. } => 0,
+            },
+        };
+        self.stop(Stop::Failed(error))
+    }
+
+    /// A message has arrived.
+    pub(crate) fn hear(&mut self, head: Head, body: Body, values: &[u8], now: Instant) -> Events {
+        let is_for_this = head.to == self.own.number;
+        let is_partner = self
+            .partner
+            .as_ref()
+            .is_some_and(|partner| partner.number == head.from);
+        if let Body::Hello(hello) = body {
+            return [self.greet(head, hello, is_partner, now), None];
+        }
+        if let (Body::Busy { pid, host }, true) = (&body, is_for_this) {
+            if self.is_joined() {
+                return [None, None];
+            }
+            let (pid, host) = (*pid, host.clone());
+            let busy = NetError::Busy {
+                name: self.own.name.clone(),
+                role: self.own.role,
+                holder: Peer { pid, host },
+            };
+            return [self.stop(Stop::Failed(busy)), None];
+        }
+        if !is_partner || !is_for_this {
+            return [None, None];
+        }
+        let joined = self.join(now);
+        let heard = match body {
+            Body::Beat(beat) => {
+                self.beat(beat, now);
+                None
+            }
+            Body::Values { first } => self.receive(first, values, now),
+            Body::End {
+                is_poisoned,
+                is_answer,
+            } => {
+                let end = end_of(is_poisoned);
+                if let Some(partner) = &mut self.partner {
+                    partner.end = Some(end);
+                }
+                self.owes_end |= !is_answer;
+                self.stop(Stop::Ended(end))
+            }
+            Body::Hello(_) | Body::Busy { .. } => None,
+        };
+        [joined, heard]
+    }
+
+    fn greet(&mut self, head: Head, hello: Hello, is_partner: bool, now: Instant) -> Option<Event> {
+        if is_partner {
+            if head.to == self.own.number {
+                return self.join(now);
+            }
+            // It has not heard this side, or it has bound itself to another.
+            if !self.is_joined() && head.to != 0 {
+                self.partner = None;
+            }
+            self.owes_hello = true;
+            return None;
+        }
+        if let Some(partner) = &self.partner {
+            let rival = match self.rival {
+                Some(rival) if rival.0 == head.from => rival,
+                _ => *self.rival.insert((head.from, now)),
+            };
+            // What is heard so late was sent while the rival lived.
+            if partner.is_joined && partner.heard > rival.1 + self.own.lost_after {
+                self.owes_busy = Some(head.from);
+            }
+            return None;
+        }
+        if self.is_over || self.end.is_some() {
+            return None;
+        }
+        self.owes_hello = true;
+        if head.to != 0 && head.to != self.own.number {
+            return None;
+        }
+        let peer = Peer {
+            pid: hello.pid,
+            host: hello.host,
+        };
+        let there = TypeInfo {
+            name: hello.type_name,
+            version: hello.type_version,
+        };
+        if there != self.own.info {
+            return self.stop(Stop::Failed(NetError::Type {
+                name: self.own.name.clone(),
+                role: self.own.role,
+                here: Box::new(self.own.info.clone()),
+                there: Box::new(there),
+                peer,
+            }));
+        }
+        let memory = self.own.memory;
+        let start = memory.last.max(hello.last);
+        match &mut self.values {
+            Values::Out { last, window, .. } => (*last, *window) = (start, hello.window),
+            Values::In { arrived, .. } => *arrived = start,
+        }
+        self.clocks = ClockDifference::new(hello.clock == self.own.clock);
+        self.partner = Some(Partner {
+            number: head.from,
+            peer,
+            session: memory.session.max(hello.session) + 1,
+            start,
+            heard: now,
+            is_joined: false,
+            arrived: start,
+            behind: 0,
+            end: None,
+        });
+        match head.to == self.own.number {
+            true => self.join(now),
+            false => None,
+        }
+    }
+
+    /// The partner has named this side.
+    fn join(&mut self, now: Instant) -> Option<Event> {
+        let partner = self.partner.as_mut()?;
+        partner.heard = now;
+        if self.is_over || std::mem::replace(&mut partner.is_joined, true) {
+            return None;
+        }
+        let known = self.own.memory.acknowledged;
+        let missing = known.map_or(0, |known| partner.start - known.min(partner.start));
+        let peer = partner.peer.clone();
+        self.status
+            .join(peer, partner.session, partner.start, missing);
+        // The partner may wait for it.
+        self.owes_hello = true;
+        Some(Event::Joined)
+    }
+
+    fn beat(&mut self, beat: Beat, now: Instant) {
+        self.clocks.arrived(beat.sent, now);
+        if let Some(seen) = beat.seen {
+            self.clocks.seen_there(seen, now);
+        }
+        let Values::Out {
+            queue,
+            sent,
+            give_back,
+            ..
+        } = &mut self.values
+        else {
+            return;
+        };
+        let is_taken = |&mut (number, _): &mut (u64, Packet)| number <= beat.taken;
+        while let Some((number, packet)) = queue.pop_front_if(is_taken) {
+            *sent = sent.saturating_sub(1);
+            self.status.acknowledge(number);
+            give_back(packet.buffer);
+        }
+        if let Some(partner) = &mut self.partner
+            && beat.arrived > partner.arrived
+        {
+            partner.arrived = beat.arrived;
+            partner.behind = 0;
+        }
+    }
+
+    fn receive(&mut self, first: u64, mut values: &[u8], now: Instant) -> Option<Event> {
+        let mut number = first;
+        let Values::In {
+            deliver, arrived, ..
+        } = &mut self.values
+        else {
+            return None;
+        };
+        while !values.is_empty() && !self.is_over {
+            let value = next_value(&mut values);
+            let decoded = match value {
+                Some((sent, bytes)) if number == *arrived + 1 => {
+                    deliver(number, now, self.clocks.sent(sent, now), bytes)
+                }
+                // It came before: the acknowledgement may be lost. Or one before it is missing, and
+                // will be sent again.
+                Some(_) => {
+                    self.owes_beat = true;
+                    Ok(Accepted::Full)
+                }
+                None => Err("the message is cut off".to_owned()),
+            };
+            match decoded {
+                Ok(Accepted::Yes) => *arrived = number,
+                Ok(Accepted::Full) => {}
+                Err(why) => {
+                    let peer = self.partner.as_ref().map(|partner| partner.peer.clone());
+                    let error = NetError::Decode {
+                        name: self.own.name.clone(),
+                        number,
+                        peer: peer.unwrap_or_else(|| self.own.peer.clone()),
+                        why,
+                    };
+                    return self.stop(Stop::Failed(error));
+                }
+            }
+            number += 1;
+        }
+        None
+    }
+
+    /// A token of the partner's role has appeared.
+    pub(crate) fn appeared(&mut self) {
+        self.owes_hello |= !self.is_joined() && !self.is_over && self.end.is_none();
+    }
+
+    /// A token of the partner's role has gone.
+    pub(crate) fn gone(&mut self, number: u64) -> Option<Event> {
+        match &self.partner {
+            Some(partner) if partner.number == number => self.lost(Sign::Disconnected),
+            _ => None,
+        }
+    }
+
+    /// A message could not be read.
+    pub(crate) fn garbled(&mut self) -> Option<Event> {
+        if self.is_joined() {
+            return None;
+        }
+        let name = self.own.name.clone();
+        self.stop(Stop::Failed(NetError::Protocol { name }))
+    }
+
+    /// A period has passed.
+    pub(crate) fn tick(&mut self, now: Instant) -> Option<Event> {
+        match &mut self.partner {
+            Some(partner) => {
+                if now - partner.heard > self.own.lost_after {
+                    return self.lost(Sign::Silent(self.own.lost_after));
+                }
+                match partner.is_joined {
+                    true => self.owes_beat = true,
+                    false => self.owes_hello |= !self.is_over,
+                }
+                self.owes_end |= self.end.is_some() && partner.end.is_none();
+                if let Values::Out { queue, sent, .. } = &mut self.values {
+                    // What has arrived there is never sent again.
+                    let first = queue.front().map_or(0, |(number, _)| *number);
+                    let there = (partner.arrived + 1).saturating_sub(first) as usize;
+                    partner.behind = match there < *sent {
+                        true => partner.behind + 1,
+                        false => 0,
+                    };
+                    if partner.behind > 1 {
+                        self.status.resend((*sent - there) as u64);
+                        (*sent, partner.behind) = (there, 0);
+                    }
+                }
+            }
+            None => self.owes_hello |= !self.is_over,
+        }
+        None
+    }
+
+    /// A value is to be sent.
+    pub(crate) fn queue(&mut self, packet: Packet) {
+        if let Values::Out { queue, last, .. } = &mut self.values {
+            *last += 1;
+            self.status.send();
+            queue.push_back((*last, packet));
+        }
+    }
+
+    /// This side's link has ended.
+    pub(crate) fn end(&mut self, end: ChannelEnd) {
+        if self.end.is_none() {
+            self.end = Some(end);
+            self.owes_end = true;
+        }
+    }
+
+    /// Whether nothing is left to be done after the end of the link.
+    pub(crate) fn is_done(&self) -> bool {
+        let partner = self.partner.as_ref().filter(|partner| partner.is_joined);
+        let waits = partner.is_some_and(|partner| partner.end.is_none());
+        self.end.is_some() && !waits && !self.owes_end && !self.owes_hello
+    }
+
+    /// The link's thread looks, and values up to this number were taken.
+    pub(crate) fn report_taken(&mut self, taken: u64) {
+        if taken > self.reported {
+            self.reported = taken;
+            self.owes_beat |= self.is_joined();
+        }
+    }
+
+    /// Whether the link's thread is to look.
+    pub(crate) fn has_dues(&self) -> bool {
+        let waits = match &self.values {
+            Values::Out { queue, sent, .. } => *sent < queue.len(),
+            Values::In { .. } => false,
+        };
+        let owes = self.owes_hello || self.owes_beat || self.owes_end;
+        waits || owes || self.owes_busy.is_some()
+    }
+
+    /// What this channel's next session is to know.
+    pub(crate) fn memory(&self) -> Memory {
+        if !self.status.has_joined() {
+            return self.own.memory;
+        }
+        let acknowledged = self.status.number();
+        Memory {
+            last: match &self.values {
+                Values::Out { last, .. } => *last,
+                Values::In { .. } => acknowledged,
+            },
+            acknowledged: Some(acknowledged),
+            session: self.status.session(),
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "peering_tests.rs"]
+mod tests;

@@ -1,0 +1,224 @@
+//! Two sides over a network that loses, doubles and delays messages.
+
+use super::*;
+use crate::message::decode;
+use std::sync::mpsc;
+
+const SECOND: u64 = 1_000_000_000;
+
+fn own(role: Role, number: u64, type_name: &str) -> Own {
+    Own {
+        name: "test".to_owned(),
+        role,
+        number,
+        info: TypeInfo {
+            name: type_name.to_owned(),
+            version: 0,
+        },
+        peer: Peer {
+            pid: number as u32,
+            host: "here".to_owned(),
+        },
+        clock: number,
+        memory: Memory::default(),
+        lost_after: Duration::from_secs(1),
+    }
+}
+
+fn sender(number: u64, window: usize) -> Peering {
+    let values = Values::sending(window, |_| ());
+    Peering::new(own(Role::Sender, number, "u64"), Status::default(), values)
+}
+
+fn receiver(number: u64, type_name: &str) -> (Peering, mpsc::Receiver<u64>) {
+    let (deliver, delivered) = mpsc::channel();
+    let values = Values::receiving(8, move |_, _, _, bytes| {
+        let value = postcard::from_bytes(bytes).map_err(|error| error.to_string())?;
+        deliver.send(value).unwrap();
+        Ok(Accepted::Yes)
+    });
+    let own = own(Role::Receiver, number, type_name);
+    (Peering::new(own, Status::default(), values), delivered)
+}
+
+fn packet(value: u64) -> Packet {
+    let mut buffer = vec![0; 10].into_boxed_slice();
+    let length = postcard::to_slice(&value, &mut buffer).unwrap().len();
+    let sent = 0;
+    Packet {
+        buffer,
+        length,
+        sent,
+    }
+}
+
+fn at(nanos: u64) -> Instant {
+    Instant::from_nanos(nanos)
+}
+
+/// Carries what one side owes to the other; the events there.
+fn carry(from: &mut Peering, to: &mut Peering, taken: u64, now: Instant) -> Vec<Event> {
+    from.report_taken(taken);
+    let mut events = Vec::new();
+    while let Some(message) = from.next_message(taken, now) {
+        let (head, body, values) = decode(&message).unwrap();
+        events.extend(to.hear(head, body, values, now).into_iter().flatten());
+    }
+    events
+}
+
+fn join(one: &mut Peering, other: &mut Peering, now: Instant) {
+    for _ in 0..3 {
+        carry(one, other, 0, now);
+        carry(other, one, 0, now);
+    }
+    assert!(one.is_joined() && other.is_joined());
+}
+
+#[test]
+fn every_value_comes_once_and_in_order_over_a_bad_network() {
+    let mut state = 88172645463325252_u64;
+    let mut chance = |percent: u64| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state % 100 < percent
+    };
+    for loss in [0, 10, 40] {
+        let (mut out, (mut inn, delivered)) = (sender(1, 8), receiver(2, "u64"));
+        let mut network: [Vec<Vec<u8>>; 2] = Default::default();
+        let (mut taken, mut queued, mut now) = (0, 0, 0);
+        for step in 0..40_000_u64 {
+            now += SECOND / 100;
+            if queued < 500 && queued - out.status.acknowledged() < 8 && out.is_joined() {
+                queued += 1;
+                out.queue(packet(queued));
+            }
+            if step % 25 == 0 {
+                assert!(out.tick(at(now)).is_none() && inn.tick(at(now)).is_none());
+            }
+            while let Ok(value) = delivered.try_recv() {
+                taken += 1;
+                assert_eq!(value, taken, "in order, each once");
+                inn.status.acknowledge(taken);
+            }
+            inn.report_taken(taken);
+            for (from, side) in [&mut out, &mut inn].into_iter().enumerate() {
+                while let Some(message) = side.next_message(taken, at(now)) {
+                    // A silence of a second would be a loss of the partner.
+                    let is_lost = chance(loss) && step % 25 != 0;
+                    if !is_lost {
+                        network[from].push(message.clone());
+                    }
+                    if chance(loss / 2) {
+                        network[from].push(message);
+                    }
+                }
+            }
+            for (from, side) in [&mut inn, &mut out].into_iter().enumerate() {
+                while !network[from].is_empty() && chance(80) {
+                    // Two change places at times.
+                    let next = usize::from(network[from].len() > 1 && chance(loss / 2));
+                    let message = network[from].remove(next);
+                    let (head, body, values) = decode(&message).unwrap();
+                    let events = side.hear(head, body, values, at(now));
+                    let bad = events
+                        .iter()
+                        .flatten()
+                        .find(|e| !matches!(e, Event::Joined));
+                    assert!(bad.is_none(), "{bad:?}");
+                }
+            }
+        }
+        assert_eq!((queued, taken), (500, 500), "with {loss} % lost");
+        assert_eq!(out.status.acknowledged(), 500);
+        assert!(loss == 0 || out.status.resent() > 0);
+    }
+}
+
+#[test]
+fn types_are_compared_on_both_sides() {
+    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "i64"));
+    let there = carry(&mut out, &mut inn, 0, at(1));
+    let here = carry(&mut inn, &mut out, 0, at(1));
+    for (events, own, other) in [(there, "i64", "u64"), (here, "u64", "i64")] {
+        let [Event::Stop(Stop::Failed(error))] = events.as_slice() else {
+            panic!("{events:?}");
+        };
+        let text = error.to_string();
+        let (first, second) = (text.find(own), text.find(other));
+        assert!(first < second && first.is_some(), "{text}");
+    }
+}
+
+#[test]
+fn silence_loses_the_partner_and_says_what_is_in_doubt() {
+    let (mut out, (mut inn, _delivered)) = (sender(1, 8), receiver(2, "u64"));
+    join(&mut out, &mut inn, at(1));
+    out.queue(packet(1));
+    out.queue(packet(2));
+    carry(&mut out, &mut inn, 0, at(1));
+    carry(&mut inn, &mut out, 1, at(1));
+    assert!(out.tick(at(SECOND)).is_none());
+    let Some(Event::Stop(Stop::Failed(error))) = out.tick(at(SECOND + 2)) else {
+        panic!("it is not noticed");
+    };
+    let NetError::PartnerLost {
+        acknowledged,
+        in_doubt,
+        sign,
+        peer,
+        ..
+    } = error
+    else {
+        panic!("{error}");
+    };
+    assert_eq!((acknowledged, in_doubt, peer.pid), (1, 1, 2));
+    assert_eq!(sign, Sign::Silent(Duration::from_secs(1)));
+    // The next session goes on after both.
+    assert_eq!(out.memory().last, 2);
+    assert_eq!(out.memory().acknowledged, Some(1));
+    assert!(out.gone(2).is_none(), "it is reported once");
+}
+
+#[test]
+fn a_second_opening_is_refused_only_beside_one_that_lives() {
+    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    join(&mut out, &mut inn, at(1));
+    let (mut second, _none) = receiver(3, "u64");
+    assert!(carry(&mut second, &mut out, 0, at(2)).is_empty());
+    assert!(carry(&mut out, &mut second, 0, at(2)).is_empty());
+    // The first one lives on.
+    for now in 1..=5 {
+        let now = at(now * SECOND / 2);
+        assert!(inn.tick(now).is_none() && out.tick(now).is_none());
+        carry(&mut inn, &mut out, 0, now);
+        carry(&mut out, &mut inn, 0, now);
+    }
+    second.tick(at(3 * SECOND));
+    carry(&mut second, &mut out, 0, at(3 * SECOND));
+    let refused = carry(&mut out, &mut second, 0, at(3 * SECOND));
+    let [Event::Stop(Stop::Failed(NetError::Busy { holder, .. }))] = refused.as_slice() else {
+        panic!("{refused:?}");
+    };
+    assert_eq!(holder.pid, 2);
+}
+
+#[test]
+fn both_sides_know_the_end_before_one_is_done() {
+    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    join(&mut out, &mut inn, at(1));
+    out.end(ChannelEnd::Poisoned);
+    let heard = carry(&mut out, &mut inn, 0, at(2));
+    assert!(matches!(
+        heard.as_slice(),
+        [Event::Stop(Stop::Ended(ChannelEnd::Poisoned))]
+    ));
+    assert!(!out.is_done());
+    carry(&mut inn, &mut out, 0, at(2));
+    assert!(out.is_done());
+    assert!(!inn.is_done());
+    inn.end(ChannelEnd::Poisoned);
+    carry(&mut inn, &mut out, 0, at(2));
+    assert!(inn.is_done());
+}
