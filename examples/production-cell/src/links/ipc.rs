@@ -1,30 +1,11 @@
-//! Channels between programs, by `luna-ipc`.
-//!
-//! A unit's end is an ordinary channel of its own program. A process carries the values between it
-//! and the other program. When that ends, however it does, the process opens the channel again, and
-//! goes on when the program was started again. So a unit's ends never break.
-//!
-//! A value of a rendezvous is kept until the other program has taken it, also over its restart. It
-//! may come twice then, if the program was killed between taking and acknowledging it: a
-//! [`Handed`](crate::messages::Handed) has a number for that. Newest values are not kept.
+//! Channels between programs of one computer, by `luna-ipc`.
 
+use super::carry::{Remote, receiver, sender};
 use super::{Links, Style};
 use crate::messages::Message;
-use futures_lite::future;
-use luna::channel::{ChannelEnd, Extended};
 use luna::system::Executor;
-use luna::{Process, Receiver, Sender};
-use luna_ipc::{Endpoint, IpcError};
-use std::time::Duration;
-
-/// On the executor of its unit: above the operator's requests, below what moves.
-const LEVEL: u8 = 8;
-/// Before the next attempt to open a channel that could not be opened.
-const PAUSE: Duration = Duration::from_millis(20);
-/// So often it is tried.
-const ATTEMPTS: u32 = 100;
-/// How long the last values may take after the unit has ended.
-const GRACE: Duration = Duration::from_millis(200);
+use luna::{Error, Process, Receiver, Sender};
+use luna_ipc::Endpoint;
 
 /// Links between programs.
 #[derive(Debug)]
@@ -47,120 +28,22 @@ impl<'a> Programs<'a> {
 
 impl Links for Programs<'_> {
     fn sender<T: Message>(&mut self, name: &str, style: Style) -> luna::Result<Sender<T>> {
-        let (sender, local) = style.channel(name);
-        let process = self.executor.process(format!("link to {name}"));
-        let body = carry_out::<T>(self.endpoint(name), local, style);
-        process.priority(LEVEL).spawn(body)?;
-        Ok(sender)
+        sender(self.executor, name, self.endpoint(name), style)
     }
 
     fn receiver<T: Message>(&mut self, name: &str, style: Style) -> luna::Result<Receiver<T>> {
-        let (local, receiver) = style.channel(name);
-        let process = self.executor.process(format!("link from {name}"));
-        let body = carry_in::<T>(self.endpoint(name), local, style);
-        process.priority(LEVEL).spawn(body)?;
-        Ok(receiver)
+        receiver(self.executor, name, self.endpoint(name), style)
     }
 }
 
-/// Ends when the unit's end is gone.
-async fn carry_out<T: Message>(
-    endpoint: Endpoint,
-    local: Receiver<T>,
-    style: Style,
-) -> luna::Result<()> {
-    // The value of a rendezvous whose sender waits. It outlives a session.
-    let mut held: Option<Extended<'_, T>> = None;
-    let is_over = loop {
-        let (remote, mut link) = open(&endpoint, Endpoint::sender::<T>).await?;
-        let values = async {
-            loop {
-                let value = match (style, &held) {
-                    (_, Some(value)) => **value,
-                    (Style::Newest(_), None) => match local.recv().await {
-                        Ok(value) => value,
-                        Err(_) => return true,
-                    },
-                    (Style::Rendezvous, None) => match local.recv_extended().await {
-                        Ok(value) => **held.insert(value),
-                        Err(_) => return true,
-                    },
-                };
-                if remote.send(value).await.is_err() {
-                    return false;
-                }
-                // Its sender goes on.
-                held = None;
-            }
-        };
-        let gives_up = async {
-            local.ended().await;
-            luna::after(GRACE).await;
-            true
-        };
-        if future::or(values, future::or(ended(&mut link), gives_up)).await {
-            break held.take();
-        }
-    };
-    if let Some(value) = is_over {
-        value.refuse(ChannelEnd::Closed);
+impl Remote for Endpoint {
+    fn open_sender<T: Message>(self) -> luna::Result<(Sender<T>, impl Process + Send + 'static)> {
+        self.sender().map_err(Error::other)
     }
-    Ok(())
-}
 
-/// Ends when the unit's end is gone.
-async fn carry_in<T: Message>(
-    endpoint: Endpoint,
-    local: Sender<T>,
-    style: Style,
-) -> luna::Result<()> {
-    loop {
-        let (remote, mut link) = open(&endpoint, Endpoint::receiver::<T>).await?;
-        let values = async {
-            // The other program goes on when the unit has taken the value.
-            while let Ok(value) = remote.recv_extended().await {
-                if local.send(*value).await.is_err() {
-                    return true;
-                }
-            }
-            false
-        };
-        let is_over = async {
-            local.ended().await;
-            true
-        };
-        if future::or(is_over, future::or(values, ended(&mut link))).await {
-            return Ok(());
-        }
-        if let (Style::Newest(_), Some(lost)) = (style, T::lost())
-            && local.send(lost).await.is_err()
-        {
-            return Ok(());
-        }
+    fn open_receiver<T: Message>(
+        self,
+    ) -> luna::Result<(Receiver<T>, impl Process + Send + 'static)> {
+        self.receiver().map_err(Error::other)
     }
-}
-
-/// Opens a side of a channel. What holds it may be about to let go: this program's session before,
-/// or the program that is killed.
-async fn open<L: Send + 'static>(
-    endpoint: &Endpoint,
-    side: fn(&Endpoint) -> Result<L, IpcError>,
-) -> luna::Result<L> {
-    let mut attempts = 0;
-    loop {
-        let endpoint = endpoint.clone();
-        attempts += 1;
-        match luna::blocking(move || side(&endpoint)).await {
-            Ok(opened) => return Ok(opened),
-            Err(_) if attempts < ATTEMPTS => luna::after(PAUSE).await,
-            Err(error) => return Err(luna::Error::other(error)),
-        }
-    }
-}
-
-/// Runs a link to its end. Its error says that the other program has died, which the unit learns as
-/// [`Message::lost`].
-async fn ended(link: &mut impl Process) -> bool {
-    let _ = link.run().await;
-    false
 }
