@@ -67,7 +67,7 @@ enum Deployment {
     Threads,
     /// As six programs
     Programs,
-    /// On six hosts: not there yet
+    /// On six hosts: network namespaces of this computer. Needs root, and the feature hosts
     Hosts,
 }
 
@@ -78,8 +78,13 @@ pub(crate) struct UnitArguments {
     policy: Policy,
     #[arg(value_parser = unit)]
     unit: Unit,
+    /// The cell's name; on a host, its network's number
     cell: String,
     world: PathBuf,
+    /// On a host of its own
+    #[cfg(feature = "hosts")]
+    #[arg(long)]
+    host: bool,
 }
 
 /// What breaks where.
@@ -123,10 +128,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Deployment::Executor => Some(Place::Executor),
         Deployment::Threads => Some(Place::Threads),
         Deployment::Programs => None,
+        Deployment::Hosts if cfg!(feature = "hosts") => None,
         Deployment::Hosts => {
             return Err(Failure::Options(
-                "--deploy hosts: six hosts need channels over a network, which LUNA has not yet; \
-                 --deploy programs runs the same units as six programs on this computer",
+                "--deploy hosts: this `luna` was built without the feature `hosts`, which brings a \
+                 network library: `cargo run --release -p luna-cli --features hosts -- demo production-cell \
+                 --deploy hosts`; --deploy programs runs the same units as six programs",
             ));
         }
     };
@@ -134,7 +141,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         arguments.on_virtual_clock || arguments.log.is_some() || arguments.scope.is_some();
     if place.is_none() && of_one_program {
         return Err(Failure::Options(
-            "--deploy programs: --virtual, --log and --scope are for units within this program; \
+            "--deploy programs and hosts: --virtual, --log and --scope are for units within this program; \
              use --deploy executor or threads",
         ));
     }
@@ -167,9 +174,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             ..Show::default()
         },
     )?;
-    let cell = match place {
-        Some(place) => deploy::in_one_program(&mut system, place, settings),
-        None => deploy::in_six_programs(&mut system, this_program(arguments)?, settings),
+    let cell = match (place, arguments.deploy) {
+        (Some(place), _) => deploy::in_one_program(&mut system, place, settings),
+        #[cfg(feature = "hosts")]
+        (None, Deployment::Hosts) => {
+            deploy::on_six_hosts(&mut system, this_program(arguments)?, settings)
+        }
+        (None, _) => deploy::in_six_programs(&mut system, this_program(arguments)?, settings),
     };
     let cell = cell.map_err(Failure::Luna)?;
     let report = system.run();
@@ -203,7 +214,15 @@ pub(crate) fn run_unit(arguments: &UnitArguments) -> Result<ExitCode, Failure> {
         unit,
         cell,
         world,
+        ..
     } = arguments;
+    #[cfg(feature = "hosts")]
+    if arguments.host {
+        let subnet = cell.parse().map_err(luna::Error::other);
+        let subnet = subnet.map_err(Failure::Luna)?;
+        let ran = deploy::run_unit_on_host(*unit, subnet, world, *policy);
+        return ran.map(|()| ExitCode::SUCCESS).map_err(Failure::Luna);
+    }
     deploy::run_unit(*unit, cell, world, *policy).map_err(Failure::Luna)?;
     Ok(ExitCode::SUCCESS)
 }
@@ -211,8 +230,11 @@ pub(crate) fn run_unit(arguments: &UnitArguments) -> Result<ExitCode, Failure> {
 fn this_program(arguments: &Arguments) -> Result<Program, Failure> {
     let file = std::env::current_exe().map_err(|error| Failure::Luna(error.into()))?;
     let policy = arguments.policy.to_string();
-    let arguments = ["demo", "production-cell-unit", "--policy", &policy];
-    let arguments = arguments.map(str::to_owned).into();
+    let mut words = vec!["demo", "production-cell-unit", "--policy", &policy];
+    if let Deployment::Hosts = arguments.deploy {
+        words.push("--host");
+    }
+    let arguments = words.into_iter().map(str::to_owned).collect();
     Ok(Program { file, arguments })
 }
 
@@ -220,7 +242,8 @@ fn title(run: &Run) -> String {
     let place = match run.deployment {
         Deployment::Executor => "on one executor",
         Deployment::Threads => "on six threads",
-        Deployment::Programs | Deployment::Hosts => "as six programs",
+        Deployment::Programs => "as six programs",
+        Deployment::Hosts => "on six hosts",
     };
     let faults = run.faults.iter().map(|Fault { breakage, unit }| {
         let unit = unit.name().replace('-', " ");

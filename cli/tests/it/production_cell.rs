@@ -50,9 +50,30 @@ fn six_threads_carry_blocks_round() {
     );
 }
 
-/// Each unit's program is killed by SIGKILL and started again.
 #[test]
 fn programs_that_are_killed_lose_no_block() {
+    kill_each_unit("programs");
+}
+
+#[cfg(feature = "hosts")]
+#[test]
+fn hosts_that_are_killed_lose_no_block() {
+    use std::os::unix::fs::MetadataExt;
+    let is_root = std::fs::metadata("/proc/self").is_ok_and(|about| about.uid() == 0);
+    let has_namespaces = is_root
+        && Command::new("ip")
+            .args(["netns", "list"])
+            .output()
+            .is_ok_and(|output| output.status.success());
+    if !has_namespaces {
+        println!("skipped: six hosts need root and `ip` (iproute2) with network namespaces");
+        return;
+    }
+    kill_each_unit("hosts");
+}
+
+/// Each unit's program is killed by SIGKILL and started again.
+fn kill_each_unit(deployment: &str) {
     let units = [
         "feeder",
         "robot",
@@ -62,7 +83,7 @@ fn programs_that_are_killed_lose_no_block() {
         "extraction-belt",
     ];
     let kills = units.map(|unit| format!("--fault kill-{unit}")).join(" ");
-    let run = good(&format!("--deploy programs --seconds 12 {kills}"));
+    let run = good(&format!("--deploy {deployment} --seconds 12 {kills}"));
     let marks = run["marks"].as_array().expect("marks");
     let kills = marks.iter().filter(|mark| mark["what"] == "fault").count();
     assert_eq!(kills, 6, "{run}");
@@ -92,7 +113,8 @@ fn a_fault_is_drawn_and_stops_those_that_depend_on_the_unit() {
 #[test]
 fn what_cannot_be_is_refused_with_a_remedy() {
     for (arguments, says) in [
-        ("--deploy hosts", "--deploy programs"),
+        #[cfg(not(feature = "hosts"))]
+        ("--deploy hosts", "--features hosts"),
         (
             "--deploy programs --virtual",
             "--deploy executor or threads",

@@ -1,12 +1,19 @@
 //! The deployments: the same units, on other places and with other links.
 
-use crate::links::{Local, Programs};
+#[cfg(feature = "hosts")]
+mod hosts;
+
+#[cfg(feature = "hosts")]
+pub use hosts::{Subnet, on_six_hosts, run_unit_on_host};
+
+use crate::links::{Links, Local, Programs};
 use crate::operator::{Log, Operator, Plan};
 use crate::outcome::Outcome;
 use crate::parameters::Unit;
 use crate::unit::{self, Options, Panel};
 use luna::prelude::*;
 use luna::system::Executor;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -115,22 +122,28 @@ pub fn in_six_programs(
     settings: Settings,
 ) -> luna::Result<Cell> {
     let name = format!("cell/{}", std::process::id());
-    let folder = std::env::temp_dir().join(format!("luna-cell-{}", std::process::id()));
-    std::fs::create_dir_all(&folder)?;
-    let mut children = Children {
-        program,
-        name,
-        world: folder,
-        running: [const { None }; 6],
-    };
-    for unit in Unit::ALL {
-        children.start(unit)?;
-    }
-    let cell_name = children.name.clone();
-    let children = Arc::new(Mutex::new(children));
+    let of_cell = name.clone();
+    let children = Children::start_all(move |unit| {
+        let mut command = Command::new(&program.file);
+        command
+            .args(&program.arguments)
+            .args([unit.name(), &of_cell]);
+        command
+    })?;
     let executor = system.executor("operator").policy(Policy::Other).build()?;
-    let mut links = Programs::new(&executor, &cell_name);
-    let panels = Unit::ALL.map(|unit| Panel::new(unit, &mut links));
+    let mut links = Programs::new(&executor, &name);
+    operated(&executor, &mut links, children, settings)
+}
+
+/// Spawns the operator of units that are programs.
+fn operated(
+    executor: &Executor,
+    links: &mut impl Links,
+    children: Children,
+    settings: Settings,
+) -> luna::Result<Cell> {
+    let children = Arc::new(Mutex::new(children));
+    let panels = Unit::ALL.map(|unit| Panel::new(unit, links));
     let panels = panels.into_iter().collect::<luna::Result<_>>()?;
     let cell = Cell {
         log: Arc::default(),
@@ -152,44 +165,65 @@ pub fn in_six_programs(
 ///
 /// Those of building and running the system.
 pub fn run_unit(unit: Unit, cell: &str, world: &Path, policy: Policy) -> luna::Result<()> {
-    let mut system = System::new(unit.name());
-    system.max_loops(LOOPS);
-    let executor = system.executor(unit.name()).policy(policy).build()?;
-    let options = Options {
-        heeds_neighbours: true,
-        world: Some(world),
-    };
-    unit::build(
-        unit,
-        &executor,
-        &mut Programs::new(&executor, cell),
-        options,
-    )?;
+    let (system, executor) = system_of(unit, policy)?;
+    let mut links = Programs::new(&executor, cell);
+    unit::build(unit, &executor, &mut links, of_a_program(world))?;
     drop(executor);
     system.run().map(drop)
 }
 
+fn system_of(unit: Unit, policy: Policy) -> luna::Result<(System, Executor)> {
+    let mut system = System::new(unit.name());
+    system.max_loops(LOOPS);
+    let executor = system.executor(unit.name()).policy(policy).build()?;
+    Ok((system, executor))
+}
+
+fn of_a_program(world: &Path) -> Options<'_> {
+    Options {
+        heeds_neighbours: true,
+        world: Some(world),
+    }
+}
+
 /// The programs of the units.
-#[derive(Debug)]
 struct Children {
-    program: Program,
-    name: String,
+    /// How a unit's program is started; the folder of its world is added.
+    command: Box<dyn Fn(Unit) -> Command + Send>,
     world: PathBuf,
     running: [Option<Child>; 6],
 }
 
 impl Children {
+    fn start_all(command: impl Fn(Unit) -> Command + Send + 'static) -> luna::Result<Self> {
+        let world = std::env::temp_dir().join(format!("luna-cell-{}", std::process::id()));
+        std::fs::create_dir_all(&world)?;
+        let mut children = Self {
+            command: Box::new(command),
+            world,
+            running: [const { None }; 6],
+        };
+        for unit in Unit::ALL {
+            children.start(unit)?;
+        }
+        Ok(children)
+    }
+
     fn start(&mut self, unit: Unit) -> luna::Result<()> {
-        let child = Command::new(&self.program.file)
-            .args(&self.program.arguments)
-            .arg(unit.name())
-            .arg(&self.name)
-            .arg(&self.world)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .spawn()?;
-        self.running[unit as usize] = Some(child);
+        let mut command = (self.command)(unit);
+        command.arg(&self.world);
+        let quiet = command.stdin(Stdio::null()).stdout(Stdio::null());
+        self.running[unit as usize] = Some(quiet.spawn()?);
         Ok(())
+    }
+}
+
+impl fmt::Debug for Children {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Children")
+            .field("world", &self.world)
+            .field("running", &self.running)
+            .finish_non_exhaustive()
     }
 }
 

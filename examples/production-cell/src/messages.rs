@@ -1,12 +1,13 @@
 //! What the blocks of a unit, the units and the operator send each other. All is plain data, so
-//! that a channel may lead into another program.
+//! that a channel may lead into another program, and encoded for one on another computer.
 
 use crate::parameters::PLACES;
 use luna_ipc::ZeroCopySend;
-use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 /// A value that passes between units, or between a unit and the operator.
-pub trait Message: ZeroCopySend + Copy + Send + 'static {
+pub trait Message: ZeroCopySend + Serialize + DeserializeOwned + Copy + Send + 'static {
     /// What the receiver is given when the sender's program has ended; none: nothing.
     fn lost() -> Option<Self> {
         None
@@ -15,7 +16,7 @@ pub trait Message: ZeroCopySend + Copy + Send + 'static {
 
 /// How a unit is. The first four are no failure.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Condition {
     /// The operator has not started it.
@@ -42,7 +43,7 @@ impl Condition {
 
 /// A unit to its neighbours.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend, Serialize, Deserialize)]
 pub struct Status {
     /// How it is.
     pub condition: Condition,
@@ -61,7 +62,7 @@ impl Message for Status {
 
 /// A block passes from a unit to the next.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ZeroCopySend, Serialize, Deserialize)]
 pub struct Handed {
     /// Of the hand-over between these two units, from 1. One that is offered again, since its
     /// acknowledgement was lost with a program, is known by it.
@@ -74,7 +75,7 @@ impl Message for Handed {}
 
 /// A fault that the simulation makes.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend, Serialize, Deserialize)]
 pub enum Fault {
     /// None.
     #[default]
@@ -90,7 +91,7 @@ pub enum Fault {
 
 /// The operator to a unit's command block.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend, Serialize, Deserialize)]
 pub struct Request {
     /// Whether the line is to run.
     pub run: bool,
@@ -116,7 +117,7 @@ impl Message for Request {
 
 /// A unit to the operator.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend, Serialize, Deserialize)]
 pub struct Report {
     /// How it is.
     pub condition: Condition,
@@ -142,7 +143,7 @@ impl Message for Report {
 
 /// What a unit's mechanics hold: the simulation's own view, which no real unit has.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend, Serialize, Deserialize)]
 pub struct Contents {
     /// The blocks; 0 for none.
     pub blocks: [u32; PLACES],

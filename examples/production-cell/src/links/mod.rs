@@ -1,9 +1,14 @@
 //! What connects a unit with its neighbours and with the operator. A unit is written once, against
 //! [`Links`]; a deployment chooses which.
 
+mod carry;
+#[cfg(feature = "hosts")]
+mod hosts;
 mod ipc;
 mod local;
 
+#[cfg(feature = "hosts")]
+pub use hosts::Hosts;
 pub use ipc::Programs;
 pub use local::Local;
 
