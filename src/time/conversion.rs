@@ -4,7 +4,7 @@ use super::{Instant, Stamp};
 use std::time::Duration;
 
 /// How the stamps of a clock and instants belong together, with the error of that: measured by
-/// [`StampSource::conversion`].
+/// [`StampSource::conversion`](super::StampSource::conversion).
 ///
 /// Both clocks go at the same rate, so it holds until TAI is set. Measure anew now and then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

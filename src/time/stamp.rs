@@ -29,7 +29,7 @@ impl fmt::Display for StampClock {
 
 /// A point in time on a [`StampClock`], in nanoseconds since its origin. Stamps of different clocks
 /// or computers have nothing to do with each other until one is converted, so this is no
-/// [`Instant`].
+/// [`Instant`](super::Instant).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Stamp(u64);
 
