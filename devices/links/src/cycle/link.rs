@@ -187,7 +187,8 @@ impl<O: CycleData, I: CycleData> CycleLink<O, I> {
     /// Waits for the next value.
     ///
     /// Works on executors and in OS-thread processes. Cancel-safe: nothing that came is dropped.
-    /// Real-time path: yes, as waiting for any file; three or four system calls a value.
+    /// Real-time path: yes, but for the first wait of a thread
+    /// ([`prepare_files`](luna::external::prepare_files)); three or four system calls a value.
     ///
     /// # Errors
     ///

@@ -53,7 +53,7 @@ fn links_allocate_nothing() {
     let link = driver(&near, (), calls, |(), number| Ok(number + 1));
     places.process("driver").spawn_ok(link);
     pins(&mut system);
-    hop(&mut system);
+    let _links = hop(&places);
     let ends = system.executor("ends").build().unwrap();
     ends.process("source").spawn_ok(async move {
         for length in 0..1000 {
@@ -120,18 +120,21 @@ fn pins(system: &mut System) {
 #[cfg(not(feature = "gpio"))]
 fn pins(_: &mut System) {}
 
-/// Values both ways between two processes, by both ways of receiving.
+/// Values both ways between two processes, by both ways of receiving. The links are freed with
+/// what is returned, after the run.
 #[cfg(feature = "net")]
-fn hop(system: &mut System) {
+fn hop(place: &luna::Executor) -> impl Sized {
     use luna_links::cycle::{CycleLink, Settings};
     use std::net::UdpSocket;
+    type Link = CycleLink<[u8; 8], [u8; 8]>;
     let sockets = [0, 1].map(|_| UdpSocket::bind("127.0.0.1:0").unwrap());
     let addresses = [0, 1].map(|side: usize| sockets[side].local_addr().unwrap());
     let settings = Settings::new(std::time::Duration::from_secs(30));
     let [here, there] = sockets;
-    let mut here = CycleLink::<[u8; 8], [u8; 8]>::over(here, addresses[1], &settings).unwrap();
-    let mut there = CycleLink::<[u8; 8], [u8; 8]>::over(there, addresses[0], &settings).unwrap();
-    let place = system.executor("hop").build().unwrap();
+    let mut here = Link::over(here, addresses[1], &settings).unwrap();
+    let mut there = Link::over(there, addresses[0], &settings).unwrap();
+    let (back, links) = luna::buffered::<Link>(Buffer::fifo(2));
+    let also_back = back.clone();
     place.process("near").spawn_ok(async move {
         let mut came = 0;
         while came < 200 {
@@ -140,15 +143,19 @@ fn hop(system: &mut System) {
             luna::yield_now().await;
         }
         here.send(&[2; 8])?;
-        Ok(())
+        back.send(here).await.map_err(|_| luna::Error::Closed)
     });
     place.process("far").spawn_ok(async move {
         while there.recv().await?.value != [2; 8] {
             there.send(&[0; 8])?;
         }
-        Ok(())
+        Ok(also_back
+            .send(there)
+            .await
+            .map_err(|_| luna::Error::Closed)?)
     });
+    links
 }
 
 #[cfg(not(feature = "net"))]
-fn hop(_: &mut System) {}
+fn hop(_: &luna::Executor) {}
