@@ -31,7 +31,7 @@ const SETTLED: u32 = 64;
 /// Only errors below this part of the period are added to the rate. Larger ones come from the begin
 /// or from a jump, not from a rate.
 const INTEGRATED_PART: f64 = 1.0 / 64.0;
-/// The greatest difference of the two rates that is followed: half of what a loop can be moved by.
+/// The learned difference of the rates stays below this: half of what a loop can be moved by.
 const MAX_RATE: f64 = 0.005;
 
 /// A slot of the loop that is followed, on this computer's clock.
@@ -75,8 +75,8 @@ pub struct Followed {
 /// In each cycle it compares the loop's slot with the newest tick of the leader, and moves the
 /// following slots by a part of the difference. It also learns the difference of the two rates. So
 /// ticks may be missing: the loop goes on at the learned rate. The loop's own period is the nominal
-/// one; the leader's may differ from it by half a per cent at most. From any phase a loop is locked
-/// within 150 cycles, if the ticks are exact to within the tolerance.
+/// one; the leader's may differ from it by a tenth of a per cent. From any phase a loop is locked
+/// within 150 cycles, if the ticks are exact to a fifth of the tolerance.
 ///
 /// Real-time path: yes; O(1), no allocation but in [`new`](Self::new).
 ///
