@@ -26,7 +26,8 @@ pub enum Reading<T> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum OnStale {
-    /// It ends with [`CycleError::Stale`], and poisons both its channels.
+    /// It ends with [`CycleError::Stale`], and poisons both its channels. Before the first value it
+    /// waits: the partner may be started later.
     #[default]
     End,
     /// It delivers [`Reading::Stale`], and goes on.
@@ -189,11 +190,13 @@ async fn carry<O: CycleData, I: CycleData>(
             let CycleError::Stale { silence, .. } = error else {
                 return Err(error.into());
             };
-            if on_stale == OnStale::End {
-                return Err(error.into());
+            match on_stale {
+                OnStale::End if silence.has_heard => return Err(error.into()),
+                // The partner may be started later.
+                OnStale::End => {}
+                OnStale::Report => incoming.send(Reading::Stale(silence)).await?,
             }
             is_stale = true;
-            incoming.send(Reading::Stale(silence)).await?;
         }
         let deadline = match is_stale {
             true => luna::Instant::NEVER,

@@ -67,22 +67,38 @@ fn alone(limit: Duration) -> Link {
 }
 
 #[test]
-fn a_silent_partner_poisons_both_ends() {
+fn a_partner_that_starts_late_is_awaited_and_one_that_falls_silent_poisons_both_ends() {
     let Some(_watch) = with_files() else { return };
+    let settings = Settings::new(Duration::from_millis(20)).stale_after(1);
+    let (here, mut there): (Link, Link) = pair(&settings);
     let mut system = System::new("poison");
     let main = system.executor("main").build().unwrap();
     let (values, outgoing) = newest();
     let (incoming, readings) = newest();
-    let link = alone(Duration::from_millis(5)).process(outgoing, incoming);
+    let link = here.process(outgoing, incoming);
     let status = link.status();
     main.process("link").spawn_ok(link);
     main.process("user").spawn_ok(async move {
-        assert!(
-            readings
-                .recv()
-                .await
-                .is_err_and(|error| error.is_poisoned())
-        );
+        luna::after(settings.limit() * 2).await;
+        loop {
+            there.send(&[3; 8])?;
+            // It hears nothing but hellos.
+            let _ = there.newest();
+            luna::after(Duration::from_micros(200)).await;
+            match readings.try_recv() {
+                Ok(Reading::Fresh(sample)) => assert_eq!(sample.value, [3; 8]),
+                Ok(Reading::Stale(silence)) => panic!("{silence:?}"),
+                Err(error) if error.is_poisoned() => break,
+                Err(_) => continue,
+            }
+            break;
+        }
+        let end = loop {
+            if let Err(error) = readings.recv().await {
+                break error;
+            }
+        };
+        assert!(end.is_poisoned());
         assert!(
             values
                 .send([0; 8])
@@ -93,10 +109,10 @@ fn a_silent_partner_poisons_both_ends() {
     });
     let error = system.run().unwrap_err().to_string();
     assert!(
-        error.contains("link") && error.contains("not one value"),
+        error.contains("link") && error.contains("no value for more than"),
         "{error}"
     );
-    assert_eq!(status.stale(), 1);
+    assert_eq!((status.stale(), status.sessions()), (2, 1));
 }
 
 #[test]
