@@ -33,6 +33,7 @@ pub use crate::time::accounting::UsageSince;
 pub use crate::time::distribution::Distribution;
 pub use crate::time::late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstead, StolenTime};
 pub use crate::time::manager::{CallbackReport, TickReport, TimersReport};
+pub use crate::time::stamp::StampReport;
 pub use crate::time::statistics::LoopReport;
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;
@@ -79,6 +80,8 @@ pub struct Report {
     pub end: End,
     /// Which clock it went by.
     pub clock: ClockKind,
+    /// The clock of its stamps, if it has [stated](crate::System::stamp_clock) one.
+    pub stamps: Option<StampReport>,
     /// From the release of the processes until the last one had ended, on the system's clock.
     pub elapsed: Duration,
     /// The same on the machine's: what a system on a virtual clock really took.
@@ -320,6 +323,9 @@ impl fmt::Display for Report {
             )?;
         }
         writeln!(f)?;
+        if let Some(stamps) = &self.stamps {
+            writeln!(f, "  {stamps}")?;
+        }
         if !self.stand_ins.is_empty() {
             writeln!(f, "stand-ins for: {}", self.stand_ins.join(", "))?;
         }

@@ -22,7 +22,7 @@
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
 //! - [`on_drop`]: what is undone at the end of a scope.
-//! - `file`: reading and writing without waiting (on Unix).
+//! - `file`: reading and writing without waiting (on Unix); `socket`: datagrams.
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the
 //!   machine is.
 //! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
@@ -72,6 +72,8 @@ pub mod reactor;
 pub mod shortfall;
 #[cfg(not(loom))]
 pub mod signals;
+#[cfg(not(loom))]
+pub mod socket;
 pub mod spin;
 #[cfg(not(loom))]
 pub mod steal;

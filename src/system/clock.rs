@@ -2,6 +2,7 @@
 
 use super::System;
 use crate::error::{Error, Result};
+use crate::time::{StampClock, StampError, StampSource};
 use luna_executors::{ClockDriver, DrivenClock, Pace, ProcessRegistry, Simulation};
 use std::fmt;
 use std::sync::Arc;
@@ -107,6 +108,41 @@ impl System {
     pub fn virtual_clock(&mut self) -> &mut Self {
         self.plan.settings().clock = ClockPlan::Virtual;
         self
+    }
+
+    /// States which clock the system's stamps are of, those that other computers read: checks it,
+    /// and gives their source, for the links to those computers. The report then says how good it
+    /// was. A system that states none has stamps of CLOCK_MONOTONIC.
+    ///
+    /// # Errors
+    ///
+    /// For TAI a [`StampError`]: nothing keeps it on this machine, or the system runs on a virtual
+    /// clock.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use luna::time::StampClock;
+    ///
+    /// let mut system = System::new("arm");
+    /// // On a machine that PTP or NTP keeps: `StampClock::Tai`.
+    /// let stamps = system.stamp_clock(StampClock::Monotonic)?;
+    /// let main = system.executor("main").build()?;
+    /// main.process("arm").spawn(async move {
+    ///     println!("{:?}", stamps.now());
+    ///     Ok(())
+    /// })?;
+    /// let report = system.run()?;
+    /// assert_eq!(report.stamps.unwrap().at_first.clock, StampClock::Monotonic);
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn stamp_clock(&mut self, clock: StampClock) -> Result<StampSource, StampError> {
+        let mut settings = self.plan.settings();
+        if clock == StampClock::Tai && settings.clock.kind().is_virtual() {
+            return Err(StampError::VirtualClock);
+        }
+        let source = clock.source()?;
+        settings.stamps = Some(source.state()?);
+        Ok(source)
     }
 
     /// Runs the system on a clock that moves only as a simulator commands, in lock-step with it;

@@ -12,7 +12,7 @@ use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::log::Session;
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
-use crate::time::{MAX_CALLBACKS, Manager, ManagerThread, Scope};
+use crate::time::{MAX_CALLBACKS, Manager, ManagerThread, Scope, StampState};
 use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
@@ -33,6 +33,7 @@ const LOOPS: usize = 16;
 /// A system with processes that are ready to be released.
 pub(super) struct Launched {
     pub(super) clock: ClockKind,
+    pub(super) stamps: Option<StampState>,
     /// What runs the executors, if their time is virtual.
     pub(super) simulation: Option<Simulation>,
     pub(super) executors: Vec<(String, Executor)>,
@@ -167,6 +168,7 @@ fn launch_described(
     let executors = start_processes(plan, &running, executors, &places, waiting, remembered)?;
     Ok(Launched {
         clock: clock_kind,
+        stamps: settings.stamps,
         simulation,
         executors,
         running,

@@ -14,7 +14,7 @@ use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::parameters::FileWatch;
-use crate::report::Report;
+use crate::report::{Report, StampReport};
 use crate::safety::Cause;
 use crate::time::ManagerThread;
 use luna_core::current;
@@ -118,6 +118,7 @@ fn end(
     let plan = system_threads.plan;
     let Launched {
         clock: clock_kind,
+        stamps,
         running,
         safety: safety_threads,
         timers,
@@ -196,6 +197,7 @@ fn end(
         report: Report {
             system: plan.name().to_owned(),
             clock: clock_kind,
+            stamps: stamps.map(StampReport::new),
             elapsed,
             really_elapsed,
             threads,

@@ -26,7 +26,9 @@
 //! ```
 
 pub(crate) mod accounting;
+mod conversion;
 pub(crate) mod distribution;
+mod follower;
 mod grid;
 mod late;
 pub(crate) mod late_cycle;
@@ -35,6 +37,7 @@ mod period;
 mod periodic;
 mod registry;
 mod spin;
+pub(crate) mod stamp;
 pub(crate) mod statistics;
 mod ticks;
 mod timer;
@@ -42,14 +45,18 @@ mod timer;
 use luna_core::current;
 
 pub(crate) use accounting::{Accounting, UsageSince, short};
+pub use conversion::Conversion;
+pub use follower::{FollowState, Followed, Follower, LeaderTick};
 pub(crate) use late::Witness;
 pub(crate) use late_cycle::StolenTime;
 pub use luna_channels::{After, after, at};
 pub use luna_platform::clock::Instant;
+pub use luna_platform::clock::Synchronization;
 pub use manager::{Firing, TimerCallback, TimerManager, Timers};
 pub(crate) use manager::{MAX_CALLBACKS, Manager, ManagerThread};
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};
+pub use stamp::{Stamp, StampClock, StampError, StampSource, StampState};
 pub use ticks::{NextTick, Tick, Ticks, ticks};
 pub use timer::{Expiry, Timer};
 

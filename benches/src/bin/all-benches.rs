@@ -23,7 +23,7 @@ use luna_benches::{
 };
 
 /// In the order of the page.
-const BENCHES: [&str; 17] = [
+const BENCHES: [&str; 18] = [
     "commstime",
     "switch",
     "rendezvous",
@@ -39,6 +39,7 @@ const BENCHES: [&str; 17] = [
     "startup",
     "memory",
     "lbp16",
+    "udp_hop",
     "emergency",
     "logger",
 ];

@@ -6,6 +6,7 @@
 //! | pins (GPIO) | `gpio` | `gpio` | the executor for edges; setting one does not wait |
 //! | joysticks, input devices | `joystick` | `evdev` | the executor |
 //! | UDP | `udp` | `net` | the executor |
+//! | one hop to another computer, a value a cycle | `cycle` | `net` | the executor, or the thread |
 //! | TCP | `tcp` | `net` | the executor; connecting: a thread |
 //! | I2C, `embedded-hal` drivers on it | `i2c`, [`driver`](mod@driver) | `i2c` | a thread |
 //! | SPI, `embedded-hal` drivers on it | `spi`, [`driver`](mod@driver) | `spi` | a thread |
@@ -23,6 +24,8 @@
 #![cfg(target_os = "linux")]
 
 mod counts;
+#[cfg(feature = "net")]
+pub mod cycle;
 pub mod driver;
 mod end;
 #[cfg(feature = "gpio")]

@@ -3,10 +3,14 @@
 #[cfg(not(loom))]
 mod counter;
 mod source;
+#[cfg(not(loom))]
+mod tai;
 
 #[cfg(not(loom))]
 pub use counter::Counter;
 pub use source::{Clock, VirtualClock};
+#[cfg(not(loom))]
+pub use tai::{Synchronization, tai_nanos};
 
 use std::fmt;
 use std::ops::{Add, AddAssign, Sub};

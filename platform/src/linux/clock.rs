@@ -1,3 +1,8 @@
+use crate::clock::Synchronization;
+use crate::path::{self, Call};
+use std::io::{Error, Result};
+use std::time::Duration;
+
 /// `CLOCK_MONOTONIC` in nanoseconds: the clock that futex deadlines, timerfd and cyclictest use.
 #[inline]
 pub(crate) fn monotonic_nanos() -> u64 {
@@ -17,4 +22,37 @@ pub(crate) fn timespec(nanos: u64) -> libc::timespec {
         tv_sec: (nanos / 1_000_000_000) as libc::time_t,
         tv_nsec: (nanos % 1_000_000_000) as libc::c_long,
     }
+}
+
+/// `CLOCK_TAI` in nanoseconds.
+pub(crate) fn tai_nanos() -> Result<u64> {
+    let mut now = timespec(0);
+    // SAFETY: `now` is a valid timespec to write to.
+    match unsafe { libc::clock_gettime(libc::CLOCK_TAI, &mut now) } {
+        0 => Ok(now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64),
+        _ => Err(Error::last_os_error()),
+    }
+}
+
+/// Reads the kernel's state of synchronization, and changes nothing.
+pub(crate) fn synchronization() -> Result<Synchronization> {
+    // SAFETY: all zeros are a valid value of this structure of numbers; as modes they ask for no
+    // change.
+    let mut state: libc::timex = unsafe { std::mem::zeroed() };
+    // SAFETY: it is a valid structure to read and write.
+    let outcome = path::expected(Call::Account, || unsafe { libc::adjtimex(&mut state) });
+    if outcome < 0 {
+        return Err(Error::last_os_error());
+    }
+    Ok(Synchronization {
+        tai_offset: state.tai,
+        is_synchronized: outcome != libc::TIME_ERROR && state.status & libc::STA_UNSYNC == 0,
+        greatest_error: micros(state.maxerror),
+        estimated_error: micros(state.esterror),
+    })
+}
+
+/// As the kernel counts its errors.
+fn micros(count: impl TryInto<u64>) -> Duration {
+    Duration::from_micros(count.try_into().unwrap_or(0))
 }

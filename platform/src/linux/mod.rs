@@ -18,6 +18,7 @@ pub(crate) mod parent;
 pub(crate) mod privileges;
 pub(crate) mod reactor;
 pub(crate) mod signals;
+pub(crate) mod socket;
 pub(crate) mod steal;
 pub(crate) mod thread;
 pub(crate) mod timer_fd;

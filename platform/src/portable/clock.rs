@@ -1,3 +1,5 @@
+use crate::clock::Synchronization;
+use std::io::{ErrorKind, Result};
 use std::sync::OnceLock;
 use std::time::Instant;
 
@@ -10,4 +12,14 @@ pub(crate) fn monotonic_nanos() -> u64 {
     u64::try_from(elapsed)
         .unwrap_or(u64::MAX)
         .saturating_add(1_000_000_000)
+}
+
+/// The standard library knows no TAI.
+pub(crate) fn tai_nanos() -> Result<u64> {
+    Err(ErrorKind::Unsupported.into())
+}
+
+/// The standard library knows nothing of it.
+pub(crate) fn synchronization() -> Result<Synchronization> {
+    Err(ErrorKind::Unsupported.into())
 }

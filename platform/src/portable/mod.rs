@@ -16,6 +16,7 @@ pub(crate) mod memory;
 pub(crate) mod parent;
 pub(crate) mod reactor;
 pub(crate) mod signals;
+pub(crate) mod socket;
 pub(crate) mod steal;
 pub(crate) mod thread;
 pub(crate) mod timer_fd;

@@ -19,7 +19,7 @@ use crate::parameters::Store;
 use crate::replay::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
-use crate::time::Manager;
+use crate::time::{Manager, StampState};
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
 use std::collections::HashSet;
@@ -68,6 +68,8 @@ pub(crate) struct Settings {
     pub(crate) parents_death: bool,
     pub(crate) guardian: Option<Guardian>,
     pub(crate) clock: ClockPlan,
+    /// The clock of stamps that was stated, and how good it was then.
+    pub(crate) stamps: Option<StampState>,
     /// What is to be recorded.
     pub(crate) logging: Asked,
     pub(crate) replay_logs: TapePlan,

@@ -9,7 +9,7 @@ mod spawn;
 
 use luna::devices::{DeviceManager, DeviceState};
 use luna::{End, System};
-pub(crate) use shared::skip;
+pub(crate) use shared::{Random, seed, skip};
 pub(crate) use spawn::SpawnOk;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Once};

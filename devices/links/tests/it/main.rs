@@ -3,6 +3,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+#[cfg(feature = "net")]
+mod cycle;
 mod driver;
 mod gpio;
 mod joystick;

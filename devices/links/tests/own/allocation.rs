@@ -53,6 +53,7 @@ fn links_allocate_nothing() {
     let link = driver(&near, (), calls, |(), number| Ok(number + 1));
     places.process("driver").spawn_ok(link);
     pins(&mut system);
+    let _links = hop(&places);
     let ends = system.executor("ends").build().unwrap();
     ends.process("source").spawn_ok(async move {
         for length in 0..1000 {
@@ -118,3 +119,40 @@ fn pins(system: &mut System) {
 
 #[cfg(not(feature = "gpio"))]
 fn pins(_: &mut System) {}
+
+/// Values both ways between two processes, by both ways of receiving. The links are freed with
+/// what is returned, after the run.
+#[cfg(feature = "net")]
+fn hop(place: &luna::Executor) -> impl Sized {
+    use luna_links::cycle::{CycleLink, Settings};
+    use std::net::UdpSocket;
+    type Link = CycleLink<[u8; 8], [u8; 8]>;
+    let sockets = [0, 1].map(|_| UdpSocket::bind("127.0.0.1:0").unwrap());
+    let addresses = [0, 1].map(|side: usize| sockets[side].local_addr().unwrap());
+    let settings = Settings::new(std::time::Duration::from_secs(30));
+    let [here, there] = sockets;
+    let mut here = Link::over(here, addresses[1], &settings).unwrap();
+    let mut there = Link::over(there, addresses[0], &settings).unwrap();
+    let (back, links) = luna::buffered::<Link>(Buffer::fifo(2));
+    let also_back = back.clone();
+    place.process("near").spawn_ok(async move {
+        let mut came = 0;
+        while came < 200 {
+            here.send(&[1; 8])?;
+            came += u32::from(here.newest()?.is_some());
+            luna::yield_now().await;
+        }
+        here.send(&[2; 8])?;
+        back.send(here).await.map_err(|_| luna::Error::Closed)
+    });
+    place.process("far").spawn_ok(async move {
+        while there.recv().await?.value != [2; 8] {
+            there.send(&[0; 8])?;
+        }
+        also_back.send(there).await.map_err(|_| luna::Error::Closed)
+    });
+    links
+}
+
+#[cfg(not(feature = "net"))]
+fn hop(_: &luna::Executor) {}
