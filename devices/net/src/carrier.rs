@@ -3,7 +3,8 @@
 
 use crate::message::{decode, key, of_token, token};
 use crate::network::{Book, Entry};
-use crate::peering::{Event, Packet, Peering, Stop};
+use crate::peering::Peering;
+use crate::side::{Event, Packet, Stop};
 use crate::{NetError, Role};
 use luna::channel::ChannelEnd;
 use luna::{Instant, Policy, Receiver, Sender};

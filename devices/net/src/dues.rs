@@ -2,7 +2,8 @@
 
 use crate::age::now_nanos;
 use crate::message::{Beat, Body, Head, Hello, add_value, encode};
-use crate::peering::{Peering, Values};
+use crate::peering::Peering;
+use crate::side::Values;
 use luna::Instant;
 use luna::channel::ChannelEnd;
 

@@ -1,7 +1,7 @@
 //! The process that carries values between a local channel and the link's thread.
 
 use crate::carrier::Shared;
-use crate::peering::{Event, Stop};
+use crate::side::{Event, Stop};
 use crate::{NetError, Status};
 use luna::channel::ChannelEnd;
 use luna::realtime::off_path;

@@ -1,8 +1,10 @@
 //! Two sides over a network that loses, doubles and delays messages.
 
 use super::*;
+use crate::Role;
 use crate::message::decode;
 use std::sync::mpsc;
+use std::time::Duration;
 
 const SECOND: u64 = 1_000_000_000;
 
