@@ -59,22 +59,14 @@ impl Peering {
     }
 
     fn lost(&mut self, sign: Sign) -> Option<Event> {
-        let partner = self.partner.as_mut()?;
-        if !partner.is_joined {
-            self.partner = None;
-            return None;
-        }
-        partner.is_joined = false;
+        let partner = self.partner.take().filter(|partner| partner.is_joined)?;
         let error = NetError::PartnerLost {
             name: self.own.name.clone(),
             role: self.own.role.other(),
-            peer: partner.peer.clone(),
+            peer: partner.peer,
             sign,
             acknowledged: self.status.acknowledged(),
-            in_doubt: match &self.values {
-                Values::Out { queue, .. } => queue.len() as u64,
-                Values::In { .. } => 0,
-            },
+            in_doubt: self.status.in_doubt(),
         };
         self.stop(Stop::Failed(error))
     }
@@ -136,7 +128,7 @@ impl Peering {
             if !self.is_joined() && head.to != 0 {
                 self.partner = None;
             }
-            self.owes_hello = true;
+            self.owes_hello |= self.end.is_none();
             return None;
         }
         if let Some(partner) = &self.partner {
@@ -210,8 +202,8 @@ impl Peering {
         let peer = partner.peer.clone();
         self.status
             .join(peer, partner.session, partner.start, missing);
-        // The partner may wait for it.
-        self.owes_hello = true;
+        // The partner may wait for it, unless it hears of the end.
+        self.owes_hello |= self.end.is_none();
         Some(Event::Joined)
     }
 
@@ -315,7 +307,7 @@ impl Peering {
                 }
                 match partner.is_joined {
                     true => self.owes_beat = true,
-                    false => self.owes_hello |= !self.is_over,
+                    false => self.owes_hello |= self.end.is_none(),
                 }
                 self.owes_end |= self.end.is_some() && partner.end.is_none();
                 if let Values::Out { queue, sent, .. } = &mut self.values {
@@ -341,7 +333,6 @@ impl Peering {
     pub(crate) fn queue(&mut self, packet: Packet) {
         if let Values::Out { queue, last, .. } = &mut self.values {
             *last += 1;
-            self.status.send();
             queue.push_back((*last, packet));
         }
     }
@@ -356,8 +347,11 @@ impl Peering {
 
     /// Whether nothing is left to be done after the end of the link.
     pub(crate) fn is_done(&self) -> bool {
-        let partner = self.partner.as_ref().filter(|partner| partner.is_joined);
-        let waits = partner.is_some_and(|partner| partner.end.is_none());
+        // One that is bound may have joined already.
+        let waits = self
+            .partner
+            .as_ref()
+            .is_some_and(|partner| partner.end.is_none());
         self.end.is_some() && !waits && !self.owes_end && !self.owes_hello
     }
 

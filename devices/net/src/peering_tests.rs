@@ -157,8 +157,10 @@ fn types_are_compared_on_both_sides() {
 fn silence_loses_the_partner_and_says_what_is_in_doubt() {
     let (mut out, (mut inn, _delivered)) = (sender(1, 8), receiver(2, "u64"));
     join(&mut out, &mut inn, at(1));
-    out.queue(packet(1));
-    out.queue(packet(2));
+    for value in [1, 2] {
+        out.status.send();
+        out.queue(packet(value));
+    }
     carry(&mut out, &mut inn, 0, at(1));
     carry(&mut inn, &mut out, 1, at(1));
     assert!(out.tick(at(SECOND)).is_none());
@@ -222,5 +224,34 @@ fn both_sides_know_the_end_before_one_is_done() {
     assert!(!inn.is_done());
     inn.end(ChannelEnd::Poisoned);
     carry(&mut inn, &mut out, 0, at(2));
+    assert!(inn.is_done());
+}
+
+#[test]
+fn a_side_that_ends_before_it_has_joined_is_heard_by_one_that_has() {
+    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    carry(&mut out, &mut inn, 0, at(1));
+    // Its hello names the other, which has joined by that.
+    let message = inn.next_message(0, at(1)).unwrap();
+    let (head, body, values) = decode(&message).unwrap();
+    out.hear(head, body, values, at(1));
+    assert!(out.is_joined() && !inn.is_joined());
+    inn.end(ChannelEnd::Closed);
+    let heard = carry(&mut inn, &mut out, 0, at(2));
+    assert!(matches!(
+        heard.as_slice(),
+        [Event::Stop(Stop::Ended(ChannelEnd::Closed))]
+    ));
+    assert!(!inn.is_done());
+    carry(&mut out, &mut inn, 0, at(2));
+    assert!(inn.is_done());
+    // Without an answer it does not wait for ever.
+    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    carry(&mut out, &mut inn, 0, at(1));
+    inn.end(ChannelEnd::Closed);
+    carry(&mut inn, &mut out, 0, at(2));
+    assert!(!inn.is_done());
+    inn.tick(at(SECOND * 2));
+    assert!(inn.next_message(0, at(SECOND * 2)).is_none());
     assert!(inn.is_done());
 }

@@ -89,6 +89,7 @@ impl<T: Serialize + Send> Near for Outward<T> {
                     });
                 }
             };
+            line.status.send();
             line.shared.send(Packet {
                 buffer,
                 length,
