@@ -65,7 +65,8 @@ impl Shared {
         }
     }
 
-    /// Values up to this number were taken. With `is_due` that is reported now. Real-time path: yes.
+    /// Values up to this number were taken. With `is_due` that is reported now. Real-time path:
+    /// yes.
     pub(crate) fn take(&self, number: u64, is_due: bool) {
         self.taken.store(number, SeqCst);
         if is_due {

@@ -72,8 +72,8 @@ impl Endpoint {
     /// Opens the sending side of a rendezvous: a send goes on when a process of the other program
     /// has taken the value. The other program may open its side earlier or later.
     ///
-    /// Not for the real-time path: it allocates, and starts a thread. While the system runs, call it
-    /// in [`luna::blocking`].
+    /// Not for the real-time path: it allocates, and starts a thread. While the system runs, call
+    /// it in [`luna::blocking`].
     ///
     /// # Errors
     ///
@@ -85,13 +85,14 @@ impl Endpoint {
         self.sending(luna::channel(), 1, false)
     }
 
-    /// Opens the sending side with a buffer in front of it: FIFO with back pressure, or overwriting.
-    /// A send goes on when its value is in the buffer. The link takes values as long as fewer than
-    /// the [window](Self::window) are under way; [`Status::acknowledged`] counts those that have
-    /// arrived.
+    /// Opens the sending side with a buffer in front of it: FIFO with back pressure, or
+    /// overwriting. A send goes on when its value is in the buffer. The link takes values as long
+    /// as fewer than the [window](Self::window) are under way; [`Status::acknowledged`] counts
+    /// those that have arrived.
     ///
     /// When the last sender is gone, the link first delivers what is in the buffer. Poison, and the
-    /// other program's end, drop what is in the buffer and under way. For the newest value: a buffer
+    /// other program's end, drop what is in the buffer and under way. For the newest value: a
+    /// buffer
     /// `overwrite_oldest(1)`, and a window of 1 or 2.
     ///
     /// # Errors

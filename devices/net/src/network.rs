@@ -100,8 +100,8 @@ impl Network {
     }
 
     /// The programs that zenoh has a connection to now. 0 for long may mean that no other program
-    /// runs, an address is wrong, or a certificate or password was refused: set `RUST_LOG=zenoh=warn`
-    /// and call `zenoh::init_log_from_env_or("warn")` to see which.
+    /// runs, an address is wrong, or a certificate or password was refused: set
+    /// `RUST_LOG=zenoh=warn` and call `zenoh::init_log_from_env_or("warn")` to see which.
     pub fn connections(&self) -> usize {
         let info = self.0.session.info();
         info.peers_zid().wait().count() + info.routers_zid().wait().count()

@@ -146,7 +146,9 @@ impl Peering {
             return None;
         }
         self.owes_hello = true;
-        if head.to != 0 && head.to != self.own.number {
+        // Numbers that cannot be reached by counting are no numbers.
+        let is_sound = hello.last.max(hello.session) < u64::MAX / 2;
+        if !is_sound || (head.to != 0 && head.to != self.own.number) {
             return None;
         }
         let peer = Peer {
@@ -271,7 +273,7 @@ impl Peering {
                     return self.stop(Stop::Failed(error));
                 }
             }
-            number += 1;
+            number = number.wrapping_add(1);
         }
         None
     }
@@ -313,7 +315,8 @@ impl Peering {
                 if let Values::Out { queue, sent, .. } = &mut self.values {
                     // What has arrived there is never sent again.
                     let first = queue.front().map_or(0, |(number, _)| *number);
-                    let there = (partner.arrived + 1).saturating_sub(first) as usize;
+                    let next = partner.arrived.saturating_add(1);
+                    let there = next.saturating_sub(first) as usize;
                     partner.behind = match there < *sent {
                         true => partner.behind + 1,
                         false => 0,

@@ -255,3 +255,38 @@ fn a_side_that_ends_before_it_has_joined_is_heard_by_one_that_has() {
     assert!(inn.next_message(0, at(SECOND * 2)).is_none());
     assert!(inn.is_done());
 }
+
+#[test]
+fn messages_that_make_no_sense_are_passed_over() {
+    let (mut out, (mut inn, delivered)) = (sender(1, 8), receiver(2, "u64"));
+    // Numbers at the end of their range, from one that is no partner yet.
+    let mut far = out.own.clone();
+    (far.number, far.memory.last) = (3, u64::MAX);
+    let mut far = Peering::new(far, Status::default(), Values::sending(1, |_| ()));
+    assert!(carry(&mut far, &mut inn, 0, at(1)).is_empty());
+    join(&mut out, &mut inn, at(1));
+    let head = Head { from: 1, to: 2 };
+    let mut values = Vec::new();
+    crate::message::add_value(&mut values, u64::MAX, &[1]);
+    crate::message::add_value(&mut values, 0, &[1]);
+    let first = u64::MAX;
+    let heard = inn.hear(head, Body::Values { first }, &values, at(2));
+    assert!(heard.iter().all(Option::is_none));
+    assert!(delivered.try_recv().is_err());
+    for seen in [i64::MIN, i64::MAX] {
+        let beat = Beat {
+            taken: u64::MAX,
+            arrived: u64::MAX,
+            sent: u64::MAX,
+            seen: Some(seen),
+        };
+        let head = Head { from: 2, to: 1 };
+        out.hear(head, Body::Beat(beat), &[], at(2));
+        inn.hear(Head { from: 1, to: 2 }, Body::Beat(beat), &[], at(2));
+        assert!(out.tick(at(3)).is_none() && inn.tick(at(3)).is_none());
+    }
+    // The session goes on.
+    out.queue(packet(1));
+    carry(&mut out, &mut inn, 0, at(4));
+    assert_eq!(delivered.try_recv(), Ok(1));
+}

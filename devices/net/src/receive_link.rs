@@ -6,8 +6,8 @@ use crate::side::Stop;
 use luna::{Instant, Receiver, Sender};
 use std::pin::pin;
 
-/// The link of the receiving side, made by [`receiver`](crate::Network::receiver). It carries values
-/// of type `T` and delivers them as `R`.
+/// The link of the receiving side, made by [`receiver`](crate::Network::receiver). It carries
+/// values of type `T` and delivers them as `R`.
 pub type ReceiveLink<T, R = T> = Link<Inward<T, R>>;
 
 /// The same, for values with their age.
