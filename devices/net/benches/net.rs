@@ -157,7 +157,7 @@ fn put(sessions: &(Session, Session), count: u64, arrived: &AtomicU64) -> f64 {
 
 fn main() {
     let is_quick = std::env::args().any(|argument| argument == "--quick");
-    let (rounds, share) = if is_quick { (3, 10) } else { (11, 1) };
+    let (rounds, share) = if is_quick { (3, 10_u64) } else { (11, 1) };
     let networks = Arc::new(networks());
     let sessions = Arc::new(sessions());
     let there = &sessions.1;
@@ -179,7 +179,9 @@ fn main() {
     let count = arrived.clone();
     let _subscriber = there
         .declare_subscriber("bench/put")
-        .callback(move |_| drop(count.fetch_add(1, Relaxed)))
+        .callback(move |_| {
+            count.fetch_add(1, Relaxed);
+        })
         .wait()
         .expect("a key");
     let case = |name, peer, operations, measure: Measure| Case {

@@ -24,9 +24,9 @@ pub struct Age {
 
 /// A value with what is known of its age.
 ///
-/// It is made by the [stamped receivers](crate::Endpoint::stamped_receiver). The age counts from the
-/// instant at which the sending link took the value. How long it was in a buffer in front of that
-/// link is not in it.
+/// It is made by the [stamped receivers](crate::Endpoint::stamped_receiver). The age counts from
+/// the instant at which the sending link took the value. How long it was in a buffer in front of
+/// that link is not in it.
 ///
 /// ```
 /// # use luna_net::Stamped;
@@ -101,8 +101,9 @@ impl<T> Stamped<T> {
 /// What is known of the difference between the clocks of this computer and the partner's: here
 /// minus there, in nanoseconds.
 ///
-/// A message from there that was sent at `s` and arrives here at `a` says: difference <= a - s. What
-/// the partner has seen of messages from here says the same of its side, so: difference >= s - a.
+/// A message from there that was sent at `s` and arrives here at `a` says: difference <= a - s.
+/// What the partner has seen of messages from here says the same of its side, so: difference >= s -
+/// a.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ClockDifference {
     is_common: bool,

@@ -3,7 +3,8 @@
 
 use crate::message::{decode, key, of_token, token};
 use crate::network::{Book, Entry};
-use crate::peering::{Event, Packet, Peering, Stop};
+use crate::peering::Peering;
+use crate::side::{Event, Packet, Stop};
 use crate::{NetError, Role};
 use luna::channel::ChannelEnd;
 use luna::{Instant, Policy, Receiver, Sender};
@@ -64,7 +65,8 @@ impl Shared {
         }
     }
 
-    /// Values up to this number were taken. With `is_due` that is reported now. Real-time path: yes.
+    /// Values up to this number were taken. With `is_due` that is reported now. Real-time path:
+    /// yes.
     pub(crate) fn take(&self, number: u64, is_due: bool) {
         self.taken.store(number, SeqCst);
         if is_due {

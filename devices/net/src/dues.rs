@@ -2,7 +2,8 @@
 
 use crate::age::now_nanos;
 use crate::message::{Beat, Body, Head, Hello, add_value, encode};
-use crate::peering::{Peering, Values};
+use crate::peering::Peering;
+use crate::side::Values;
 use luna::Instant;
 use luna::channel::ChannelEnd;
 
@@ -24,7 +25,7 @@ impl Peering {
         if std::mem::take(&mut self.owes_hello) {
             return Some(encode(head, &Body::Hello(self.hello())));
         }
-        if !self.is_joined() {
+        if self.partner.is_none() {
             // Nobody waits for these.
             (self.owes_beat, self.owes_end) = (false, false);
             return None;
@@ -88,11 +89,11 @@ impl Peering {
             return None;
         };
         let room = queue.len().min(*window as usize);
-        let has_ended = self
+        let takes = self
             .partner
             .as_ref()
-            .is_none_or(|partner| partner.end.is_some());
-        if self.end.is_some() || has_ended || *sent >= room {
+            .is_some_and(|partner| partner.is_joined && partner.end.is_none());
+        if self.end.is_some() || !takes || *sent >= room {
             return None;
         }
         let first = queue.get(*sent)?.0;

@@ -55,16 +55,16 @@
 //! # Guards, deadlines
 //!
 //! As for `luna-ipc`. A receiver is an input guard as any other: the value is acknowledged only if
-//! its guard is chosen. A sender is an output guard with one decision, that of its own program: it is
-//! chosen when the other program has joined and no other value is under way. A send with a deadline
-//! is exact until the link has taken the value; afterwards it returns as sent, without the
+//! its guard is chosen. A sender is an output guard with one decision, that of its own program: it
+//! is chosen when the other program has joined and no other value is under way. A send with a
+//! deadline is exact until the link has taken the value; afterwards it returns as sent, without the
 //! acknowledgement: [`Status::in_doubt`] counts those.
 //!
 //! # The protocol
 //!
 //! Each opening of a side draws a random number. The sender's messages go to the key
-//! `luna/NAME/from-sender`, the receiver's to `luna/NAME/from-receiver`, and every message names both
-//! openings. A side shows that it lives by a token of zenoh's liveliness,
+//! `luna/NAME/from-sender`, the receiver's to `luna/NAME/from-receiver`, and every message names
+//! both openings. A side shows that it lives by a token of zenoh's liveliness,
 //! `luna/NAME/alive/ROLE/NUMBER`, and by a beat four times in [`Config::lost_after`].
 //!
 //! **Joining.** A side without a partner says hello, with the type, the last number and the last
@@ -77,17 +77,17 @@
 //! not refused.
 //!
 //! **Values** have numbers that go on by one. The sender keeps each until it is acknowledged. The
-//! receiver takes only the next number, so a value that comes twice, or after a gap, is passed over.
-//! Its beats name the last number that has arrived and the last that was taken: the latter is the
-//! acknowledgement, and is sent at once. A sender that does not see its values arrive for two beats
-//! sends them again. So lost messages, and connections that break and come back, lose no value and
+//! receiver takes only the next number, so a value that comes twice, or after a gap, is passed
+//! over. Its beats name the last number that has arrived and the last that was taken: the latter is
+//! the acknowledgement, and is sent at once. A sender that does not see its values arrive for two
+//! beats sends them again. So messages that are lost or doubled on their way lose no value and
 //! double none.
 //!
 //! **The end.** A side that closes or poisons its channel says so until the other says the same. A
 //! partner is lost when its token is gone, which zenoh reports as soon as the connection ends, or
-//! when nothing was heard of it for `lost_after`. Then the session is over: no value of it comes any
-//! more, and the next opening joins the next session. So a send that has returned `Ok` without a
-//! deadline was taken once, and a failed one was taken once or not at all.
+//! when nothing was heard of it for `lost_after`. Then the session is over: no value of it comes
+//! any more, and the next opening joins the next session. So a send that has returned `Ok` without
+//! a deadline was taken once, and a failed one was taken once or not at all.
 
 #![cfg(target_os = "linux")]
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
@@ -96,6 +96,7 @@ mod age;
 mod carrier;
 mod config;
 mod dues;
+mod endpoint;
 mod error;
 mod facts;
 mod link;
@@ -104,13 +105,15 @@ mod network;
 mod peering;
 mod receive_link;
 mod send_link;
+mod side;
 mod status;
 
 pub use age::{Age, Stamped};
 pub use config::Config;
+pub use endpoint::Endpoint;
 pub use error::{NetError, Peer, Role, Sign, TypeInfo};
 pub use link::Link;
-pub use network::{Endpoint, Network};
-pub use receive_link::ReceiveLink;
+pub use network::Network;
+pub use receive_link::{ReceiveLink, StampedLink};
 pub use send_link::SendLink;
 pub use status::Status;

@@ -1,7 +1,7 @@
 //! The process that carries values between a local channel and the link's thread.
 
 use crate::carrier::Shared;
-use crate::peering::{Event, Stop};
+use crate::side::{Event, Stop};
 use crate::{NetError, Status};
 use luna::channel::ChannelEnd;
 use luna::realtime::off_path;
@@ -25,12 +25,12 @@ use std::task::Poll;
 ///   cannot be reached: the local channel is poisoned, a send under way gets its value back, and a
 ///   value that is offered here and not yet taken is withdrawn. This takes as long as zenoh takes to
 ///   notice the end of the connection, and at most [`lost_after`](crate::Config::lost_after) and
-///   half of it again, with what the system takes to schedule the link's thread.
+///   a quarter of it more, with what the system takes to schedule the link's thread.
 ///
-/// Real-time path: yes, from joining on; no lock is shared with zenoh, and no allocation is made but
-/// those of the value's `Serialize`. A value costs a hand-over to the link's own thread and one
-/// back: a system call each if that thread sleeps. The end allocates, and waits until the other side
-/// knows it, for about [`lost_after`](crate::Config::lost_after) at most; the local channel is
+/// Real-time path: yes, from joining on; no lock is shared with zenoh, and no allocation is made
+/// but those of the value's `Serialize`. A value costs a hand-over to the link's own thread and one
+/// back: a system call each if that thread sleeps. The end allocates, and waits until the other
+/// side knows it, for about [`lost_after`](crate::Config::lost_after) at most; the local channel is
 /// closed or poisoned before that.
 #[must_use = "a link is a process: spawn it"]
 pub struct Link<N> {

@@ -2,142 +2,13 @@
 //! input or output: zenoh's threads and the link's own put events in, and the latter takes
 //! messages out.
 
-use crate::age::{ClockDifference, Sent};
+use crate::age::ClockDifference;
 use crate::error::TypeInfo;
 use crate::message::{Beat, Body, Head, Hello, end_of, next_value};
-use crate::{NetError, Peer, Role, Sign, Status};
+use crate::side::{Accepted, Event, Events, Memory, Own, Packet, Partner, Stop, Values};
+use crate::{NetError, Peer, Sign, Status};
 use luna::Instant;
 use luna::channel::ChannelEnd;
-use std::collections::VecDeque;
-use std::time::Duration;
-
-/// Why a link ends.
-#[derive(Debug)]
-pub(crate) enum Stop {
-    /// The local channel or the partner's has ended so.
-    Ended(ChannelEnd),
-    Failed(NetError),
-}
-
-/// What the link's process is to know.
-#[derive(Debug)]
-pub(crate) enum Event {
-    Joined,
-    Stop(Stop),
-    /// The link's thread ends.
-    Over,
-}
-
-/// What one message has led to.
-pub(crate) type Events = [Option<Event>; 2];
-
-/// An encoded value.
-#[derive(Debug)]
-pub(crate) struct Packet {
-    pub(crate) buffer: Box<[u8]>,
-    pub(crate) length: usize,
-    pub(crate) sent: u64,
-}
-
-/// Takes values that have arrived. An error of decoding is a text.
-pub(crate) type Deliver =
-    Box<dyn FnMut(u64, Instant, Sent, &[u8]) -> Result<Accepted, String> + Send>;
-
-/// Gives a buffer back to the link's process.
-pub(crate) type GiveBack = Box<dyn FnMut(Box<[u8]>) + Send>;
-
-/// Whether there was room for a value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Accepted {
-    Yes,
-    Full,
-}
-
-/// What a side does with values.
-pub(crate) enum Values {
-    Out {
-        /// Sent and not acknowledged, or still to be sent.
-        queue: VecDeque<(u64, Packet)>,
-        /// How many of them were sent.
-        sent: usize,
-        /// The number of the last one that was queued.
-        last: u64,
-        /// The partner's window.
-        window: u64,
-        give_back: GiveBack,
-    },
-    In {
-        deliver: Deliver,
-        arrived: u64,
-        window: u64,
-    },
-}
-
-impl Values {
-    pub(crate) fn sending(
-        buffers: usize,
-        give_back: impl FnMut(Box<[u8]>) + Send + 'static,
-    ) -> Self {
-        Values::Out {
-            queue: VecDeque::with_capacity(buffers),
-            sent: 0,
-            last: 0,
-            window: 0,
-            give_back: Box::new(give_back),
-        }
-    }
-
-    pub(crate) fn receiving(
-        window: u64,
-        deliver: impl FnMut(u64, Instant, Sent, &[u8]) -> Result<Accepted, String> + Send + 'static,
-    ) -> Self {
-        Values::In {
-            deliver: Box::new(deliver),
-            arrived: 0,
-            window,
-        }
-    }
-}
-
-pub(crate) struct Partner {
-    pub(crate) number: u64,
-    pub(crate) peer: Peer,
-    session: u64,
-    /// Number of the last value of earlier sessions.
-    start: u64,
-    heard: Instant,
-    /// It says that this is its partner.
-    is_joined: bool,
-    /// What it has received; for a sender.
-    arrived: u64,
-    /// For how many ticks it has missed what was sent.
-    behind: u32,
-    pub(crate) end: Option<ChannelEnd>,
-}
-
-/// What a program keeps of a side's sessions.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Memory {
-    /// Number of the last value that was sent, or taken.
-    pub(crate) last: u64,
-    /// Number of the last one that was acknowledged; none before the first session.
-    pub(crate) acknowledged: Option<u64>,
-    /// Number of the last session.
-    pub(crate) session: u64,
-}
-
-/// What one side states of itself.
-#[derive(Debug, Clone)]
-pub(crate) struct Own {
-    pub(crate) name: String,
-    pub(crate) role: Role,
-    pub(crate) number: u64,
-    pub(crate) info: TypeInfo,
-    pub(crate) peer: Peer,
-    pub(crate) clock: u64,
-    pub(crate) memory: Memory,
-    pub(crate) lost_after: Duration,
-}
 
 pub(crate) struct Peering {
     pub(crate) own: Own,
@@ -188,22 +59,14 @@ impl Peering {
     }
 
     fn lost(&mut self, sign: Sign) -> Option<Event> {
-        let partner = self.partner.as_mut()?;
-        if !partner.is_joined {
-            self.partner = None;
-            return None;
-        }
-        partner.is_joined = false;
+        let partner = self.partner.take().filter(|partner| partner.is_joined)?;
         let error = NetError::PartnerLost {
             name: self.own.name.clone(),
             role: self.own.role.other(),
-            peer: partner.peer.clone(),
+            peer: partner.peer,
             sign,
             acknowledged: self.status.acknowledged(),
-            in_doubt: match &self.values {
-                Values::Out { queue, .. } => queue.len() as u64,
-                Values::In { .. } => 0,
-            },
+            in_doubt: self.status.in_doubt(),
         };
         self.stop(Stop::Failed(error))
     }
@@ -265,7 +128,7 @@ impl Peering {
             if !self.is_joined() && head.to != 0 {
                 self.partner = None;
             }
-            self.owes_hello = true;
+            self.owes_hello |= self.end.is_none();
             return None;
         }
         if let Some(partner) = &self.partner {
@@ -283,7 +146,9 @@ impl Peering {
             return None;
         }
         self.owes_hello = true;
-        if head.to != 0 && head.to != self.own.number {
+        // Numbers that cannot be reached by counting are no numbers.
+        let is_sound = hello.last.max(hello.session) < u64::MAX / 2;
+        if !is_sound || (head.to != 0 && head.to != self.own.number) {
             return None;
         }
         let peer = Peer {
@@ -339,8 +204,8 @@ impl Peering {
         let peer = partner.peer.clone();
         self.status
             .join(peer, partner.session, partner.start, missing);
-        // The partner may wait for it.
-        self.owes_hello = true;
+        // The partner may wait for it, unless it hears of the end.
+        self.owes_hello |= self.end.is_none();
         Some(Event::Joined)
     }
 
@@ -408,7 +273,7 @@ impl Peering {
                     return self.stop(Stop::Failed(error));
                 }
             }
-            number += 1;
+            number = number.wrapping_add(1);
         }
         None
     }
@@ -444,13 +309,14 @@ impl Peering {
                 }
                 match partner.is_joined {
                     true => self.owes_beat = true,
-                    false => self.owes_hello |= !self.is_over,
+                    false => self.owes_hello |= self.end.is_none(),
                 }
                 self.owes_end |= self.end.is_some() && partner.end.is_none();
                 if let Values::Out { queue, sent, .. } = &mut self.values {
                     // What has arrived there is never sent again.
                     let first = queue.front().map_or(0, |(number, _)| *number);
-                    let there = (partner.arrived + 1).saturating_sub(first) as usize;
+                    let next = partner.arrived.saturating_add(1);
+                    let there = next.saturating_sub(first) as usize;
                     partner.behind = match there < *sent {
                         true => partner.behind + 1,
                         false => 0,
@@ -470,7 +336,6 @@ impl Peering {
     pub(crate) fn queue(&mut self, packet: Packet) {
         if let Values::Out { queue, last, .. } = &mut self.values {
             *last += 1;
-            self.status.send();
             queue.push_back((*last, packet));
         }
     }
@@ -485,8 +350,11 @@ impl Peering {
 
     /// Whether nothing is left to be done after the end of the link.
     pub(crate) fn is_done(&self) -> bool {
-        let partner = self.partner.as_ref().filter(|partner| partner.is_joined);
-        let waits = partner.is_some_and(|partner| partner.end.is_none());
+        // One that is bound may have joined already.
+        let waits = self
+            .partner
+            .as_ref()
+            .is_some_and(|partner| partner.end.is_none());
         self.end.is_some() && !waits && !self.owes_end && !self.owes_hello
     }
 

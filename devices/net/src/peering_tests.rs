@@ -1,8 +1,10 @@
 //! Two sides over a network that loses, doubles and delays messages.
 
 use super::*;
+use crate::Role;
 use crate::message::decode;
 use std::sync::mpsc;
+use std::time::Duration;
 
 const SECOND: u64 = 1_000_000_000;
 
@@ -155,8 +157,10 @@ fn types_are_compared_on_both_sides() {
 fn silence_loses_the_partner_and_says_what_is_in_doubt() {
     let (mut out, (mut inn, _delivered)) = (sender(1, 8), receiver(2, "u64"));
     join(&mut out, &mut inn, at(1));
-    out.queue(packet(1));
-    out.queue(packet(2));
+    for value in [1, 2] {
+        out.status.send();
+        out.queue(packet(value));
+    }
     carry(&mut out, &mut inn, 0, at(1));
     carry(&mut inn, &mut out, 1, at(1));
     assert!(out.tick(at(SECOND)).is_none());
@@ -221,4 +225,68 @@ fn both_sides_know_the_end_before_one_is_done() {
     inn.end(ChannelEnd::Poisoned);
     carry(&mut inn, &mut out, 0, at(2));
     assert!(inn.is_done());
+}
+
+#[test]
+fn a_side_that_ends_before_it_has_joined_is_heard_by_one_that_has() {
+    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    carry(&mut out, &mut inn, 0, at(1));
+    // Its hello names the other, which has joined by that.
+    let message = inn.next_message(0, at(1)).unwrap();
+    let (head, body, values) = decode(&message).unwrap();
+    out.hear(head, body, values, at(1));
+    assert!(out.is_joined() && !inn.is_joined());
+    inn.end(ChannelEnd::Closed);
+    let heard = carry(&mut inn, &mut out, 0, at(2));
+    assert!(matches!(
+        heard.as_slice(),
+        [Event::Stop(Stop::Ended(ChannelEnd::Closed))]
+    ));
+    assert!(!inn.is_done());
+    carry(&mut out, &mut inn, 0, at(2));
+    assert!(inn.is_done());
+    // Without an answer it does not wait for ever.
+    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    carry(&mut out, &mut inn, 0, at(1));
+    inn.end(ChannelEnd::Closed);
+    carry(&mut inn, &mut out, 0, at(2));
+    assert!(!inn.is_done());
+    inn.tick(at(SECOND * 2));
+    assert!(inn.next_message(0, at(SECOND * 2)).is_none());
+    assert!(inn.is_done());
+}
+
+#[test]
+fn messages_that_make_no_sense_are_passed_over() {
+    let (mut out, (mut inn, delivered)) = (sender(1, 8), receiver(2, "u64"));
+    // Numbers at the end of their range, from one that is no partner yet.
+    let mut far = out.own.clone();
+    (far.number, far.memory.last) = (3, u64::MAX);
+    let mut far = Peering::new(far, Status::default(), Values::sending(1, |_| ()));
+    assert!(carry(&mut far, &mut inn, 0, at(1)).is_empty());
+    join(&mut out, &mut inn, at(1));
+    let head = Head { from: 1, to: 2 };
+    let mut values = Vec::new();
+    crate::message::add_value(&mut values, u64::MAX, &[1]);
+    crate::message::add_value(&mut values, 0, &[1]);
+    let first = u64::MAX;
+    let heard = inn.hear(head, Body::Values { first }, &values, at(2));
+    assert!(heard.iter().all(Option::is_none));
+    assert!(delivered.try_recv().is_err());
+    for seen in [i64::MIN, i64::MAX] {
+        let beat = Beat {
+            taken: u64::MAX,
+            arrived: u64::MAX,
+            sent: u64::MAX,
+            seen: Some(seen),
+        };
+        let head = Head { from: 2, to: 1 };
+        out.hear(head, Body::Beat(beat), &[], at(2));
+        inn.hear(Head { from: 1, to: 2 }, Body::Beat(beat), &[], at(2));
+        assert!(out.tick(at(3)).is_none() && inn.tick(at(3)).is_none());
+    }
+    // The session goes on.
+    out.queue(packet(1));
+    carry(&mut out, &mut inn, 0, at(4));
+    assert_eq!(delivered.try_recv(), Ok(1));
 }

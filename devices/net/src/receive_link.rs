@@ -2,13 +2,16 @@
 
 use crate::age::{Sent, Stamped};
 use crate::link::{First, Line, Link, Near, end_of, first};
-use crate::peering::Stop;
+use crate::side::Stop;
 use luna::{Instant, Receiver, Sender};
 use std::pin::pin;
 
-/// The link of the receiving side, made by [`receiver`](crate::Network::receiver). It carries values
-/// of type `T` and delivers them as `R`.
+/// The link of the receiving side, made by [`receiver`](crate::Network::receiver). It carries
+/// values of type `T` and delivers them as `R`.
 pub type ReceiveLink<T, R = T> = Link<Inward<T, R>>;
+
+/// The same, for values with their age.
+pub type StampedLink<T> = ReceiveLink<T, Stamped<T>>;
 
 /// A value that has arrived.
 pub(crate) struct Arrived<T> {

@@ -2,7 +2,7 @@
 
 use crate::NetError;
 use crate::link::{First, Line, Link, Near, first};
-use crate::peering::{Packet, Stop};
+use crate::side::{Packet, Stop};
 use luna::channel::{ChannelEnd, Extended};
 use luna::realtime::off_path;
 use luna::{Instant, Receiver};
@@ -89,6 +89,7 @@ impl<T: Serialize + Send> Near for Outward<T> {
                     });
                 }
             };
+            line.status.send();
             line.shared.send(Packet {
                 buffer,
                 length,

@@ -208,3 +208,15 @@ fn values_that_do_not_fit_go_back() {
     assert!(text.contains("in 8 bytes"), "{text}");
     assert!(received.join().unwrap().unwrap_err().is_poisoned());
 }
+
+#[test]
+fn a_virtual_clock_is_refused() {
+    let network = Network::open(&Config::loopback()).unwrap();
+    let (_sender, link) = network.sender::<u64>("test/virtual").unwrap();
+    let mut system = luna::System::new("simulated");
+    system.virtual_clock();
+    let main = system.executor("main").build().unwrap();
+    main.process("link").spawn(link).unwrap();
+    let error = system.run().unwrap_err().to_string();
+    assert!(error.contains("virtual clock"), "{error}");
+}
