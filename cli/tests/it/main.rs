@@ -8,7 +8,11 @@ mod doctor;
 mod foxglove;
 #[cfg(target_os = "linux")]
 mod production_cell;
+#[cfg(target_os = "linux")]
+mod programs;
 mod record;
 mod recordings;
 mod scope;
+#[cfg(target_os = "linux")]
+mod trace;
 mod verdict;

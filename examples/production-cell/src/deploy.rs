@@ -153,7 +153,7 @@ pub fn in_six_programs(
 /// Those of building and running the system.
 pub fn run_unit(unit: Unit, cell: &str, world: &Path, policy: Policy) -> luna::Result<()> {
     let mut system = System::new(unit.name());
-    system.max_loops(LOOPS);
+    system.announce().max_loops(LOOPS);
     let executor = system.executor(unit.name()).policy(policy).build()?;
     let options = Options {
         heeds_neighbours: true,

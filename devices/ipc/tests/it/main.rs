@@ -6,6 +6,7 @@ mod kernel;
 #[macro_use]
 mod shared;
 
+mod any;
 mod blackboard;
 mod buffers;
 mod calls;
@@ -14,6 +15,7 @@ mod death;
 mod guards;
 mod kill;
 mod loans;
+mod look;
 mod opening;
 mod rendezvous;
 mod same_core;
