@@ -186,8 +186,8 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
         let scope = crate::scope::of_demo(address, parameters, show.scope_token)?;
         // Without the token: it is for those who were given it.
         let url = scope.url();
-        let address = url.split(['?', '#']).next().unwrap_or(&url);
-        system.announce_address("scope", address);
+        let open = url.split(['?', '#']).next().unwrap_or(&url);
+        system.announce_address("scope", open);
         let sink = scope.sink();
         let sink = sink.map_err(|error| Failure::Scope { address, error })?;
         sinks = Some(and(sinks, sink));

@@ -198,10 +198,9 @@ pub(super) struct Announcement {
 }
 
 impl Announcement {
-    /// Announces the system, if it or its environment asks for it. If that fails the system goes
+    /// Announces the system, with the addresses that it asked for, or if its environment asks. If that fails the system goes
     /// on: nothing depends on being found.
-    pub(super) fn of(plan: &Plan) -> Option<Self> {
-        let asked = plan.settings().announced.take();
+    pub(super) fn of(plan: &Plan, asked: Option<Vec<(String, String)>>) -> Option<Self> {
         let by_variable = || {
             let value = std::env::var_os(VARIABLE)?;
             (!value.is_empty() && value != "0").then(Vec::new)

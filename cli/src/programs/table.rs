@@ -9,20 +9,16 @@ const WIDEST: usize = 40;
 
 /// All tables that have rows, and what they leave out.
 pub(super) fn draw(survey: &Survey) -> String {
-    let mut text = String::new();
-    let mut add = |table: String| {
-        if !text.is_empty() {
-            text.push('\n');
-        }
-        text += &table;
-    };
+    let mut tables = Vec::new();
     if !survey.programs.is_empty() {
         let head = ["PID", "PROGRAM", "SYSTEM", "THREADS"];
-        add(table(head, &[0], survey.programs.iter().flat_map(program)));
+        let rows = survey.programs.iter().flat_map(program);
+        tables.push(table(head, &[0], rows));
     }
     if !survey.channels.is_empty() {
         let head = ["CHANNEL", "TYPE", "FROM", "TO", "VALUES", "PER S", "STATE"];
-        add(table(head, &[4, 5], survey.channels.iter().map(channel)));
+        let rows = survey.channels.iter().map(channel);
+        tables.push(table(head, &[4, 5], rows));
     }
     if !survey.blackboards.is_empty() {
         let head = [
@@ -35,16 +31,13 @@ pub(super) fn draw(survey: &Survey) -> String {
             "AGE",
             "VALUE",
         ];
-        add(table(
-            head,
-            &[4, 5, 6],
-            survey.blackboards.iter().flat_map(board),
-        ));
+        let rows = survey.blackboards.iter().flat_map(board);
+        tables.push(table(head, &[4, 5, 6], rows));
     }
-    if text.is_empty() {
-        add("nothing is there: no channel, blackboard or announced system\n".to_owned());
+    if tables.is_empty() {
+        tables.push("nothing is there: no channel, blackboard or announced system\n".to_owned());
     }
-    text + &notes(survey)
+    tables.join("\n") + &notes(survey)
 }
 
 fn notes(survey: &Survey) -> String {

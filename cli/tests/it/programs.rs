@@ -251,6 +251,7 @@ fn a_value_that_nobody_takes_in_time_is_withdrawn() {
     let name = name("withdrawn");
     let (receiver, link) = luna_ipc::receiver::<u8>(&name).unwrap();
     let (end, ends) = luna::channel::<()>();
+    let end = end.external();
     let receiving = run(link, async move {
         // It is busy elsewhere, until the sender has given up.
         ends.recv().await?;

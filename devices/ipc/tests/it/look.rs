@@ -153,6 +153,8 @@ fn a_blackboards_values_are_seen_whole_while_they_are_written() {
     drop(reader);
     program.kill();
     program.wait();
+    drop(Blackboard::new(&name).entry("large", 0_u8).write().unwrap());
+    assert!(files(&name).is_empty());
 }
 
 #[test]
