@@ -6,6 +6,7 @@ mod convert;
 mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
+mod merge;
 #[cfg(target_os = "linux")]
 mod production_cell;
 #[cfg(target_os = "linux")]
@@ -13,6 +14,5 @@ mod programs;
 mod record;
 mod recordings;
 mod scope;
-#[cfg(target_os = "linux")]
 mod trace;
 mod verdict;

@@ -26,13 +26,12 @@ impl Trace {
         &self.processes[&track]
     }
 
-    /// The names of the processes from which something flows to which other ones, forward in time.
-    pub(crate) fn flows_between_processes(&self) -> BTreeSet<(String, String)> {
+    /// What flows from one process to another: its begin and end, by the process' name and time.
+    pub(crate) fn flows_between_processes(&self) -> BTreeSet<[(String, u64); 2]> {
         let flows = self.ends.iter().filter_map(|(flow, end)| {
             let begin = self.begins.get(flow)?;
-            assert!(begin.0 <= end.0, "it ends before it begins");
-            let [from, to] = [begin.1, end.1].map(|track| self.process(track).to_owned());
-            (from != to).then_some((from, to))
+            let flow = [begin, end].map(|(time, track)| (self.process(*track).to_owned(), *time));
+            (flow[0].0 != flow[1].0).then_some(flow)
         });
         flows.collect()
     }
