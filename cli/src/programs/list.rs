@@ -15,7 +15,7 @@ use std::time::Duration;
 /// The options of `luna list`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-It looks from outside: it takes no lock and writes nothing, and no program notices it.
+It looks from outside: but for --clean-up it takes no lock and writes nothing, and no program notices it.
 
 A system has a name here if it is announced: `system.announce()`, or LUNA_ANNOUNCE=1 in its environment.
 
@@ -32,6 +32,9 @@ pub(crate) struct Arguments {
     /// Print it again each so many seconds, until Ctrl-C
     #[arg(long, value_name = "S", value_parser = args::seconds, allow_negative_numbers = true)]
     watch: Option<f64>,
+    /// Remove what killed programs have left, first: the names that are counted as left behind
+    #[arg(long)]
+    clean_up: bool,
     /// Print one JSON object and nothing else
     #[arg(long)]
     json: bool,
@@ -39,6 +42,9 @@ pub(crate) struct Arguments {
 
 /// Prints it.
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    if arguments.clean_up {
+        luna_ipc::clean_up().map_err(Failure::SharedMemory)?;
+    }
     loop {
         let survey = Survey::of(&arguments.names, arguments.interval);
         let survey = survey.map_err(Failure::SharedMemory)?;

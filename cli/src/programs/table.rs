@@ -45,7 +45,7 @@ fn notes(survey: &Survey) -> String {
     if survey.left_behind > 0 {
         let names = Count(survey.left_behind as u64, "name");
         text += &format!(
-            "\n{names} of programs that were killed: their next opening uses them again\n"
+            "\n{names} of programs that were killed: --clean-up removes their files, and so does their next opening\n"
         );
     }
     if survey.hidden > 0 {

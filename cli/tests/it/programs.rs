@@ -468,6 +468,38 @@ fn the_production_cell_is_listed_and_recorded_into_one_trace() {
     }
 }
 
+/// The last program to close a channel removes its files. One that is stopped and then killed does
+/// not get to do so.
+#[test]
+fn what_killed_programs_have_left_is_counted_and_removed_on_request() {
+    let name = name("left");
+    let (receiver, link) = luna_ipc::receiver::<u64>(&name).unwrap();
+    let send = ["send", &name, "1", "--timeout", "600"];
+    let mut send = Killed(command(&send).spawn().expect("it starts"));
+    let since = Instant::now();
+    // Then its link runs, and it is not in the middle of opening the channel.
+    while list(&[&name, "--interval", "0"])["channels"][0]["state"] != "under_way" {
+        assert!(since.elapsed() < LIMIT);
+    }
+    let pid = nix::unistd::Pid::from_raw(send.0.id() as i32);
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGSTOP).unwrap();
+    let is_stopped = || {
+        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+        status.contains("State:\tT")
+    };
+    while !is_stopped() {
+        assert!(since.elapsed() < LIMIT);
+    }
+    drop((receiver, link));
+    send.0.kill().unwrap();
+    send.0.wait().unwrap();
+    let counted = list(&[&name, "--interval", "0"]);
+    assert_eq!(counted["left_behind"], 1);
+    assert_eq!(counted["channels"], serde_json::json!([]));
+    let cleaned = list(&[&name, "--interval", "0", "--clean-up"]);
+    assert_eq!(cleaned["left_behind"], 0);
+}
+
 /// A program that is killed leaves its announcement, which the next look removes.
 #[test]
 fn a_system_is_listed_while_its_program_lives() {

@@ -219,7 +219,6 @@ impl Endpoint {
     /// # drop((receiver, link, sender, link_of_sender));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    #[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
     pub fn any_sender(
         &self,
         of: &AnyType,
@@ -233,7 +232,6 @@ impl Endpoint {
     /// # Errors
     ///
     /// As there.
-    #[expect(clippy::type_complexity, reason = "an end and its link, as for all")]
     pub fn any_receiver(
         &self,
         of: &AnyType,
