@@ -56,9 +56,10 @@ fn a_channel_is_seen_from_its_opening_to_its_end() {
 
 #[test]
 fn what_killed_programs_have_left_is_not_alive() {
-    let name = channel_name("left");
-    let mut program = Program::start("hold", &name, Path::new(""));
     let _watchdog = watchdog();
+    let _alone = crate::leaving_files();
+    let name = channel_name("left-to-look-at");
+    let mut program = Program::start("hold", &name, Path::new(""));
     while look::at(&name)
         .unwrap()
         .is_none_or(|found| !found.is_alive())

@@ -48,6 +48,13 @@ fn channel_name(test: &str) -> String {
     format!("test/{}/{test}", std::process::id())
 }
 
+/// For tests whose killed programs leave files: one of them removes those of all.
+fn leaving_files() -> std::sync::MutexGuard<'static, ()> {
+    static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    ONE.lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
 /// The files of a channel, or of all channels that begin so.
 fn files(name: &str) -> Vec<String> {
     let prefix = format!("luna-ipc.{}", name.replace('/', "+"));
