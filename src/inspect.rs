@@ -1,5 +1,6 @@
 //! What a system is made of, and what its processes wait for: its [`Composition`], the report of a
-//! [`Deadlock`], and all channels, barriers and locks of the program ([`wait_points`]).
+//! [`Deadlock`], all channels, barriers and locks of the program ([`wait_points`]), and the systems
+//! of this computer that wish to be found ([`announced_systems`]).
 //!
 //! ```
 //! use luna::inspect::{Composition, ThreadKind};
@@ -18,6 +19,9 @@
 pub use crate::csp::composition::{
     ChannelKind, ChannelPart, Composition, EndUser, ProcessKind, ProcessPart, ThreadKind,
     ThreadPart, WaitingPart,
+};
+pub use crate::system::announcement::{
+    AnnouncedSystem, AnnouncedSystems, AnnouncedThread, announced_systems,
 };
 pub use crate::system::deadlock::{Deadlock, Operation, Partner, Wait};
 pub use luna_channels::inspect::{Role, WaitPointKind, WaitPointView, Waiting, wait_points};

@@ -61,6 +61,16 @@ pub(crate) enum Command {
     Record(Record),
     /// Shows a recording in the browser, as it was while it was made
     Scope(Scope),
+    /// Lists the systems, programs and channels between programs that are alive on this computer,
+    /// with their rates
+    #[cfg(target_os = "linux")]
+    List(crate::programs::list::Arguments),
+    /// Prints the values of a channel between programs, as its receiver, or of a blackboard
+    #[cfg(target_os = "linux")]
+    Echo(crate::programs::echo::Arguments),
+    /// Sends values to a channel between programs, as its sender, or sets keys of a blackboard
+    #[cfg(target_os = "linux")]
+    Send(crate::programs::send::Arguments),
 }
 
 /// Processes beside the measured one: as many as a system reserves room for, with some to spare.
@@ -231,12 +241,28 @@ pub(crate) struct Doctor {
 /// The options of `luna convert`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Convert {
-    /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it
-    pub(crate) file: PathBuf,
+    /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it. Several
+    /// recordings become one Perfetto trace, with a process for each, and flows from a value's send
+    /// in one program to its receive in another
+    #[arg(value_name = "FILES", required = true)]
+    pub(crate) files: Vec<PathBuf>,
     /// What to make of it
     #[arg(long, value_name = "FORMAT")]
     pub(crate) to: Format,
-    /// Where to write [default: beside the recording]
+    /// How the times of several recordings are made those of one clock
+    #[arg(long, value_name = "CLOCK", default_value = "monotonic")]
+    pub(crate) clock: Clock,
+    /// Seconds to be added to the times of the second recording, the third, and so on, beside what
+    /// --clock does: 0.25,-3
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        value_delimiter = ',',
+        value_parser = offset,
+        allow_hyphen_values = true
+    )]
+    pub(crate) offset: Vec<i64>,
+    /// Where to write [default: beside the first recording]
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
     /// CSV: a signal that was not sampled at a row's time holds its last value, instead of an empty
@@ -249,6 +275,15 @@ pub(crate) struct Convert {
     pub(crate) per_cycle: Option<String>,
     #[command(flatten)]
     pub(crate) selection: Selection,
+}
+
+/// Where the times of several recordings come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Clock {
+    /// Programs of one computer, since its start: their times are those of one clock already
+    Monotonic,
+    /// Programs of several computers, or of one that was started anew: by the times of the day
+    Wall,
 }
 
 /// What of a recording is converted. Without an option of a kind, all of that kind is.
@@ -388,11 +423,22 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-fn instant(text: &str) -> Result<Duration, String> {
+pub(crate) fn instant(text: &str) -> Result<Duration, String> {
     let seconds = text.parse().ok().map(Duration::try_from_secs_f64);
     seconds
         .and_then(Result::ok)
         .ok_or("it must be a number of seconds, from 0 on".into())
+}
+
+/// Seconds, in ns.
+fn offset(text: &str) -> Result<i64, String> {
+    let seconds: Option<f64> = text.parse().ok();
+    let nanos = seconds.map(|seconds| (seconds * 1e9).round());
+    match nanos {
+        // A century is enough, and its ns are exact to a µs.
+        Some(nanos) if nanos.abs() < 3.2e18 => Ok(nanos as i64),
+        _ => Err("it must be a number of seconds".into()),
+    }
 }
 
 fn rate(text: &str) -> Result<u32, String> {

@@ -19,6 +19,23 @@ pub(crate) fn of_numbers<const N: usize>(rows: impl IntoIterator<Item = [String;
     lines(&table)
 }
 
+/// Rows of texts, each column as wide as it has to be; numbers in the columns `right`.
+#[cfg(target_os = "linux")]
+pub(crate) fn of_rows<const N: usize>(
+    right: &[usize],
+    rows: impl IntoIterator<Item = [String; N]>,
+) -> String {
+    let mut table = Table::new();
+    table.load_style(NOTHING).add_rows(rows);
+    for (number, column) in table.column_iter_mut().enumerate() {
+        column.set_padding((if number == 0 { 0 } else { 2 }, 0));
+        if right.contains(&number) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    lines(&table)
+}
+
 /// Rows of texts, which go on below their first word. The last column has the rest of [`WIDTH`].
 pub(crate) fn of_texts<const N: usize>(
     widths: [u16; N],

@@ -171,6 +171,7 @@ impl Watched {
 /// Records the run to a file, and shows it in the browser and in Foxglove, on request.
 pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Failure> {
     let mut watched = Watched::default();
+    system.announce();
     // The file is the first, so that it decides what is recorded.
     let mut sinks = None;
     if let Some(path) = show.log {
@@ -183,6 +184,10 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
     if let Some(address) = show.scope {
         let parameters = system.parameters();
         let scope = crate::scope::of_demo(address, parameters, show.scope_token)?;
+        // Without the token: it is for those who were given it.
+        let url = scope.url();
+        let open = url.split(['?', '#']).next().unwrap_or(&url);
+        system.announce_address("scope", open);
         let sink = scope.sink();
         let sink = sink.map_err(|error| Failure::Scope { address, error })?;
         sinks = Some(and(sinks, sink));

@@ -98,6 +98,28 @@ pub(crate) enum Failure {
     /// The system could not be set up, or ended with an error.
     #[error(transparent)]
     Luna(luna::Error),
+    /// A channel or blackboard of other programs cannot be used as asked.
+    #[cfg(target_os = "linux")]
+    #[error("{name}: {error}")]
+    Unusable {
+        /// Its name.
+        name: String,
+        /// Why.
+        error: String,
+    },
+    /// The exchange with another program has ended early.
+    #[cfg(target_os = "linux")]
+    #[error("{name}: {error}")]
+    BrokenOff {
+        /// The channel's name.
+        name: String,
+        /// Why.
+        error: String,
+    },
+    /// What the programs of this computer share cannot be looked at.
+    #[cfg(target_os = "linux")]
+    #[error("the folder of shared memory, /dev/shm, cannot be read: {0}")]
+    SharedMemory(std::io::Error),
     /// Standard output is closed.
     #[error("standard output: {0}")]
     Output(std::io::Error),
@@ -129,6 +151,10 @@ impl Failure {
             // A device that cannot be opened; a later loss is the error of a process.
             #[cfg(unix)]
             Self::Luna(luna::Error::Device(_)) => 2,
+            #[cfg(target_os = "linux")]
+            Self::Unusable { .. } => 2,
+            #[cfg(target_os = "linux")]
+            Self::BrokenOff { .. } | Self::SharedMemory(_) => 1,
             Self::Luna(_) | Self::Output(_) => 1,
         }
     }

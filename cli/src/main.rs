@@ -18,6 +18,8 @@ mod output;
 mod place;
 #[cfg(target_os = "linux")]
 mod production_cell;
+#[cfg(target_os = "linux")]
+mod programs;
 mod record;
 mod report;
 mod scope;
@@ -42,6 +44,12 @@ fn main() -> ExitCode {
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Scope(arguments) => scope::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Command::List(arguments) => programs::list::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Command::Echo(arguments) => programs::echo::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Command::Send(arguments) => programs::send::run(&arguments),
     };
     match outcome {
         Ok(code) => code,

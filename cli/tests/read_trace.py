@@ -20,6 +20,8 @@ events = []
 slices = []
 open_slices = {}
 flows = {}
+# Of another program, whose recording may come later.
+ends = []
 default_clock = None
 start = min(packet.timestamp for packet in trace.packet if packet.HasField("track_event"))
 for packet in trace.packet:
@@ -43,7 +45,8 @@ for packet in trace.packet:
         if track.HasField("process"):
             print("process", track.process.pid, track.process.process_name)
         elif track.HasField("thread"):
-            assert track.thread.pid == 1
+            # Of the process that it is below.
+            assert track.thread.pid == tracks[track.parent_uuid].process.pid
             print("thread", track.thread.thread_name)
         elif track.HasField("counter"):
             counters[track.uuid] = []
@@ -68,7 +71,7 @@ for packet in trace.packet:
             for flow in event.flow_ids:
                 flows[flow] = f"{thread} {event.name}"
             for flow in event.terminating_flow_ids:
-                slices.append(f"flow {flows.pop(flow)} -> {thread} {event.name}")
+                ends.append((flow, f"{thread} {event.name}"))
             notes = ", ".join(f"{note.name}={note.string_value}" for note in event.debug_annotations)
             text = " ".join(event.name.split())
             events.append(f"instant {thread} {' '.join(event.categories)} {at} {text} ({notes})")
@@ -78,5 +81,7 @@ for packet in trace.packet:
 for uuid, values in counters.items():
     track = tracks[uuid]
     print(f"counter {track.name} [{track.counter.unit_name}]: {' '.join(values)}")
+for flow, end in ends:
+    slices.append(f"flow {flows.pop(flow)} -> {end}")
 assert not flows
 print("\n".join(slices + events))

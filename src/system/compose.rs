@@ -87,7 +87,7 @@ fn part(name: &str, id: ProcessId, state: ProcessState, priority: u8) -> Process
 }
 
 /// The threads with their processes: those that are planned, or those that were started.
-fn parts(members: &Members) -> Vec<ThreadPart> {
+pub(super) fn parts(members: &Members) -> Vec<ThreadPart> {
     let planned = members.executors.iter().map(ExecutorPlan::part);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {

@@ -17,6 +17,7 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
+pub(crate) mod announcement;
 mod builder;
 mod clock;
 mod compose;
@@ -362,6 +363,40 @@ impl System {
     #[cfg(feature = "logger")]
     pub fn log(&mut self, recording: crate::log::Logging) -> &mut Self {
         self.plan.settings().logging = Some(recording);
+        self
+    }
+
+    /// Lets other programs find the system while it runs: `luna list` shows it, with its executors
+    /// and what it can be reached at. So does [`announced_systems`](crate::inspect::announced_systems).
+    ///
+    /// The thread that runs the system writes a small file to the folder of shared memory before the
+    /// bodies are released, and removes it at the end. It costs the processes nothing. If the file
+    /// cannot be had, that is a line on standard error, and the system runs.
+    ///
+    /// Where the program does not ask for it, the environment may: `LUNA_ANNOUNCE=1`.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// let mut system = System::new("feeder");
+    /// system.announce();
+    /// let main = system.executor("main").build()?;
+    /// main.process("feeder").spawn(async { Ok(()) })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn announce(&mut self) -> &mut Self {
+        self.plan.settings().announced.get_or_insert_default();
+        self
+    }
+
+    /// [Announces](Self::announce) the system, with an address at which it can be reached: what it
+    /// is, such as `scope`, and how it is written.
+    pub fn announce_address(&mut self, what: &str, address: &str) -> &mut Self {
+        let mut settings = self.plan.settings();
+        let addresses = settings.announced.get_or_insert_default();
+        addresses.push((what.to_owned(), address.to_owned()));
+        drop(settings);
         self
     }
 

@@ -1,5 +1,6 @@
 //! The run: from the release of the bodies to the report.
 
+use super::announcement::Announcement;
 use super::conclusion::{Ended, conclude};
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
@@ -41,6 +42,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // stack of their own, should this thread use up its stack.
     let _handlers = HandlerStack::here();
     let _held_back = HeldBack::here();
+    let announced = plan.settings().announced.take();
     let mut launched = launch(plan)?;
     // Dropped before what was launched: the emergency functions come first, should this thread
     // panic.
@@ -53,10 +55,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         is_over: false,
     };
     announce_shortfalls(plan, &launched.shortfalls, &system_threads.executors);
+    let announcement = Announcement::of(plan, announced);
     let begun = release(plan, &mut launched, &system_threads);
     let mut stolen = Stolen::begin();
     let pending = PendingErrors::default();
     let deadlock = watch(&mut system_threads, &launched, &mut stolen, &pending);
+    drop(announcement);
     let ended = end(
         launched,
         &mut system_threads,

@@ -31,6 +31,8 @@ pub(super) struct Activity {
     free: HashMap<Position, Vec<u64>>,
     places: u64,
     flows: u64,
+    /// Added to the numbers of tracks and flows: no other recording has them then.
+    base: u64,
 }
 
 /// Where a sub-process stands: the track that it is below, and its name. One that begins again and
@@ -38,6 +40,14 @@ pub(super) struct Activity {
 type Position = (u64, String);
 
 impl Activity {
+    /// Of a recording whose numbers begin there.
+    pub(super) fn of(base: u64) -> Self {
+        Self {
+            base,
+            ..Self::default()
+        }
+    }
+
     /// Adds an event to the trace.
     pub(super) fn put(
         &mut self,
@@ -113,7 +123,7 @@ impl Packets<'_> {
             }
             code::COMMUNICATION => {
                 self.activity.flows += 1;
-                let flow = self.activity.flows;
+                let flow = self.activity.base + self.activity.flows;
                 // `flow_ids`, and where it ends `terminating_flow_ids`; only from one to another.
                 for (process, does, field) in [(a, "send", 47), (b, "receive", 48)] {
                     let Some(process) = u32::try_from(process).ok().filter(|one| *one != 0) else {
@@ -127,6 +137,18 @@ impl Packets<'_> {
                     })?;
                 }
             }
+            // One is in the recording of one program, the other in that of the other.
+            code::LINK => {
+                let is_taken = code::link::is_taken(b);
+                let (does, field) = match is_taken {
+                    true => ("take", 48),
+                    false => ("give", 47),
+                };
+                let flow = between_programs(code::link::session(b), a);
+                let track = self.track(Subject::Process, process)?;
+                let name = format!("{does} value {a}");
+                self.instant(track, &name, |event| event.fixed(field, flow))?;
+            }
             _ => {
                 let owner = match event.code {
                     code::SLOT | code::LATE => self.names.process_of_loop(event.subject),
@@ -135,7 +157,7 @@ impl Packets<'_> {
                     _ => 0,
                 };
                 let track = match owner {
-                    0 => THREADS + u64::from(event.thread),
+                    0 => self.activity.base + THREADS + u64::from(event.thread),
                     owner => self.track(Subject::Process, owner)?,
                 };
                 let note = |name: &str, text: &str| Message::default().text(10, name).text(6, text);
@@ -195,7 +217,7 @@ impl Packets<'_> {
             Some(track) => track,
             None => {
                 self.activity.places += 1;
-                let uuid = SUB_PROCESSES + self.activity.places;
+                let uuid = self.activity.base + SUB_PROCESSES + self.activity.places;
                 (self.put)(track(uuid, Some(below), |track| track.text(2, name)))?;
                 uuid
             }
@@ -224,10 +246,11 @@ impl Packets<'_> {
             Subject::Executor => (EXECUTORS, "executor "),
             _ => (PROCESSES, ""),
         };
-        let uuid = first + u64::from(number);
+        let uuid = self.activity.base + first + u64::from(number);
         if self.activity.described.insert(uuid) {
             let name = format!("{kind}{}", self.names.of(of, number.into()));
-            (self.put)(track(uuid, Some(PROCESS), |track| track.text(2, &name)))?;
+            let system = self.activity.base + PROCESS;
+            (self.put)(track(uuid, Some(system), |track| track.text(2, &name)))?;
         }
         Ok(uuid)
     }
@@ -259,6 +282,13 @@ impl Packets<'_> {
         let packet = Message::default().number(8, self.time);
         (self.put)(packet.message(11, &more(event)))
     }
+}
+
+/// The flow of a value: the same in both recordings, and above those within one.
+fn between_programs(session: u64, number: u64) -> u64 {
+    // The golden ratio, as of hashes: numbers of one session are far apart.
+    const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
+    session.wrapping_add(number.wrapping_mul(SPREAD)) | 1 << 63
 }
 
 fn waiting(awaited: &str) -> String {

@@ -1,10 +1,11 @@
-//! `luna convert`: a recording in formats that other programs read.
+//! `luna convert`: a recording in formats that other programs read, or several in one trace.
 //!
-//! `recording` reads it, `selection` leaves out what was not asked for, `csv`, `mcap` and `perfetto`
-//! write. What events mean is known to `luna_logger::format::Names`. Each holds in memory what the
+//! `recording` reads it, `selection` leaves out what was not asked for, `clocks` makes the times
+//! of several recordings those of one clock, `csv`, `mcap` and `perfetto` write. What events mean is known to `luna_logger::format::Names`. Each holds in memory what the
 //! signals are, and a bounded number of samples.
 
 mod activity;
+mod clocks;
 mod csv;
 #[cfg(feature = "mcap")]
 mod mcap;
@@ -25,11 +26,11 @@ use std::process::ExitCode;
 /// Converts as the command line asks.
 pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
     check(arguments).map_err(Failure::Options)?;
-    let input = &arguments.file;
+    let inputs = &arguments.files;
     let output = arguments
         .output
         .clone()
-        .unwrap_or_else(|| input.with_extension(arguments.to.extension()));
+        .unwrap_or_else(|| inputs[0].with_extension(arguments.to.extension()));
     // Also by another path: writing would erase the recording before it is read.
     let is_same = |one: &Path, other: &Path| {
         one == other
@@ -37,27 +38,65 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
                 .canonicalize()
                 .is_ok_and(|one| Ok(one) == other.canonicalize().map_err(drop))
     };
-    if is_same(input, &output) {
+    if inputs.iter().any(|input| is_same(input, &output)) {
         return Err(Failure::Converted {
             path: output,
             error: "it is the recording itself; choose another with --output".to_owned(),
         });
     }
     // What cannot be read leaves no output.
-    let filter = selection::Filter::of(arguments)?;
+    let mut filters = selection::Filter::of(arguments)?;
     let converted = match arguments.to {
-        Format::Csv => csv::write(input, &output, &filter, arguments.hold)?,
-        Format::Perfetto => perfetto::write(input, &output, &filter)?,
+        Format::Csv => vec![csv::write(
+            &inputs[0],
+            &output,
+            &filters[0],
+            arguments.hold,
+        )?],
+        Format::Perfetto => {
+            let shifts = clocks::shifts(arguments, &filters)?;
+            // All that is chosen by time counts from one instant.
+            let start = filters[0].start;
+            for (filter, shift) in filters.iter_mut().zip(&shifts) {
+                filter.count_from(clocks::shifted(start, shift.saturating_neg()));
+            }
+            let sources = inputs.iter().zip(&filters).zip(shifts);
+            perfetto::write(
+                sources.map(|((path, filter), shift)| (&**path, filter, shift)),
+                &output,
+            )?
+        }
         #[cfg(feature = "mcap")]
-        Format::Mcap => mcap::write(input, &output, &filter)?,
+        Format::Mcap => vec![mcap::write(&inputs[0], &output, &filters[0])?],
     };
-    print!("{}: {converted}", output.display());
-    Ok(say_damage(input, &converted))
+    print!("{}: ", output.display());
+    let mut code = ExitCode::SUCCESS;
+    if let [converted] = &*converted {
+        print!("{converted}");
+    } else {
+        println!("{} recordings", converted.len());
+        for (input, converted) in inputs.iter().zip(&converted) {
+            print!("{}: {converted}", input.display());
+        }
+    }
+    for (input, converted) in inputs.iter().zip(&converted) {
+        if say_damage(input, converted) {
+            code = ExitCode::FAILURE;
+        }
+    }
+    Ok(code)
 }
 
 /// What clap does not check: options that depend on the values of others.
 fn check(arguments: &Convert) -> Result<(), &'static str> {
     let selection = &arguments.selection;
+    let further = arguments.files.len() - 1;
+    if arguments.to != Format::Perfetto && further > 0 {
+        return Err("several recordings become one trace by --to perfetto alone");
+    }
+    if arguments.offset.len() > further {
+        return Err("--offset is for the second recording and those after it: there are fewer");
+    }
     if arguments.to != Format::Csv && arguments.per_cycle.is_some() {
         return Err("--per-cycle makes rows: it needs --to csv");
     }
@@ -108,8 +147,8 @@ impl fmt::Display for Converted {
     }
 }
 
-/// Prints what is damaged, and what became of it.
-fn say_damage(input: &Path, converted: &Converted) -> ExitCode {
+/// Prints what is damaged, and what became of it. Whether that is more than an early end.
+fn say_damage(input: &Path, converted: &Converted) -> bool {
     let input = input.display();
     let Damage {
         found,
@@ -121,16 +160,16 @@ fn say_damage(input: &Path, converted: &Converted) -> ExitCode {
         eprintln!("luna: {input}: {error}");
     }
     let Some(last) = found.last() else {
-        return ExitCode::SUCCESS;
+        return false;
     };
     // A recording that only ends early is what a killed program leaves.
     if *count == 1 && last.is_truncated() {
-        return ExitCode::SUCCESS;
+        return false;
     }
     eprintln!(
         "luna: {input}: it is damaged: bytes skipped {skipped}, blocks missing {missing}; all others are converted"
     );
-    ExitCode::FAILURE
+    true
 }
 
 /// What was converted.

@@ -12,8 +12,18 @@ use std::path::Path;
 /// What a recording has, found by reading it once.
 struct Contents {
     start: Option<u64>,
+    epoch: Option<i128>,
     signals: BTreeMap<u32, String>,
     names: Names,
+}
+
+/// What has names that can be chosen.
+#[derive(Clone, Copy)]
+enum Kind {
+    Signal,
+    Event,
+    Process,
+    Loop,
 }
 
 /// Decides which records are converted; by default all.
@@ -21,6 +31,9 @@ struct Contents {
 pub(super) struct Filter {
     /// The recording's first time: all others count from it, here and in the scope.
     pub(super) start: u64,
+    /// The time of the day at the origin of its clock, in ns since 1970, if it has one.
+    pub(super) epoch: Option<i128>,
+    /// Counted from `start`, in ns.
     from: Option<u64>,
     until: Option<u64>,
     signals: Option<HashSet<u32>>,
@@ -34,10 +47,43 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// Reads what the recording has, and finds there what the command line names.
-    pub(super) fn of(arguments: &Convert) -> Result<Filter, Failure> {
-        let contents = Contents::of(&arguments.file)?;
-        let start = contents.start.unwrap_or_default();
+    /// Reads what each recording has, and finds there what the command line names: each name in one
+    /// of them at least.
+    pub(super) fn of(arguments: &Convert) -> Result<Vec<Filter>, Failure> {
+        let files = &arguments.files;
+        let all: Result<Vec<_>, _> = files.iter().map(|path| Contents::of(path)).collect();
+        let all = all?;
+        let per_cycle = exactly(arguments.per_cycle.as_deref());
+        let Selection {
+            signals,
+            events,
+            process,
+            ..
+        } = &arguments.selection;
+        for (kind, patterns) in [
+            (Kind::Signal, signals),
+            (Kind::Event, events),
+            (Kind::Process, process),
+            (Kind::Loop, &per_cycle),
+        ] {
+            let names: Vec<(u32, &str)> = all.iter().flat_map(|one| one.of_kind(kind)).collect();
+            let is_there = |pattern: &Pattern| {
+                pattern.as_str() == "none" || names.iter().any(|(_, name)| pattern.matches(name))
+            };
+            if let Some(pattern) = patterns.iter().find(|pattern| !is_there(pattern)) {
+                return Err(Failure::Log {
+                    path: files[0].clone(),
+                    error: missing(kind, pattern, &names, files.len() > 1),
+                });
+            }
+        }
+        Ok(all
+            .iter()
+            .map(|one| Filter::of_one(one, arguments))
+            .collect())
+    }
+
+    fn of_one(contents: &Contents, arguments: &Convert) -> Filter {
         let Selection {
             signals,
             events,
@@ -45,42 +91,20 @@ impl Filter {
             from,
             until,
         } = &arguments.selection;
-        let after = |seconds: &Option<std::time::Duration>| {
-            seconds.map(|after| start.saturating_add(after.as_nanos() as u64))
-        };
-        let chosen = |kind: &str, patterns: &[Pattern], names: Vec<(u32, &str)>| {
-            choose(patterns, &names).map_err(|pattern| Failure::Log {
-                path: arguments.file.clone(),
-                error: missing(kind, &pattern, &names),
-            })
-        };
-        let signal_names = contents
-            .signals
-            .iter()
-            .map(|(number, name)| (*number, name.as_str()));
-        let of = |subject| {
-            contents
-                .names
-                .all(subject)
-                .map(|(number, name, _)| (number, name))
-                .collect()
-        };
+        let nanos = |time: &std::time::Duration| time.as_nanos() as u64;
+        let chosen = |kind, patterns: &[Pattern]| choose(patterns, &contents.of_kind(kind));
         let mut filter = Filter {
-            start,
-            from: after(from),
-            until: after(until),
-            signals: chosen("signal", signals, signal_names.collect())?,
-            codes: chosen("kind of event", events, of(Subject::Code))?,
-            processes: chosen("process", process, of(Subject::Process))?,
+            start: contents.start.unwrap_or_default(),
+            epoch: contents.epoch,
+            from: from.as_ref().map(nanos),
+            until: until.as_ref().map(nanos),
+            signals: chosen(Kind::Signal, signals),
+            codes: chosen(Kind::Event, events),
+            processes: chosen(Kind::Process, process),
             ..Filter::default()
         };
-        if let Some(name) = &arguments.per_cycle {
-            let exact = Pattern::new(&Pattern::escape(name))
-                .into_iter()
-                .collect::<Vec<_>>();
-            let found = chosen("loop", &exact, of(Subject::Loop))?;
-            filter.cycles = found.and_then(|found| found.into_iter().min());
-        }
+        let cycles = chosen(Kind::Loop, &exactly(arguments.per_cycle.as_deref()));
+        filter.cycles = cycles.and_then(|found| found.into_iter().min());
         let of_chosen = |subject| {
             let all = contents.names.all(subject);
             all.filter(|(_, _, parent)| filter.is_chosen(*parent))
@@ -89,7 +113,12 @@ impl Filter {
         };
         (filter.loops, filter.sub_processes) =
             (of_chosen(Subject::Loop), of_chosen(Subject::SubProcess));
-        Ok(filter)
+        filter
+    }
+
+    /// From here on times count from this one, on the recording's clock.
+    pub(super) fn count_from(&mut self, start: u64) {
+        self.start = start;
     }
 
     /// Whether the record is converted.
@@ -117,8 +146,10 @@ impl Filter {
     }
 
     fn is_in_time(&self, record: &Record<'_>) -> bool {
+        let after = |time| self.start.saturating_add(time);
         time(record).is_none_or(|time| {
-            self.from.is_none_or(|from| time >= from) && self.until.is_none_or(|until| time < until)
+            self.from.is_none_or(|from| time >= after(from))
+                && self.until.is_none_or(|until| time < after(until))
         })
     }
 
@@ -154,19 +185,39 @@ impl Filter {
 }
 
 impl Contents {
+    /// The numbers and names of all of a kind.
+    fn of_kind(&self, kind: Kind) -> Vec<(u32, &str)> {
+        let subject = match kind {
+            Kind::Signal => {
+                let all = self.signals.iter();
+                return all.map(|(number, name)| (*number, &**name)).collect();
+            }
+            Kind::Event => Subject::Code,
+            Kind::Process => Subject::Process,
+            Kind::Loop => Subject::Loop,
+        };
+        let all = self.names.all(subject);
+        all.map(|(number, name, _)| (number, name)).collect()
+    }
+
     fn of(path: &Path) -> Result<Contents, Failure> {
         let mut contents = Contents {
             start: None,
+            epoch: None,
             signals: BTreeMap::new(),
             names: Names::default(),
         };
         each(path, &Filter::default(), |record| {
             contents.names.take(record);
-            let epoch = match record {
-                Record::Epoch { time, .. } => Some(*time),
+            let begin = match record {
+                Record::Epoch { time, unix } => {
+                    let day = i128::from(*unix) - i128::from(*time);
+                    contents.epoch.get_or_insert(day);
+                    Some(*time)
+                }
                 _ => None,
             };
-            contents.start = contents.start.or(epoch).or(time(record));
+            contents.start = contents.start.or(begin).or(time(record));
             if let Record::Signal(info) = record {
                 contents.signals.insert(info.number, info.name.to_owned());
             }
@@ -176,40 +227,49 @@ impl Contents {
     }
 }
 
-/// The numbers of what has a name of the patterns: nothing without patterns, since all is meant
-/// then. A pattern that no name has is an error.
-fn choose(patterns: &[Pattern], names: &[(u32, &str)]) -> Result<Option<HashSet<u32>>, Pattern> {
-    if patterns.is_empty() {
-        return Ok(None);
-    }
-    let mut chosen = HashSet::new();
-    for pattern in patterns.iter().filter(|pattern| pattern.as_str() != "none") {
-        let before = chosen.len();
-        let found = names.iter().filter(|(_, name)| pattern.matches(name));
-        chosen.extend(found.map(|(number, _)| *number));
-        if chosen.len() == before && !names.iter().any(|(_, name)| pattern.matches(name)) {
-            return Err(pattern.clone());
-        }
-    }
-    Ok(Some(chosen))
+/// A pattern of this name alone.
+fn exactly(name: Option<&str>) -> Vec<Pattern> {
+    let name = name.map(|name| Pattern::new(&Pattern::escape(name)));
+    name.into_iter().flatten().collect()
 }
 
-fn missing(kind: &str, pattern: &Pattern, names: &[(u32, &str)]) -> String {
+/// The numbers of what has a name of the patterns: nothing without patterns, since all is meant
+/// then.
+fn choose(patterns: &[Pattern], names: &[(u32, &str)]) -> Option<HashSet<u32>> {
+    if patterns.is_empty() {
+        return None;
+    }
+    let is_meant = |name: &str| {
+        let patterns = patterns.iter().filter(|pattern| pattern.as_str() != "none");
+        patterns.into_iter().any(|pattern| pattern.matches(name))
+    };
+    let found = names.iter().filter(|(_, name)| is_meant(name));
+    Some(found.map(|(number, _)| *number).collect())
+}
+
+fn missing(kind: Kind, pattern: &Pattern, names: &[(u32, &str)], are_several: bool) -> String {
     let mut there: Vec<&str> = names.iter().map(|(_, name)| *name).collect();
     there.sort_unstable();
     there.dedup();
+    let what = match kind {
+        Kind::Signal => "signal",
+        Kind::Event => "kind of event",
+        Kind::Process => "process",
+        Kind::Loop => "loop",
+    };
     // All but signals are declared together with events.
     let why = match kind {
-        "signal" => "",
+        Kind::Signal => "",
         _ => {
             ": it was recorded without events (`Logging::events`, or LUNA_LOG_EVENTS in its environment)"
         }
     };
+    let has = match are_several {
+        true => "neither it nor another recording has a",
+        false => "it has no",
+    };
     match there.is_empty() {
-        true => format!("it has no {kind} `{pattern}`, and none at all{why}"),
-        false => format!(
-            "it has no {kind} `{pattern}`; there are {}",
-            there.join(", ")
-        ),
+        true => format!("{has} {what} `{pattern}`, and none at all{why}"),
+        false => format!("{has} {what} `{pattern}`; there are {}", there.join(", ")),
     }
 }

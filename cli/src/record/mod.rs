@@ -6,7 +6,7 @@
 mod file;
 mod messages;
 mod name;
-mod signals;
+pub(crate) mod signals;
 
 use crate::args::{Messages, Record};
 use crate::failure::Failure;

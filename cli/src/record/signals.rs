@@ -4,7 +4,7 @@ use std::sync::mpsc::Sender;
 
 /// Calls `end` when the program is asked to end. To be called before threads are made.
 #[cfg(unix)]
-pub(super) fn notify(end: Sender<()>) {
+pub(crate) fn notify(end: Sender<()>) {
     use nix::sys::signal::{SigSet, Signal};
     let mut signals = SigSet::empty();
     for signal in [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP] {
@@ -26,6 +26,6 @@ pub(super) fn notify(end: Sender<()>) {
 
 /// Not known on this system: the program ends at once, and a file may end in the middle of a block.
 #[cfg(not(unix))]
-pub(super) fn notify(end: Sender<()>) {
+pub(crate) fn notify(end: Sender<()>) {
     std::mem::forget(end);
 }

@@ -630,7 +630,7 @@ fn perfetto_traces_are_read_by_their_own_schema() {
 }
 
 /// What the schema finds in a trace, if there is one.
-fn read_trace(trace: &Path) -> Option<String> {
+pub(crate) fn read_trace(trace: &Path) -> Option<String> {
     let Some(python) = std::env::var_os("LUNA_PERFETTO_PYTHON") else {
         eprintln!(
             "skipped: the trace's schema: set LUNA_PERFETTO_PYTHON to a Python with the package `perfetto`"

@@ -6,9 +6,13 @@ mod convert;
 mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
+mod merge;
 #[cfg(target_os = "linux")]
 mod production_cell;
+#[cfg(target_os = "linux")]
+mod programs;
 mod record;
 mod recordings;
 mod scope;
+mod trace;
 mod verdict;

@@ -34,9 +34,11 @@ pub const SUB_WAITING: u16 = 15;
 pub const SUB_DONE: u16 = 16;
 /// A hypervisor has run something else on a core.
 pub const STOLEN: u16 = 17;
+/// A value goes to another program, or comes from one.
+pub const LINK: u16 = 18;
 
 /// All of them, with their names.
-pub const NAMES: [(u16, &str); 17] = [
+pub const NAMES: [(u16, &str); 18] = [
     (READY, "ready"),
     (RUNNING, "running"),
     (WAITING, "waiting"),
@@ -54,6 +56,7 @@ pub const NAMES: [(u16, &str); 17] = [
     (SUB_WAITING, "sub-process waiting"),
     (SUB_DONE, "sub-process done"),
     (STOLEN, "stolen"),
+    (LINK, "link"),
 ];
 
 /// In [`WAITING`]: what it waits for is not known, or is several things.
@@ -137,5 +140,32 @@ pub mod late {
     /// The core on which the cycle began, if it is known.
     pub fn core(argument: u64) -> Option<usize> {
         usize::try_from((argument >> 16 & 0xffff_ffff).checked_sub(1)?).ok()
+    }
+}
+
+/// In [`LINK`]: the second argument. Bit 0 says whether the value was taken from the other program,
+/// else it was sent. The other bits name the session: they are the same in both programs.
+///
+/// ```
+/// use luna_core::events::code::link;
+///
+/// let [sent, taken] = [false, true].map(|is_taken| link::argument(0x1234, is_taken));
+/// assert!(!link::is_taken(sent) && link::is_taken(taken));
+/// assert_eq!(link::session(sent), link::session(taken));
+/// ```
+pub mod link {
+    /// The argument that says both; of `session` the lowest bit is left out.
+    pub fn argument(session: u64, is_taken: bool) -> u64 {
+        session & !1 | u64::from(is_taken)
+    }
+
+    /// Whether the value was taken from the other program.
+    pub fn is_taken(argument: u64) -> bool {
+        argument & 1 == 1
+    }
+
+    /// The session between the two programs.
+    pub fn session(argument: u64) -> u64 {
+        argument >> 1
     }
 }

@@ -134,6 +134,37 @@ impl<T: ZeroCopySend> Codec<T> {
 }
 
 impl<T: 'static> Codec<T> {
+    /// Of values that are bytes in a place of `size` bytes. `bytes` gives at most so many.
+    pub(crate) fn bytes(
+        info: TypeInfo,
+        size: usize,
+        bytes: impl Fn(&T) -> Result<Vec<u8>, String> + Send + Sync + 'static,
+        value: impl Fn(&[u8]) -> Result<T, String> + Send + Sync + 'static,
+    ) -> Self {
+        Self {
+            info,
+            size,
+            write: Box::new(move |place, size, value| {
+                let bytes = bytes(value)?;
+                if bytes.len() > size {
+                    return Err("it is too long".to_owned());
+                }
+                // SAFETY: by the codec's contract the place is as long, and no one else accesses
+                // it. The bytes are elsewhere.
+                unsafe {
+                    place.copy_from_nonoverlapping(NonNull::from_ref(&*bytes).cast(), bytes.len())
+                };
+                Ok(())
+            }),
+            read: Box::new(move |place, size| {
+                // SAFETY: by the codec's contract the place is as long, and a value is there; the
+                // sender does not write while this is read.
+                value(unsafe { std::slice::from_raw_parts(place.as_ptr(), size) })
+            }),
+            take_back: |_| (),
+        }
+    }
+
     /// Of a handle of which 16 bytes cross.
     pub(crate) fn handle(
         info: TypeInfo,

@@ -10,7 +10,7 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 /// The byte of the set-up lock.
 const SET_UP: i64 = 0;
 
-fn byte_of(role: Role) -> i64 {
+pub(crate) fn byte_of(role: Role) -> i64 {
     match role {
         Role::Sender => 1,
         Role::Receiver => 2,
@@ -67,6 +67,22 @@ impl LockFile {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => return Err(failed(error)),
             }
+        }
+    }
+
+    /// Opens the lock file to ask for its locks alone; `None`: there is none.
+    pub(crate) fn look(name: &Name) -> Result<Option<Self>, IpcError> {
+        let opened = OpenOptions::new()
+            .read(true)
+            .custom_flags(libc::O_NOFOLLOW)
+            .open(name.lock());
+        match opened {
+            Ok(file) => Ok(Some(Self {
+                name: name.clone(),
+                file,
+            })),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(IpcError::system(name.text(), "open its lock file", error)),
         }
     }
 

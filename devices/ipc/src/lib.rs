@@ -38,6 +38,9 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
+//! Tools [look](mod@look) at what there is, and send and receive values of types that they learn
+//! when they run ([`any`]).
+//!
 //! There are [call channels](client) too, with the caller's priority inherited by the server, and
 //! [blackboards](Blackboard): the latest value of each key, for any number of programs. Large
 //! values are [lent](Endpoint::loan_sender).
@@ -144,6 +147,7 @@
 // Its messages go where this says: nowhere.
 extern crate iceoryx2_bb_loggers as _;
 
+pub mod any;
 mod blackboard;
 mod call;
 mod codec;
@@ -152,6 +156,7 @@ mod files;
 mod inherit;
 mod link;
 mod loan;
+pub mod look;
 mod memory;
 mod name;
 mod receive_link;

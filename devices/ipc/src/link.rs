@@ -7,6 +7,7 @@ use luna::channel::ChannelEnd;
 use luna::external::readable;
 use luna::realtime::off_path;
 use luna::{Error, Process};
+use luna_core::events::{self, code};
 use luna_platform::clock::Clock;
 use std::fmt;
 use std::pin::pin;
@@ -55,9 +56,20 @@ pub(crate) struct Bound<'w, 'f> {
     pub(crate) partner: &'f Partner,
     pub(crate) waits: Waits<'w, 'f>,
     pub(crate) status: &'f Status,
+    /// The session, in events.
+    key: u64,
 }
 
 impl Bound<'_, '_> {
+    /// Records that this value was sent, or taken, if the thread is recorded.
+    pub(crate) fn report(&self, number: u64, is_taken: bool) {
+        if events::is_on() {
+            let process = events::current_process() as u32;
+            let arguments = || [number, code::link::argument(self.key, is_taken)];
+            events::report(code::LINK, process, arguments);
+        }
+    }
+
     /// Reports the end of this side's local channel to the partner.
     pub(crate) fn end(&self, end: ChannelEnd) -> Stop {
         self.session.end(end.into());
@@ -193,6 +205,7 @@ async fn run(
             partner: &partner,
             waits,
             status,
+            key: session.key(),
         };
         near.carry(&mut bound).await
     };

@@ -1,13 +1,14 @@
 //! The words in shared memory. The crate's documentation says which program writes which.
 
 use crate::error::{TYPE_NAME, TypeInfo};
-use crate::name::Name;
+use crate::name::{FOLDER, Name};
 use crate::{IpcError, Role};
 use iceoryx2_bb_container::semantic_string::SemanticString;
 use iceoryx2_bb_posix::creation_mode::CreationMode;
 use iceoryx2_bb_posix::permission::Permission;
 use iceoryx2_bb_posix::shared_memory::{AccessMode, SharedMemory, SharedMemoryBuilder};
 use iceoryx2_bb_system_types::file_name::FileName;
+use std::fs;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
@@ -166,6 +167,30 @@ impl Memory {
         let memory = Self::of(mapping, name)?;
         match memory.words().magic.load(Ordering::Acquire) {
             MAGIC => Ok(memory),
+            _ => Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            }),
+        }
+    }
+
+    /// Opens a segment to look at it; `None`: there is none, or it is being made.
+    pub(crate) fn look(name: &Name) -> Result<Option<Self>, IpcError> {
+        let path = format!("{FOLDER}/{}", name.memory());
+        let is_there = fs::metadata(&path).is_ok_and(|found| found.len() >= OFFSET as u64);
+        if !is_there {
+            return Ok(None);
+        }
+        let opened = SharedMemoryBuilder::new(&file_name(name)?).open_existing(AccessMode::Read);
+        let mapping = match opened {
+            Ok(mapping) => mapping,
+            // Removed since.
+            Err(_) if !fs::exists(&path).unwrap_or(true) => return Ok(None),
+            Err(error) => return Err(refused(name, "open", error)),
+        };
+        let memory = Self::of(mapping, name)?;
+        match memory.words().magic.load(Ordering::Acquire) {
+            MAGIC => Ok(Some(memory)),
+            0 => Ok(None),
             _ => Err(IpcError::Protocol {
                 name: name.text().to_owned(),
             }),

@@ -138,6 +138,7 @@ impl<D: Drain> Near for Inward<D> {
                     return Err(error);
                 }
             };
+            bound.report(published, true);
             let delivery = pin!(self.0.deliver(value));
             let answer = match bound.waits.first(delivery, Session::partners_end).await? {
                 First::Own(Ok(answer)) => answer,

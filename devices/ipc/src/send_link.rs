@@ -183,6 +183,8 @@ impl<S: Source> Near for Outward<S> {
                 return Err(error);
             }
             number += 1;
+            // Before the other program can take it, so that times are in this order.
+            bound.report(number, false);
             bound.session.own().number.store(number, SeqCst);
             bound.session.ring(bound.partner);
             let answered = |session: &Session| match session.words().taken() >= number {

@@ -129,6 +129,20 @@ impl Session {
         self.name.text()
     }
 
+    /// Names the bound session in events: the same in both programs, and hardly ever that of another
+    /// session.
+    pub(crate) fn key(&self) -> u64 {
+        // FNV-1a, over what no other session has at this time.
+        let mix = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+        let hash = self.name().bytes().fold(0xcbf2_9ce4_8422_2325, mix);
+        [Role::Sender, Role::Receiver]
+            .into_iter()
+            .map(|role| self.words().side(role))
+            .flat_map(|side| [side.epoch.load(SeqCst), side.pid.load(Relaxed).into()])
+            .flat_map(u64::to_ne_bytes)
+            .fold(hash, mix)
+    }
+
     pub(crate) fn memory(&self) -> &Memory {
         &self.memory
     }

@@ -174,7 +174,7 @@ pub fn run_unit(unit: Unit, cell: &str, world: &Path, policy: Policy) -> luna::R
 
 fn system_of(unit: Unit, policy: Policy) -> luna::Result<(System, Executor)> {
     let mut system = System::new(unit.name());
-    system.max_loops(LOOPS);
+    system.announce().max_loops(LOOPS);
     let executor = system.executor(unit.name()).policy(policy).build()?;
     Ok((system, executor))
 }

@@ -72,6 +72,8 @@ pub(crate) struct Settings {
     pub(crate) stamps: Option<StampState>,
     /// What is to be recorded.
     pub(crate) logging: Asked,
+    /// The addresses of a system that is to be found by other programs.
+    pub(crate) announced: Option<Vec<(String, String)>>,
     pub(crate) replay_logs: TapePlan,
     /// How often to look whether the file of parameters has changed.
     pub(crate) look_at_parameters: Option<Duration>,

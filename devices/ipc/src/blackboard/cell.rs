@@ -14,11 +14,11 @@ use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 use std::sync::atomic::{AtomicU64, fence};
 
 /// A copy is spoilt when the writer sets the value three times meanwhile.
-const SLOTS: u64 = 4;
+pub(super) const SLOTS: u64 = 4;
 /// How often a reader copies.
-const TRIES: u32 = 8;
+pub(super) const TRIES: u32 = 8;
 /// The bytes before the slots.
-const HEAD: usize = 64;
+pub(super) const HEAD: usize = 64;
 
 /// The writer has set the value three times or more during each of eight copies: the reader was
 /// kept from its core, or the writer sets without a pause. The value before is as good as any.
@@ -36,7 +36,7 @@ pub(super) fn layout(size: usize, align: usize) -> (usize, usize) {
 }
 
 /// The time, and the value behind it.
-fn stride(size: usize, align: usize) -> usize {
+pub(super) fn stride(size: usize, align: usize) -> usize {
     (align.max(HEAD) + size).next_multiple_of(align)
 }
 

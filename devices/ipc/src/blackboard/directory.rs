@@ -86,13 +86,17 @@ impl Directory {
         }
     }
 
-    /// The set-up lock is held, and a program has the blackboard open.
+    /// A program has opened the blackboard to write, so it is whole. In memory that is too short for
+    /// one there are no keys.
     pub(super) fn read(memory: &Memory) -> Self {
+        let Some(room) = memory.size().checked_sub(OFFSET + HEAD) else {
+            let entries = Vec::new();
+            return Self { entries };
+        };
         let base = memory.at(OFFSET, HEAD);
         // SAFETY: the place is in the mapping, and aligned to a page.
         let count = unsafe { base.cast::<u64>().read() };
-        let room = (memory.size() - OFFSET - HEAD) / size_of::<Line>();
-        let count = (count as usize).min(room);
+        let count = (count as usize).min(room / size_of::<Line>());
         let entries = (0..count).map(|index| {
             // SAFETY: there is room for so many lines. Any bits are valid in them.
             let line = unsafe { base.add(HEAD).cast::<Line>().add(index).read() };

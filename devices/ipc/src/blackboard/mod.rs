@@ -6,6 +6,7 @@
 
 mod cell;
 mod directory;
+mod raw;
 mod reader;
 mod writer;
 
@@ -14,14 +15,18 @@ pub use reader::{BoardReader, ReadEntry, Reading, WriterState};
 pub use writer::{Blackboard, BoardWriter, WriteEntry};
 
 use crate::files::LockFile;
+use crate::look;
 use crate::memory::Memory;
 use crate::name::Name;
 use crate::session::End;
 use crate::{IpcError, Role};
+use directory::Directory;
+use raw::Raw;
+pub(crate) use raw::set;
 use std::sync::atomic::Ordering::Release;
 
 /// What its segment states as its type.
-const TYPE: &str = "blackboard";
+pub(crate) const TYPE: &str = "blackboard";
 
 /// A blackboard that this program has open. Closed when dropped.
 #[derive(Debug)]
@@ -36,6 +41,22 @@ impl Board {
     fn bad_key(&self, key: &str, why: &'static str) -> IpcError {
         bad_key(&self.name, key, why)
     }
+}
+
+/// The keys, and their newest values. The directory is whole.
+pub(crate) fn keys(memory: &Memory) -> Vec<look::Key> {
+    let entries = Directory::read(memory).entries.into_iter();
+    let keys = entries.filter_map(|entry| {
+        let (bytes, number, set) = Raw::at(memory, &entry)?.get()?;
+        Some(look::Key {
+            key: entry.key,
+            value: entry.info,
+            number,
+            set,
+            bytes,
+        })
+    });
+    keys.collect()
 }
 
 fn bad_key(name: &Name, key: &str, why: &'static str) -> IpcError {

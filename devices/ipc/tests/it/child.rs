@@ -51,8 +51,17 @@ impl Program {
 
     /// Sends SIGSTOP.
     pub(crate) fn stop(&self) {
+        self.send(nix::sys::signal::Signal::SIGSTOP);
+    }
+
+    /// Sends SIGCONT.
+    pub(crate) fn go_on(&self) {
+        self.send(nix::sys::signal::Signal::SIGCONT);
+    }
+
+    fn send(&self, signal: nix::sys::signal::Signal) {
         let id = nix::unistd::Pid::from_raw(self.id() as i32);
-        nix::sys::signal::kill(id, nix::sys::signal::Signal::SIGSTOP).unwrap();
+        nix::sys::signal::kill(id, signal).unwrap();
     }
 
     pub(crate) fn wait(&mut self) -> std::process::ExitStatus {

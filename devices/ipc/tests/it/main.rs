@@ -6,6 +6,7 @@ mod kernel;
 #[macro_use]
 mod shared;
 
+mod any;
 mod blackboard;
 mod buffers;
 mod calls;
@@ -15,6 +16,7 @@ mod guards;
 mod kill;
 mod kill_tasks;
 mod loans;
+mod look;
 mod opening;
 mod rendezvous;
 mod same_core;
@@ -45,6 +47,13 @@ fn block(number: u64) -> Block {
 /// A name that no other test has.
 fn channel_name(test: &str) -> String {
     format!("test/{}/{test}", std::process::id())
+}
+
+/// For tests whose killed programs leave files: one of them removes those of all.
+fn leaving_files() -> std::sync::MutexGuard<'static, ()> {
+    static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    ONE.lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
 /// The files of a channel, or of all channels that begin so.

@@ -231,6 +231,13 @@ impl Names {
                 let one = self.of(Subject::SubProcess, subject);
                 (one, how.to_owned(), none())
             }
+            code::LINK => {
+                let way = match code::link::is_taken(b) {
+                    true => "taken",
+                    false => "sent",
+                };
+                (self.process(subject), number(a), way.to_owned())
+            }
             code::STOLEN => (format!("core {subject}"), number(a), number(b)),
             code::PRIORITY => (self.process(subject), number(a), number(b)),
             _ => (number(subject), number(a), number(b)),
