@@ -6,6 +6,8 @@ mod convert;
 mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
+#[cfg(target_os = "linux")]
+mod listing;
 mod merge;
 #[cfg(target_os = "linux")]
 mod production_cell;

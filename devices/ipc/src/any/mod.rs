@@ -201,7 +201,7 @@ impl Codec<AnyValue> {
 
 impl Endpoint {
     /// As [`sender`](Self::sender), for a type that is known when the program runs. The layout
-    /// version is that of the type.
+    /// version is that of the type. Not for the real-time path: each value allocates.
     ///
     /// # Errors
     ///
@@ -227,7 +227,7 @@ impl Endpoint {
     }
 
     /// As [`receiver`](Self::receiver), for a type that is known when the program runs. The layout
-    /// version is that of the type.
+    /// version is that of the type. Not for the real-time path: each value allocates.
     ///
     /// # Errors
     ///
