@@ -22,18 +22,18 @@ const HALF_TRACK: f64 = 0.15;
 luna_ros2::message! {
     /// A header without heap.
     #[derive(Default)]
-    pub struct Header { pub stamp: Time, pub frame_id: ArrayString<16> }
+    struct Header { stamp: Time, frame_id: ArrayString<16> }
 }
 
 luna_ros2::message! {
     /// `sensor_msgs/JointState` of two wheels, without heap: the loop makes it.
     #[derive(Default)]
-    pub struct Wheels: "sensor_msgs/msg/JointState" {
-        pub header: Header,
-        pub name: ArrayVec<ArrayString<8>, 2>,
-        pub position: ArrayVec<f64, 2>,
-        pub velocity: ArrayVec<f64, 2>,
-        pub effort: ArrayVec<f64, 2>,
+    struct Wheels: "sensor_msgs/msg/JointState" {
+        header: Header,
+        name: ArrayVec<ArrayString<8>, 2>,
+        position: ArrayVec<f64, 2>,
+        velocity: ArrayVec<f64, 2>,
+        effort: ArrayVec<f64, 2>,
     }
 }
 

@@ -52,18 +52,15 @@ impl Stop {
 }
 
 impl Carrier {
-    /// Runs `work`. What it returns beside its result is kept until the carrier is dropped.
+    /// Runs `work`.
     pub(crate) fn start(name: &str, work: Work) -> Result<Self, Ros2Error> {
         let (stop, stopped) = luna::channel();
         let (report, done) = luna::buffered(Buffer::fifo(1));
         let (report, done) = (report.external(), done.external());
         let stopped = Stop(stopped.external());
         let body = move |()| {
-            let (result, kept) = work(&stopped);
             // There is room for one.
-            let _ = report.try_send(result);
-            stopped.wait(std::future::pending::<()>());
-            drop(kept);
+            let _ = report.try_send(work(&stopped));
         };
         let thread = spawn(
             Attributes::new(format!("ros2 {name}")),

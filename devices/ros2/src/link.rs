@@ -6,7 +6,6 @@ use crate::{Ros2Error, Status};
 use luna::realtime::off_path;
 use luna::{Error, Process, Receiver};
 use luna_platform::clock::Clock;
-use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
 
@@ -39,10 +38,7 @@ pub struct Link {
 }
 
 /// What the thread does.
-pub(crate) type Work = Box<dyn FnOnce(&Stop) -> (luna::Result<()>, Kept) + Send>;
-
-/// What is kept until the link goes.
-pub(crate) type Kept = Option<Box<dyn Any>>;
+pub(crate) type Work = Box<dyn FnOnce(&Stop) -> luna::Result<()> + Send>;
 
 impl Link {
     pub(crate) fn new(node: Arc<Inner>, name: String, status: Status, work: Work) -> Self {

@@ -8,11 +8,12 @@ use futures_lite::{StreamExt, pin};
 use luna::Sender;
 use luna_core::park;
 use luna_platform::thread::{Attributes, SpawnError, Thread, spawn};
-use ros2_client::dds::rustdds::{DomainParticipant, DomainParticipantBuilder, StatusEvented};
-use ros2_client::qos::QosProfile;
-use ros2_client::{
-    Context, CreateError, MessageTypeName, Name, NodeName, NodeOptions, ServiceMapping,
+use ros2_client::dds::rustdds::{
+    DomainParticipant, DomainParticipantBuilder, QosPolicies, StatusEvented, Topic, TopicKind,
 };
+use ros2_client::qos::QosProfile;
+use ros2_client::{Context, CreateError, Name, NodeName, NodeOptions, ServiceMapping};
+use std::any::Any;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -137,6 +138,9 @@ pub(crate) struct Inner {
     graph: Arc<Mutex<Graph>>,
     stop: Option<Sender<()>>,
     thread: Option<Thread<()>>,
+    /// Publishers without a link, for what DDS has to send again.
+    retired: Mutex<Vec<Box<dyn Any + Send>>>,
+    participant: DomainParticipant,
     /// Dropped after the thread has ended: DDS ends with it.
     ros: Mutex<ros2_client::Node>,
 }
@@ -145,8 +149,10 @@ pub(crate) struct Inner {
 pub(crate) struct TopicPlan {
     pub(crate) name: Name,
     pub(crate) dds_name: String,
-    pub(crate) kind: MessageTypeName,
+    /// The type, as DDS names it.
+    pub(crate) kind: String,
     pub(crate) profile: QosProfile,
+    policies: QosPolicies,
 }
 
 impl Node {
@@ -202,7 +208,7 @@ impl Node {
             let ros = context
                 .new_node(own, plain)
                 .map_err(|error| error.to_string())?;
-            *lock(&given) = Some(ros);
+            *lock(&given) = Some((participant.clone(), ros));
             Ok::<_, String>(participant)
         };
         let body = move |participant: DomainParticipant| {
@@ -228,8 +234,8 @@ impl Node {
                 reason: other.to_string(),
             },
         })?;
-        let ros = lock(&made).take();
-        let ros = ros.ok_or_else(|| failed("it is gone".to_owned()))?;
+        let made = lock(&made).take();
+        let (participant, ros) = made.ok_or_else(|| failed("it is gone".to_owned()))?;
         Ok(Self {
             inner: Arc::new(Inner {
                 name,
@@ -238,6 +244,8 @@ impl Node {
                 graph,
                 stop: Some(stop),
                 thread: Some(thread),
+                retired: Mutex::default(),
+                participant,
                 ros: Mutex::new(ros),
             }),
         })
@@ -268,9 +276,22 @@ impl Inner {
         Ok(TopicPlan {
             dds_name: name.to_dds_name("rt", &self.name, ""),
             name,
-            kind: names::message(M::TYPE)?,
+            kind: names::message(M::TYPE)?.dds_msg_type(),
             profile: qos.profile(),
+            policies: qos.policies(),
         })
+    }
+
+    /// Makes a topic of DDS, with limits that ros2-client does not know.
+    pub(crate) fn make_topic(&self, plan: &TopicPlan) -> Result<Topic, CreateError> {
+        let (name, kind) = (plan.dds_name.clone(), plan.kind.clone());
+        let topic = &self.participant;
+        Ok(topic.create_topic(name, kind, &plan.policies, TopicKind::NoKey)?)
+    }
+
+    /// Keeps a publisher until the node ends.
+    pub(crate) fn retire(&self, publisher: impl Any + Send) {
+        lock(&self.retired).push(Box::new(publisher));
     }
 
     /// Makes something of DDS.

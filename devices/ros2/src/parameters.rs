@@ -2,7 +2,7 @@
 
 use crate::carrier::Stop;
 use crate::graph::{Side, Watched};
-use crate::link::{Kept, Link};
+use crate::link::Link;
 use crate::message::{Payload, Wire};
 use crate::msg::rcl_interfaces::{
     DescribeParameters, DescribeParametersReply, FloatingPointRange, GetParameterTypes,
@@ -115,7 +115,7 @@ impl Node {
             };
             let first = or(end, or(get, or(types, set)));
             stop.wait(or(first, or(all, or(list, describe))));
-            (Ok(()), Kept::None)
+            Ok(())
         };
         let name = format!("parameters of {}", self.name());
         let link = Link::new(self.inner.clone(), name, status, Box::new(work));

@@ -8,7 +8,6 @@ use crate::{Message, Node, Qos, Ros2Error, Status};
 use luna::realtime::off_path;
 use luna::{Buffer, Error, Process, Receiver, Sender, alt};
 use ros2_client::{Publisher, WriteError};
-use std::any::Any;
 use std::collections::HashSet;
 use std::fmt;
 
@@ -18,7 +17,8 @@ use std::fmt;
 /// thread of its own at SCHED_OTHER, which encodes it and gives it to DDS. In a full buffer it
 /// overwrites the oldest value, and [counts](Status::overwritten) it; with [`Qos::keep_all`] it
 /// waits. It ends as a [`Link`] does; if the last sender is gone, when the rest of the buffer is
-/// with DDS. DDS still sends it, and what was lost, until the link is dropped.
+/// with DDS. A reliable publisher then stays in the graph until its node ends, so that DDS can send
+/// again what was lost: keep the [`Node`] as long as that may take.
 ///
 /// Real-time path: yes, from its `run` on, except with `keep_all`; no allocation, and one system
 /// call to wake the thread if it sleeps. A value that is overwritten is dropped here: a message
@@ -79,10 +79,9 @@ impl Node {
         let status = Status::new();
         // Under the lock, so that no match is missed.
         let mut graph = self.inner.graph();
-        let (publisher, kind) = self.inner.create("publisher", &topic.name, |ros| {
-            let made = ros.create_topic(&topic.name, topic.kind.clone(), &topic.profile)?;
-            let publisher = ros.create_publisher(&made, Some(topic.profile.clone()))?;
-            Ok((publisher, topic.kind.dds_msg_type()))
+        let publisher = self.inner.create("publisher", &topic.name, |ros| {
+            let made = self.inner.make_topic(&topic)?;
+            ros.create_publisher(&made, Some(topic.profile.clone()))
         })?;
         graph.watch(Watched {
             status: status.clone(),
@@ -90,7 +89,7 @@ impl Node {
                 role: Role::Writer,
                 guid: Some(publisher.guid()),
                 topic: topic.dds_name,
-                kind,
+                kind: topic.kind,
                 partners: HashSet::new(),
             }],
         });
@@ -105,10 +104,14 @@ impl Node {
             overwrites: qos.overwrites(),
         };
         let counts = status.clone();
+        let (node, reliable) = (self.inner.clone(), qos.is_reliable());
         let work = move |stop: &Stop| {
-            stop.wait(carry(&far, &publisher, &counts));
-            // DDS sends again what was lost, as long as the publisher is there.
-            (Ok(()), Some(Box::new(publisher) as Box<dyn Any>))
+            let drained = stop.wait(carry(&far, &publisher, &counts)).is_some();
+            if drained && reliable {
+                // DDS sends again what was lost, as long as the publisher is there.
+                node.retire(publisher);
+            }
+            Ok(())
         };
         let link = PublisherLink {
             link: Link::new(self.inner.clone(), name.clone(), status, Box::new(work)),

@@ -1,6 +1,7 @@
 //! Quality of service: what a writer offers, and what a reader asks for.
 
-use ros2_client::dds::rustdds::{QosPolicies, qos::QosPolicyId};
+use ros2_client::dds::rustdds::policy::ResourceLimits;
+use ros2_client::dds::rustdds::{QosPolicies, QosPolicyBuilder, qos::QosPolicyId};
 use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
 use std::time::Duration;
 
@@ -33,6 +34,8 @@ pub struct Qos {
 
 /// How many values the buffer has with [`Qos::keep_all`].
 const KEEP_ALL_BUFFER: usize = 64;
+/// How many values RustDDS keeps then, instead of its 64.
+const KEEP_ALL_CACHE: i32 = 4096;
 
 impl Default for Qos {
     /// As in ROS 2: reliable, volatile, the last 10 values.
@@ -87,8 +90,10 @@ impl Qos {
         self
     }
 
-    /// Overwrites nothing: a buffer of 64 values, and then the sending side waits. A publisher's
-    /// process then waits for DDS, so this is not for the real-time path.
+    /// Overwrites nothing in the link: a buffer of 64 values, and then the sending side waits. A
+    /// publisher's process then waits for DDS, so this is not for the real-time path. What comes
+    /// to a subscription waits in RustDDS, which holds no writer back: of more than 4096 values
+    /// the oldest are lost there.
     #[must_use]
     pub fn keep_all(mut self) -> Self {
         self.depth = None;
@@ -121,9 +126,30 @@ impl Qos {
         self.depth.unwrap_or(KEEP_ALL_BUFFER)
     }
 
+    pub(crate) fn is_reliable(&self) -> bool {
+        self.reliable
+    }
+
     /// Whether a full buffer is overwritten.
     pub(crate) fn overwrites(&self) -> bool {
         self.depth.is_some()
+    }
+
+    /// Of a topic: as the profile, with RustDDS's limits.
+    pub(crate) fn policies(&self) -> QosPolicies {
+        let policies = QosPolicies::from(self.profile());
+        match self.depth {
+            Some(_) => policies,
+            None => policies.modify_by(
+                &QosPolicyBuilder::new()
+                    .resource_limits(ResourceLimits {
+                        max_samples: KEEP_ALL_CACHE,
+                        max_instances: 1,
+                        max_samples_per_instance: KEEP_ALL_CACHE,
+                    })
+                    .build(),
+            ),
+        }
     }
 
     pub(crate) fn profile(&self) -> QosProfile {

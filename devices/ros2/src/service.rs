@@ -2,7 +2,7 @@
 
 use crate::carrier::Stop;
 use crate::graph::{Role, Side, Watched};
-use crate::link::{Kept, Link};
+use crate::link::Link;
 use crate::message::{Payload, Wire};
 use crate::node::Inner;
 use crate::{Node, Qos, Ros2Error, Service, Status, names};
@@ -90,7 +90,7 @@ impl Node {
             if served.as_ref().is_some_and(|served| served.is_err()) {
                 client.poison();
             }
-            (served.unwrap_or(Ok(())), Kept::None)
+            served.unwrap_or(Ok(()))
         };
         let server = server.named(&name);
         let link = Link::new(self.inner.clone(), name, status, Box::new(work));
@@ -149,10 +149,7 @@ impl Node {
         let (client, server) = call_channel();
         let server = server.external();
         let counts = status.clone();
-        let work = move |stop: &Stop| {
-            let called = call(&ros, &server, &counts, patience, stop);
-            (called, Kept::None)
-        };
+        let work = move |stop: &Stop| call(&ros, &server, &counts, patience, stop);
         let client = client.named(&name);
         let link = Link::new(self.inner.clone(), name, status, Box::new(work));
         Ok((client, link))
@@ -161,7 +158,6 @@ impl Node {
 
 impl Inner {
     /// A server, and its two topics. The graph is locked meanwhile.
-    #[expect(clippy::type_complexity, reason = "a server and its topics")]
     pub(crate) fn serve<Q: Payload, A: Payload>(
         &self,
         name: &Name,

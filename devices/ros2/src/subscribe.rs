@@ -2,7 +2,7 @@
 
 use crate::carrier::Stop;
 use crate::graph::{Role, Side, Watched};
-use crate::link::{Kept, Link};
+use crate::link::Link;
 use crate::message::Wire;
 use crate::{Message, Node, Qos, Ros2Error, Status};
 use futures_lite::future::or;
@@ -91,10 +91,9 @@ impl Node {
         let status = Status::new();
         // Under the lock, so that no match is missed.
         let mut graph = self.inner.graph();
-        let (subscription, kind) = self.inner.create("subscription", &topic.name, |ros| {
-            let made = ros.create_topic(&topic.name, topic.kind.clone(), &topic.profile)?;
-            let made = ros.create_subscription::<Wire<M>>(&made, Some(topic.profile.clone()))?;
-            Ok((made, topic.kind.dds_msg_type()))
+        let subscription = self.inner.create("subscription", &topic.name, |ros| {
+            let made = self.inner.make_topic(&topic)?;
+            ros.create_subscription::<Wire<M>>(&made, Some(topic.profile.clone()))
         })?;
         graph.watch(Watched {
             status: status.clone(),
@@ -102,7 +101,7 @@ impl Node {
                 role: Role::Reader,
                 guid: Some(subscription.guid()),
                 topic: topic.dds_name,
-                kind,
+                kind: topic.kind,
                 partners: HashSet::new(),
             }],
         });
@@ -117,7 +116,7 @@ impl Node {
         let (counts, topic) = (status.clone(), name.clone());
         let work = move |stop: &Stop| {
             let carried = stop.wait(carry(&subscription, &sender, &counts, &topic));
-            (carried.unwrap_or(Ok(())), Kept::None)
+            carried.unwrap_or(Ok(()))
         };
         let link = Link::new(self.inner.clone(), name, status, Box::new(work));
         Ok((receiver, link))

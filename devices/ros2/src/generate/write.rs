@@ -140,7 +140,7 @@ impl Names<'_> {
         }
         let _ = write!(
             body,
-            "impl Default for {name} {{\n    fn default() -> Self {{\n        Self {{\n{defaults}        }}\n    }}\n}}\n"
+            "#[allow(clippy::derivable_impls, reason = \"generated\")]\nimpl Default for {name} {{\n    fn default() -> Self {{\n        Self {{\n{defaults}        }}\n    }}\n}}\n"
         );
         Ok(())
     }

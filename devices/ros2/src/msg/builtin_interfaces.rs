@@ -12,6 +12,7 @@ pub struct Duration {
     pub nanosec: u32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Duration {
     fn default() -> Self {
         Self {
@@ -37,6 +38,7 @@ pub struct Time {
     pub nanosec: u32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Time {
     fn default() -> Self {
         Self {

@@ -14,6 +14,7 @@ pub struct Point {
     pub z: f64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Point {
     fn default() -> Self {
         Self {
@@ -40,6 +41,7 @@ pub struct Pose {
     pub orientation: Quaternion,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Pose {
     fn default() -> Self {
         Self {
@@ -63,6 +65,7 @@ pub struct PoseStamped {
     pub pose: Pose,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for PoseStamped {
     fn default() -> Self {
         Self {
@@ -89,6 +92,7 @@ pub struct PoseWithCovariance {
     pub covariance: [f64; 36],
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for PoseWithCovariance {
     fn default() -> Self {
         Self {
@@ -118,6 +122,7 @@ pub struct Quaternion {
     pub w: f64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Quaternion {
     fn default() -> Self {
         Self {
@@ -145,6 +150,7 @@ pub struct Transform {
     pub rotation: Quaternion,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Transform {
     fn default() -> Self {
         Self {
@@ -170,6 +176,7 @@ pub struct TransformStamped {
     pub transform: Transform,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for TransformStamped {
     fn default() -> Self {
         Self {
@@ -196,6 +203,7 @@ pub struct Twist {
     pub angular: Vector3,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Twist {
     fn default() -> Self {
         Self {
@@ -219,6 +227,7 @@ pub struct TwistStamped {
     pub twist: Twist,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for TwistStamped {
     fn default() -> Self {
         Self {
@@ -245,6 +254,7 @@ pub struct TwistWithCovariance {
     pub covariance: [f64; 36],
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for TwistWithCovariance {
     fn default() -> Self {
         Self {
@@ -272,6 +282,7 @@ pub struct Vector3 {
     pub z: f64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Vector3 {
     fn default() -> Self {
         Self {
@@ -298,6 +309,7 @@ pub struct Wrench {
     pub torque: Vector3,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Wrench {
     fn default() -> Self {
         Self {

@@ -14,6 +14,7 @@ pub struct FloatingPointRange {
     pub step: f64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for FloatingPointRange {
     fn default() -> Self {
         Self {
@@ -42,6 +43,7 @@ pub struct IntegerRange {
     pub step: u64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for IntegerRange {
     fn default() -> Self {
         Self {
@@ -66,6 +68,7 @@ pub struct ListParametersResult {
     pub prefixes: Vec<std::string::String>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for ListParametersResult {
     fn default() -> Self {
         Self {
@@ -89,6 +92,7 @@ pub struct Parameter {
     pub value: ParameterValue,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Parameter {
     fn default() -> Self {
         Self {
@@ -124,6 +128,7 @@ pub struct ParameterDescriptor {
     pub integer_range: luna_ros2::arrayvec::ArrayVec<IntegerRange, 1>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for ParameterDescriptor {
     fn default() -> Self {
         Self {
@@ -192,6 +197,7 @@ impl ParameterValue {
     pub const STRING_ARRAY: u8 = 9;
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for ParameterValue {
     fn default() -> Self {
         Self {
@@ -223,6 +229,7 @@ pub struct SetParametersResult {
     pub reason: std::string::String,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for SetParametersResult {
     fn default() -> Self {
         Self {
@@ -244,6 +251,7 @@ pub struct DescribeParametersRequest {
     pub names: Vec<std::string::String>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for DescribeParametersRequest {
     fn default() -> Self {
         Self {
@@ -260,6 +268,7 @@ pub struct DescribeParametersReply {
     pub descriptors: Vec<ParameterDescriptor>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for DescribeParametersReply {
     fn default() -> Self {
         Self {
@@ -286,6 +295,7 @@ pub struct GetParameterTypesRequest {
     pub names: Vec<std::string::String>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for GetParameterTypesRequest {
     fn default() -> Self {
         Self {
@@ -302,6 +312,7 @@ pub struct GetParameterTypesReply {
     pub types: Vec<u8>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for GetParameterTypesReply {
     fn default() -> Self {
         Self {
@@ -328,6 +339,7 @@ pub struct GetParametersRequest {
     pub names: Vec<std::string::String>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for GetParametersRequest {
     fn default() -> Self {
         Self {
@@ -344,6 +356,7 @@ pub struct GetParametersReply {
     pub values: Vec<ParameterValue>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for GetParametersReply {
     fn default() -> Self {
         Self {
@@ -377,6 +390,7 @@ impl ListParametersRequest {
     pub const DEPTH_RECURSIVE: u64 = 0;
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for ListParametersRequest {
     fn default() -> Self {
         Self {
@@ -394,6 +408,7 @@ pub struct ListParametersReply {
     pub result: ListParametersResult,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for ListParametersReply {
     fn default() -> Self {
         Self {
@@ -420,6 +435,7 @@ pub struct SetParametersRequest {
     pub parameters: Vec<Parameter>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for SetParametersRequest {
     fn default() -> Self {
         Self {
@@ -436,6 +452,7 @@ pub struct SetParametersReply {
     pub results: Vec<SetParametersResult>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for SetParametersReply {
     fn default() -> Self {
         Self {
@@ -462,6 +479,7 @@ pub struct SetParametersAtomicallyRequest {
     pub parameters: Vec<Parameter>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for SetParametersAtomicallyRequest {
     fn default() -> Self {
         Self {
@@ -478,6 +496,7 @@ pub struct SetParametersAtomicallyReply {
     pub result: SetParametersResult,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for SetParametersAtomicallyReply {
     fn default() -> Self {
         Self {

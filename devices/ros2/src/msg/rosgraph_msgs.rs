@@ -10,6 +10,7 @@ pub struct Clock {
     pub clock: super::builtin_interfaces::Time,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Clock {
     fn default() -> Self {
         Self {

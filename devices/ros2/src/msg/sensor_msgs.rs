@@ -20,6 +20,7 @@ pub struct Imu {
     pub linear_acceleration_covariance: [f64; 9],
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Imu {
     fn default() -> Self {
         Self {
@@ -54,6 +55,7 @@ pub struct JointState {
     pub effort: Vec<f64>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for JointState {
     fn default() -> Self {
         Self {

@@ -10,6 +10,7 @@ pub struct Bool {
     pub data: bool,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Bool {
     fn default() -> Self {
         Self {
@@ -32,6 +33,7 @@ pub struct Byte {
     pub data: u8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Byte {
     fn default() -> Self {
         Self {
@@ -54,6 +56,7 @@ pub struct Char {
     pub data: u8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Char {
     fn default() -> Self {
         Self {
@@ -82,6 +85,7 @@ pub struct ColorRGBA {
     pub a: f32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for ColorRGBA {
     fn default() -> Self {
         Self {
@@ -107,6 +111,7 @@ pub struct Empty {
     pub structure_needs_at_least_one_member: u8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Empty {
     fn default() -> Self {
         Self {
@@ -129,6 +134,7 @@ pub struct Float32 {
     pub data: f32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Float32 {
     fn default() -> Self {
         Self {
@@ -151,6 +157,7 @@ pub struct Float64 {
     pub data: f64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Float64 {
     fn default() -> Self {
         Self {
@@ -173,6 +180,7 @@ pub struct Float64MultiArray {
     pub data: Vec<f64>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Float64MultiArray {
     fn default() -> Self {
         Self {
@@ -196,6 +204,7 @@ pub struct Header {
     pub frame_id: std::string::String,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Header {
     fn default() -> Self {
         Self {
@@ -219,6 +228,7 @@ pub struct Int16 {
     pub data: i16,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Int16 {
     fn default() -> Self {
         Self {
@@ -241,6 +251,7 @@ pub struct Int32 {
     pub data: i32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Int32 {
     fn default() -> Self {
         Self {
@@ -263,6 +274,7 @@ pub struct Int64 {
     pub data: i64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Int64 {
     fn default() -> Self {
         Self {
@@ -285,6 +297,7 @@ pub struct Int8 {
     pub data: i8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for Int8 {
     fn default() -> Self {
         Self {
@@ -309,6 +322,7 @@ pub struct MultiArrayDimension {
     pub stride: u32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for MultiArrayDimension {
     fn default() -> Self {
         Self {
@@ -333,6 +347,7 @@ pub struct MultiArrayLayout {
     pub data_offset: u32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for MultiArrayLayout {
     fn default() -> Self {
         Self {
@@ -354,6 +369,7 @@ pub struct String {
     pub data: std::string::String,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for String {
     fn default() -> Self {
         Self {
@@ -376,6 +392,7 @@ pub struct UInt16 {
     pub data: u16,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for UInt16 {
     fn default() -> Self {
         Self {
@@ -398,6 +415,7 @@ pub struct UInt32 {
     pub data: u32,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for UInt32 {
     fn default() -> Self {
         Self {
@@ -420,6 +438,7 @@ pub struct UInt64 {
     pub data: u64,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for UInt64 {
     fn default() -> Self {
         Self {
@@ -442,6 +461,7 @@ pub struct UInt8 {
     pub data: u8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for UInt8 {
     fn default() -> Self {
         Self {

@@ -10,6 +10,7 @@ pub struct EmptyRequest {
     pub structure_needs_at_least_one_member: u8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for EmptyRequest {
     fn default() -> Self {
         Self {
@@ -28,6 +29,7 @@ pub struct EmptyReply {
     pub structure_needs_at_least_one_member: u8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for EmptyReply {
     fn default() -> Self {
         Self {
@@ -56,6 +58,7 @@ pub struct SetBoolRequest {
     pub data: bool,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for SetBoolRequest {
     fn default() -> Self {
         Self {
@@ -74,6 +77,7 @@ pub struct SetBoolReply {
     pub message: std::string::String,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for SetBoolReply {
     fn default() -> Self {
         Self {
@@ -103,6 +107,7 @@ pub struct TriggerRequest {
     pub structure_needs_at_least_one_member: u8,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for TriggerRequest {
     fn default() -> Self {
         Self {
@@ -121,6 +126,7 @@ pub struct TriggerReply {
     pub message: std::string::String,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for TriggerReply {
     fn default() -> Self {
         Self {

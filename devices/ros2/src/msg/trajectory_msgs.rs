@@ -12,6 +12,7 @@ pub struct JointTrajectory {
     pub points: Vec<JointTrajectoryPoint>,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for JointTrajectory {
     fn default() -> Self {
         Self {
@@ -42,6 +43,7 @@ pub struct JointTrajectoryPoint {
     pub time_from_start: super::builtin_interfaces::Duration,
 }
 
+#[allow(clippy::derivable_impls, reason = "generated")]
 impl Default for JointTrajectoryPoint {
     fn default() -> Self {
         Self {

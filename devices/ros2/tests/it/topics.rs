@@ -192,12 +192,14 @@ fn a_subscription_is_a_guard() {
         .unwrap();
     let status = out.status();
     let (stop, stopped) = luna::channel::<()>();
+    let (go, gone) = luna::channel::<()>();
     let mut system = System::new("test");
     let main = system.executor("main").build().unwrap();
     main.process("out").priority(2).spawn(out).unwrap();
     main.process("back").priority(2).spawn(back).unwrap();
     main.process("sends")
         .spawn(async move {
+            assert!(gone.recv().await.is_err());
             status.wait_for_partners(1).await;
             let mut twist = Twist::default();
             // Best effort: again until one has come.
@@ -213,14 +215,15 @@ fn a_subscription_is_a_guard() {
         .unwrap();
     main.process("drives")
         .spawn(async move {
-            let mut waited = 0;
-            let x = loop {
-                alt! {
-                    received = commands.recv() => break received?.value.linear.x,
-                    _ = luna::after(Duration::from_millis(5)) => waited += 1,
-                }
+            alt! {
+                received = commands.recv() => panic!("{received:?} was not sent yet"),
+                _ = luna::after(Duration::from_millis(5)) => drop(go),
+            }
+            let x = alt! {
+                received = commands.recv() => received?.value.linear.x,
+                _ = luna::after(Duration::from_secs(30)) => panic!("nothing came"),
             };
-            assert!(x >= 1.0 && waited > 0, "discovery takes longer than that");
+            assert!(x >= 1.0);
             drop(stop);
             Ok(())
         })
