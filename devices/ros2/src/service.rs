@@ -28,6 +28,8 @@ impl Node {
     /// a reply is [counted](Status::unanswered); its client gets nothing, since ROS 2 has no reply
     /// for that. Priorities are not inherited: the client is another program.
     ///
+    /// A client of the same node does not find it: use an ordinary call channel there.
+    ///
     /// Not for the real-time path: as [`publisher`](Self::publisher). To accept and to reply is,
     /// with types without heap.
     ///
@@ -42,7 +44,8 @@ impl Node {
     ///
     /// let node = Node::new("/", "lamp", Options::new().domain(80))?;
     /// let (switch, to_graph) = node.service::<Trigger>("/lamp/switch")?;
-    /// let (client, from_graph) = node.client::<Trigger>("/lamp/switch")?;
+    /// # let user = Node::new("/", "user", Options::new().domain(80))?;
+    /// let (client, from_graph) = user.client::<Trigger>("/lamp/switch")?;
     /// # let other = to_graph.status();
     /// let status = from_graph.status();
     /// let mut system = System::new("lamp");

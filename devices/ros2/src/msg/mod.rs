@@ -3,7 +3,7 @@
 //! They are generated from the files in this crate's folder `msg`, which has the same layout as
 //! those of [`generate`](crate::generate). Messages of numbers alone are `Copy`. Those with a
 //! `String` or `Vec` have heap: on the real-time path define the same message with
-//! [`arrayvec`](crate::arrayvec), under the same name of ROS 2.
+//! `luna_ros2::arrayvec`, under the same name of ROS 2.
 //!
 //! ```
 //! use luna_ros2::arrayvec::{ArrayString, ArrayVec};
