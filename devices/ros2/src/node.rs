@@ -138,7 +138,7 @@ pub(crate) struct Inner {
     graph: Arc<Mutex<Graph>>,
     stop: Option<Sender<()>>,
     thread: Option<Thread<()>>,
-    /// Publishers without a link, for what DDS has to send again.
+    /// Publishers and servers without a link, for what DDS has to send again.
     retired: Mutex<Vec<Box<dyn Any + Send>>>,
     participant: DomainParticipant,
     /// Dropped after the thread has ended: DDS ends with it.
@@ -289,9 +289,9 @@ impl Inner {
         Ok(topic.create_topic(name, kind, &plan.policies, TopicKind::NoKey)?)
     }
 
-    /// Keeps a publisher until the node ends.
-    pub(crate) fn retire(&self, publisher: impl Any + Send) {
-        lock(&self.retired).push(Box::new(publisher));
+    /// Keeps a publisher or server until the node ends.
+    pub(crate) fn retire(&self, writer: impl Any + Send) {
+        lock(&self.retired).push(Box::new(writer));
     }
 
     /// Makes something of DDS.

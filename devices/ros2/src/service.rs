@@ -26,7 +26,8 @@ impl Node {
     ///
     /// One call is under way at a time, and the others wait in DDS. A call that is dropped without
     /// a reply is [counted](Status::unanswered); its client gets nothing, since ROS 2 has no reply
-    /// for that. Priorities are not inherited: the client is another program.
+    /// for that. When the last server is gone, the service stays in the graph until its node ends,
+    /// and answers nothing: DDS may have to send the last reply again. Priorities are not inherited: the client is another program.
     ///
     /// A client of the same node does not find it: use an ordinary call channel there.
     ///
@@ -87,11 +88,14 @@ impl Node {
         let name = name.to_string();
         let (client, server) = call_channel();
         let client = client.external();
-        let counts = status.clone();
+        let (counts, node) = (status.clone(), self.inner.clone());
         let work = move |stop: &Stop| {
             let served = stop.wait(serve(&ros, &client, &counts));
-            if served.as_ref().is_some_and(|served| served.is_err()) {
-                client.poison();
+            match &served {
+                // DDS may have to send the last reply again.
+                Some(Ok(())) => node.retire(ros),
+                Some(Err(_)) => client.poison(),
+                None => {}
             }
             served.unwrap_or(Ok(()))
         };
