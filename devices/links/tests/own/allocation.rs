@@ -155,4 +155,4 @@ fn hop(place: &luna::Executor) -> impl Sized {
 }
 
 #[cfg(not(feature = "net"))]
-fn hop(_: &luna::Executor) {}
+fn hop(_: &luna::Executor) -> impl Sized {}
