@@ -60,7 +60,9 @@ fn programs_that_are_killed_lose_no_block() {
 fn hosts_that_are_killed_lose_no_block() {
     use std::os::unix::fs::MetadataExt;
     if cfg!(debug_assertions) {
-        println!("skipped: six hosts of an unoptimized build hear each other too late: use --release");
+        println!(
+            "skipped: six hosts of an unoptimized build hear each other too late: use --release"
+        );
         return;
     }
     let is_root = std::fs::metadata("/proc/self").is_ok_and(|about| about.uid() == 0);
