@@ -14,6 +14,7 @@ export class Address {
   // Only what differs from the page as it is at first.
   write() {
     const { signals } = this, { list, clock } = signals;
+    if (location.hash !== this.hash) this.read(); // entered in this frame; its event is yet to come
     if (this.until !== null) return; // not restored yet
     const now = new URLSearchParams();
     if (this.seen() !== "signals") now.set("view", this.seen());
@@ -29,11 +30,13 @@ export class Address {
     if (text === this.text) return;
     this.text = text;
     history.replaceState(null, "", `${location.pathname}${text && `#${text}`}`);
+    this.hash = location.hash; // escaped as the browser does it
   }
 
   read() {
     const { signals } = this, { list } = signals;
     const text = location.hash.slice(1), then = new URLSearchParams(text);
+    this.hash = location.hash;
     if (text === this.text) return;
     this.text = text;
     const layout = then.get("layout"), span = Number(then.get("span")), until = Number(then.get("until"));

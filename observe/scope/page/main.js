@@ -170,14 +170,13 @@ function frame(now) {
   requestAnimationFrame(frame); // which the browser does not call while the page is hidden
 }
 
-// For tests, and for the browser's console.
-window.scope = { model, clock, connection, views, show };
-
 // The skip link is not a layout.
 $(".skip").onclick = (event) => { event.preventDefault(); $("#view").focus(); };
 
 show("signals");
 theme();
 const address = new Address(views.signals, connection, () => seen, show);
+// For tests, and for the browser's console.
+window.scope = { model, clock, connection, views, show, address };
 showState();
 requestAnimationFrame(frame);

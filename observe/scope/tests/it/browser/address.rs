@@ -52,6 +52,9 @@ fn the_address_restores_the_layout() {
     browser.run("location.hash = 'view=constructor&layout=no&span=-1&axis=no&adjust=no&until=no'");
     browser
         .wait("!document.querySelector('#signals').hidden && scope.views.signals.layout === 'xy'");
+    // An address counts also if a frame comes between its entry and the event that reports it.
+    browser.run("(() => { location.hash = 'layout=overlay'; scope.address.write(); })()");
+    browser.wait("scope.views.signals.layout === 'overlay'");
     is_content(&browser);
 }
 
