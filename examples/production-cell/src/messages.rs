@@ -5,12 +5,19 @@ use crate::parameters::PLACES;
 use luna_ipc::ZeroCopySend;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// A value that passes between units, or between a unit and the operator.
 pub trait Message: ZeroCopySend + Serialize + DeserializeOwned + Copy + Send + 'static {
     /// What the receiver is given when the sender's program has ended; none: nothing.
     fn lost() -> Option<Self> {
         None
+    }
+
+    /// The value as the receiver is given it, when it may have been under way for `age`.
+    #[must_use]
+    fn aged(self, _age: Duration) -> Self {
+        self
     }
 }
 
@@ -50,13 +57,23 @@ pub struct Status {
     /// Blocks up to this number may come from behind: those that it has taken, and one more if it
     /// is ready. So a status that is late never lets a second block through.
     pub accepts: u32,
+    /// How old it may be when it arrives, in µs. A unit says 0. A link between hosts says how long
+    /// it was under way: a network may deliver what a unit said long before it died.
+    pub age: u32,
 }
 
 impl Message for Status {
     fn lost() -> Option<Self> {
         let condition = Condition::Lost;
-        let accepts = 0;
-        Some(Self { condition, accepts })
+        Some(Self {
+            condition,
+            ..Self::default()
+        })
+    }
+
+    fn aged(self, age: Duration) -> Self {
+        let age = u32::try_from(age.as_micros()).unwrap_or(u32::MAX);
+        Self { age, ..self }
     }
 }
 

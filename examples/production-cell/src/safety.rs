@@ -10,7 +10,7 @@
 //!    on with what it has.
 //! 5. No block is let go, and none is announced to be welcome, except by a unit that runs.
 //!
-//! A unit has failed if it says that it has a fault, or if nothing is heard of it.
+//! A unit has failed if it says that it has a fault, or if what was heard of it last is too old.
 
 use crate::messages::{Condition, Drive, Goal, Order, Sensors, Setpoint, Status, View};
 use crate::parameters::{
@@ -18,15 +18,23 @@ use crate::parameters::{
 };
 use luna::time::Instant;
 use luna_safety_blocks::{Block, Blocked, Limit, Range, Sample, SettingError};
+use std::time::Duration;
 
 /// What is known of a neighbour.
 #[derive(Debug, Clone, Copy, Default)]
 struct Neighbour {
     status: Status,
+    /// When its last status was sent, or before.
     heard: Option<Instant>,
 }
 
 impl Neighbour {
+    fn says(status: Status) -> Self {
+        let heard = luna::now() - Duration::from_micros(status.age.into());
+        let heard = Some(heard);
+        Self { status, heard }
+    }
+
     fn has_failed(&self, now: Instant) -> bool {
         let is_silent = |heard| now - heard > NEIGHBOUR_TIMEOUT;
         self.status.condition.is_failed() || self.heard.is_none_or(is_silent)
@@ -75,14 +83,12 @@ impl Safety {
 
     /// The unit ahead has sent its status.
     pub fn ahead(&mut self, status: Status) {
-        let heard = Some(luna::now());
-        self.ahead = Neighbour { status, heard };
+        self.ahead = Neighbour::says(status);
     }
 
     /// The unit behind has sent its status.
     pub fn behind(&mut self, status: Status) {
-        let heard = Some(luna::now());
-        self.behind = Neighbour { status, heard };
+        self.behind = Neighbour::says(status);
     }
 
     /// The sensors' readings of a cycle. Returns what the controller may see of them: of a broken
@@ -151,7 +157,11 @@ impl Safety {
         let condition = self.condition();
         let is_ready = self.order.ready && condition == Condition::Running;
         let accepts = self.sensors.taken + u32::from(is_ready);
-        Status { condition, accepts }
+        Status {
+            condition,
+            accepts,
+            age: 0,
+        }
     }
 
     /// What the command block sees.
@@ -174,10 +184,12 @@ impl Safety {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::messages::Message;
 
     const WELL: Status = Status {
         condition: Condition::Running,
         accepts: 1,
+        age: 0,
     };
 
     fn running(unit: Unit) -> Safety {
@@ -196,8 +208,7 @@ mod tests {
     }
 
     fn with(condition: Condition) -> Status {
-        let accepts = 1;
-        Status { condition, accepts }
+        Status { condition, ..WELL }
     }
 
     #[test]
@@ -252,6 +263,19 @@ mod tests {
             ..Order::default()
         });
         assert_eq!(safety.condition(), Condition::Halted);
+    }
+
+    #[test]
+    fn an_old_status_is_silence() {
+        let mut safety = running(Unit::FeederBelt);
+        safety.ahead(WELL.aged(NEIGHBOUR_TIMEOUT / 2));
+        safety.sensors(Sensors::default());
+        assert_eq!(safety.condition(), Condition::Running);
+        for age in [NEIGHBOUR_TIMEOUT + PERIOD, Duration::MAX] {
+            safety.ahead(WELL.aged(age));
+            safety.sensors(Sensors::default());
+            assert_eq!(safety.condition(), Condition::Halted, "{age:?}");
+        }
     }
 
     #[test]

@@ -29,9 +29,15 @@ const GRACE: Duration = Duration::from_millis(200);
 pub(super) trait Remote: Clone + Send + 'static {
     fn open_sender<T: Message>(self) -> luna::Result<(Sender<T>, impl Process + Send + 'static)>;
 
+    /// What arrives: a value, with what the channel says of it.
+    type Arrived<T: Message>: Send + 'static;
+
     fn open_receiver<T: Message>(
         self,
-    ) -> luna::Result<(Receiver<T>, impl Process + Send + 'static)>;
+    ) -> luna::Result<(Receiver<Self::Arrived<T>>, impl Process + Send + 'static)>;
+
+    /// The value, as the unit is to get it.
+    fn value<T: Message>(arrived: &Self::Arrived<T>) -> T;
 }
 
 /// The unit's end of a channel that leads to `remote`.
@@ -49,15 +55,15 @@ pub(super) fn sender<T: Message>(
 }
 
 /// The unit's end of a channel that comes from `remote`.
-pub(super) fn receiver<T: Message>(
+pub(super) fn receiver<T: Message, R: Remote>(
     executor: &Executor,
     name: &str,
-    remote: impl Remote,
+    remote: R,
     style: Style,
 ) -> luna::Result<Receiver<T>> {
     let (local, receiver) = style.channel(name);
     let process = executor.process(format!("link from {name}"));
-    let body = move || carry_in::<T>(remote, local, style);
+    let body = move || carry_in::<T, R>(remote, local, style);
     process.priority(LEVEL).spawn(body)?;
     Ok(receiver)
 }
@@ -108,8 +114,8 @@ async fn carry_out<T: Message>(
 }
 
 /// Ends when the unit's end is gone.
-async fn carry_in<T: Message>(
-    remote: impl Remote,
+async fn carry_in<T: Message, R: Remote>(
+    remote: R,
     local: Sender<T>,
     style: Style,
 ) -> luna::Result<()> {
@@ -117,8 +123,8 @@ async fn carry_in<T: Message>(
         let (far, mut link) = open(&remote, |remote| remote.open_receiver::<T>()).await?;
         let values = async {
             // The other program goes on when the unit has taken the value.
-            while let Ok(value) = far.recv_extended().await {
-                if local.send(*value).await.is_err() {
+            while let Ok(arrived) = far.recv_extended().await {
+                if local.send(R::value(&arrived)).await.is_err() {
                     return true;
                 }
             }

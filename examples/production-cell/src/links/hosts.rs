@@ -5,7 +5,8 @@ use super::{Links, Style};
 use crate::messages::Message;
 use luna::system::Executor;
 use luna::{Error, Process, Receiver, Sender};
-use luna_net::{Endpoint, Network};
+use luna_net::{Endpoint, Network, Stamped};
+use std::time::Duration;
 
 /// Links between hosts.
 #[derive(Debug)]
@@ -40,9 +41,16 @@ impl Remote for Endpoint {
         self.sender().map_err(Error::other)
     }
 
+    type Arrived<T: Message> = Stamped<T>;
+
     fn open_receiver<T: Message>(
         self,
-    ) -> luna::Result<(Receiver<T>, impl Process + Send + 'static)> {
-        self.receiver().map_err(Error::other)
+    ) -> luna::Result<(Receiver<Stamped<T>>, impl Process + Send + 'static)> {
+        self.stamped_receiver().map_err(Error::other)
+    }
+
+    fn value<T: Message>(arrived: &Stamped<T>) -> T {
+        let age = arrived.age().at_most.unwrap_or(Duration::MAX);
+        arrived.get().aged(age)
     }
 }

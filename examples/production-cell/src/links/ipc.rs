@@ -41,9 +41,15 @@ impl Remote for Endpoint {
         self.sender().map_err(Error::other)
     }
 
+    type Arrived<T: Message> = T;
+
     fn open_receiver<T: Message>(
         self,
     ) -> luna::Result<(Receiver<T>, impl Process + Send + 'static)> {
         self.receiver().map_err(Error::other)
+    }
+
+    fn value<T: Message>(arrived: &T) -> T {
+        *arrived
     }
 }
