@@ -141,22 +141,24 @@ impl<O: CycleData, I: CycleData> Process for CycleProcess<O, I> {
         }
     }
 
-    async fn run(&mut self) -> luna::Result<()> {
+    fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
         // Here, off the real-time path. If it fails, the first wait fails too, and reports it.
         let _ = luna::external::prepare_files();
-        let (outgoing, incoming) = (self.outgoing.take(), self.incoming.take());
-        let (Some(link), Some(outgoing), Some(incoming)) = (&mut self.link, outgoing, incoming)
-        else {
-            return Err(LinkError::NotPrepared.into());
-        };
-        match carry(link, &outgoing, &incoming, self.on_stale).await {
-            Err(luna::Error::Closed) => Ok(()),
-            Err(error) => {
-                outgoing.poison();
-                incoming.poison();
-                Err(error)
+        async {
+            let (outgoing, incoming) = (self.outgoing.take(), self.incoming.take());
+            let (Some(link), Some(outgoing), Some(incoming)) = (&mut self.link, outgoing, incoming)
+            else {
+                return Err(LinkError::NotPrepared.into());
+            };
+            match carry(link, &outgoing, &incoming, self.on_stale).await {
+                Err(luna::Error::Closed) => Ok(()),
+                Err(error) => {
+                    outgoing.poison();
+                    incoming.poison();
+                    Err(error)
+                }
+                Ok(()) => Ok(()),
             }
-            Ok(()) => Ok(()),
         }
     }
 

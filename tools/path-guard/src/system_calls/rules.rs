@@ -74,14 +74,18 @@ impl Made {
                     && self.arguments[0] == libc::MEMBARRIER_CMD_PRIVATE_EXPEDITED as u64
             }
             Call::Boost => number == libc::SYS_sched_setscheduler,
-            Call::File => matches!(
-                number,
+            Call::File => match number {
                 libc::SYS_read
-                    | libc::SYS_write
-                    | libc::SYS_readv
-                    | libc::SYS_writev
-                    | libc::SYS_epoll_ctl
-            ),
+                | libc::SYS_write
+                | libc::SYS_readv
+                | libc::SYS_writev
+                | libc::SYS_epoll_ctl => true,
+                // A datagram, unless the call waits.
+                libc::SYS_sendto | libc::SYS_recvfrom => {
+                    self.arguments[3] & libc::MSG_DONTWAIT as u64 != 0
+                }
+                _ => false,
+            },
             // Opened once a thread, when its first loop begins.
             Call::Account => matches!(
                 number,
@@ -140,6 +144,12 @@ mod tests {
             fence.breach(Some(Call::Fence)).is_some(),
             "it waits for all"
         );
+        let mut datagram = futex(0);
+        datagram.number = libc::SYS_recvfrom;
+        datagram.arguments[3] = libc::MSG_DONTWAIT as u64;
+        assert_eq!(datagram.breach(Some(Call::File)), None);
+        datagram.arguments[3] = libc::MSG_PEEK as u64;
+        assert!(datagram.breach(Some(Call::File)).is_some(), "it waits");
         let lock = futex(libc::FUTEX_LOCK_PI2 | libc::FUTEX_PRIVATE_FLAG);
         assert_eq!(lock.breach(Some(Call::Lock)), None);
         let operation = "FUTEX_LOCK_PI2";

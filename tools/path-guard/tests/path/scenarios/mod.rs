@@ -37,6 +37,7 @@ scenarios! {
         a_bias_that_is_revoked;
     files: files_that_become_ready, links;
     programs: values_to_other_programs, values_through_a_buffer, values_that_are_lent, calls_to_other_programs, blackboards;
+    computers: cycles_of_a_link, cycles_of_a_loop;
     logging: signals_and_messages, signals_without_room, signals_without_a_recording;
     parameters: parameters_that_are_replaced, parameters_that_are_recorded;
 }
