@@ -1,10 +1,11 @@
 //! The link's own thread, which makes all calls of zenoh. It is not for real time, and has no
 //! priority.
 
+use crate::batch::Batch;
 use crate::message::{decode, key, of_token, token};
 use crate::network::{Book, Entry};
 use crate::peering::Peering;
-use crate::side::{Event, Packet, Stop};
+use crate::side::{Event, Stop};
 use crate::{NetError, Role};
 use luna::channel::ChannelEnd;
 use luna::{Instant, Policy, Receiver, Sender};
@@ -21,8 +22,8 @@ use zenoh::{Session, Wait};
 
 /// What the link's process asks for.
 pub(crate) enum Job {
-    /// A value is to be sent.
-    Value(Packet),
+    /// Values are to be sent.
+    Values(Batch),
     /// Something has changed.
     Look,
     /// The process has ended.
@@ -37,6 +38,8 @@ pub(crate) struct Shared {
     taken: AtomicU64,
     /// Whether a [`Job::Look`] waits: one is enough.
     looks: AtomicBool,
+    /// Whether the session is over.
+    is_stopped: AtomicBool,
     jobs: Sender<Job>,
     events: Sender<Event>,
 }
@@ -47,6 +50,7 @@ impl Shared {
             peering: Mutex::new(peering),
             taken: AtomicU64::new(0),
             looks: AtomicBool::new(false),
+            is_stopped: AtomicBool::new(false),
             jobs,
             events,
         }
@@ -60,7 +64,7 @@ impl Shared {
     /// Wakes the link's thread. Real-time path: yes.
     fn look(&self) {
         if !self.looks.swap(true, SeqCst) {
-            // There is room for one of these beside the values.
+            // There is room for one of these beside the batches.
             let _ = self.jobs.try_send(Job::Look);
         }
     }
@@ -74,11 +78,11 @@ impl Shared {
         }
     }
 
-    /// A value is to be sent. Real-time path: yes.
-    pub(crate) fn send(&self, packet: Packet) {
-        // There are as many places as buffers. The receiving end is gone only after a panic of the
+    /// Values are to be sent. Real-time path: yes.
+    pub(crate) fn send(&self, batch: Batch) {
+        // There are as many places as batches. The receiving end is gone only after a panic of the
         // thread, which is reported as an event.
-        let _ = self.jobs.try_send(Job::Value(packet));
+        let _ = self.jobs.try_send(Job::Values(batch));
     }
 
     /// The process has ended. Real-time path: yes.
@@ -86,8 +90,16 @@ impl Shared {
         let _ = self.jobs.try_send(Job::End(end));
     }
 
+    /// Whether the other side has ended the session, or is lost. Real-time path: yes.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.is_stopped.load(SeqCst)
+    }
+
     fn report(&self, event: Option<Event>) {
         if let Some(event) = event {
+            if matches!(event, Event::Stop(_)) {
+                self.is_stopped.store(true, SeqCst);
+            }
             // There is room for all that come in a session.
             let _ = self.events.try_send(event);
         }
@@ -131,6 +143,9 @@ impl Shared {
 struct Carrier {
     shared: Arc<Shared>,
     jobs: Receiver<Job>,
+    /// Batches whose values were queued, to be given back.
+    taken: Vec<Batch>,
+    free: Sender<Batch>,
     book: Book,
     period: Duration,
     is_quiet: Arc<AtomicBool>,
@@ -155,7 +170,7 @@ pub(crate) fn start(
     session: Session,
     book: Book,
     shared: Arc<Shared>,
-    jobs: Receiver<Job>,
+    (jobs, free): (Receiver<Job>, Sender<Batch>),
 ) -> Result<Running, NetError> {
     let own = shared.peering().own.clone();
     let (name, other) = (own.name.as_str(), own.role.other());
@@ -196,6 +211,8 @@ pub(crate) fn start(
     let carrier = Carrier {
         shared,
         jobs,
+        taken: Vec::new(),
+        free,
         book,
         period: own.lost_after / 4,
         is_quiet: is_quiet.clone(),
@@ -234,25 +251,40 @@ impl Carrier {
                 self.shared.report(event);
             }
             self.send_all();
+            // Only now: what comes meanwhile goes together.
+            for mut batch in self.taken.drain(..) {
+                batch.clear();
+                // There is room for all of them.
+                let _ = self.free.try_send(batch);
+            }
             if self.shared.peering().is_done() {
                 return;
             }
             let left = next_tick - Instant::now_real();
             match self.jobs.blocking_recv_timeout(left) {
-                Ok(job) => self.take(job),
+                Ok(job) => self.take_all(job),
                 Err(error) if error.is_timeout() => continue,
                 // The other end is in `shared`.
                 Err(_) => return,
             }
-            while let Ok(job) = self.jobs.try_recv() {
-                self.take(job);
-            }
+        }
+    }
+
+    /// Takes this job and all that wait.
+    fn take_all(&mut self, first: Job) {
+        let mut next = Some(first);
+        while let Some(job) = next {
+            self.take(job);
+            next = self.jobs.try_recv().ok();
         }
     }
 
     fn take(&mut self, job: Job) {
         match job {
-            Job::Value(packet) => self.shared.peering().queue(packet),
+            Job::Values(batch) => {
+                self.shared.peering().queue(&batch);
+                self.taken.push(batch);
+            }
             Job::Look => {
                 // Before the look: a change after it asks for another.
                 self.shared.looks.store(false, SeqCst);

@@ -1,14 +1,11 @@
 //! The messages that a side owes to its partner.
 
 use crate::age::now_nanos;
-use crate::message::{Beat, Body, Head, Hello, add_value, encode};
+use crate::message::{Beat, Body, Head, Hello, encode};
 use crate::peering::Peering;
 use crate::side::Values;
 use luna::Instant;
 use luna::channel::ChannelEnd;
-
-/// Values go together in one message up to this many bytes.
-const BATCH: usize = 32 * 1024;
 
 impl Peering {
     /// The next message that is due. `taken` is the number of the last value that was taken here.
@@ -36,7 +33,7 @@ impl Peering {
         if std::mem::take(&mut self.owes_beat) {
             let arrived = match &self.values {
                 Values::In { arrived, .. } => *arrived,
-                Values::Out { .. } => 0,
+                Values::Out(_) => 0,
             };
             let beat = Beat {
                 taken,
@@ -72,40 +69,26 @@ impl Peering {
             session: own.memory.session,
             window: match &self.values {
                 Values::In { window, .. } => *window,
-                Values::Out { .. } => 0,
+                Values::Out(_) => 0,
             },
         }
     }
 
     /// Values that wait, as far as the partner has room for them.
     fn next_values(&mut self, head: Head) -> Option<Vec<u8>> {
-        let Values::Out {
-            queue,
-            sent,
-            window,
-            ..
-        } = &mut self.values
-        else {
+        let Values::Out(outbox) = &mut self.values else {
             return None;
         };
-        let room = queue.len().min(*window as usize);
         let takes = self
             .partner
             .as_ref()
             .is_some_and(|partner| partner.is_joined && partner.end.is_none());
-        if self.end.is_some() || !takes || *sent >= room {
+        if self.end.is_some() || !takes {
             return None;
         }
-        let first = queue.get(*sent)?.0;
+        let first = outbox.next()?;
         let mut message = encode(head, &Body::Values { first });
-        for (_, packet) in queue.range(*sent..room) {
-            let bytes = &packet.buffer[..packet.length];
-            add_value(&mut message, packet.sent, bytes);
-            *sent += 1;
-            if message.len() > BATCH {
-                break;
-            }
-        }
+        outbox.fill(&mut message);
         Some(message)
     }
 }

@@ -1,20 +1,26 @@
 //! How a side of a channel is opened.
 
 use crate::age::Stamped;
+use crate::batch::Batch;
 use crate::carrier::{Job, Shared, start};
 use crate::error::TypeInfo;
 use crate::facts;
+use crate::inbox::{Arrived, inbox};
 use crate::link::{Line, Link};
 use crate::network::{Entry, Network};
+use crate::outbox::Outbox;
 use crate::peering::Peering;
-use crate::receive_link::{Arrived, Inward, StampedLink};
+use crate::receive_link::{Inward, StampedLink};
 use crate::send_link::Outward;
-use crate::side::{Accepted, Event, Own, Values};
+use crate::side::{Event, Own, Values};
 use crate::{NetError, ReceiveLink, Role, SendLink, Status};
 use luna::{Buffer, Receiver, Sender};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::sync::Arc;
+
+/// How many batches a stream has. While its thread sends one the link fills the other.
+const BATCHES: usize = 2;
 
 /// How a side of a channel is opened.
 ///
@@ -54,15 +60,17 @@ impl Endpoint {
     }
 
     /// How many bytes a value of the sending side has at most, in postcard's format; 4096 if not
-    /// stated. The buffers for that are allocated at the opening.
+    /// stated. The buffers for that are allocated at the opening: one
+    /// of that size, or for a stream two of at most 32 KiB more.
     #[must_use]
     pub fn capacity(mut self, bytes: usize) -> Self {
-        self.capacity = bytes;
+        self.capacity = bytes.min(u32::MAX as usize);
         self
     }
 
     /// How many values may be under way to a receiving side, or from a buffered sending side; the
-    /// smaller of both counts. 64 if not stated, and at least 1.
+    /// smaller of both counts. 64 if not stated, and at least 1. A stream is fast with a window of
+    /// some thousands: then its batches are large.
     #[must_use]
     pub fn window(mut self, values: usize) -> Self {
         self.window = values.max(1);
@@ -146,22 +154,22 @@ impl Endpoint {
     fn sending<T: Serialize + Send + 'static>(
         &self,
         (sender, receiver): (Sender<T>, Receiver<T>),
-        buffers: usize,
+        window: usize,
         is_buffered: bool,
     ) -> Result<(Sender<T>, SendLink<T>), NetError> {
-        let (give, free) = luna::buffered(Buffer::fifo(buffers));
-        let give = give.external();
-        for _ in 0..buffers {
-            let _ = give.try_send(vec![0; self.capacity].into_boxed_slice());
-        }
-        let values = Values::sending(buffers, move |buffer| {
-            let _ = give.try_send(buffer);
+        let (tell, acknowledged) = luna::buffered(Buffer::overwrite_oldest(1));
+        let tell = tell.external();
+        let outbox = Outbox::new(move || {
+            let _ = tell.try_send(());
         });
-        let line = self.open::<T>(Role::Sender, values, buffers)?;
+        let count = if is_buffered { BATCHES } else { 1 };
+        let batches = (0..count).map(|_| Batch::new(window, self.capacity));
+        let (line, free) = self.open::<T>(Role::Sender, Values::Out(outbox), batches.collect())?;
         let near = Outward {
             receiver: receiver.external(),
-            free: free.external(),
-            buffers,
+            free,
+            acknowledged: acknowledged.external(),
+            window: window as u64,
             is_buffered,
         };
         Ok((sender.named(&self.name), Link::new(line, near)))
@@ -172,33 +180,25 @@ impl Endpoint {
         (sender, receiver): (Sender<R>, Receiver<R>),
         deliver_as: fn(Arrived<T>) -> R,
     ) -> Result<(Receiver<R>, ReceiveLink<T, R>), NetError> {
-        let (arrive, inbox) = luna::buffered(Buffer::fifo(self.window));
-        let arrive = arrive.external();
-        let values = Values::receiving(self.window as u64, move |number, at, sent, bytes| {
-            let value = postcard::from_bytes(bytes).map_err(|error| error.to_string())?;
-            let arrived = Arrived {
-                value,
-                number,
-                at,
-                sent,
-            };
-            // One that finds no room is sent again.
-            Ok(match arrive.try_send(arrived) {
-                Ok(()) => Accepted::Yes,
-                Err(_) => Accepted::Full,
-            })
-        });
-        let line = self.open::<T>(Role::Receiver, values, 0)?;
+        let (values, inbox) = inbox(self.window);
+        let values = Values::receiving(values, self.window);
+        let (line, _) = self.open::<T>(Role::Receiver, values, Vec::new())?;
         let near = Inward {
             sender: sender.external(),
-            inbox: inbox.external(),
+            inbox,
             deliver_as,
             quarter: (self.window as u64 / 4).max(1),
         };
         Ok((receiver.named(&self.name), Link::new(line, near)))
     }
 
-    fn open<T>(&self, role: Role, values: Values, buffers: usize) -> Result<Line, NetError> {
+    /// The line, and batches from the link's thread.
+    fn open<T>(
+        &self,
+        role: Role,
+        values: Values,
+        batches: Vec<Batch>,
+    ) -> Result<(Line, Receiver<Batch>), NetError> {
         let name = self.name.clone();
         if !is_name(&name) {
             return Err(NetError::Name { name });
@@ -224,7 +224,12 @@ impl Endpoint {
             lost_after: inner.lost_after,
         };
         let status = Status::default();
-        let (jobs, asked) = luna::buffered::<Job>(Buffer::fifo(buffers + 4));
+        let (jobs, asked) = luna::buffered::<Job>(Buffer::fifo(batches.len() + 4));
+        let (give, free) = luna::buffered(Buffer::fifo(batches.len().max(1)));
+        let give = give.external();
+        for batch in batches {
+            let _ = give.try_send(batch);
+        }
         // One of each kind, and one for a panic.
         let (report, events) = luna::buffered::<Event>(Buffer::fifo(4));
         let peering = Peering::new(own, status.clone(), values);
@@ -233,7 +238,7 @@ impl Endpoint {
             inner.session.clone(),
             inner.book.clone(),
             shared.clone(),
-            asked.external(),
+            (asked.external(), give),
         );
         match started {
             Ok(started) => inner.started(started),
@@ -242,7 +247,8 @@ impl Endpoint {
                 return Err(error);
             }
         }
-        Ok(Line::new(name, shared, events.external(), status))
+        let line = Line::new(name, shared, events.external(), status);
+        Ok((line, free.external()))
     }
 }
 

@@ -52,6 +52,11 @@
 //! allocate. Values that arrive are decoded by zenoh's threads and wait in the link's inbox, which
 //! is bounded by the [window](Endpoint::window).
 //!
+//! A stream goes in batches. What is in its buffer goes together, at once if the thread is idle;
+//! what comes while the thread sends goes into the next batch. So no value waits for others, and
+//! the hand-over to the thread, the message and the wake of the receiving link are paid for each
+//! batch. One acknowledgement is for all values up to a number.
+//!
 //! # Guards, deadlines
 //!
 //! As for `luna-ipc`. A receiver is an input guard as any other: the value is acknowledged only if
@@ -79,7 +84,7 @@
 //! **Values** have numbers that go on by one. The sender keeps each until it is acknowledged. The
 //! receiver takes only the next number, so a value that comes twice, or after a gap, is passed
 //! over. Its beats name the last number that has arrived and the last that was taken: the latter is
-//! the acknowledgement, and is sent at once. A sender that does not see its values arrive for two
+//! the acknowledgement. It is sent at once when the inbox is empty, and each quarter of a window. A sender that does not see its values arrive for two
 //! beats sends them again. So messages that are lost or doubled on their way lose no value and
 //! double none.
 //!
@@ -93,15 +98,18 @@
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
 
 mod age;
+mod batch;
 mod carrier;
 mod config;
 mod dues;
 mod endpoint;
 mod error;
 mod facts;
+mod inbox;
 mod link;
 mod message;
 mod network;
+mod outbox;
 mod peering;
 mod receive_link;
 mod send_link;

@@ -1,14 +1,14 @@
 //! What crosses the network.
 //!
 //! A message is [`MAGIC`], then [`Head`] and [`Body`] in postcard's format. Behind [`Body::Values`]
-//! come the values, each as: when it was sent, its length, its bytes.
+//! come the values, each as: when it was sent, in 8 bytes; its length, in 4; its bytes.
 
 use crate::Role;
 use luna::channel::ChannelEnd;
 use serde::{Deserialize, Serialize};
 
 /// Begins every message. Its last digit counts the versions of the protocol.
-pub(crate) const MAGIC: [u8; 8] = *b"lunanet1";
+pub(crate) const MAGIC: [u8; 8] = *b"lunanet2";
 
 /// Who speaks to whom: by numbers that each opening of a side draws at random.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,15 +67,6 @@ pub(crate) fn encode(head: Head, body: &Body) -> Vec<u8> {
     postcard::to_extend(&(head, body), bytes).unwrap_or_default()
 }
 
-/// Adds a value behind [`Body::Values`].
-pub(crate) fn add_value(message: &mut Vec<u8>, sent: u64, bytes: &[u8]) {
-    let mut head = [0; 20];
-    if let Ok(head) = postcard::to_slice(&(sent, bytes.len() as u64), &mut head) {
-        message.extend_from_slice(head);
-        message.extend_from_slice(bytes);
-    }
-}
-
 /// The message, and what is behind it; none if it is of another version of the protocol.
 pub(crate) fn decode(bytes: &[u8]) -> Option<(Head, Body, &[u8])> {
     let rest = bytes.strip_prefix(&MAGIC)?;
@@ -83,12 +74,24 @@ pub(crate) fn decode(bytes: &[u8]) -> Option<(Head, Body, &[u8])> {
     Some((head, body, values))
 }
 
+/// Bytes in front of a value.
+pub(crate) const VALUE_HEAD: usize = 12;
+
+/// What is in front of a value.
+pub(crate) fn put_value_head(head: &mut [u8; VALUE_HEAD], sent: u64, length: usize) {
+    head[..8].copy_from_slice(&sent.to_le_bytes());
+    // No buffer for messages is so large that this cuts anything off.
+    head[8..].copy_from_slice(&(length as u32).to_le_bytes());
+}
+
 /// The next value: when it was sent, and its bytes; none if it is cut off.
 pub(crate) fn next_value<'a>(rest: &mut &'a [u8]) -> Option<(u64, &'a [u8])> {
-    let ((sent, length), behind): ((u64, u64), _) = postcard::take_from_bytes(rest).ok()?;
+    let (sent, behind) = rest.split_first_chunk()?;
+    let (length, behind) = behind.split_first_chunk()?;
+    let length = u32::from_le_bytes(*length);
     let (value, behind) = behind.split_at_checked(usize::try_from(length).ok()?)?;
     *rest = behind;
-    Some((sent, value))
+    Some((u64::from_le_bytes(*sent), value))
 }
 
 pub(crate) fn end_of(is_poisoned: bool) -> ChannelEnd {
@@ -123,8 +126,11 @@ mod tests {
         let head = Head { from: 7, to: 0 };
         let body = Body::Values { first: 3 };
         let mut message = encode(head, &body);
-        add_value(&mut message, 11, b"one");
-        add_value(&mut message, 12, b"");
+        for (sent, value) in [(11, b"one".as_slice()), (12, b"")] {
+            let mut head = [0; VALUE_HEAD];
+            put_value_head(&mut head, sent, value.len());
+            message.extend([&head, value].concat());
+        }
         let (got, found, mut rest) = decode(&message).unwrap();
         assert_eq!((got, found), (head, body));
         assert_eq!(next_value(&mut rest), Some((11, b"one".as_slice())));
@@ -136,9 +142,12 @@ mod tests {
     fn garbage_is_no_message() {
         assert!(decode(b"").is_none());
         assert!(decode(b"lunanet0abc").is_none());
-        assert!(decode(b"lunanet1\xff\xff").is_none());
+        assert!(decode(b"lunanet2\xff\xff").is_none());
         // A length beyond the end.
-        assert_eq!(next_value(&mut [1, 9, 0].as_slice()), None);
+        assert_eq!(
+            next_value(&mut [1, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 5].as_slice()),
+            None
+        );
     }
 
     #[test]

@@ -3,9 +3,11 @@
 //! messages out.
 
 use crate::age::ClockDifference;
+use crate::batch::Batch;
 use crate::error::TypeInfo;
+use crate::inbox::Accepted;
 use crate::message::{Beat, Body, Head, Hello, end_of, next_value};
-use crate::side::{Accepted, Event, Events, Memory, Own, Packet, Partner, Stop, Values};
+use crate::side::{Event, Events, Memory, Own, Partner, Stop, Values};
 use crate::{NetError, Peer, Sign, Status};
 use luna::Instant;
 use luna::channel::ChannelEnd;
@@ -171,7 +173,7 @@ impl Peering {
         let memory = self.own.memory;
         let start = memory.last.max(hello.last);
         match &mut self.values {
-            Values::Out { last, window, .. } => (*last, *window) = (start, hello.window),
+            Values::Out(outbox) => outbox.start(start, hello.window),
             Values::In { arrived, .. } => *arrived = start,
         }
         self.clocks = ClockDifference::new(hello.clock == self.own.clock);
@@ -214,20 +216,13 @@ impl Peering {
         if let Some(seen) = beat.seen {
             self.clocks.seen_there(seen, now);
         }
-        let Values::Out {
-            queue,
-            sent,
-            give_back,
-            ..
-        } = &mut self.values
-        else {
+        let Values::Out(outbox) = &mut self.values else {
             return;
         };
-        let is_taken = |&mut (number, _): &mut (u64, Packet)| number <= beat.taken;
-        while let Some((number, packet)) = queue.pop_front_if(is_taken) {
-            *sent = sent.saturating_sub(1);
-            self.status.acknowledge(number);
-            give_back(packet.buffer);
+        let count = outbox.acknowledge(beat.taken);
+        if count > 0 {
+            self.status.acknowledge(outbox.acknowledged(), count);
+            outbox.tell();
         }
         if let Some(partner) = &mut self.partner
             && beat.arrived > partner.arrived
@@ -239,17 +234,14 @@ impl Peering {
 
     fn receive(&mut self, first: u64, mut values: &[u8], now: Instant) -> Option<Event> {
         let mut number = first;
-        let Values::In {
-            deliver, arrived, ..
-        } = &mut self.values
-        else {
+        let Values::In { inbox, arrived, .. } = &mut self.values else {
             return None;
         };
         while !values.is_empty() && !self.is_over {
             let value = next_value(&mut values);
             let decoded = match value {
                 Some((sent, bytes)) if number == *arrived + 1 => {
-                    deliver(number, now, self.clocks.sent(sent, now), bytes)
+                    inbox.take(number, now, self.clocks.sent(sent, now), bytes)
                 }
                 // It came before: the acknowledgement may be lost. Or one before it is missing, and
                 // will be sent again.
@@ -275,6 +267,7 @@ impl Peering {
             }
             number = number.wrapping_add(1);
         }
+        inbox.deliver();
         None
     }
 
@@ -312,18 +305,17 @@ impl Peering {
                     false => self.owes_hello |= self.end.is_none(),
                 }
                 self.owes_end |= self.end.is_some() && partner.end.is_none();
-                if let Values::Out { queue, sent, .. } = &mut self.values {
+                if let Values::Out(outbox) = &mut self.values {
                     // What has arrived there is never sent again.
-                    let first = queue.front().map_or(0, |(number, _)| *number);
-                    let next = partner.arrived.saturating_add(1);
-                    let there = next.saturating_sub(first) as usize;
-                    partner.behind = match there < *sent {
+                    let missing = outbox.missing(partner.arrived);
+                    partner.behind = match missing > 0 {
                         true => partner.behind + 1,
                         false => 0,
                     };
                     if partner.behind > 1 {
-                        self.status.resend((*sent - there) as u64);
-                        (*sent, partner.behind) = (there, 0);
+                        self.status.resend(missing as u64);
+                        outbox.send_again(partner.arrived);
+                        partner.behind = 0;
                     }
                 }
             }
@@ -332,11 +324,10 @@ impl Peering {
         None
     }
 
-    /// A value is to be sent.
-    pub(crate) fn queue(&mut self, packet: Packet) {
-        if let Values::Out { queue, last, .. } = &mut self.values {
-            *last += 1;
-            queue.push_back((*last, packet));
+    /// Values are to be sent.
+    pub(crate) fn queue(&mut self, batch: &Batch) {
+        if let Values::Out(outbox) = &mut self.values {
+            outbox.add(batch);
         }
     }
 
@@ -369,7 +360,7 @@ impl Peering {
     /// Whether the link's thread is to look.
     pub(crate) fn has_dues(&self) -> bool {
         let waits = match &self.values {
-            Values::Out { queue, sent, .. } => *sent < queue.len(),
+            Values::Out(outbox) => outbox.waits(),
             Values::In { .. } => false,
         };
         let owes = self.owes_hello || self.owes_beat || self.owes_end;
@@ -384,7 +375,7 @@ impl Peering {
         let acknowledged = self.status.number();
         Memory {
             last: match &self.values {
-                Values::Out { last, .. } => *last,
+                Values::Out(outbox) => outbox.last(),
                 Values::In { .. } => acknowledged,
             },
             acknowledged: Some(acknowledged),

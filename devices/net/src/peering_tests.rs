@@ -2,7 +2,10 @@
 
 use super::*;
 use crate::Role;
+use crate::age::Sent;
+use crate::inbox::Inbox;
 use crate::message::decode;
+use crate::outbox::Outbox;
 use std::sync::mpsc;
 use std::time::Duration;
 
@@ -27,31 +30,37 @@ fn own(role: Role, number: u64, type_name: &str) -> Own {
     }
 }
 
-fn sender(number: u64, window: usize) -> Peering {
-    let values = Values::sending(window, |_| ());
+/// Delivers to a test.
+struct ToTest(mpsc::Sender<u64>);
+
+impl Inbox for ToTest {
+    fn take(&mut self, _: u64, _: Instant, _: Sent, bytes: &[u8]) -> Result<Accepted, String> {
+        let value = postcard::from_bytes(bytes).map_err(|error| error.to_string())?;
+        self.0.send(value).unwrap();
+        Ok(Accepted::Yes)
+    }
+
+    fn deliver(&mut self) {}
+}
+
+fn sender(number: u64) -> Peering {
+    let values = Values::Out(Outbox::new(|| ()));
     Peering::new(own(Role::Sender, number, "u64"), Status::default(), values)
 }
 
 fn receiver(number: u64, type_name: &str) -> (Peering, mpsc::Receiver<u64>) {
     let (deliver, delivered) = mpsc::channel();
-    let values = Values::receiving(8, move |_, _, _, bytes| {
-        let value = postcard::from_bytes(bytes).map_err(|error| error.to_string())?;
-        deliver.send(value).unwrap();
-        Ok(Accepted::Yes)
-    });
+    let values = Values::receiving(Box::new(ToTest(deliver)), 8);
     let own = own(Role::Receiver, number, type_name);
     (Peering::new(own, Status::default(), values), delivered)
 }
 
-fn packet(value: u64) -> Packet {
-    let mut buffer = vec![0; 10].into_boxed_slice();
-    let length = postcard::to_slice(&value, &mut buffer).unwrap().len();
-    let sent = 0;
-    Packet {
-        buffer,
-        length,
-        sent,
+fn batch(values: impl IntoIterator<Item = u64>) -> Batch {
+    let mut batch = Batch::new(8, 10);
+    for value in values {
+        batch.add(&value, 0).unwrap();
     }
+    batch
 }
 
 fn at(nanos: u64) -> Instant {
@@ -87,14 +96,16 @@ fn every_value_comes_once_and_in_order_over_a_bad_network() {
         state % 100 < percent
     };
     for loss in [0, 10, 40] {
-        let (mut out, (mut inn, delivered)) = (sender(1, 8), receiver(2, "u64"));
+        let (mut out, (mut inn, delivered)) = (sender(1), receiver(2, "u64"));
         let mut network: [Vec<Vec<u8>>; 2] = Default::default();
         let (mut taken, mut queued, mut now) = (0, 0, 0);
         for step in 0..40_000_u64 {
             now += SECOND / 100;
-            if queued < 500 && queued - out.status.acknowledged() < 8 && out.is_joined() {
-                queued += 1;
-                out.queue(packet(queued));
+            let room = 8 - (queued - out.status.acknowledged());
+            if queued < 500 && room > 0 && out.is_joined() {
+                let next = queued + 1 + (step % room).min(499 - queued);
+                out.queue(&batch(queued + 1..=next));
+                queued = next;
             }
             if step % 25 == 0 {
                 assert!(out.tick(at(now)).is_none() && inn.tick(at(now)).is_none());
@@ -102,7 +113,7 @@ fn every_value_comes_once_and_in_order_over_a_bad_network() {
             while let Ok(value) = delivered.try_recv() {
                 taken += 1;
                 assert_eq!(value, taken, "in order, each once");
-                inn.status.acknowledge(taken);
+                inn.status.acknowledge(taken, 1);
             }
             inn.report_taken(taken);
             for (from, side) in [&mut out, &mut inn].into_iter().enumerate() {
@@ -140,7 +151,7 @@ fn every_value_comes_once_and_in_order_over_a_bad_network() {
 
 #[test]
 fn types_are_compared_on_both_sides() {
-    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "i64"));
+    let (mut out, (mut inn, _delivered)) = (sender(1), receiver(2, "i64"));
     let there = carry(&mut out, &mut inn, 0, at(1));
     let here = carry(&mut inn, &mut out, 0, at(1));
     for (events, own, other) in [(there, "i64", "u64"), (here, "u64", "i64")] {
@@ -155,11 +166,11 @@ fn types_are_compared_on_both_sides() {
 
 #[test]
 fn silence_loses_the_partner_and_says_what_is_in_doubt() {
-    let (mut out, (mut inn, _delivered)) = (sender(1, 8), receiver(2, "u64"));
+    let (mut out, (mut inn, _delivered)) = (sender(1), receiver(2, "u64"));
     join(&mut out, &mut inn, at(1));
     for value in [1, 2] {
-        out.status.send();
-        out.queue(packet(value));
+        out.status.send(1);
+        out.queue(&batch([value]));
     }
     carry(&mut out, &mut inn, 0, at(1));
     carry(&mut inn, &mut out, 1, at(1));
@@ -187,7 +198,7 @@ fn silence_loses_the_partner_and_says_what_is_in_doubt() {
 
 #[test]
 fn a_second_opening_is_refused_only_beside_one_that_lives() {
-    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    let (mut out, (mut inn, _delivered)) = (sender(1), receiver(2, "u64"));
     join(&mut out, &mut inn, at(1));
     let (mut second, _none) = receiver(3, "u64");
     assert!(carry(&mut second, &mut out, 0, at(2)).is_empty());
@@ -210,7 +221,7 @@ fn a_second_opening_is_refused_only_beside_one_that_lives() {
 
 #[test]
 fn both_sides_know_the_end_before_one_is_done() {
-    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    let (mut out, (mut inn, _delivered)) = (sender(1), receiver(2, "u64"));
     join(&mut out, &mut inn, at(1));
     out.end(ChannelEnd::Poisoned);
     let heard = carry(&mut out, &mut inn, 0, at(2));
@@ -229,7 +240,7 @@ fn both_sides_know_the_end_before_one_is_done() {
 
 #[test]
 fn a_side_that_ends_before_it_has_joined_is_heard_by_one_that_has() {
-    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    let (mut out, (mut inn, _delivered)) = (sender(1), receiver(2, "u64"));
     carry(&mut out, &mut inn, 0, at(1));
     // Its hello names the other, which has joined by that.
     let message = inn.next_message(0, at(1)).unwrap();
@@ -246,7 +257,7 @@ fn a_side_that_ends_before_it_has_joined_is_heard_by_one_that_has() {
     carry(&mut out, &mut inn, 0, at(2));
     assert!(inn.is_done());
     // Without an answer it does not wait for ever.
-    let (mut out, (mut inn, _delivered)) = (sender(1, 1), receiver(2, "u64"));
+    let (mut out, (mut inn, _delivered)) = (sender(1), receiver(2, "u64"));
     carry(&mut out, &mut inn, 0, at(1));
     inn.end(ChannelEnd::Closed);
     carry(&mut inn, &mut out, 0, at(2));
@@ -258,19 +269,19 @@ fn a_side_that_ends_before_it_has_joined_is_heard_by_one_that_has() {
 
 #[test]
 fn messages_that_make_no_sense_are_passed_over() {
-    let (mut out, (mut inn, delivered)) = (sender(1, 8), receiver(2, "u64"));
+    let (mut out, (mut inn, delivered)) = (sender(1), receiver(2, "u64"));
     // Numbers at the end of their range, from one that is no partner yet.
     let mut far = out.own.clone();
     (far.number, far.memory.last) = (3, u64::MAX);
-    let mut far = Peering::new(far, Status::default(), Values::sending(1, |_| ()));
+    let mut far = Peering::new(far, Status::default(), Values::Out(Outbox::new(|| ())));
     assert!(carry(&mut far, &mut inn, 0, at(1)).is_empty());
     join(&mut out, &mut inn, at(1));
     let head = Head { from: 1, to: 2 };
-    let mut values = Vec::new();
-    crate::message::add_value(&mut values, u64::MAX, &[1]);
-    crate::message::add_value(&mut values, 0, &[1]);
+    let mut values = Batch::new(2, 1);
+    values.add(&1_u8, u64::MAX).unwrap();
+    values.add(&1_u8, 0).unwrap();
     let first = u64::MAX;
-    let heard = inn.hear(head, Body::Values { first }, &values, at(2));
+    let heard = inn.hear(head, Body::Values { first }, values.bytes(), at(2));
     assert!(heard.iter().all(Option::is_none));
     assert!(delivered.try_recv().is_err());
     for seen in [i64::MIN, i64::MAX] {
@@ -286,7 +297,7 @@ fn messages_that_make_no_sense_are_passed_over() {
         assert!(out.tick(at(3)).is_none() && inn.tick(at(3)).is_none());
     }
     // The session goes on.
-    out.queue(packet(1));
+    out.queue(&batch([1]));
     carry(&mut out, &mut inn, 0, at(4));
     assert_eq!(delivered.try_recv(), Ok(1));
 }

@@ -1,9 +1,10 @@
 //! The link of the receiving side.
 
-use crate::age::{Sent, Stamped};
+use crate::age::Stamped;
+use crate::inbox::{Arrived, Deliveries};
 use crate::link::{First, Line, Link, Near, end_of, first};
 use crate::side::Stop;
-use luna::{Instant, Receiver, Sender};
+use luna::Sender;
 use std::pin::pin;
 
 /// The link of the receiving side, made by [`receiver`](crate::Network::receiver). It carries
@@ -13,29 +14,11 @@ pub type ReceiveLink<T, R = T> = Link<Inward<T, R>>;
 /// The same, for values with their age.
 pub type StampedLink<T> = ReceiveLink<T, Stamped<T>>;
 
-/// A value that has arrived.
-pub(crate) struct Arrived<T> {
-    pub(crate) value: T,
-    pub(crate) number: u64,
-    pub(crate) at: Instant,
-    pub(crate) sent: Sent,
-}
-
-impl<T> Arrived<T> {
-    pub(crate) fn plain(self) -> T {
-        self.value
-    }
-
-    pub(crate) fn stamped(self) -> Stamped<T> {
-        Stamped::new(self.value, self.number, self.at, self.sent)
-    }
-}
-
 /// A link that receives: the near side of it.
 #[expect(missing_debug_implementations, reason = "only links hold it")]
 pub struct Inward<T, R> {
     pub(crate) sender: Sender<R>,
-    pub(crate) inbox: Receiver<Arrived<T>>,
+    pub(crate) inbox: Deliveries<T>,
     pub(crate) deliver_as: fn(Arrived<T>) -> R,
     /// How many values are taken before that is reported, while more wait.
     pub(crate) quarter: u64,
@@ -52,31 +35,44 @@ impl<T: Send, R: Send> Near for Inward<T, R> {
         let mut stopped = pin!(line.stopped());
         let mut unreported = 0;
         loop {
-            let arrived = {
-                let next = pin!(self.inbox.recv());
+            let mut values = {
+                let next = pin!(self.inbox.next());
                 let next = pin!(first(ended.as_mut(), next));
-                // First the end of the session: what waits then is not delivered.
                 match first(stopped.as_mut(), next).await {
                     First::Own(stop) => return stop,
                     First::Other(First::Own(end)) => return Stop::Ended(end),
-                    First::Other(First::Other(Ok(arrived))) => arrived,
-                    First::Other(First::Other(Err(_))) => return line.stopped().await,
+                    First::Other(First::Other(Some(values))) => values,
+                    First::Other(First::Other(None)) => return stopped.await,
                 }
             };
-            let number = arrived.number;
-            let delivery = pin!(self.sender.send((self.deliver_as)(arrived)));
-            match first(delivery, stopped.as_mut()).await {
-                First::Own(Ok(())) => {}
-                First::Own(Err(error)) => return Stop::Ended(end_of(error.is_closed())),
-                First::Other(stop) => return stop,
+            while let Some(arrived) = values.pop_front() {
+                // What waits at the end of the session is not delivered.
+                if line.shared.is_stopped() {
+                    self.inbox.give_back(values);
+                    return stopped.await;
+                }
+                let number = arrived.number;
+                let delivery = pin!(self.sender.send((self.deliver_as)(arrived)));
+                let stop = match first(delivery, stopped.as_mut()).await {
+                    First::Own(Ok(())) => None,
+                    First::Own(Err(error)) => Some(Stop::Ended(end_of(error.is_closed()))),
+                    First::Other(stop) => Some(stop),
+                };
+                if let Some(stop) = stop {
+                    self.inbox.give_back(values);
+                    return stop;
+                }
+                line.status.acknowledge(number, 1);
+                unreported += 1;
+                let is_last = values.is_empty() && !self.inbox.has_more();
+                let is_due = is_last || unreported >= self.quarter;
+                if is_due {
+                    self.inbox.took(unreported);
+                    unreported = 0;
+                }
+                line.shared.take(number, is_due);
             }
-            line.status.acknowledge(number);
-            unreported += 1;
-            let is_due = unreported >= self.quarter || self.inbox.buffered() == 0;
-            line.shared.take(number, is_due);
-            if is_due {
-                unreported = 0;
-            }
+            self.inbox.give_back(values);
         }
     }
 

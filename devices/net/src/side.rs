@@ -1,11 +1,11 @@
 //! What the protocol keeps of a side.
 
-use crate::age::Sent;
 use crate::error::TypeInfo;
+use crate::inbox::Inbox;
+use crate::outbox::Outbox;
 use crate::{NetError, Peer, Role};
 use luna::Instant;
 use luna::channel::ChannelEnd;
-use std::collections::VecDeque;
 use std::time::Duration;
 
 /// Why a link ends.
@@ -28,70 +28,23 @@ pub(crate) enum Event {
 /// What one message has led to.
 pub(crate) type Events = [Option<Event>; 2];
 
-/// An encoded value.
-#[derive(Debug)]
-pub(crate) struct Packet {
-    pub(crate) buffer: Box<[u8]>,
-    pub(crate) length: usize,
-    pub(crate) sent: u64,
-}
-
-/// Takes values that have arrived. An error of decoding is a text.
-pub(crate) type Deliver =
-    Box<dyn FnMut(u64, Instant, Sent, &[u8]) -> Result<Accepted, String> + Send>;
-
-/// Gives a buffer back to the link's process.
-pub(crate) type GiveBack = Box<dyn FnMut(Box<[u8]>) + Send>;
-
-/// Whether there was room for a value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Accepted {
-    Yes,
-    Full,
-}
-
 /// What a side does with values.
 pub(crate) enum Values {
-    Out {
-        /// Sent and not acknowledged, or still to be sent.
-        queue: VecDeque<(u64, Packet)>,
-        /// How many of them were sent.
-        sent: usize,
-        /// The number of the last one that was queued.
-        last: u64,
-        /// The partner's window.
-        window: u64,
-        give_back: GiveBack,
-    },
+    Out(Outbox),
     In {
-        deliver: Deliver,
+        inbox: Box<dyn Inbox>,
+        /// The number of the last value that has arrived.
         arrived: u64,
         window: u64,
     },
 }
 
 impl Values {
-    pub(crate) fn sending(
-        buffers: usize,
-        give_back: impl FnMut(Box<[u8]>) + Send + 'static,
-    ) -> Self {
-        Values::Out {
-            queue: VecDeque::with_capacity(buffers),
-            sent: 0,
-            last: 0,
-            window: 0,
-            give_back: Box::new(give_back),
-        }
-    }
-
-    pub(crate) fn receiving(
-        window: u64,
-        deliver: impl FnMut(u64, Instant, Sent, &[u8]) -> Result<Accepted, String> + Send + 'static,
-    ) -> Self {
+    pub(crate) fn receiving(inbox: Box<dyn Inbox>, window: usize) -> Self {
         Values::In {
-            deliver: Box::new(deliver),
+            inbox,
             arrived: 0,
-            window,
+            window: window as u64,
         }
     }
 }

@@ -40,17 +40,18 @@ impl Status {
         self.0.session.store(session, Relaxed);
     }
 
-    pub(crate) fn send(&self) {
-        self.0.sent.fetch_add(1, Relaxed);
+    pub(crate) fn send(&self, values: u64) {
+        self.0.sent.fetch_add(values, Relaxed);
     }
 
     pub(crate) fn resend(&self, values: u64) {
         self.0.resent.fetch_add(values, Relaxed);
     }
 
-    pub(crate) fn acknowledge(&self, number: u64) {
+    /// So many values, up to the one of this number.
+    pub(crate) fn acknowledge(&self, number: u64, values: u64) {
         self.0.number.store(number, Relaxed);
-        self.0.acknowledged.fetch_add(1, Relaxed);
+        self.0.acknowledged.fetch_add(values, Relaxed);
     }
 
     fn partner_lock(&self) -> std::sync::MutexGuard<'_, Option<Peer>> {
