@@ -332,6 +332,9 @@ pub(crate) struct Record {
     /// Show what comes in the browser, too: the sender that began last. ADDR is host:port
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = SCOPE)]
     pub(crate) scope: Option<SocketAddr>,
+    /// A picture of the machine in the scope, as of `luna scope`
+    #[arg(long, value_name = "FILE", requires = "scope")]
+    pub(crate) picture: Option<PathBuf>,
 }
 
 /// Which messages are shown.
@@ -370,6 +373,9 @@ pub(crate) struct Scope {
     /// Play it so many times as fast as it was recorded, or max for all at once
     #[arg(long, value_name = "X", default_value = "1")]
     pub(crate) speed: luna_scope::Speed,
+    /// Show this picture of the machine, too: an SVG whose elements are bound to signals (docs/scope.md)
+    #[arg(long, value_name = "FILE")]
+    pub(crate) picture: Option<PathBuf>,
     /// End with the recording, instead of showing its end until Ctrl-C
     #[arg(long)]
     pub(crate) once: bool,

@@ -58,6 +58,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
         log: arguments.log.as_deref(),
         scope: arguments.scope,
         scope_token: arguments.scope_token,
+        picture: None,
         #[cfg(feature = "foxglove")]
         foxglove: arguments.foxglove,
     };
@@ -144,6 +145,8 @@ pub(crate) struct Show<'a> {
     pub(crate) log: Option<&'a Path>,
     pub(crate) scope: Option<SocketAddr>,
     pub(crate) scope_token: bool,
+    /// What the scope shows beside the signals.
+    pub(crate) picture: Option<&'static str>,
     #[cfg(feature = "foxglove")]
     pub(crate) foxglove: Option<SocketAddr>,
 }
@@ -183,7 +186,7 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
     }
     if let Some(address) = show.scope {
         let parameters = system.parameters();
-        let scope = crate::scope::of_demo(address, parameters, show.scope_token)?;
+        let scope = crate::scope::of_demo(address, parameters, show)?;
         // Without the token: it is for those who were given it.
         let url = scope.url();
         let open = url.split(['?', '#']).next().unwrap_or(&url);

@@ -86,6 +86,14 @@ pub(crate) enum Failure {
         /// Why.
         error: std::io::Error,
     },
+    /// The picture cannot be read.
+    #[error("picture {}: {error}", .path.display())]
+    Picture {
+        /// Of the picture.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
     /// Foxglove cannot be served.
     #[cfg(feature = "foxglove")]
     #[error("--foxglove {address}: {error}")]
@@ -138,6 +146,7 @@ impl Failure {
             | Self::Converted { .. }
             | Self::Listen { .. }
             | Self::Scope { .. }
+            | Self::Picture { .. }
             | Self::Core { .. } => 2,
             #[cfg(feature = "foxglove")]
             Self::Foxglove { .. } => 2,

@@ -171,6 +171,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Show {
             log: arguments.log.as_deref(),
             scope: arguments.scope,
+            picture: Some(picture::CELL),
             ..Show::default()
         },
     )?;

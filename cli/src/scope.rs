@@ -1,6 +1,7 @@
 //! `luna scope`: a recording in the browser, and the scope of `luna demo --scope`.
 
 use crate::args;
+use crate::demo::Show;
 use crate::failure::Failure;
 use crate::scope_parameters::OfSystem;
 use luna_scope::{ReplayError, Scope, Settings};
@@ -34,6 +35,7 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
         .address(arguments.listen)
         .viewers(arguments.viewers.into());
     let settings = arguments.host.iter().fold(settings, Settings::host);
+    let settings = with_picture(settings, arguments.picture.as_deref())?;
     let scope = open(settings)?;
     let speed = arguments.speed;
     let played = match &mut file {
@@ -61,21 +63,36 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
 }
 
 /// The scope of received recordings.
-pub(crate) fn at(address: SocketAddr) -> Result<Scope, Failure> {
-    open(Settings::default().address(address))
+pub(crate) fn at(address: SocketAddr, picture: Option<&Path>) -> Result<Scope, Failure> {
+    open(with_picture(Settings::default().address(address), picture)?)
 }
 
-/// The scope of a run of the demo, which shows its parameters. A viewer with the token, if there is
-/// one, may set them.
+/// Adds the picture in a file, if there is one.
+fn with_picture(settings: Settings, picture: Option<&Path>) -> Result<Settings, Failure> {
+    let Some(path) = picture else {
+        return Ok(settings);
+    };
+    match std::fs::read_to_string(path) {
+        Ok(svg) => Ok(settings.picture(svg)),
+        Err(error) => Err(Failure::Picture {
+            path: path.to_owned(),
+            error,
+        }),
+    }
+}
+
+/// The scope of a run of a demo, which shows its parameters and its picture. A viewer with the
+/// token, if there is one, may set them.
 pub(crate) fn of_demo(
     address: SocketAddr,
     parameters: luna::parameters::Parameters,
-    has_token: bool,
+    show: Show<'_>,
 ) -> Result<Scope, Failure> {
     let settings = Settings::default()
         .address(address)
         .parameters(Arc::new(OfSystem(parameters)));
-    open(match has_token {
+    let settings = show.picture.into_iter().fold(settings, Settings::picture);
+    open(match show.scope_token {
         true => settings
             .allow_setting()
             .map_err(|error| Failure::Scope { address, error })?,

@@ -40,7 +40,8 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
     let (end, ends) = channel();
     // Before any thread is made: all threads then leave the signals to the one that waits for them.
     signals::notify(end.clone());
-    let scope = arguments.scope.map(crate::scope::at).transpose()?;
+    let at = |address| crate::scope::at(address, arguments.picture.as_deref());
+    let scope = arguments.scope.map(at).transpose()?;
     let receiver = match arguments.udp {
         true => Receiver::udp(&*arguments.listen),
         false => Receiver::tcp(&*arguments.listen),

@@ -78,6 +78,38 @@ fn the_demo_shows_its_signals_while_it_runs() {
     end(child);
 }
 
+#[test]
+#[cfg(target_os = "linux")]
+fn the_production_cell_shows_its_picture_and_where_its_blocks_are() {
+    for place in ["executor", "threads"] {
+        let options = "demo production-cell --seconds 600 --policy other --deploy";
+        let options = options.split(' ').chain([place, "--scope", ANYWHERE]);
+        let (child, address) = served(&options.collect::<Vec<_>>());
+        look_for(&address, br#"data-signal=\"robot/places[4]\""#);
+        look_for(&address, b"robot/places");
+        end(child);
+    }
+}
+
+#[test]
+fn a_picture_is_read_from_a_file() {
+    let svg = Path::new(env!("CARGO_TARGET_TMPDIR")).join("axis.svg");
+    let recording = Path::new(env!("CARGO_TARGET_TMPDIR")).join("picture.luna");
+    std::fs::write(&svg, "<svg/>").expect("a place");
+    let file = luna_logger::format::Writer::new(Vec::new()).expect("a head");
+    std::fs::write(&recording, file.finish().expect("an end")).expect("a place");
+    let [svg, recording] = [&svg, &recording].map(|path| path.to_str().expect("text"));
+    let options = ["scope", recording, "--listen", ANYWHERE, "--picture"];
+    let (child, address) = served(&[&options[..], &[svg]].concat());
+    look_for(&address, br#""picture":"<svg/>""#);
+    end(child);
+    let missing = luna(&[&options[..], &["missing.svg"]].concat()).output();
+    let missing = missing.expect("it starts");
+    let said = String::from_utf8_lossy(&missing.stderr);
+    assert_eq!(missing.status.code(), Some(2), "{said}");
+    assert!(said.contains("picture missing.svg: "), "{said}");
+}
+
 type Viewer = WebSocket<TcpStream>;
 
 /// The next of the scope's words of this type.

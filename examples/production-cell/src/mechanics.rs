@@ -10,8 +10,8 @@
 
 use crate::messages::{Contents, Drive, Fault, Handed, Sensors};
 use crate::parameters::{
-    BLOCK, BROKEN_READING, DT, ENTRY, EXIT, Kind, MOTOR_TIME, OVERHANG, PLACES, Parameters, REACH,
-    RESERVE, Unit, first_block,
+    BLOCK, BLOCKS, BROKEN_READING, DT, ENTRY, EXIT, Kind, MOTOR_TIME, OVERHANG, PLACES, Parameters,
+    REACH, RESERVE, Unit, first_block,
 };
 
 /// A block, and where on a belt it lies.
@@ -169,6 +169,22 @@ impl Mechanics {
         }
     }
 
+    /// Where on the unit each block lies, in m: block 1, block 2 and so on; not a number if it is
+    /// not here. On an arm it is where the axis is.
+    pub fn places(&self) -> [f32; BLOCKS] {
+        let mut places = [f32::NAN; BLOCKS];
+        for Place { block, at } in self.blocks.iter().flatten() {
+            let at = match self.parameters.kind {
+                Kind::Belt => *at,
+                Kind::Arm => self.position,
+            };
+            if let Some(place) = places.get_mut((*block as usize).wrapping_sub(1)) {
+                *place = at as f32;
+            }
+        }
+        places
+    }
+
     /// What it holds.
     pub fn contents(&self) -> Contents {
         Contents {
@@ -278,6 +294,29 @@ mod tests {
         let contents = feeder.contents();
         assert_eq!((contents.taken, contents.collisions), (1, 0));
         assert_eq!(contents.blocks[..2], [7, 0]);
+    }
+
+    #[test]
+    fn a_block_lies_on_a_belt_or_where_the_arm_is() {
+        let mut belt = Mechanics::new(Unit::ExtractionBelt);
+        run(&mut belt, 0.8, 100);
+        let [.., fourth, fifth] = belt.places();
+        assert!(
+            (fourth - fifth - 0.1).abs() < 1e-6 && fourth > 0.3,
+            "{fourth} {fifth}"
+        );
+        assert!(belt.places()[..3].iter().all(|place| place.is_nan()));
+
+        let mut robot = Mechanics::new(Unit::Robot);
+        robot.take(Handed {
+            number: 1,
+            block: 2,
+        });
+        run(&mut robot, 0.5, 100);
+        let place = robot.places()[1];
+        assert!(place > 0.0 && f64::from(place) - robot.sensors().position < 1e-6);
+        robot.set_fault(Fault::Sensor);
+        assert_eq!(robot.places()[1], place);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! and keeps what the units report.
 
 use crate::messages::{Condition, Fault, Report, Request};
-use crate::parameters::{OPERATOR_TIMEOUT, Unit, blocks};
+use crate::parameters::{BLOCKS, OPERATOR_TIMEOUT, Unit};
 use crate::unit::Panel;
 use luna::time::Instant;
 use serde::Serialize;
@@ -117,7 +117,8 @@ impl Log {
             let all = contents.flat_map(|contents| contents.blocks);
             all.filter(|held| *held == block).count()
         };
-        let of = |is: fn(usize) -> bool| (1..=blocks()).filter(|n| is(held(*n))).count() as u32;
+        let of =
+            |is: fn(usize) -> bool| (1..=BLOCKS as u32).filter(|n| is(held(*n))).count() as u32;
         (of(|places| places == 0), of(|places| places > 1))
     }
 }

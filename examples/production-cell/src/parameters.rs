@@ -150,7 +150,7 @@ impl Parameters {
     }
 }
 
-static PARAMETERS: [Parameters; 6] = [
+const PARAMETERS: [Parameters; 6] = [
     Parameters {
         blocks: &[0.36, 0.26, 0.16],
         ..Parameters::new(Kind::Belt, 0.4, 0.25)
@@ -170,10 +170,14 @@ static PARAMETERS: [Parameters; 6] = [
 ];
 
 /// How many blocks there are. Their names are 1, 2, ...
-pub fn blocks() -> u32 {
-    let on = |parameters: &Parameters| parameters.blocks.len() as u32;
-    PARAMETERS.iter().map(on).sum()
-}
+pub const BLOCKS: usize = {
+    let (mut blocks, mut unit) = (0, 0);
+    while unit < PARAMETERS.len() {
+        blocks += PARAMETERS[unit].blocks.len();
+        unit += 1;
+    }
+    blocks
+};
 
 /// The name of the first block on a unit.
 pub fn first_block(unit: Unit) -> u32 {

@@ -1,10 +1,14 @@
-//! The time line of the six units, as SVG.
+//! The pictures of the cell, as SVG: a time line of a run, and what the scope moves.
 
 use crate::messages::Condition;
 use crate::operator::{Mark, Seen};
 use crate::outcome::Outcome;
 use crate::parameters::Unit;
 use std::fmt::Write;
+
+/// The six units in their circle, for `Settings::picture` of the scope, which moves what is bound to
+/// signals in it.
+pub const CELL: &str = include_str!("cell.svg");
 
 const WIDTH: f64 = 960.0;
 /// Where the rows begin.

@@ -3,13 +3,15 @@
 
 use crate::mechanics::{Mechanics, SAVED};
 use crate::messages::{Contents, Drive, Fault, Handed, Sensors};
-use crate::parameters::{PERIOD, Unit};
+use crate::parameters::{BLOCKS, PERIOD, Unit};
 use luna::prelude::*;
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
+/// Cycles between two samples of where the blocks are.
+const CYCLES_OF_PLACES: u32 = 10;
 /// Cycles between two saved states.
 const CYCLES_OF_SAVE: u32 = 10;
 
@@ -25,7 +27,7 @@ pub(crate) struct Simulation {
         Receiver<()>,
     ),
     pub(crate) outputs: (Sender<Sensors>, Sender<Contents>, Sender<Handed>),
-    pub(crate) signals: (Signal<f32>, Signal<f32>),
+    pub(crate) signals: (Signal<f32>, Signal<f32>, Signal<[f32; BLOCKS]>),
 }
 
 impl Simulation {
@@ -74,6 +76,9 @@ impl Simulation {
                     let sensors = mechanics.sensors();
                     self.signals.0.record(sensors.position as f32);
                     self.signals.1.record(sensors.count as f32);
+                    if cycle % CYCLES_OF_PLACES == 0 {
+                        self.signals.2.record(mechanics.places());
+                    }
                     let _ = show.send(mechanics.contents()).await;
                     if read.send(sensors).await.is_err() {
                         return Ok(());

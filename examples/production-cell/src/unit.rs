@@ -150,6 +150,9 @@ pub fn build(
     let position = mechanics.signal(&format!("{name}/position"));
     let position = position.unit("m").register()?;
     let blocks = mechanics.signal(&format!("{name}/blocks")).register()?;
+    let places = mechanics.signal(&format!("{name}/places"));
+    let places = places.unit("m").description("where each block is");
+    let places = places.register()?;
     let (world, mechanics_now) = World::open(options.world, unit)?;
     mechanics.spawn(
         Simulation {
@@ -158,7 +161,7 @@ pub fn build(
             drive: Drive::default(),
             inputs: (take, drives, faults, gone),
             outputs: (read, show, offer),
-            signals: (position, blocks),
+            signals: (position, blocks, places),
         }
         .run(),
     )?;

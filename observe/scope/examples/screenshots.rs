@@ -40,4 +40,25 @@ fn main() {
     browser.screenshot(&folder.join("late.png"));
     assert_eq!(browser.complaints(), [""; 0]);
     drop(feeder);
+    #[cfg(target_os = "linux")]
+    cell(&browser, &folder.join("cell.png"));
+}
+
+/// The Production Cell, while its feeder is broken.
+#[cfg(target_os = "linux")]
+fn cell(browser: &Browser, to: &std::path::Path) {
+    use luna_production_cell::{Breakage, Unit, picture::CELL};
+
+    let settings = Settings::default().address(([127, 0, 0, 1], 0).into());
+    let scope = Scope::open(settings.picture(CELL)).unwrap();
+    let path = browser.folder.join("cell.luna");
+    support::cell::record(&path, (Unit::Feeder, Breakage::Sensor));
+    let mut recording = std::fs::File::open(&path).unwrap();
+    let speed = luna_scope::Speed::AT_ONCE;
+    scope.replay_file(&mut recording, speed).unwrap();
+    browser.open(&scope.url(), (1366, 768), "light");
+    browser.wait("scope.clock.latest >= 8");
+    browser.run("scope.show('picture'); scope.clock.pause(4.3)");
+    browser.frames(10);
+    browser.screenshot(to);
 }

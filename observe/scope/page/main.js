@@ -6,6 +6,7 @@ import { Model } from "./model.js";
 import { Connection } from "./connection.js";
 import { Ending } from "./ending.js";
 import { Signals } from "./signals.js";
+import { Picture } from "./picture.js";
 import { Loops } from "./loops.js";
 import { Composition } from "./composition.js";
 import { Timeline } from "./timeline.js";
@@ -21,7 +22,11 @@ let problem = null;
 const connection = new Connection(model, clock, {
   begin: () => { problem = null; showState(); },
   state: () => showState(),
-  hello: (hello) => { $("#tab-parameters").hidden = !hello.parameters; parameters.send(); },
+  hello: (hello) => {
+    $("#tab-parameters").hidden = !hello.parameters;
+    $("#tab-picture").hidden = !views.picture.load(hello.picture);
+    parameters.send();
+  },
   parameters: (list) => parameters.list(list),
   authorized: (ok) => parameters.authorized(ok),
   problem: (text) => { problem = text; },
@@ -30,6 +35,7 @@ const timeline = new Timeline(model, clock);
 const parameters = new Parameters(connection);
 const views = {
   signals: new Signals(model, clock),
+  picture: new Picture(model, clock),
   loops: new Loops(model, clock, (late) => { show("timeline"); timeline.show(late.seconds, late.lateness / 1e9, late.loop); }),
   composition: new Composition(model, clock),
   timeline,

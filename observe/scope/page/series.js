@@ -135,11 +135,17 @@ export class Series {
     return low;
   }
 
-  // The value that held at an instant; NaN before the first.
-  at(time, element = 0) {
+  // The last sample that is not after `time`; -1 if there is none in memory.
+  before(time) {
     let index = this.find(time);
     if (index === this.end || this.time(index) > time) index--;
-    return index < this.begin ? NaN : this.value(index, element);
+    return index < this.begin ? -1 : index;
+  }
+
+  // The value that held at an instant; NaN before the first.
+  at(time, element = 0) {
+    const index = this.before(time);
+    return index < 0 ? NaN : this.value(index, element);
   }
 
   // Of the samples between two instants that are in memory and numbers: { number, mean, rms, least, most }. All but the number are NaN without any.

@@ -35,6 +35,7 @@ const ASSETS: &[Asset] = assets![
     "/clock.js" SCRIPT "clock.js",
     "/draw.js" SCRIPT "draw.js",
     "/gestures.js" SCRIPT "gestures.js",
+    "/picture.js" SCRIPT "picture.js",
     "/signals.js" SCRIPT "signals.js",
     "/cursors.js" SCRIPT "cursors.js",
     "/export.js" SCRIPT "export.js",

@@ -18,6 +18,8 @@ use std::time::Duration;
 const READING: usize = 32;
 /// The limit of connections that an answer is sent to.
 const ANSWERING: usize = 32;
+/// The limit of the bytes of a picture: each viewer gets it at once.
+const LONGEST_PICTURE: usize = 256 << 10;
 /// The longest time in which a closed scope takes what is on its way, and then that in which a
 /// viewer gets the rest.
 pub(crate) const REST: Duration = Duration::from_secs(1);
@@ -178,8 +180,20 @@ impl Scope {
     ///
     /// # Errors
     ///
-    /// The system's own: the address is taken, or not of this machine.
+    /// The system's own: the address is taken, or not of this machine. [`InvalidInput`] if the
+    /// picture is longer than 256 KiB.
+    ///
+    /// [`InvalidInput`]: io::ErrorKind::InvalidInput
     pub fn open(settings: Settings) -> io::Result<Scope> {
+        if let Some(picture) = &settings.picture
+            && picture.len() > LONGEST_PICTURE
+        {
+            let error = format!(
+                "the picture has {} bytes; at most {LONGEST_PICTURE} can be shown",
+                picture.len()
+            );
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, error));
+        }
         let listener = TcpListener::bind(settings.address)?;
         let address = listener.local_addr()?;
         let shared = Arc::new(Shared::new(settings));

@@ -29,6 +29,7 @@ pub struct Settings {
     pub(crate) patience: Duration,
     pub(crate) token: Option<Token>,
     pub(crate) parameters: Option<Arc<dyn Parameters>>,
+    pub(crate) picture: Option<Arc<str>>,
 }
 
 impl Default for Settings {
@@ -41,6 +42,7 @@ impl Default for Settings {
             patience: Duration::from_secs(10),
             token: None,
             parameters: None,
+            picture: None,
         }
     }
 }
@@ -91,6 +93,29 @@ impl Settings {
         self
     }
 
+    /// Shows a picture of the machine: an SVG of at most 256 KiB, in which elements are bound to
+    /// signals by attributes. `docs/scope.md` lists them.
+    ///
+    /// The page takes the elements and attributes that it knows: nothing in the SVG runs, and
+    /// nothing is loaded for it. What it leaves out, and what is wrong with a binding, is written
+    /// below the picture.
+    ///
+    /// ```
+    /// use luna_scope::{Scope, Settings};
+    ///
+    /// let settings = Settings::default().picture(
+    ///     r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 20">
+    ///       <rect width="10" height="20" data-signal="arm/position" data-x="0 0; 0.3 90"/>
+    ///     </svg>"##,
+    /// );
+    /// let scope = Scope::open(settings.address(([127, 0, 0, 1], 0).into()))?;
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
+    pub fn picture(mut self, svg: impl Into<Arc<str>>) -> Self {
+        self.picture = Some(svg.into());
+        self
+    }
+
     /// Makes a token, with which parameters can be set. It is part of
     /// [`Scope::url`](crate::Scope::url).
     ///
@@ -117,6 +142,7 @@ impl fmt::Debug for Settings {
             .field("memory", &self.memory)
             .field("has_token", &self.token.is_some())
             .field("has_parameters", &self.parameters.is_some())
+            .field("has_picture", &self.picture.is_some())
             .finish()
     }
 }

@@ -101,6 +101,7 @@ impl Viewer<'_> {
             "version": env!("CARGO_PKG_VERSION"),
             "parameters": settings.parameters.is_some(),
             "can_set": settings.parameters.is_some() && settings.token.is_some(),
+            "picture": settings.picture.as_deref(),
         }))?;
         let mut taken = Instant::now();
         let mut counted = None;

@@ -360,6 +360,14 @@ fn wrong_tokens_are_limited_and_no_token_is_invalid() {
 }
 
 #[test]
+fn a_picture_goes_to_each_viewer_unless_it_is_too_long() {
+    let scope = Scope::open(settings().picture("<svg/>")).unwrap();
+    assert_eq!(words_of(&mut view(&scope), "hello")["picture"], "<svg/>");
+    let error = Scope::open(settings().picture(" ".repeat((256 << 10) + 1))).unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::InvalidInput);
+}
+
+#[test]
 fn it_ends_when_it_is_dropped() {
     let scope = Scope::open(settings()).unwrap();
     let mut sink = scope.sink().unwrap();

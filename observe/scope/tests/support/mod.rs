@@ -7,5 +7,7 @@
 )]
 
 pub mod browser;
+#[cfg(target_os = "linux")]
+pub mod cell;
 pub mod feeder;
 pub mod machine;

@@ -11,6 +11,7 @@ mod looks;
 mod marks;
 mod parameters;
 mod pause;
+mod picture;
 mod plot;
 mod seek;
 mod views;

@@ -1,0 +1,34 @@
+//! A run of the Production Cell on a virtual clock, as a recording.
+
+use luna::log::Logging;
+use luna::prelude::*;
+use luna_production_cell::{Breakage, Drill, Plan, Settings, Unit, deploy};
+use std::path::Path;
+use std::time::Duration;
+
+/// The fault comes at 4 s and is repaired at 6 s.
+pub fn record(to: &Path, fault: (Unit, Breakage)) {
+    let (unit, fault) = fault;
+    let seconds = Duration::from_secs;
+    let mut system = System::new("production cell");
+    system.virtual_clock();
+    system.log(Logging::to_file(to));
+    let drill = Drill {
+        unit,
+        fault,
+        at: seconds(4),
+        lasts: seconds(2),
+    };
+    let settings = Settings {
+        plan: Plan {
+            time: seconds(8),
+            exchange: None,
+            drills: vec![drill],
+        },
+        policy: Policy::Other,
+        heeds_neighbours: true,
+    };
+    let cell = deploy::in_one_program(&mut system, deploy::Place::Executor, settings).unwrap();
+    system.run().unwrap();
+    assert!(cell.outcome().is_good(), "{:?}", cell.outcome());
+}
