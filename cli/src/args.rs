@@ -329,7 +329,7 @@ pub(crate) struct Record {
     /// The most MiB of each file; a sender is refused then
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 40), allow_negative_numbers = true)]
     pub(crate) limit: Option<u64>,
-    /// Show what comes in the browser, too: the sender that began last. ADDR is host:port
+    /// Show what comes in the browser, too: all senders on one time axis. ADDR is host:port
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = SCOPE)]
     pub(crate) scope: Option<SocketAddr>,
     /// A picture of the machine in the scope, as of `luna scope`
@@ -358,8 +358,10 @@ fn level(text: &str) -> Result<Messages, String> {
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Scope {
     /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it; - reads it
-    /// from the standard input
-    pub(crate) file: PathBuf,
+    /// from the standard input. Several recordings, of programs that ran at the same time, are shown
+    /// on one time axis
+    #[arg(value_name = "FILES", required = true)]
+    pub(crate) files: Vec<PathBuf>,
     /// Where to listen; there is no encryption, so that what is no loopback is for a network that
     /// one trusts
     #[arg(long, value_name = "ADDR", default_value = SCOPE)]

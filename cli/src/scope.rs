@@ -4,32 +4,32 @@ use crate::args;
 use crate::demo::Show;
 use crate::failure::Failure;
 use crate::scope_parameters::OfSystem;
-use luna_scope::{ReplayError, Scope, Settings};
+use luna_scope::{MergeError, ReplayError, Scope, Settings};
 use std::fs::File;
-use std::io::{BufReader, Read, Write};
+use std::io::{BufReader, BufWriter, Read, Seek, Write};
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Plays the recording.
+/// What is played.
+enum Source {
+    /// It can be read again.
+    File(BufReader<File>),
+    /// A pipe, which is read once.
+    Stream(Box<dyn Read>),
+}
+
+/// Plays the recording, or several together.
 pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
-    let failed = |error: String| Failure::Log {
-        path: arguments.file.clone(),
-        error,
+    let (mut source, is_whole) = match &*arguments.files {
+        [one] => (open_one(one)?, true),
+        several => merged(several)?,
     };
-    let (mut file, mut input): (_, Box<dyn Read>) = if arguments.file == Path::new("-") {
-        (None, Box::new(std::io::stdin().lock()))
-    } else {
-        let file = File::open(&arguments.file).map_err(|error| failed(error.to_string()))?;
-        // Others, as pipes, are read once.
-        let is_file = file.metadata().is_ok_and(|found| found.is_file());
-        let file = BufReader::with_capacity(1 << 16, file);
-        match is_file {
-            true => (Some(file), Box::new(std::io::empty())),
-            false => (None, Box::new(file)),
-        }
+    let failed = |error: String| Failure::Log {
+        path: arguments.files[0].clone(),
+        error,
     };
     let settings = Settings::default()
         .address(arguments.listen)
@@ -38,9 +38,9 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     let settings = with_picture(settings, arguments.picture.as_deref())?;
     let scope = open(settings)?;
     let speed = arguments.speed;
-    let played = match &mut file {
-        Some(file) => scope.replay_file(file, speed),
-        None => scope.replay(&mut input, speed),
+    let played = match &mut source {
+        Source::File(file) => scope.replay_file(file, speed),
+        Source::Stream(input) => scope.replay(input, speed),
     };
     if let Err(error @ ReplayError::Open(_)) = &played {
         return Err(failed(error.to_string()));
@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     if !arguments.once {
         // Until a signal ends the program.
         loop {
-            let Some(file) = &mut file else {
+            let Source::File(file) = &mut source else {
                 std::thread::park();
                 continue;
             };
@@ -59,12 +59,74 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
             let _ = scope.replay_sought(file, speed, Duration::MAX);
         }
     }
-    Ok(ExitCode::from(u8::from(played.is_err())))
+    Ok(ExitCode::from(u8::from(played.is_err() || !is_whole)))
+}
+
+fn open_one(path: &Path) -> Result<Source, Failure> {
+    if path == Path::new("-") {
+        return Ok(Source::Stream(Box::new(std::io::stdin().lock())));
+    }
+    let file = open_file(path)?;
+    let is_file = file.get_ref().metadata().is_ok_and(|found| found.is_file());
+    Ok(match is_file {
+        true => Source::File(file),
+        false => Source::Stream(Box::new(file)),
+    })
+}
+
+fn open_file(path: &Path) -> Result<BufReader<File>, Failure> {
+    let file = File::open(path).map_err(|error| Failure::Log {
+        path: path.to_owned(),
+        error: error.to_string(),
+    })?;
+    Ok(BufReader::with_capacity(1 << 16, file))
+}
+
+/// The recordings of several programs as one, and whether all could be read to their ends.
+fn merged(paths: &[PathBuf]) -> Result<(Source, bool), Failure> {
+    if paths.iter().any(|path| path == Path::new("-")) {
+        return Err(Failure::Options(
+            "several recordings are read twice: none of them can be the standard input (-)",
+        ));
+    }
+    let opened = paths.iter().map(|path| open_file(path));
+    let mut recordings = opened.collect::<Result<Vec<_>, _>>()?;
+    let unwritten = |error: std::io::Error| Failure::Converted {
+        path: std::env::temp_dir(),
+        error: error.to_string(),
+    };
+    // It goes when the program ends.
+    let mut file = tempfile::tempfile().map_err(unwritten)?;
+    let mut is_whole = true;
+    if let Err(error) = luna_scope::merge(&mut recordings, BufWriter::new(&mut file)) {
+        let failure = match (&error, error.recording()) {
+            (_, Some(number)) => Failure::Log {
+                path: paths[number].clone(),
+                error: error.to_string(),
+            },
+            (MergeError::TooMany, None) => {
+                Failure::Options("at most 64 recordings can be shown together")
+            }
+            (_, None) => Failure::Converted {
+                path: std::env::temp_dir(),
+                error: error.to_string(),
+            },
+        };
+        if !matches!(error, MergeError::Read(..)) {
+            return Err(failure);
+        }
+        eprintln!("luna: {failure}");
+        is_whole = false;
+    }
+    file.rewind().map_err(unwritten)?;
+    let file = BufReader::with_capacity(1 << 16, file);
+    Ok((Source::File(file), is_whole))
 }
 
 /// The scope of received recordings.
 pub(crate) fn at(address: SocketAddr, picture: Option<&Path>) -> Result<Scope, Failure> {
-    open(with_picture(Settings::default().address(address), picture)?)
+    let settings = Settings::default().address(address).together();
+    open(with_picture(settings, picture)?)
 }
 
 /// Adds the picture in a file, if there is one.

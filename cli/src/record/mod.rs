@@ -79,7 +79,7 @@ struct Desk {
     show: Messages,
     limit: u64,
     end: Sender<()>,
-    /// It shows the sender that began last.
+    /// It shows all senders together.
     scope: Option<Scope>,
     /// The names of those that are known.
     files: Mutex<HashMap<(SocketAddr, u32), PathBuf>>,

@@ -148,6 +148,50 @@ fn what_comes_is_shown_in_the_scope_too() {
 }
 
 #[test]
+fn several_senders_are_shown_together() {
+    let folder = folder("together");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args([
+            "record",
+            "--listen",
+            "127.0.0.1:0",
+            "--scope",
+            "127.0.0.1:0",
+        ])
+        .current_dir(&folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap()).lines();
+    let scope = said
+        .find_map(|line| Some(line.unwrap().strip_prefix("scope: http://")?.to_owned()))
+        .unwrap();
+    let scope = scope.trim_end_matches('/');
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let first = lines.next().unwrap().unwrap();
+    let address = first.strip_prefix("listening on ").unwrap();
+    let (address, _) = address.split_once(';').unwrap();
+    let senders = ["arm", "leg"].map(|system| record(address, system, 10));
+    let stream = TcpStream::connect(scope).unwrap();
+    let (mut viewer, _) = tungstenite::client(format!("ws://{scope}/live"), stream).unwrap();
+    let mut wanted = vec!["arm/numbers", "leg/numbers"];
+    while !wanted.is_empty() {
+        let bytes = viewer.read().unwrap().into_data();
+        wanted.retain(|name| {
+            !bytes
+                .windows(name.len())
+                .any(|part| part == name.as_bytes())
+        });
+    }
+    for sender in senders {
+        assert_eq!(sender.finish().signals[0].recorded, 10);
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
 fn several_senders_have_a_file_each_and_ctrl_c_leaves_them_whole() {
     let folder = folder("several");
     let mut listening = Listening::start(&folder, &[]);

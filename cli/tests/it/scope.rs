@@ -92,6 +92,61 @@ fn the_production_cell_shows_its_picture_and_where_its_blocks_are() {
 }
 
 #[test]
+fn several_recordings_are_shown_together() {
+    let paths = ["left", "right"].map(|system| {
+        use luna_logger::format::{ClockBase, Record, Subject, Writer};
+        let mut file = Writer::new(Vec::new()).expect("a head");
+        let (subject, number, parent) = (Subject::Process, 1, 0);
+        let (clock, written_by) = (ClockBase::Monotonic, "a test");
+        let name = "control";
+        for record in [
+            Record::Session {
+                system,
+                clock,
+                written_by,
+            },
+            Record::Name {
+                subject,
+                number,
+                parent,
+                name,
+                runs_on: None,
+            },
+            Record::End { time: 7 },
+        ] {
+            file.put(&record).expect("memory");
+        }
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{system}.luna"));
+        std::fs::write(&path, file.finish().expect("an end")).expect("a place");
+        path
+    });
+    let [left, right] = paths.each_ref().map(|path| path.to_str().expect("text"));
+    let (child, address) = served(&["scope", left, right, "--listen", ANYWHERE]);
+    look_for(&address, b"left/control");
+    look_for(&address, b"right/control");
+    end(child);
+
+    let ends = |files: &[&str]| {
+        let options = ["--once", "--speed", "max", "--listen", ANYWHERE];
+        let output = luna(&[&["scope"], files, &options].concat()).output();
+        let output = output.expect("it starts");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), said)
+    };
+    assert_eq!(ends(&[left, right]).0, Some(0));
+    let (code, said) = ends(&[left, "-"]);
+    assert!(code == Some(2) && said.contains("standard input"), "{said}");
+    let damaged = Path::new(env!("CARGO_TARGET_TMPDIR")).join("damaged.luna");
+    let mut bytes = std::fs::read(right).expect("it was written");
+    bytes.pop();
+    std::fs::write(&damaged, bytes).expect("a place");
+    let (code, said) = ends(&[left, damaged.to_str().expect("text")]);
+    assert!(code == Some(1) && said.contains("damaged.luna: "), "{said}");
+    let (code, said) = ends(&[left, file!()]);
+    assert!(code == Some(2), "{said}");
+}
+
+#[test]
 fn a_picture_is_read_from_a_file() {
     let svg = Path::new(env!("CARGO_TARGET_TMPDIR")).join("axis.svg");
     let recording = Path::new(env!("CARGO_TARGET_TMPDIR")).join("picture.luna");

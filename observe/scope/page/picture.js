@@ -189,7 +189,14 @@ export class Picture {
     for (const signal of this.model.signals.values()) {
       for (let element = 0; element < signal.elements; element++) this.curves.set(signal.elements > 1 ? `${signal.name}[${element}]` : signal.name, { signal, element });
     }
+    // Of several programs, a name without that of the program is enough if one program alone has it.
     const missing = new Set(this.parts.map(({ signal }) => signal).filter((name) => !this.curves.has(name)));
+    for (const name of missing) {
+      const found = [...this.curves].filter(([full]) => full.endsWith(`/${name}`));
+      if (found.length !== 1) continue;
+      this.curves.set(name, found[0][1]);
+      missing.delete(name);
+    }
     const notes = [...this.problems];
     if (missing.size > 0 && this.curves.size > 0) notes.push(`Not recorded: ${[...missing].join(", ")}.`);
     put(this.notes, notes.join(" "));

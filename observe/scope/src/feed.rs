@@ -2,6 +2,7 @@
 
 use crate::scope::{OnItsWay, Shared};
 use crate::store::Recording;
+use crate::together::Member;
 use luna_logger::Sink;
 use luna_logger::format::{ReadError, Reader};
 use std::io::{self, Read};
@@ -165,6 +166,17 @@ fn recording(
     begun: &mut Recording,
 ) -> Result<(), ReadError> {
     let mut reader = Reader::new(waiting)?;
+    if let Some(together) = &shared.together {
+        let mut member = Member::new(shared, together);
+        while let Some(record) = reader.next()? {
+            member.take(&record);
+            *begun = member.recording();
+            if shared.is_closed() {
+                break;
+            }
+        }
+        return Ok(());
+    }
     *begun = shared.store().begin();
     while let Some(record) = reader.next()? {
         shared.store().take(*begun, &record);

@@ -41,6 +41,7 @@
 mod feed;
 mod histogram;
 mod loops;
+mod merge;
 mod page;
 mod parameters;
 mod reduce;
@@ -49,9 +50,11 @@ mod scope;
 mod server;
 mod settings;
 mod store;
+mod together;
 mod token;
 
 pub use feed::ScopeSink;
+pub use merge::{MergeError, merge};
 pub use parameters::{Parameter, Parameters};
 pub use replay::{ReplayError, Speed};
 pub use scope::Scope;

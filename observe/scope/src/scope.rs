@@ -6,6 +6,7 @@ use crate::replay::{Range, ReplayError, Speed, play, play_file, play_from};
 use crate::server::{self, Places};
 use crate::settings::Settings;
 use crate::store::Store;
+use crate::together::Together;
 use std::fmt;
 use std::io::{self, Read, Seek};
 use std::net::{SocketAddr, TcpListener};
@@ -38,6 +39,7 @@ pub(crate) struct Shared {
     /// The parameters as they were listed last.
     parameters: Mutex<Vec<Parameter>>,
     store: Mutex<Store>,
+    pub(crate) together: Option<Together>,
     control: Mutex<Control>,
     changed: Condvar,
 }
@@ -65,6 +67,7 @@ impl Shared {
     pub(crate) fn new(settings: Settings) -> Self {
         Self {
             store: Mutex::new(Store::new(settings.memory)),
+            together: settings.is_together.then(Together::new),
             settings,
             viewers: AtomicUsize::new(0),
             reading: Arc::new(Places::new(READING)),
@@ -156,6 +159,9 @@ impl Shared {
     /// Viewers get the rest of the recording, and then their connections end.
     fn close(&self) {
         self.wait_at_most(REST, || self.waiting.load(Ordering::Relaxed) > 0);
+        if let Some(together) = &self.together {
+            together.release_all(self);
+        }
         self.store().cut();
         self.control().is_closed = true;
         self.changed.notify_all();
@@ -229,7 +235,7 @@ impl Scope {
     }
 
     /// A sink for a recording's blocks. Of several, the recording that begins last is shown, alone;
-    /// the blocks of the others are taken and ignored.
+    /// the blocks of the others are taken and ignored. With [`Settings::together`] all are shown.
     ///
     /// ```
     /// use luna_logger::format::{Encoder, Record};

@@ -30,6 +30,7 @@ pub struct Settings {
     pub(crate) token: Option<Token>,
     pub(crate) parameters: Option<Arc<dyn Parameters>>,
     pub(crate) picture: Option<Arc<str>>,
+    pub(crate) is_together: bool,
 }
 
 impl Default for Settings {
@@ -43,6 +44,7 @@ impl Default for Settings {
             token: None,
             parameters: None,
             picture: None,
+            is_together: false,
         }
     }
 }
@@ -116,6 +118,17 @@ impl Settings {
         self
     }
 
+    /// Shows all recordings that come at a time together, at most 64: on one time axis, with the name
+    /// of the system before each name that does not begin with it. Without this, the recording that
+    /// began last is shown alone.
+    ///
+    /// A program of the same name that comes back goes on where the one before has ended. When all
+    /// have ended, the next one begins anew.
+    pub fn together(mut self) -> Self {
+        self.is_together = true;
+        self
+    }
+
     /// Makes a token, with which parameters can be set. It is part of
     /// [`Scope::url`](crate::Scope::url).
     ///
@@ -142,6 +155,7 @@ impl fmt::Debug for Settings {
             .field("memory", &self.memory)
             .field("has_token", &self.token.is_some())
             .field("has_parameters", &self.parameters.is_some())
+            .field("is_together", &self.is_together)
             .field("has_picture", &self.picture.is_some())
             .finish()
     }

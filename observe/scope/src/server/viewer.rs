@@ -161,6 +161,9 @@ impl Viewer<'_> {
 
     /// Returns whether there was anything new.
     fn news(&mut self) -> Result<bool, Error> {
+        if let Some(together) = &self.shared.together {
+            together.release(self.shared);
+        }
         let News {
             blocks,
             declarations,

@@ -13,6 +13,7 @@ mod parameters;
 mod pause;
 mod picture;
 mod plot;
+mod programs;
 mod seek;
 mod views;
 
