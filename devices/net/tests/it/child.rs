@@ -23,15 +23,7 @@ pub(crate) struct Program {
 
 impl Program {
     pub(crate) fn start(task: &str, arguments: &[&str]) -> Self {
-        Self::start_by(&[], task, arguments)
-    }
-
-    /// By a command such as `ip netns exec NAME`.
-    pub(crate) fn start_by(command: &[&str], task: &str, arguments: &[&str]) -> Self {
-        let program = std::env::current_exe().unwrap();
-        let mut all = command.iter().map(PathBuf::from).chain([program]);
-        let mut child = Command::new(all.next().unwrap())
-            .args(all)
+        let mut child = Command::new(std::env::current_exe().unwrap())
             .args(["child::program", "--exact", "--nocapture"])
             .env(TASK, format!("{task}\n{}", arguments.join("\n")))
             .stdout(Stdio::piped())
@@ -117,11 +109,11 @@ fn program() {
         ["hold", address] => run(hold(connected(address))),
         ["feed", address] => run(feed(connected(address))),
         ["send", address, folder] => {
-            let config = drill().listen(address);
+            let config = drill(folder.as_ref()).listen(address);
             run(sends(open(&config), folder.into()));
         }
         ["receive", address, folder] => {
-            let config = drill().connect(address);
+            let config = drill(folder.as_ref()).connect(address);
             run(receives(open(&config), folder.into()));
         }
         ["listens", ..] => listens(),
@@ -143,8 +135,13 @@ fn connected(address: &str) -> Network {
 }
 
 /// Of programs that are killed, or whose network is bad.
-fn drill() -> Config {
-    Config::network().lost_after(Duration::from_secs(2))
+fn drill(folder: &Path) -> Config {
+    let file = folder.join("network.json5");
+    let config = match file.exists() {
+        true => Config::from_file(file).unwrap(),
+        false => Config::network(),
+    };
+    config.lost_after(Duration::from_secs(2))
 }
 
 /// The port may still be of a program that was killed.
@@ -202,7 +199,9 @@ async fn sends(network: Network, folder: PathBuf) -> luna::Result<()> {
             Ok::<(), luna::Error>(())
         };
         let run = async {
-            let _ = link.run().await;
+            if let Err(error) = link.run().await {
+                println!("\nchild: {error}");
+            }
             Ok::<(), luna::Error>(())
         };
         par!(run, work).await?;
@@ -243,7 +242,9 @@ async fn receives(network: Network, folder: PathBuf) -> luna::Result<()> {
             Ok::<(), luna::Error>(())
         };
         let run = async {
-            let _ = link.run().await;
+            if let Err(error) = link.run().await {
+                println!("\nchild: {error}");
+            }
             Ok::<(), luna::Error>(())
         };
         par!(run, work).await?;

@@ -4,13 +4,14 @@
 #[macro_use]
 mod shared;
 
+mod bad_network;
 mod child;
 mod death;
 mod ends;
 mod guards;
 mod kill;
-mod netem;
 mod opening;
+mod relay;
 mod rendezvous;
 mod secure;
 mod streams;

@@ -23,7 +23,7 @@ fn openssl(folder: &Path, arguments: &str) -> Result<(), String> {
 }
 
 /// An authority, and a certificate of it for 127.0.0.1.
-fn certificates(folder: &Path) -> Result<(), String> {
+pub(crate) fn certificates(folder: &Path) -> Result<(), String> {
     let new = "req -newkey rsa:2048 -nodes -days 2";
     openssl(
         folder,
