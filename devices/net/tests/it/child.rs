@@ -112,6 +112,10 @@ fn program() {
             let config = drill(folder.as_ref()).listen(address);
             run(sends(open(&config), folder.into()));
         }
+        ["stream", address, folder] => {
+            let config = drill(folder.as_ref()).listen(address);
+            run(streams(open(&config), folder.into()));
+        }
         ["receive", address, folder] => {
             let config = drill(folder.as_ref()).connect(address);
             run(receives(open(&config), folder.into()));
@@ -205,6 +209,43 @@ async fn sends(network: Network, folder: PathBuf) -> luna::Result<()> {
             Ok::<(), luna::Error>(())
         };
         par!(run, work).await?;
+    }
+    luna::blocking(move || drop(network)).await;
+    Ok(())
+}
+
+/// As [`sends`], as a stream. What was acknowledged of a session is noted after it.
+async fn streams(network: Network, folder: PathBuf) -> luna::Result<()> {
+    let mut acknowledged = Log::open(folder.join("acknowledged"));
+    let stop = folder.join("stop");
+    let mut next = u64::from(std::process::id()) << 32;
+    while !stop.exists() {
+        let opening = network.clone();
+        let opened = luna::blocking(move || {
+            let endpoint = opening.endpoint("test/kill").capacity(16);
+            endpoint.buffered_sender::<u64>(Buffer::fifo(16))
+        });
+        let (sender, mut link) = opened.await?;
+        let (status, first) = (link.status(), next + 1);
+        let work = async {
+            while !stop.exists() {
+                next += 1;
+                if sender.send_unless(next, stopped(&stop)).await.is_err() {
+                    break;
+                }
+            }
+            drop(sender);
+            Ok::<(), luna::Error>(())
+        };
+        let run = async {
+            let _ = link.run().await;
+            Ok::<(), luna::Error>(())
+        };
+        par!(run, work).await?;
+        // They are acknowledged in order.
+        for number in first..first + status.acknowledged() {
+            acknowledged.add(number);
+        }
     }
     luna::blocking(move || drop(network)).await;
     Ok(())

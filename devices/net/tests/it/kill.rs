@@ -3,7 +3,7 @@
 use crate::address;
 use crate::child::{Program, read_log};
 use crate::shared::{Random, watchdog};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -32,9 +32,16 @@ pub(crate) fn folder(test: &str) -> PathBuf {
     folder
 }
 
-/// No value was taken twice, and all that were acknowledged were taken.
+/// No value was taken twice, those of a program were taken in order, and all that were acknowledged
+/// were taken.
 pub(crate) fn check(folder: &Path, what: &str) {
     let taken = read_log(&folder.join("taken"));
+    let mut last = HashMap::new();
+    for value in &taken {
+        // The sending program's number is in the upper half.
+        let before = last.insert(value >> 32, *value);
+        assert!(before.is_none_or(|before| before < *value), "out of order");
+    }
     let distinct: HashSet<u64> = taken.iter().copied().collect();
     assert_eq!(distinct.len(), taken.len(), "a value was taken twice");
     let acknowledged = read_log(&folder.join("acknowledged"));
@@ -52,17 +59,28 @@ pub(crate) fn check(folder: &Path, what: &str) {
 
 #[test]
 fn kills_at_random_instants() {
+    kills("send");
+}
+
+#[test]
+fn kills_at_random_instants_of_a_stream() {
+    kills("stream");
+}
+
+/// Kills programs, of which one sends as this task says.
+fn kills(sends: &str) {
     let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
     // The watchdog allows five minutes, less than a long run.
     let _watchdog = (!is_long).then(watchdog);
     let kills = if is_long { 1000 } else { 30 };
     let mut random = Random::seeded();
-    let folder = folder("kill");
+    let folder = folder(&format!("kill-{sends}"));
     let taken = folder.join("taken");
     let address = address();
     let place = folder.to_str().unwrap();
     let start = |task| Program::start(task, &[&address, place]);
-    let mut programs = ["send", "receive"].map(start);
+    let tasks = [sends, "receive"];
+    let mut programs = tasks.map(start);
     let mut size = 0;
     for _ in 0..kills {
         // Mostly while they work, at times while one still starts.
@@ -76,7 +94,7 @@ fn kills_at_random_instants() {
         for index in [first, 1 - first].into_iter().take(1 + usize::from(both)) {
             programs[index].kill();
             programs[index].wait();
-            programs[index] = start(["send", "receive"][index]);
+            programs[index] = start(tasks[index]);
         }
     }
     // Two values more: one may still be of a sender that was killed. So the last programs have a
@@ -87,5 +105,5 @@ fn kills_at_random_instants() {
     for program in &mut programs {
         assert!(program.wait().success());
     }
-    check(&folder, &format!("{kills} kills"));
+    check(&folder, &format!("{kills} kills, {sends}"));
 }
