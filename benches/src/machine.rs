@@ -122,7 +122,8 @@ fn commit() -> String {
 
 fn peers(lock: &str) -> String {
     let version = |peer: &str| {
-        let (_, package) = lock.split_once(&format!("name = \"{peer}\"\nversion = \""))?;
+        // The newest, which stands last: an older one is that of another package.
+        let (_, package) = lock.rsplit_once(&format!("name = \"{peer}\"\nversion = \""))?;
         let (version, _) = package.split_once('"')?;
         Some(format!("{peer} {version}"))
     };
