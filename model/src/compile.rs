@@ -1,0 +1,367 @@
+//! From a body to places and steps.
+
+use crate::elaborate::Scope;
+use crate::file::Side;
+use crate::language::body::{Block, Guard, Kind, Named, Offer, Span, Statement};
+use crate::language::expr::Expr;
+use crate::language::parser::Path;
+use crate::network::{Action, Agent, END, Edge, Network, Place, Step, Variable};
+use crate::text::{Problem, Source, nearest};
+use std::collections::BTreeSet;
+
+pub(crate) struct Compiler<'a> {
+    pub(crate) source: Source<'a>,
+    pub(crate) network: &'a mut Network,
+    pub(crate) scope: &'a Scope,
+    pub(crate) process: usize,
+    pub(crate) name: &'a str,
+    /// The variables of the process, and those of `for` around.
+    pub(crate) variables: Vec<(String, usize)>,
+}
+
+impl Compiler<'_> {
+    /// Adds an agent that is this block.
+    pub(crate) fn agent(&mut self, block: &Block, parent: Option<usize>) -> Result<usize, Problem> {
+        let number = self.network.agents.len();
+        let name = match parent {
+            None => self.name.to_owned(),
+            Some(_) => {
+                let first = self.network.processes[self.process].agent;
+                format!("{}, branch {}", self.name, number - first)
+            }
+        };
+        self.network.agents.push(Agent {
+            process: self.process,
+            name,
+            parent,
+            siblings: Vec::new(),
+            start: END,
+            code: Vec::new(),
+        });
+        let mut code = vec![Place {
+            step: Step::End,
+            line: 0,
+        }];
+        let start = self.block(number, &mut code, block, END)?;
+        let agent = &mut self.network.agents[number];
+        agent.start = start;
+        agent.code = code;
+        Ok(number)
+    }
+
+    /// Returns where the block begins, which goes on at `next`.
+    fn block(
+        &mut self,
+        agent: usize,
+        code: &mut Vec<Place>,
+        block: &Block,
+        next: usize,
+    ) -> Result<usize, Problem> {
+        let mut next = next;
+        for statement in block.iter().rev() {
+            next = self.statement(agent, code, statement, next)?;
+        }
+        Ok(next)
+    }
+
+    fn statement(
+        &mut self,
+        agent: usize,
+        code: &mut Vec<Place>,
+        statement: &Statement,
+        next: usize,
+    ) -> Result<usize, Problem> {
+        let line = self.source.position(statement.span.start).0;
+        let step = match &statement.kind {
+            Kind::Skip => return Ok(next),
+            Kind::Stop => Step::Wait(Vec::new()),
+            Kind::Offer(offer) => {
+                let action = self.action(offer)?;
+                Step::Wait(vec![edge(action, next, line)])
+            }
+            Kind::Action(name) => {
+                if self.scope.port(name).is_some() {
+                    let message = "this port is neither sent to nor received from";
+                    let advice = "write `!` or `?` behind it";
+                    return Err(self.source.problem(statement.span.clone(), message, advice));
+                }
+                Step::Wait(vec![edge(Action::Own(name.clone()), next, line)])
+            }
+            Kind::Assign(variable, value) => {
+                Step::Assign(self.variable(variable)?, self.expr(value)?, next)
+            }
+            Kind::Assert(condition) => Step::Assert(self.expr(condition)?, next),
+            Kind::If(condition, then, otherwise) => {
+                let condition = self.expr(condition)?;
+                let then = self.block(agent, code, then, next)?;
+                let otherwise = self.block(agent, code, otherwise, next)?;
+                Step::Branch(condition, then, otherwise)
+            }
+            Kind::Loop(inner) => {
+                let head = add(code, Step::Goto(END), line);
+                let start = self.block(agent, code, inner, head)?;
+                code[head].step = Step::Goto(start);
+                return Ok(head);
+            }
+            Kind::While(condition, inner) => {
+                let head = add(code, Step::Goto(END), line);
+                let condition = self.expr(condition)?;
+                let start = self.block(agent, code, inner, head)?;
+                code[head].step = Step::Branch(condition, start, next);
+                return Ok(head);
+            }
+            Kind::For(variable, from, to, inner) => {
+                return self.counted(agent, code, (variable, from, to, inner), line, next);
+            }
+            Kind::Par(blocks) => self.par(agent, code, blocks, &statement.span, next)?,
+            Kind::Choose(blocks) => {
+                let mut edges = Vec::new();
+                for block in blocks {
+                    let at = block
+                        .first()
+                        .map_or(line, |first| self.source.position(first.span.start).0);
+                    let start = self.block(agent, code, block, next)?;
+                    edges.push(edge(Action::Choice, start, at));
+                }
+                Step::Wait(edges)
+            }
+            Kind::Alternative { guards, .. } => {
+                let edges = guards
+                    .iter()
+                    .map(|guard| self.guard(agent, code, guard, next));
+                Step::Wait(edges.collect::<Result<_, _>>()?)
+            }
+        };
+        Ok(add(code, step, line))
+    }
+
+    fn guard(
+        &mut self,
+        agent: usize,
+        code: &mut Vec<Place>,
+        guard: &Guard,
+        next: usize,
+    ) -> Result<Edge, Problem> {
+        let condition = guard.condition.as_ref();
+        Ok(Edge {
+            condition: condition.map(|found| self.expr(found)).transpose()?,
+            action: self.action(&guard.offer)?,
+            next: self.block(agent, code, &guard.body, next)?,
+            line: self.source.position(guard.span.start).0,
+        })
+    }
+
+    /// `for`: a variable of its own, which is 0 steps from its start again at the end.
+    fn counted(
+        &mut self,
+        agent: usize,
+        code: &mut Vec<Place>,
+        (variable, from, to, inner): (&Named, &Expr<Path>, &Expr<Path>, &Block),
+        line: usize,
+        next: usize,
+    ) -> Result<usize, Problem> {
+        let from = self.scope.constant(self.source, from, &variable.1)?;
+        let to = self.scope.constant(self.source, to, &variable.1)?;
+        let high = to.max(from);
+        let slot = self.network.variables.len();
+        self.network.variables.push(Variable {
+            process: self.process,
+            name: variable.0.clone(),
+            low: from,
+            high,
+            first: from,
+        });
+        let known = self.variables.iter().any(|(name, _)| *name == variable.0);
+        if known || self.scope.knows(&variable.0) {
+            let message = "this name is used already";
+            let advice = "use another name for the variable of this loop";
+            return Err(self.source.problem(variable.1.clone(), message, advice));
+        }
+        self.variables.push((variable.0.clone(), slot));
+        let reset = add(code, Step::Assign(slot, Expr::Number(from), next), line);
+        let head = add(code, Step::Goto(END), line);
+        let one_more = Expr::Binary(
+            crate::language::expr::Binary::Plus,
+            Box::new(Expr::Name(slot)),
+            Box::new(Expr::Number(1)),
+        );
+        let count = add(code, Step::Assign(slot, one_more, head), line);
+        let start = self.block(agent, code, inner, count)?;
+        let is_below = Expr::Binary(
+            crate::language::expr::Binary::Less,
+            Box::new(Expr::Name(slot)),
+            Box::new(Expr::Number(to)),
+        );
+        code[head].step = Step::Branch(is_below, start, reset);
+        self.variables.pop();
+        Ok(head)
+    }
+
+    fn par(
+        &mut self,
+        agent: usize,
+        code: &mut Vec<Place>,
+        blocks: &[Block],
+        span: &Span,
+        next: usize,
+    ) -> Result<Step, Problem> {
+        let branches = blocks
+            .iter()
+            .map(|block| self.agent(block, Some(agent)))
+            .collect::<Result<Vec<usize>, _>>()?;
+        for &branch in &branches {
+            self.network.agents[branch].siblings.clone_from(&branches);
+        }
+        for (at, &branch) in branches.iter().enumerate() {
+            let assigned = self.uses(branch).1;
+            for &other in branches
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| *i != at)
+                .map(|(_, b)| b)
+            {
+                if let Some(&slot) = self.uses(other).0.intersection(&assigned).next() {
+                    let name = &self.network.variables[slot].name;
+                    let message = format!("`{name}` is set by one branch and used by another");
+                    let advice = "send it on a channel, or use two variables";
+                    return Err(self.source.problem(span.clone(), message, advice));
+                }
+            }
+        }
+        let line = self.source.position(span.start).0;
+        let join = add(code, Step::Join(branches.clone(), next), line);
+        Ok(Step::Fork(branches, join))
+    }
+
+    /// The variables that an agent and its branches use, and those that they set.
+    fn uses(&self, agent: usize) -> (BTreeSet<usize>, BTreeSet<usize>) {
+        let (mut used, mut set) = (BTreeSet::new(), BTreeSet::new());
+        for place in &self.network.agents[agent].code {
+            match &place.step {
+                Step::Assign(slot, value, _) => {
+                    value.each(&mut |slot| used.extend([*slot]));
+                    set.insert(*slot);
+                }
+                Step::Branch(condition, ..) | Step::Assert(condition, _) => {
+                    condition.each(&mut |slot| used.extend([*slot]));
+                }
+                Step::Fork(branches, _) => {
+                    for &branch in branches {
+                        let (inner_used, inner_set) = self.uses(branch);
+                        used.extend(inner_used);
+                        set.extend(inner_set);
+                    }
+                }
+                Step::Wait(edges) => {
+                    for edge in edges {
+                        if let Some(condition) = &edge.condition {
+                            condition.each(&mut |slot| used.extend([*slot]));
+                        }
+                        match &edge.action {
+                            Action::Send(_, Some(value)) => {
+                                value.each(&mut |slot| used.extend([*slot]));
+                            }
+                            Action::Receive(_, Some(slot)) => set.extend([*slot]),
+                            _ => {}
+                        }
+                    }
+                }
+                Step::End | Step::Goto(_) | Step::Join(..) => {}
+            }
+        }
+        used.extend(&set);
+        (used, set)
+    }
+
+    fn action(&self, offer: &Offer) -> Result<Action, Problem> {
+        Ok(match offer {
+            Offer::Skip => Action::Skip,
+            Offer::After => Action::After,
+            Offer::Send(port, value) => {
+                let channel = self.channel(port, Side::Send, value.is_some())?;
+                let value = value.as_ref().map(|value| self.expr(value)).transpose()?;
+                Action::Send(channel, value)
+            }
+            Offer::Receive(port, variable) => {
+                let channel = self.channel(port, Side::Receive, variable.is_some())?;
+                let variable = variable
+                    .as_ref()
+                    .map(|name| self.variable(name))
+                    .transpose()?;
+                Action::Receive(channel, variable)
+            }
+        })
+    }
+
+    fn channel(&self, port: &Named, side: Side, has_value: bool) -> Result<usize, Problem> {
+        let problem =
+            |message: &str, advice: &str| Err(self.source.problem(port.1.clone(), message, advice));
+        let Some((channel, declared)) = self.scope.port(&port.0) else {
+            let names = self.scope.ports.iter().map(|(name, _, _)| name.as_str());
+            return problem("the process has no such port", &nearest(&port.0, names));
+        };
+        if declared != side {
+            let message = "the port has the other direction";
+            return problem(
+                message,
+                "change it in `ports`, or use `!` to send and `?` to receive",
+            );
+        }
+        let found = &self.network.channels[channel];
+        match (found.values, has_value, side) {
+            (None, true, _) => {
+                let advice = format!(
+                    "give the channel `{}` a type as `0..9` or `bool`, or leave the value out",
+                    found.name
+                );
+                problem("the check follows no values of this channel", &advice)
+            }
+            (Some(_), false, Side::Send) => {
+                let advice = format!("write what is sent, a value of `{}`", found.type_name);
+                problem("a value is missing", &advice)
+            }
+            _ => Ok(channel),
+        }
+    }
+
+    fn variable(&self, name: &Named) -> Result<usize, Problem> {
+        let found = self.variables.iter().find(|(known, _)| *known == name.0);
+        found.map(|(_, slot)| *slot).ok_or_else(|| {
+            let known = self.variables.iter().map(|(name, _)| name.as_str());
+            let message = "the process has no such variable";
+            self.source
+                .problem(name.1.clone(), message, nearest(&name.0, known))
+        })
+    }
+
+    fn expr(&self, expr: &Expr<Path>) -> Result<Expr<usize>, Problem> {
+        expr.map(&mut |path: &Path| {
+            let word = path.word().unwrap_or("");
+            if let Some(number) = self.scope.parameter(word) {
+                return Ok(Expr::Number(number));
+            }
+            let found = self.variables.iter().find(|(known, _)| known == word);
+            found.map(|(_, slot)| Expr::Name(*slot)).ok_or_else(|| {
+                let known = self.variables.iter().map(|(name, _)| name.as_str());
+                let parameters = self.scope.parameters.iter().map(|(name, _)| name.as_str());
+                let message = "there is no variable or parameter of this name";
+                let advice = nearest(word, known.chain(parameters));
+                self.source.problem(path.span.clone(), message, advice)
+            })
+        })
+    }
+}
+
+fn add(code: &mut Vec<Place>, step: Step, line: usize) -> usize {
+    code.push(Place { step, line });
+    code.len() - 1
+}
+
+fn edge(action: Action, next: usize, line: usize) -> Edge {
+    Edge {
+        condition: None,
+        action,
+        next,
+        line,
+    }
+}

@@ -1,0 +1,216 @@
+//! Explores all states of a network.
+
+pub(crate) mod circle;
+pub(crate) mod livelock;
+pub(crate) mod state;
+pub(crate) mod unreached;
+pub(crate) mod words;
+
+use crate::network::Network;
+use indexmap::IndexSet;
+use rustc_hash::FxBuildHasher;
+use state::{Move, Semantics, State};
+
+/// A limit on states that needs at most a few GB and some minutes.
+pub const DEFAULT_MAX_STATES: usize = 2_000_000;
+
+/// What the exploration has found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Exploration {
+    /// How many states were seen.
+    pub states: usize,
+    /// Whether these are all: if not, what was not found may be there all the same.
+    pub is_complete: bool,
+    /// At most one of each kind, and one for each property; each with the shortest way to it.
+    pub findings: Vec<Finding>,
+    /// Branches that no run takes; empty if the exploration is not complete.
+    pub unreached: Vec<Unreached>,
+}
+
+/// What is wrong, and how it comes to that.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Finding {
+    /// Of what kind.
+    pub kind: FindingKind,
+    /// What happens up to there, a line a step.
+    pub trace: Vec<String>,
+    /// What is the case there, a line each.
+    pub there: Vec<String>,
+}
+
+/// Kinds of findings.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum FindingKind {
+    /// Nothing can happen, and not all processes have ended.
+    Deadlock,
+    /// Processes can go on for ever without a communication, an action or a delay.
+    Livelock,
+    /// An `assert` does not hold, or a value is out of its range.
+    Assertion,
+    /// A property of `check.always` does not hold.
+    Always(String),
+    /// A property of `check.ltl` does not hold: found by SPIN.
+    Ltl(String),
+}
+
+/// A branch that no run takes.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Unreached {
+    /// In the file.
+    pub line: usize,
+    /// The definition of the process.
+    pub process: String,
+    /// What is never done.
+    pub what: String,
+}
+
+/// The states in the order in which they were seen, each with the move that led to it first.
+pub(crate) struct Space {
+    pub(crate) states: IndexSet<State, FxBuildHasher>,
+    /// The state before, and the move from there.
+    pub(crate) origins: Vec<Option<(u32, Move)>>,
+}
+
+impl Space {
+    /// The moves to a state, from the first one on.
+    pub(crate) fn way_to(&self, state: usize) -> Vec<Move> {
+        let mut way = Vec::new();
+        let mut at = state;
+        while let Some((before, step)) = self.origins[at] {
+            way.push(step);
+            at = before as usize;
+        }
+        way.reverse();
+        way
+    }
+}
+
+/// Explores breadth first, so that the first way to each state is a shortest one.
+pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
+    let mut semantics = Semantics::new(network);
+    let (first, broken) = semantics.first();
+    let mut space = Space {
+        states: IndexSet::default(),
+        origins: vec![None],
+    };
+    space.states.insert(first);
+    let mut search = Search {
+        findings: Vec::new(),
+        silent: Vec::new(),
+        taken: unreached::Taken::new(network),
+    };
+    if let Some(broken) = broken {
+        let there = vec![words::broken(network, &broken)];
+        search.add(FindingKind::Assertion, Vec::new(), there);
+    }
+    let mut is_complete = true;
+    let mut moves = Vec::new();
+    let mut at = 0;
+    while let Some(state) = space.states.get_index(at).cloned() {
+        search.look(&semantics, &space, at, &state);
+        semantics.moves(&state, &mut moves);
+        if moves.is_empty() && !semantics.is_over(&state) && semantics.spinning(&state).is_none() {
+            search.deadlock(&semantics, &space, at, &state);
+        }
+        for &step in &moves {
+            search.taken.take(&semantics, &state, step);
+            let (next, broken) = semantics.after(&state, step);
+            if let Some(broken) = broken {
+                if search.is_new(&FindingKind::Assertion) {
+                    let mut way = space.way_to(at);
+                    way.push(step);
+                    let trace = words::trace(network, &way);
+                    let there = vec![words::broken(network, &broken)];
+                    search.add(FindingKind::Assertion, trace, there);
+                }
+                continue;
+            }
+            let number = match space.states.get_index_of(&next) {
+                Some(number) => number,
+                None if space.states.len() >= max_states => {
+                    is_complete = false;
+                    continue;
+                }
+                None => {
+                    space.origins.push(Some((at as u32, step)));
+                    space.states.insert_full(next).0
+                }
+            };
+            let edge = &semantics.edges(&state, step.agent)[step.edge];
+            if edge.action.is_silent() {
+                search.silent.push((at as u32, number as u32, step));
+            }
+        }
+        at += 1;
+    }
+    search.livelock(&semantics, &space);
+    search.findings.sort_by(|a, b| a.kind.cmp(&b.kind));
+    Exploration {
+        states: space.states.len(),
+        is_complete,
+        findings: search.findings,
+        unreached: match is_complete {
+            true => search.taken.unreached(&semantics),
+            false => Vec::new(),
+        },
+    }
+}
+
+struct Search {
+    findings: Vec<Finding>,
+    /// Moves that are neither communications nor actions.
+    silent: Vec<(u32, u32, Move)>,
+    taken: unreached::Taken,
+}
+
+impl Search {
+    fn is_new(&self, kind: &FindingKind) -> bool {
+        !self.findings.iter().any(|found| found.kind == *kind)
+    }
+
+    fn add(&mut self, kind: FindingKind, trace: Vec<String>, there: Vec<String>) {
+        self.findings.push(Finding { kind, trace, there });
+    }
+
+    /// What can be seen in a state by itself.
+    fn look(&mut self, semantics: &Semantics<'_>, space: &Space, at: usize, state: &State) {
+        let network = semantics.network;
+        for (title, property) in &network.always {
+            let kind = FindingKind::Always(title.clone());
+            if !semantics.holds(state, property) && self.is_new(&kind) {
+                let trace = words::trace(network, &space.way_to(at));
+                self.add(kind, trace, words::places(semantics, state));
+            }
+        }
+        if let Some(agent) = semantics.spinning(state)
+            && self.is_new(&FindingKind::Livelock)
+        {
+            let trace = words::trace(network, &space.way_to(at));
+            let name = &network.agents[agent].name;
+            let there = vec![format!("{name} computes for ever, without waiting")];
+            self.add(FindingKind::Livelock, trace, there);
+        }
+    }
+
+    fn deadlock(&mut self, semantics: &Semantics<'_>, space: &Space, at: usize, state: &State) {
+        if self.is_new(&FindingKind::Deadlock) {
+            let trace = words::trace(semantics.network, &space.way_to(at));
+            self.add(FindingKind::Deadlock, trace, words::stuck(semantics, state));
+        }
+    }
+
+    fn livelock(&mut self, semantics: &Semantics<'_>, space: &Space) {
+        if !self.is_new(&FindingKind::Livelock) {
+            return;
+        }
+        let Some((start, cycle)) = livelock::cycle(&self.silent) else {
+            return;
+        };
+        let way = space.way_to(start as usize);
+        let both: Vec<Move> = way.iter().chain(&cycle).copied().collect();
+        let mut trace = words::trace(semantics.network, &both);
+        let mut there = vec!["for ever:".to_owned()];
+        there.extend(trace.drain(way.len()..));
+        self.add(FindingKind::Livelock, trace, there);
+    }
+}

@@ -1,0 +1,151 @@
+//! Moves and states in the words of the model.
+
+use super::circle::circle;
+use super::state::{Broken, Move, Semantics, State};
+use crate::network::{Action, Edge, Network, Step};
+
+/// The moves from the first state on, a line each.
+pub(crate) fn trace(network: &Network, way: &[Move]) -> Vec<String> {
+    let mut semantics = Semantics::new(network);
+    let (mut state, _) = semantics.first();
+    let mut lines = Vec::new();
+    for &step in way {
+        lines.push(line(&semantics, &state, step));
+        state = semantics.after(&state, step).0;
+    }
+    lines
+}
+
+fn line(semantics: &Semantics<'_>, state: &State, step: Move) -> String {
+    let edge = &semantics.edges(state, step.agent)[step.edge];
+    let said = Said {
+        agent: step.agent,
+        edge,
+        partner: step.partner.map(|(agent, _)| agent),
+        value: semantics.carried(state, step),
+        is_closed: step.is_closed,
+    };
+    said.line(semantics.network)
+}
+
+/// A move, as far as it is to be told.
+pub(crate) struct Said<'a> {
+    pub(crate) agent: usize,
+    pub(crate) edge: &'a Edge,
+    pub(crate) partner: Option<usize>,
+    pub(crate) value: Option<i32>,
+    pub(crate) is_closed: bool,
+}
+
+impl Said<'_> {
+    pub(crate) fn line(&self, network: &Network) -> String {
+        let name = &network.agents[self.agent].name;
+        let edge = self.edge;
+        let with = match self.value {
+            Some(value) => format!(" = {value}"),
+            _ => String::new(),
+        };
+        let end = edge.action.end();
+        let channel = end.map_or("", |(channel, _)| network.channels[channel].name.as_str());
+        match (&edge.action, self.partner) {
+            _ if self.is_closed => format!("{name} cannot go on with {channel}, and ends"),
+            (Action::Send(..), Some(other)) => {
+                format!("{name} -> {}: {channel}{with}", network.agents[other].name)
+            }
+            (Action::Send(..), None) => format!("{name} -> {channel}{with}"),
+            (Action::Receive(..), _) => format!("{channel} -> {name}{with}"),
+            (Action::Own(action), _) => format!("{name}: {action}"),
+            (Action::Choice, _) => format!("{name} chooses the branch of line {}", edge.line),
+            (Action::Skip, _) => format!("{name} skips, line {}", edge.line),
+            (Action::After, _) => format!("{name} has waited long enough, line {}", edge.line),
+        }
+    }
+}
+
+pub(crate) fn broken(network: &Network, broken: &Broken) -> String {
+    let name = &network.agents[broken.agent].name;
+    format!("{name} {}, line {}", broken.what, broken.line)
+}
+
+/// An edge, without what differs from instance to instance.
+pub(crate) fn kind(network: &Network, edge: &Edge) -> String {
+    let without_parts = |channel: usize| {
+        let name = &network.channels[channel].name;
+        let name = name.rsplit('.').next().unwrap_or(name);
+        name.split('[').next().unwrap_or(name).to_owned()
+    };
+    match &edge.action {
+        Action::Send(channel, _) => format!("the send on {}", without_parts(*channel)),
+        Action::Receive(channel, _) => format!("the receive from {}", without_parts(*channel)),
+        Action::Choice => "this branch".to_owned(),
+        Action::Skip => "the `skip`".to_owned(),
+        Action::After => "the `after`".to_owned(),
+        Action::Own(name) => format!("the action {name}"),
+    }
+}
+
+/// Where all processes are that have not ended.
+pub(crate) fn places(semantics: &Semantics<'_>, state: &State) -> Vec<String> {
+    let network = semantics.network;
+    let mut lines = Vec::new();
+    for (number, agent) in network.agents.iter().enumerate() {
+        let Ok(at) = usize::try_from(state[number]) else {
+            continue;
+        };
+        let place = &agent.code[at];
+        let name = &agent.name;
+        let Step::Wait(edges) = &place.step else {
+            continue;
+        };
+        if edges.is_empty() {
+            lines.push(format!("{name} has stopped, line {}", place.line));
+            continue;
+        }
+        let open = edges.iter().filter(|edge| semantics.is_open(state, edge));
+        let offers: Vec<String> = open
+            .map(|edge| match &edge.action {
+                Action::Send(channel, _) => format!("send on {}", network.channels[*channel].name),
+                Action::Receive(channel, _) => {
+                    format!("receive from {}", network.channels[*channel].name)
+                }
+                Action::Own(name) => name.clone(),
+                Action::Choice => "choose".to_owned(),
+                Action::Skip => "skip".to_owned(),
+                Action::After => "wait for a time".to_owned(),
+            })
+            .collect();
+        lines.push(match &offers[..] {
+            [] => format!("{name} has no open guard, line {}", place.line),
+            _ => format!("{name} is to {}, line {}", offers.join(" or "), place.line),
+        });
+    }
+    let first = network
+        .variables
+        .iter()
+        .enumerate()
+        .map(|(slot, variable)| {
+            let process = &network.processes[variable.process].name;
+            let value = semantics.variable(state, slot);
+            format!("{process}.{} = {value}", variable.name)
+        });
+    let values: Vec<String> = first.collect();
+    lines.extend(values.chunks(8).map(|chunk| chunk.join(", ")));
+    lines
+}
+
+/// A deadlock: where all are, and a circle of processes if there is one.
+pub(crate) fn stuck(semantics: &Semantics<'_>, state: &State) -> Vec<String> {
+    let mut lines = places(semantics, state);
+    if let Some(circle) = circle(semantics, state) {
+        let names = circle
+            .iter()
+            .map(|&process| &semantics.network.processes[process].name);
+        let mut names: Vec<&str> = names.map(String::as_str).collect();
+        names.extend(names.first().copied());
+        lines.push(format!(
+            "circle, each waits for the next: {}",
+            names.join(" -> ")
+        ));
+    }
+    lines
+}

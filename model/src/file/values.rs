@@ -1,0 +1,107 @@
+//! Values that are short texts: buffers, types, periods, policies.
+
+use super::Range;
+use super::table::Entry;
+use crate::language::Piece;
+use crate::language::expr::Expr;
+use crate::language::parser::{Parser, Path};
+use crate::network::Kind;
+use crate::text::Problem;
+use std::time::Duration;
+
+/// Larger buffers have too many states to be checked.
+const MAX_BUFFER: usize = 255;
+
+/// `rendezvous`, `fifo 2`, `overwrite_oldest 1`, `overwrite_newest 1`.
+pub(super) fn buffer(entry: &Entry<'_>) -> Result<Kind, Problem> {
+    let text = entry.text()?;
+    let mut words = text.split_whitespace();
+    let (word, size, more) = (words.next(), words.next(), words.next());
+    let size = size.map(|size| size.parse().ok().filter(|n| (1..=MAX_BUFFER).contains(n)));
+    let kind = match (word, size, more) {
+        (Some("rendezvous"), None, None) => Some(Kind::Rendezvous),
+        (Some("fifo"), Some(Some(n)), None) => Some(Kind::Fifo(n)),
+        (Some("overwrite_oldest"), Some(Some(n)), None) => Some(Kind::OverwriteOldest(n)),
+        (Some("overwrite_newest"), Some(Some(n)), None) => Some(Kind::OverwriteNewest(n)),
+        _ => None,
+    };
+    kind.ok_or_else(|| {
+        let advice = format!(
+            "write `rendezvous`, `fifo N`, `overwrite_oldest N` or `overwrite_newest N`, N from 1 \
+             to {MAX_BUFFER}"
+        );
+        entry.problem("this is no buffer", advice)
+    })
+}
+
+/// A range that the check follows, or nothing for a type that it does not.
+pub(super) fn channel_values(entry: &Entry<'_>) -> Result<Option<Range>, Problem> {
+    match entry.text()? {
+        "bool" => Ok(Some(boolean())),
+        text if text.contains("..") => range(entry.piece()?).map(Some),
+        _ => Ok(None),
+    }
+}
+
+/// `0..9`, `0..9 = 3` or `bool`.
+pub(super) fn variable(entry: &Entry<'_>) -> Result<Range, Problem> {
+    match entry.text()? {
+        "bool" => Ok(boolean()),
+        _ => range(entry.piece()?),
+    }
+}
+
+fn boolean() -> Range {
+    Range {
+        low: Expr::Number(0),
+        high: Expr::Number(1),
+        first: None,
+    }
+}
+
+fn range(piece: Piece<'_>) -> Result<Range, Problem> {
+    let mut parser = Parser::new(piece)?;
+    let low: Expr<Path> = parser.expr()?;
+    parser.expect("..")?;
+    let high = parser.expr()?;
+    let first = parser.take("=").then(|| parser.expr()).transpose()?;
+    parser.end()?;
+    Ok(Range { low, high, first })
+}
+
+/// `250 us`, `1 ms`, `2 s`.
+pub(super) fn period(entry: &Entry<'_>) -> Result<Duration, Problem> {
+    let text = entry.text()?;
+    let parts = text.trim().split_once(' ');
+    let found = parts.and_then(|(number, unit)| {
+        let number: u64 = number
+            .parse()
+            .ok()
+            .filter(|n| (1..=1_000_000_000).contains(n))?;
+        match unit.trim() {
+            "ns" => Some(Duration::from_nanos(number)),
+            "us" | "µs" => Some(Duration::from_micros(number)),
+            "ms" => Some(Duration::from_millis(number)),
+            "s" => Some(Duration::from_secs(number)),
+            _ => None,
+        }
+    });
+    let advice = "write a whole number and ns, us, ms or s: `1 ms`";
+    found.ok_or_else(|| entry.problem("this is no period", advice))
+}
+
+/// `other`, `fifo:80`, `rr:80`.
+pub(super) fn policy(entry: &Entry<'_>) -> Result<String, Problem> {
+    let text = entry.text()?;
+    let is_policy = text == "other"
+        || text
+            .strip_prefix("fifo:")
+            .or_else(|| text.strip_prefix("rr:"))
+            .and_then(|level| level.parse::<u8>().ok())
+            .is_some_and(|level| (1..=99).contains(&level));
+    if !is_policy {
+        let advice = "write `other`, `fifo:1` to `fifo:99`, or `rr:1` to `rr:99`";
+        return Err(entry.problem("this is no policy", advice));
+    }
+    Ok(text.to_owned())
+}

@@ -1,0 +1,88 @@
+//! A model that has been read.
+
+use crate::elaborate::elaborate;
+use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
+use crate::file::read;
+use crate::network::Network;
+use crate::spin::promela::promela;
+use crate::spin::run::SpinError;
+use crate::spin::{self, SpinCheck};
+use crate::text::{Problem, Source};
+
+/// A model: its processes and channels with all arrays and compositions laid out.
+#[derive(Debug)]
+pub struct Model {
+    pub(crate) network: Network,
+}
+
+impl Model {
+    /// Reads a model from the text of a file. `file` is its name in errors.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong first, with its place in the file.
+    pub fn parse(file: &str, text: &str) -> Result<Self, Problem> {
+        let document = read(file, text)?;
+        let source = Source { name: file, text };
+        let network = elaborate(source, &document)?;
+        Ok(Self { network })
+    }
+
+    /// The model's name: that of the file, or `system`.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.network.name
+    }
+
+    /// How many processes with a body there are.
+    #[must_use]
+    pub fn processes(&self) -> usize {
+        self.network.processes.len()
+    }
+
+    /// How many channels there are.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        self.network.channels.len()
+    }
+
+    /// The titles of the properties of `check.ltl`.
+    pub fn ltl(&self) -> impl Iterator<Item = &str> {
+        self.network.ltl.iter().map(|(title, _)| title.as_str())
+    }
+
+    /// The limit on states that the file states, or [`DEFAULT_MAX_STATES`].
+    #[must_use]
+    pub fn max_states(&self) -> usize {
+        self.network.max_states.unwrap_or(DEFAULT_MAX_STATES)
+    }
+
+    /// Looks at all states, at most `max_states` of them: for deadlocks, livelocks, assertions, the
+    /// properties of `check.always`, and branches that no run takes.
+    ///
+    /// Not real-time. A state takes 4 bytes for each process, variable and place in a buffer, and
+    /// some 60 bytes more.
+    #[must_use]
+    pub fn explore(&self, max_states: usize) -> Exploration {
+        explore(&self.network, max_states.min(u32::MAX as usize))
+    }
+
+    /// The model in Promela, the language of SPIN.
+    #[must_use]
+    pub fn to_promela(&self) -> String {
+        promela(&self.network).text
+    }
+
+    /// Lets SPIN look for deadlocks and assertions, and for the properties of `check.ltl`, under
+    /// weak fairness: a process that can go on all the time does so at some time.
+    ///
+    /// Runs `spin` and a C compiler in a folder of its own below that of temporary files. Not
+    /// real-time: at most 5 minutes and 2 GB for each of these questions.
+    ///
+    /// # Errors
+    ///
+    /// SPIN or a C compiler is missing, or does not take the model.
+    pub fn check_with_spin(&self) -> Result<SpinCheck, SpinError> {
+        spin::check(&self.network)
+    }
+}

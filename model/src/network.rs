@@ -1,0 +1,171 @@
+//! A model with all its arrays and compositions laid out: what is explored, exported and drawn.
+
+use crate::file::Side;
+use crate::language::expr::Expr;
+use crate::language::temporal::Formula;
+use std::time::Duration;
+
+/// What a channel holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Kind {
+    Rendezvous,
+    Fifo(usize),
+    OverwriteOldest(usize),
+    OverwriteNewest(usize),
+}
+
+impl Kind {
+    pub(crate) const fn capacity(self) -> usize {
+        match self {
+            Self::Rendezvous => 0,
+            Self::Fifo(n) | Self::OverwriteOldest(n) | Self::OverwriteNewest(n) => n,
+        }
+    }
+}
+
+/// A whole model.
+#[derive(Debug, Default)]
+pub(crate) struct Network {
+    pub(crate) name: String,
+    /// The system first; a group stands behind the one that it is in.
+    pub(crate) groups: Vec<Group>,
+    pub(crate) channels: Vec<Channel>,
+    pub(crate) processes: Vec<Process>,
+    pub(crate) agents: Vec<Agent>,
+    pub(crate) variables: Vec<Variable>,
+    pub(crate) always: Vec<(String, Expr<Atom>)>,
+    pub(crate) ltl: Vec<(String, Formula<Atom>)>,
+    pub(crate) max_states: Option<usize>,
+}
+
+/// The system, or a part that is made of parts.
+#[derive(Debug)]
+pub(crate) struct Group {
+    pub(crate) name: String,
+    pub(crate) parent: Option<usize>,
+}
+
+#[derive(Debug)]
+pub(crate) struct Channel {
+    /// With the parts that it is in: `cell.ready[1]`.
+    pub(crate) name: String,
+    pub(crate) kind: Kind,
+    pub(crate) type_name: String,
+    /// The values that the check follows.
+    pub(crate) values: Option<(i32, i32)>,
+    /// The processes that hold its ends.
+    pub(crate) senders: Vec<usize>,
+    pub(crate) receivers: Vec<usize>,
+}
+
+impl Channel {
+    /// The processes on the other side.
+    pub(crate) fn partners(&self, side: Side) -> &[usize] {
+        match side {
+            Side::Send => &self.receivers,
+            Side::Receive => &self.senders,
+        }
+    }
+}
+
+/// A process that has a body.
+#[derive(Debug)]
+pub(crate) struct Process {
+    /// With the parts that it is in: `cell.feeder[1]`.
+    pub(crate) name: String,
+    pub(crate) definition: String,
+    pub(crate) group: usize,
+    /// The agent that is its body; its branches have the same process.
+    pub(crate) agent: usize,
+    pub(crate) priority: Option<u8>,
+    pub(crate) period: Option<Duration>,
+    pub(crate) on: Option<String>,
+}
+
+/// The body of a process, or a branch of `par` in it.
+#[derive(Debug)]
+pub(crate) struct Agent {
+    pub(crate) process: usize,
+    pub(crate) name: String,
+    pub(crate) parent: Option<usize>,
+    /// The branches of the same `par`, itself among them.
+    pub(crate) siblings: Vec<usize>,
+    pub(crate) start: usize,
+    pub(crate) code: Vec<Place>,
+}
+
+/// The place in each code at which it ends.
+pub(crate) const END: usize = 0;
+
+/// A place in a body.
+#[derive(Debug)]
+pub(crate) struct Place {
+    pub(crate) step: Step,
+    /// In the file.
+    pub(crate) line: usize,
+}
+
+#[derive(Debug)]
+pub(crate) enum Step {
+    End,
+    Goto(usize),
+    Assign(usize, Expr<usize>, usize),
+    Branch(Expr<usize>, usize, usize),
+    Assert(Expr<usize>, usize),
+    Fork(Vec<usize>, usize),
+    Join(Vec<usize>, usize),
+    /// Waits for one of these.
+    Wait(Vec<Edge>),
+}
+
+#[derive(Debug)]
+pub(crate) struct Edge {
+    pub(crate) condition: Option<Expr<usize>>,
+    pub(crate) action: Action,
+    pub(crate) next: usize,
+    pub(crate) line: usize,
+}
+
+#[derive(Debug)]
+pub(crate) enum Action {
+    Send(usize, Option<Expr<usize>>),
+    Receive(usize, Option<usize>),
+    /// A branch of `choose`.
+    Choice,
+    Skip,
+    After,
+    /// By its name.
+    Own(String),
+}
+
+impl Action {
+    /// Neither a communication, nor an action, nor time that passes.
+    pub(crate) const fn is_silent(&self) -> bool {
+        matches!(self, Self::Choice | Self::Skip)
+    }
+
+    pub(crate) const fn end(&self) -> Option<(usize, Side)> {
+        match self {
+            Self::Send(channel, _) => Some((*channel, Side::Send)),
+            Self::Receive(channel, _) => Some((*channel, Side::Receive)),
+            _ => None,
+        }
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct Variable {
+    pub(crate) process: usize,
+    pub(crate) name: String,
+    pub(crate) low: i32,
+    pub(crate) high: i32,
+    pub(crate) first: i32,
+}
+
+/// What a property speaks of.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(crate) enum Atom {
+    Variable(usize),
+    /// Whether one of these agents is at this place of its code.
+    At(Vec<(usize, usize)>),
+}

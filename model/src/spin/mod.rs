@@ -1,0 +1,75 @@
+//! Promela, and SPIN as a second opinion.
+
+pub(crate) mod ending;
+pub(crate) mod promela;
+pub(crate) mod run;
+pub(crate) mod trail;
+
+use crate::explore::{Finding, FindingKind};
+use crate::network::Network;
+use promela::{Promela, promela};
+use run::{SpinError, Verdict, Verifier};
+
+/// What SPIN has found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SpinCheck {
+    /// At most one deadlock or assertion, and one finding for each property.
+    pub findings: Vec<Finding>,
+    /// What it could not see all states for: `deadlocks and assertions`, or a property's title.
+    pub incomplete: Vec<String>,
+}
+
+/// Assertions first: what goes on after a broken one is no run of the model.
+pub(crate) fn check(network: &Network) -> Result<SpinCheck, SpinError> {
+    let promela = promela(network);
+    let agents = network.agents.len();
+    let mut found = SpinCheck {
+        findings: Vec::new(),
+        incomplete: Vec::new(),
+    };
+    let safety = Verifier::make(&promela, agents, false)?;
+    let kinds = [
+        (&["-E"][..], FindingKind::Assertion),
+        (&[], FindingKind::Deadlock),
+    ];
+    for (options, kind) in kinds {
+        let verdict = safety.verify(options)?;
+        if !found.add(network, &promela, verdict, kind, "deadlocks and assertions") {
+            break;
+        }
+    }
+    if network.ltl.is_empty() {
+        return Ok(found);
+    }
+    let liveness = Verifier::make(&promela, agents, true)?;
+    for (number, (title, _)) in network.ltl.iter().enumerate() {
+        let name = format!("property{number}");
+        let verdict = liveness.verify(&["-a", "-f", "-N", &name])?;
+        let kind = FindingKind::Ltl(title.clone());
+        found.add(network, &promela, verdict, kind, title);
+    }
+    Ok(found)
+}
+
+impl SpinCheck {
+    /// Whether nothing was found.
+    fn add(
+        &mut self,
+        network: &Network,
+        promela: &Promela,
+        verdict: Verdict,
+        kind: FindingKind,
+        title: &str,
+    ) -> bool {
+        match verdict {
+            Verdict::Holds => return true,
+            Verdict::Incomplete => self.incomplete.push(title.to_owned()),
+            Verdict::Fails { reason, trail } => self.findings.push(Finding {
+                kind,
+                trace: trail::words(network, promela, &trail),
+                there: vec![format!("SPIN: {reason}")],
+            }),
+        }
+        false
+    }
+}

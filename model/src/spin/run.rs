@@ -1,0 +1,175 @@
+//! Runs SPIN: `spin -a`, a C compiler, and the verifier that they make.
+
+use super::promela::Promela;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// SPIN counts processes in a byte.
+const MAX_AGENTS: usize = 255;
+/// Models with at most so many processes and branches are small.
+const SMALL: usize = 12;
+/// The deepest way that is followed, in steps.
+const DEPTH: &str = "-m2000000";
+/// The verifier gives up after so many minutes, or with so many MB.
+const MINUTES: &str = "-Q5";
+const MEMORY: &str = "-DMEMLIM=2048";
+
+/// Why SPIN has no verdict.
+#[derive(Debug, thiserror::Error)]
+pub enum SpinError {
+    /// A program is not there.
+    #[error("{program} is missing; install it (Debian: {package}), or check without --spin")]
+    Missing {
+        /// Its name.
+        program: &'static str,
+        /// Of Debian.
+        package: &'static str,
+    },
+    /// The model is larger than SPIN's.
+    #[error("the model has {0} processes and branches, and SPIN takes 255; check without --spin")]
+    TooLarge(usize),
+    /// A file or program cannot be used.
+    #[error("{what}: {error}")]
+    Io {
+        /// Which.
+        what: String,
+        /// Why.
+        error: std::io::Error,
+    },
+    /// A program has refused what it was given.
+    #[error("{program} failed: {output}")]
+    Failed {
+        /// Its name.
+        program: &'static str,
+        /// What it wrote.
+        output: String,
+    },
+}
+
+/// What the verifier has come to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// Nothing is wrong.
+    Holds,
+    /// Something is, and this is how it comes to that: SPIN's own words.
+    Fails { reason: String, trail: String },
+    /// It has not seen all states.
+    Incomplete,
+}
+
+/// A folder that is removed.
+#[derive(Debug)]
+struct Folder(PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What cannot be removed stays in the folder of temporary files.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A verifier that is ready to run.
+#[derive(Debug)]
+pub(crate) struct Verifier {
+    folder: Folder,
+}
+
+const FILE: &str = "model.pml";
+
+impl Verifier {
+    /// `claims`: for properties; else for deadlocks and assertions.
+    pub(crate) fn make(promela: &Promela, agents: usize, claims: bool) -> Result<Self, SpinError> {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        if agents > MAX_AGENTS {
+            return Err(SpinError::TooLarge(agents));
+        }
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let name = format!("luna-model-{}-{number}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let io = |what: &Path| {
+            let what = what.display().to_string();
+            move |error| SpinError::Io { what, error }
+        };
+        std::fs::create_dir(&path).map_err(io(&path))?;
+        let folder = Folder(path);
+        let file = folder.0.join(FILE);
+        std::fs::write(&file, &promela.text).map_err(io(&file))?;
+        let made = Self { folder };
+        made.run("spin", "spin", &["-a", FILE])?;
+        let fair = format!("-DNFAIR={}", agents.div_ceil(8) + 3);
+        let kind: &[&str] = match claims {
+            true => &["-DNOREDUCE", &fair],
+            false => &["-DSAFETY", "-DNOCLAIM"],
+        };
+        // For small models the compiler takes longer than the verifier.
+        let optimized = if agents > SMALL { "-O2" } else { "-O0" };
+        let mut arguments = vec!["-w", optimized, MEMORY, "-o", "pan", "pan.c"];
+        arguments.extend(kind);
+        made.run("cc", "gcc", &arguments)?;
+        Ok(made)
+    }
+
+    /// Runs the verifier with these options.
+    pub(crate) fn verify(&self, options: &[&str]) -> Result<Verdict, SpinError> {
+        let mut arguments = vec![DEPTH, MINUTES];
+        arguments.extend(options);
+        let pan = self.folder.0.join("pan");
+        let output = self.output(Command::new(pan).args(&arguments), "pan")?;
+        let text = String::from_utf8_lossy(&output.stdout);
+        if !text.contains("errors: ") {
+            return Err(SpinError::Failed {
+                program: "pan",
+                output: text.trim().to_owned(),
+            });
+        }
+        if text.contains("errors: 0") {
+            let is_cut = text.contains("not completed") || text.contains("depth too small");
+            return Ok(match is_cut {
+                true => Verdict::Incomplete,
+                false => Verdict::Holds,
+            });
+        }
+        let reason = text.lines().find_map(|line| line.strip_prefix("pan:1: "));
+        if text.contains("depth too small") && reason.is_none() {
+            return Ok(Verdict::Incomplete);
+        }
+        let trail = self.run("spin", "spin", &["-t", "-p", FILE])?;
+        Ok(Verdict::Fails {
+            reason: reason.unwrap_or("an error").to_owned(),
+            trail,
+        })
+    }
+
+    fn run(
+        &self,
+        program: &'static str,
+        package: &'static str,
+        arguments: &[&str],
+    ) -> Result<String, SpinError> {
+        let mut command = Command::new(program);
+        let output = match self.output(command.args(arguments), program) {
+            Err(SpinError::Io { error, .. }) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Err(SpinError::Missing { program, package });
+            }
+            output => output?,
+        };
+        let mut text = String::from_utf8_lossy(&output.stdout).into_owned();
+        if !output.status.success() {
+            text.push_str(&String::from_utf8_lossy(&output.stderr));
+            return Err(SpinError::Failed {
+                program,
+                output: text.trim().to_owned(),
+            });
+        }
+        Ok(text)
+    }
+
+    fn output(&self, command: &mut Command, what: &str) -> Result<Output, SpinError> {
+        let output = command.current_dir(&self.folder.0).output();
+        output.map_err(|error| SpinError::Io {
+            what: what.to_owned(),
+            error,
+        })
+    }
+}
