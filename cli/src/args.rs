@@ -61,6 +61,9 @@ pub(crate) enum Command {
     Record(Record),
     /// Shows a recording in the browser, as it was while it was made
     Scope(Scope),
+    /// Makes, checks and draws models of systems
+    #[command(subcommand)]
+    Model(crate::model::Command),
     /// Lists the systems, programs and channels between programs that are alive on this computer,
     /// with their rates
     #[cfg(target_os = "linux")]

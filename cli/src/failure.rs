@@ -59,6 +59,17 @@ pub(crate) enum Failure {
         /// Why.
         error: String,
     },
+    /// A model file cannot be read or written.
+    #[error("{}: {error}", .path.display())]
+    ModelFile {
+        /// Of the file.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
+    /// A model is wrong: with its file, line and column.
+    #[error(transparent)]
+    Model(Box<luna_model::Problem>),
     /// Options that do not go together.
     #[error("{0}")]
     Options(&'static str),
@@ -142,6 +153,8 @@ impl Failure {
             | Self::Histogram { .. }
             | Self::Root { .. }
             | Self::Log { .. }
+            | Self::ModelFile { .. }
+            | Self::Model(_)
             | Self::Options(_)
             | Self::Converted { .. }
             | Self::Listen { .. }

@@ -14,6 +14,7 @@ mod histogram_text;
 mod jitter;
 #[cfg_attr(not(target_os = "linux"), path = "no_joystick.rs")]
 mod joystick;
+mod model;
 mod output;
 mod place;
 #[cfg(target_os = "linux")]
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Scope(arguments) => scope::run(&arguments),
+        Command::Model(command) => model::run(&command),
         #[cfg(target_os = "linux")]
         Command::List(arguments) => programs::list::run(&arguments),
         #[cfg(target_os = "linux")]

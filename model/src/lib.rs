@@ -1,7 +1,48 @@
-//! Models.
+//! Models of LUNA systems: read from a file, checked, drawn. The page `docs/model.md` describes the
+//! file for those that write it; `luna model` is the command.
+//!
+//! ```
+//! let model = luna_model::Model::parse("first.toml", luna_model::TEMPLATE)?;
+//! let explored = model.explore(model.max_states());
+//! assert!(explored.is_complete && explored.findings.is_empty());
+//! # Ok::<(), luna_model::Problem>(())
+//! ```
+//!
+//! # Why bodies are text
+//!
+//! What a process does is a text in a string, `loop { alt { in? => eat | after => wait } }`, not
+//! nested tables. A sequence of ten steps is ten short lines instead of ten tables with a key for
+//! the kind of each; a step that is added or removed is one line of a difference; the operators are
+//! those of CSP. What is a set of named things (processes, channels, parts, executors) is TOML's
+//! tables, so that other tools read and write the structure without this language.
+//!
+//! # From the file to the verdict
+//!
+//! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
+//! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
+//! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
+//! `spin` translates it to Promela, and `draw` shows it.
+//!
+//! # The meaning
+//!
+//! - A rendezvous takes place when both sides are ready for it, each by a plain operation or a
+//!   guard. A buffer takes and gives values by its kind.
+//! - All guards that are ready may be chosen: a check of `pri_alt` covers what any priority does.
+//!   `skip` and `after` may always be chosen.
+//! - A process that ends drops its ends. A receiver of which all senders have ended gets what the
+//!   buffer holds; after that, and in a sender of which all receivers have ended, the operation
+//!   fails and ends its process.
+//! - A branch of `par` that fails makes its siblings' operations fail, also those that might still
+//!   find a partner; when all branches have ended, the process ends.
+//! - What a process does between two operations is one step with the operation before it.
+//!
+//! States are explored breadth first, without a reduction: the way to what is found is a shortest
+//! one.
 
+mod bind;
 mod compile;
 mod deployment;
+mod draw;
 mod elaborate;
 mod explore;
 mod file;
@@ -13,7 +54,7 @@ mod spin;
 mod text;
 
 pub use explore::{DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Unreached};
-pub use model::Model;
+pub use model::{Model, TEMPLATE};
 pub use spin::SpinCheck;
 pub use spin::run::SpinError;
 pub use text::Problem;

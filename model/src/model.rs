@@ -1,5 +1,6 @@
 //! A model that has been read.
 
+use crate::draw;
 use crate::elaborate::elaborate;
 use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
 use crate::file::read;
@@ -14,6 +15,9 @@ use crate::text::{Problem, Source};
 pub struct Model {
     pub(crate) network: Network,
 }
+
+/// A small model with comments, to begin with.
+pub const TEMPLATE: &str = include_str!("template.toml");
 
 impl Model {
     /// Reads a model from the text of a file. `file` is its name in errors.
@@ -84,5 +88,23 @@ impl Model {
     /// SPIN or a C compiler is missing, or does not take the model.
     pub fn check_with_spin(&self) -> Result<SpinCheck, SpinError> {
         spin::check(&self.network)
+    }
+
+    /// The composition and the communication as an SVG file.
+    #[must_use]
+    pub fn to_svg(&self) -> String {
+        draw::svg(&self.network)
+    }
+
+    /// The same for Graphviz.
+    #[must_use]
+    pub fn to_dot(&self) -> String {
+        draw::dot(&self.network)
+    }
+
+    /// The same as a flowchart of Mermaid.
+    #[must_use]
+    pub fn to_mermaid(&self) -> String {
+        draw::mermaid(&self.network)
     }
 }

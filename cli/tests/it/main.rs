@@ -9,6 +9,7 @@ mod foxglove;
 #[cfg(target_os = "linux")]
 mod listing;
 mod merge;
+mod model;
 #[cfg(target_os = "linux")]
 mod production_cell;
 #[cfg(target_os = "linux")]

@@ -2,6 +2,7 @@
 
 pub(crate) mod circle;
 pub(crate) mod livelock;
+mod moves;
 pub(crate) mod state;
 pub(crate) mod unreached;
 pub(crate) mod words;
@@ -102,6 +103,13 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
     if let Some(broken) = broken {
         let there = vec![words::broken(network, &broken)];
         search.add(FindingKind::Assertion, Vec::new(), there);
+        // There is no run.
+        return Exploration {
+            states: 1,
+            is_complete: true,
+            findings: search.findings,
+            unreached: Vec::new(),
+        };
     }
     let mut is_complete = true;
     let mut moves = Vec::new();
@@ -113,7 +121,7 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
             search.deadlock(&semantics, &space, at, &state);
         }
         for &step in &moves {
-            search.taken.take(&semantics, &state, step);
+            search.taken.take(&state, step);
             let (next, broken) = semantics.after(&state, step);
             if let Some(broken) = broken {
                 if search.is_new(&FindingKind::Assertion) {

@@ -41,10 +41,10 @@ pub(crate) struct Broken {
 pub(crate) struct Semantics<'a> {
     pub(crate) network: &'a Network,
     /// Where each channel's contents are: their number, then so many values.
-    contents: Vec<usize>,
+    pub(super) contents: Vec<usize>,
     size: usize,
     /// For each channel the agents that may receive from it.
-    receivers: Vec<Vec<usize>>,
+    pub(super) receivers: Vec<Vec<usize>>,
     /// For each agent and place, whether it was reached.
     pub(crate) reached: Vec<Vec<bool>>,
 }
@@ -264,12 +264,12 @@ impl<'a> Semantics<'a> {
         self.ended(state, agent)
     }
 
-    fn has_ended(&self, state: &State, process: usize) -> bool {
+    pub(super) fn has_ended(&self, state: &State, process: usize) -> bool {
         state[self.network.processes[process].agent] == END as i32
     }
 
     /// Whether a branch beside it, or beside an agent around it, has failed.
-    fn is_called_off(&self, state: &State, agent: usize) -> bool {
+    pub(super) fn is_called_off(&self, state: &State, agent: usize) -> bool {
         let found = &self.network.agents[agent];
         found.siblings.iter().any(|&branch| state[branch] == FAILED)
             || found
@@ -277,7 +277,13 @@ impl<'a> Semantics<'a> {
                 .is_some_and(|parent| self.is_called_off(state, parent))
     }
 
-    fn is_closed(&self, state: &State, channel: &Channel, side: Side, length: i32) -> bool {
+    pub(super) fn is_closed(
+        &self,
+        state: &State,
+        channel: &Channel,
+        side: Side,
+        length: i32,
+    ) -> bool {
         (side == Side::Send || length == 0)
             && channel
                 .partners(side)
@@ -306,57 +312,6 @@ impl<'a> Semantics<'a> {
     pub(crate) fn is_open(&self, state: &State, edge: &Edge) -> bool {
         let condition = edge.condition.as_ref();
         condition.is_none_or(|found| self.value(state, found).is_ok_and(|value| value != 0))
-    }
-
-    /// All that can happen next.
-    pub(crate) fn moves(&self, state: &State, moves: &mut Vec<Move>) {
-        moves.clear();
-        for agent in 0..self.network.agents.len() {
-            for (number, edge) in self.edges(state, agent).iter().enumerate() {
-                if !self.is_open(state, edge) {
-                    continue;
-                }
-                let mut add = |partner, is_closed| {
-                    moves.push(Move {
-                        agent,
-                        edge: number,
-                        partner,
-                        is_closed,
-                    });
-                };
-                let Some((channel, side)) = edge.action.end() else {
-                    add(None, false);
-                    continue;
-                };
-                let found = &self.network.channels[channel];
-                let length = self.length(state, channel);
-                if self.is_closed(state, found, side, length) {
-                    add(None, true);
-                    continue;
-                }
-                // What is called off may have met its partner just before.
-                if self.is_called_off(state, agent) {
-                    add(None, true);
-                }
-                match (side, found.kind) {
-                    (Side::Receive, Kind::Rendezvous) => {}
-                    (Side::Receive, _) if length == 0 => {}
-                    (Side::Send, Kind::Fifo(n)) if length == n as i32 => {}
-                    (Side::Send, Kind::Rendezvous) => {
-                        for &other in &self.receivers[channel] {
-                            for (at, edge) in self.edges(state, other).iter().enumerate() {
-                                let receives =
-                                    matches!(edge.action, Action::Receive(c, _) if c == channel);
-                                if other != agent && receives && self.is_open(state, edge) {
-                                    add(Some((other, at)), false);
-                                }
-                            }
-                        }
-                    }
-                    _ => add(None, false),
-                }
-            }
-        }
     }
 
     /// The state after a move; with what broke, the state is where that was seen.
@@ -414,29 +369,6 @@ impl<'a> Semantics<'a> {
             Some((other, _)) => self.settle(state, other),
             None => Ok(()),
         }
-    }
-
-    fn put(&self, state: &mut State, channel: usize, value: i32) {
-        let kind = self.network.channels[channel].kind;
-        let at = self.contents[channel];
-        let mut length = state[at] as usize;
-        if length == kind.capacity() {
-            if let Kind::OverwriteOldest(_) = kind {
-                state.copy_within(at + 2..at + 1 + length, at + 1);
-            }
-            length -= 1;
-        }
-        state[at + 1 + length] = value;
-        state[at] = length as i32 + 1;
-    }
-
-    /// What is behind the last value is 0, so that equal states look alike.
-    fn get(&self, state: &mut State, channel: usize) {
-        let at = self.contents[channel];
-        let length = state[at] as usize;
-        state.copy_within(at + 2..at + 1 + length, at + 1);
-        state[at + length] = 0;
-        state[at] = length as i32 - 1;
     }
 
     /// Whether all processes have come to their ends.

@@ -16,7 +16,10 @@ impl Taken {
         Self(agents.map(|agent| vec![0; agent.code.len()]).collect())
     }
 
-    pub(crate) fn take(&mut self, _: &Semantics<'_>, state: &State, step: Move) {
+    pub(crate) fn take(&mut self, state: &State, step: Move) {
+        if step.is_closed {
+            return;
+        }
         let mut mark = |agent: usize, edge: usize| {
             if let Ok(at) = usize::try_from(state[agent]) {
                 self.0[agent][at] |= 1_u64.checked_shl(edge as u32).unwrap_or(0);
@@ -31,46 +34,53 @@ impl Taken {
     /// What no instance of a definition takes, at places that some instance reaches.
     pub(crate) fn unreached(&self, semantics: &Semantics<'_>) -> Vec<Unreached> {
         let network = semantics.network;
-        let mut found: BTreeMap<Unreached, bool> = BTreeMap::new();
+        // All instances have the same places: a branch is known by its agent within the process,
+        // its place and its number.
+        let mut found: BTreeMap<(&str, usize, usize, usize), (bool, Unreached)> = BTreeMap::new();
         for (number, agent) in network.agents.iter().enumerate() {
             let process = &network.processes[agent.process];
-            for (at, place) in agent.code.iter().enumerate() {
-                if !semantics.reached[number][at] {
-                    continue;
-                }
-                let mut add = |line: usize, what: String, is_taken: bool| {
-                    let key = Unreached {
-                        line,
-                        process: process.definition.clone(),
-                        what,
-                    };
-                    *found.entry(key).or_default() |= is_taken;
+            let reached = &semantics.reached[number];
+            for (at, place) in agent.code.iter().enumerate().filter(|(at, _)| reached[*at]) {
+                let mut add = |branch: usize, line: usize, what: String, is_taken: bool| {
+                    let key = (&*process.definition, number - process.agent, at, branch);
+                    let branch = found.entry(key).or_insert_with(|| {
+                        let process = process.definition.clone();
+                        (
+                            false,
+                            Unreached {
+                                line,
+                                process,
+                                what,
+                            },
+                        )
+                    });
+                    branch.0 |= is_taken;
                 };
                 match &place.step {
                     Step::Wait(edges) => {
                         for (edge_number, edge) in edges.iter().enumerate().take(64) {
                             let is_taken = self.0[number][at] >> edge_number & 1 == 1;
-                            // What several instances have in common: not the channel's name.
-                            let what = words::kind(network, edge);
-                            add(edge.line, what, is_taken);
+                            add(edge_number, edge.line, words::kind(network, edge), is_taken);
                         }
                     }
                     Step::Branch(_, then, otherwise) => {
-                        let reached = &semantics.reached[number];
-                        let line = place.line;
-                        add(
-                            line,
-                            "the branch of a true condition".to_owned(),
-                            reached[*then],
-                        );
-                        let what = "the branch of a false condition".to_owned();
-                        add(line, what, reached[*otherwise]);
+                        let branches = [("true", then), ("false", otherwise)];
+                        for (branch, (condition, next)) in branches.into_iter().enumerate() {
+                            let what = format!("the branch of a {condition} condition");
+                            add(branch, place.line, what, reached[*next]);
+                        }
                     }
                     _ => {}
                 }
             }
         }
-        let never = found.into_iter().filter(|(_, is_taken)| !is_taken);
-        never.map(|(found, _)| found).collect()
+        let mut never: Vec<Unreached> = found
+            .into_values()
+            .filter(|(is_taken, _)| !is_taken)
+            .map(|(_, branch)| branch)
+            .collect();
+        never.sort();
+        never.dedup();
+        never
     }
 }

@@ -4,6 +4,7 @@ pub(crate) mod ending;
 pub(crate) mod promela;
 pub(crate) mod run;
 pub(crate) mod trail;
+mod wait;
 
 use crate::explore::{Finding, FindingKind};
 use crate::network::Network;

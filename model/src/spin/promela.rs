@@ -4,10 +4,11 @@
 //! is a move of the model has a line of its own, so that a trail of SPIN can be told in the model's
 //! words.
 
-use super::ending::{Ending, ancestors};
+use super::ending::Ending;
+use super::wait::needs_choice;
 use crate::file::Side;
 use crate::language::expr::{Binary, Expr};
-use crate::network::{Action, Atom, Edge, Kind, Network, Step};
+use crate::network::{Atom, Edge, Kind, Network, Step};
 use std::collections::BTreeMap;
 
 /// A model for SPIN.
@@ -52,15 +53,15 @@ pub(crate) fn promela(network: &Network) -> Promela {
     writer.out
 }
 
-struct Writer<'a> {
-    network: &'a Network,
-    ending: Ending,
-    out: Promela,
-    lines: usize,
+pub(super) struct Writer<'a> {
+    pub(super) network: &'a Network,
+    pub(super) ending: Ending,
+    pub(super) out: Promela,
+    pub(super) lines: usize,
 }
 
 impl Writer<'_> {
-    fn line(&mut self, text: &str) {
+    pub(super) fn line(&mut self, text: &str) {
         self.out.text.push_str(text);
         self.out.text.push('\n');
         self.lines += 1;
@@ -171,7 +172,7 @@ impl Writer<'_> {
     }
 
     /// The label at which an agent goes on that has found a channel closed.
-    fn fail_label(&self, agent: usize) -> &'static str {
+    pub(super) fn fail_label(&self, agent: usize) -> &'static str {
         match self.network.agents[agent].parent {
             None => "L0",
             Some(_) => "Lfail",
@@ -235,164 +236,7 @@ impl Writer<'_> {
         self.line("  fi;");
     }
 
-    fn wait(&mut self, agent: usize, at: usize, edges: &[Edge]) {
-        let network = self.network;
-        if edges.is_empty() {
-            self.line("  (false);");
-            return;
-        }
-        let mut guard = 0;
-        for edge in edges {
-            if let Some(condition) = &edge.condition {
-                self.divisors(condition);
-            }
-            if let Action::Send(channel, Some(value)) = &edge.action {
-                self.divisors(value);
-                let (low, high) = network.channels[*channel].values.unwrap_or((0, 0));
-                let open = edge.condition.as_ref().map_or("true".to_owned(), expr);
-                let value = expr(value);
-                let in_range = format!("({value} >= {low} && {value} <= {high})");
-                self.line(&format!("  assert(!{open} || {in_range});"));
-            }
-            if let (true, Some(condition), Some((channel, _))) =
-                (needs_choice(edge), &edge.condition, edge.action.end())
-            {
-                let condition = expr(condition);
-                self.line(&format!(
-                    "  atomic {{ if :: {condition} -> g{guard} = c{channel} :: else -> g{guard} = nobody fi }};"
-                ));
-                guard += 1;
-            }
-        }
-        self.line("  if");
-        let mut guard = 0;
-        for (number, edge) in edges.iter().enumerate() {
-            let channel = match edge.action.end() {
-                Some((channel, _)) => format!("c{channel}"),
-                None => String::new(),
-            };
-            let channel = match needs_choice(edge) {
-                true => {
-                    guard += 1;
-                    format!("g{}", guard - 1)
-                }
-                false => channel,
-            };
-            let mark = Mark {
-                agent,
-                place: at,
-                edge: number,
-                is_closed: false,
-            };
-            self.option(mark, edge, &channel);
-            self.closed(mark, edge);
-        }
-        self.line("  fi;");
-    }
-
-    fn option(&mut self, mark: Mark, edge: &Edge, channel: &str) {
-        let network = self.network;
-        let open = edge.condition.as_ref().map_or("true".to_owned(), expr);
-        let next = edge.next;
-        let mut after = String::new();
-        let statement = match &edge.action {
-            Action::Send(number, value) => {
-                let value = value.as_ref().map_or("0".to_owned(), expr);
-                let closed = self.when_closed(*number, Side::Send);
-                let open = match &closed {
-                    None => open,
-                    Some(closed) => format!("({open} && !{closed})"),
-                };
-                let put = format!("c{number}!{value}");
-                match network.channels[*number].kind {
-                    Kind::Fifo(_) if closed.is_some() => {
-                        format!("d_step {{ ({open} && nfull(c{number})) -> {put} }}")
-                    }
-                    Kind::Rendezvous | Kind::Fifo(_) => format!("{channel}!{value}"),
-                    Kind::OverwriteOldest(_) => {
-                        let make_room =
-                            format!("if :: nfull(c{number}) :: full(c{number}) -> c{number}?_ fi");
-                        format!("d_step {{ {open} -> {make_room}; {put} }}")
-                    }
-                    Kind::OverwriteNewest(n) => {
-                        // The newest comes to the head by n - 1 rotations.
-                        let rotate = format!("c{number}?r; c{number}!r; ").repeat(n - 1);
-                        let make_room = format!(
-                            "if :: nfull(c{number}) :: full(c{number}) -> {rotate}c{number}?_ fi"
-                        );
-                        format!("d_step {{ {open} -> {make_room}; {put} }}")
-                    }
-                }
-            }
-            Action::Receive(_, None) => format!("{channel}?_"),
-            Action::Receive(_, Some(slot)) => {
-                let variable = &network.variables[*slot];
-                let (low, high) = (variable.low, variable.high);
-                after = format!("assert(v{slot} >= {low} && v{slot} <= {high}); ");
-                format!("{channel}?v{slot}")
-            }
-            Action::Choice | Action::Skip | Action::After | Action::Own(_) => {
-                match edge.condition {
-                    None => "nothing = 0".to_owned(),
-                    Some(_) => {
-                        after = "nothing = 0; ".to_owned();
-                        open
-                    }
-                }
-            }
-        };
-        self.out.moves.insert(self.lines + 1, mark);
-        self.line(&format!("  :: {statement} ->"));
-        self.line(&format!("     {after}goto L{next}"));
-    }
-
-    /// When a side finds a channel closed, if that may be.
-    fn when_closed(&self, channel: usize, side: Side) -> Option<String> {
-        let found = &self.network.channels[channel];
-        if !self.ending.may_close(self.network, channel, side) {
-            return None;
-        }
-        let ended = found
-            .partners(side)
-            .iter()
-            .map(|process| format!("ended{process}"));
-        let mut all: Vec<String> = ended.collect();
-        if side == Side::Receive && found.kind != Kind::Rendezvous {
-            all.push(format!("empty(c{channel})"));
-        }
-        Some(format!("({})", all.join(" && ")))
-    }
-
-    /// The option that the channel is closed, or that a branch beside has failed.
-    fn closed(&mut self, mark: Mark, edge: &Edge) {
-        let network = self.network;
-        let Some((channel, side)) = edge.action.end() else {
-            return;
-        };
-        let mut reasons: Vec<String> = self.when_closed(channel, side).into_iter().collect();
-        let around = ancestors(network, mark.agent);
-        for agent in std::iter::once(mark.agent).chain(around) {
-            for &sibling in &network.agents[agent].siblings {
-                if self.ending.fails[sibling] {
-                    reasons.push(format!("done{sibling} == 2"));
-                }
-            }
-        }
-        if reasons.is_empty() {
-            return;
-        }
-        let open = edge.condition.as_ref().map_or("true".to_owned(), expr);
-        let reasons = reasons.join(" || ");
-        let label = self.fail_label(mark.agent);
-        let mark = Mark {
-            is_closed: true,
-            ..mark
-        };
-        self.out.moves.insert(self.lines + 1, mark);
-        self.line(&format!("  :: ({open} && ({reasons})) -> goto {label}"));
-    }
-
-    fn divisors(&mut self, of: &Expr<usize>) {
+    pub(super) fn divisors(&mut self, of: &Expr<usize>) {
         let mut found = Vec::new();
         of.divisors(&mut found);
         for divisor in found {
@@ -414,13 +258,7 @@ impl Writer<'_> {
     }
 }
 
-/// A guard on a channel with a precondition, which Promela has not: the guard is on the channel
-/// `nobody` where the precondition is false.
-fn needs_choice(edge: &Edge) -> bool {
-    edge.condition.is_some() && edge.action.end().is_some()
-}
-
-fn expr(of: &Expr<usize>) -> String {
+pub(super) fn expr(of: &Expr<usize>) -> String {
     of.text(&|slot| format!("v{slot}"), &Binary::sign, "!")
 }
 

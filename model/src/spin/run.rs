@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// SPIN counts processes in a byte.
 const MAX_AGENTS: usize = 255;
 /// Models with at most so many processes and branches are small.
-const SMALL: usize = 12;
+const SMALL: usize = 8;
 /// The deepest way that is followed, in steps.
 const DEPTH: &str = "-m2000000";
 /// The verifier gives up after so many minutes, or with so many MB.

@@ -1,7 +1,11 @@
 //! Tests of models. One program; a module a subject.
 
+mod drawing;
+mod errors;
+mod examples;
 mod random;
 mod random_networks;
+mod verdicts;
 
 /// Writes a line to standard error itself, since the harness captures what a macro prints.
 fn say(text: &str) {

@@ -59,7 +59,7 @@ fn spin_comes_to_the_verdict_of_the_exploration() {
     let first = seed();
     let next = AtomicU64::new(0);
     // The time is that of C compilers: two at a time.
-    let work = || {
+    let work = || -> Result<Vec<Option<&'static str>>, &'static str> {
         let mut found = Vec::new();
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);

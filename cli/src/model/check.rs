@@ -1,0 +1,154 @@
+//! `luna model check`: whether a model does what it must not.
+
+use super::{read, write};
+use crate::failure::Failure;
+use crate::text::Count;
+use clap::Args;
+use luna_model::{Exploration, Finding, FindingKind, Model, SpinCheck};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Not all was looked at, and nothing was found: as of the doctor.
+const UNKNOWN: u8 = 4;
+
+/// The options of `luna model check`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+What is found is shown with the shortest way to it. Branches that no run takes are shown, and are no error.
+
+Exit codes: 0 nothing is wrong, 1 something is, 2 bad arguments or files, 4 unknown (nothing was found, but not all was looked at).")]
+pub(crate) struct Arguments {
+    /// The model (.toml)
+    file: PathBuf,
+    /// Look at so many states at most [default: what the model states, or 2 000 000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    max_states: Option<u32>,
+    /// Let SPIN check it too: deadlocks, assertions, and the LTL properties of the model; needs
+    /// `spin` and a C compiler
+    #[arg(long)]
+    spin: bool,
+    /// Write the model in Promela, the language of SPIN
+    #[arg(long, value_name = "FILE")]
+    promela: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let model = read(&arguments.file)?;
+    if let Some(path) = &arguments.promela {
+        write(path, &model.to_promela())?;
+    }
+    let limit = arguments
+        .max_states
+        .map_or(model.max_states(), |n| n as usize);
+    let explored = model.explore(limit);
+    let mut out = io::stdout().lock();
+    let shown = print(&mut out, &arguments.file, &model, &explored);
+    shown.map_err(Failure::Output)?;
+    let mut is_wrong = !explored.findings.is_empty();
+    let mut is_whole = explored.is_complete;
+    let properties = model.ltl().count();
+    if arguments.spin {
+        match model.check_with_spin() {
+            Ok(found) => {
+                is_wrong |= !found.findings.is_empty();
+                is_whole &= found.incomplete.is_empty();
+                print_spin(&mut out, &model, &found).map_err(Failure::Output)?;
+            }
+            Err(error) => {
+                eprintln!("luna: SPIN: {error}");
+                is_whole = false;
+            }
+        }
+    } else if properties > 0 {
+        let note = "not checked: LTL properties; add --spin";
+        writeln!(out, "{note} ({properties})").map_err(Failure::Output)?;
+    }
+    Ok(match (is_wrong, is_whole) {
+        (true, _) => ExitCode::from(1),
+        (false, true) => ExitCode::SUCCESS,
+        (false, false) => ExitCode::from(UNKNOWN),
+    })
+}
+
+fn print(
+    out: &mut impl Write,
+    file: &Path,
+    model: &Model,
+    explored: &Exploration,
+) -> io::Result<()> {
+    let processes = model.processes();
+    let noun = if processes == 1 {
+        "process"
+    } else {
+        "processes"
+    };
+    let channels = Count(model.channels() as u64, "channel");
+    let states = explored.states;
+    writeln!(out, "{}: {processes} {noun}, {channels}", model.name())?;
+    match explored.is_complete {
+        true => writeln!(out, "all {states} states were looked at")?,
+        false => writeln!(
+            out,
+            "{states} states were looked at, and there are more: raise --max-states"
+        )?,
+    }
+    for finding in &explored.findings {
+        print_finding(out, finding)?;
+    }
+    for branch in &explored.unreached {
+        let (line, process, what) = (branch.line, &branch.process, &branch.what);
+        let file = file.display();
+        writeln!(out, "{file}:{line}: in {process} no run takes {what}")?;
+    }
+    if explored.findings.is_empty() {
+        writeln!(
+            out,
+            "no deadlock, no livelock, no broken assertion was found"
+        )?;
+    }
+    Ok(())
+}
+
+fn print_finding(out: &mut impl Write, finding: &Finding) -> io::Result<()> {
+    let steps = finding.trace.len();
+    match &finding.kind {
+        FindingKind::Deadlock => write!(out, "deadlock")?,
+        FindingKind::Livelock => write!(out, "livelock")?,
+        FindingKind::Assertion => write!(out, "broken assertion")?,
+        FindingKind::Always(title) => write!(out, "not always: {title}")?,
+        FindingKind::Ltl(title) => write!(out, "property {title} does not hold")?,
+    }
+    writeln!(out, ", after {steps} steps:")?;
+    for (number, line) in finding.trace.iter().enumerate() {
+        writeln!(out, "{:>5}  {line}", number + 1)?;
+    }
+    for line in &finding.there {
+        writeln!(out, "       {line}")?;
+    }
+    Ok(())
+}
+
+fn print_spin(out: &mut impl Write, model: &Model, found: &SpinCheck) -> io::Result<()> {
+    writeln!(out, "SPIN:")?;
+    for finding in &found.findings {
+        print_finding(out, finding)?;
+    }
+    for title in &found.incomplete {
+        writeln!(out, "not all states were looked at: {title}")?;
+    }
+    for title in model.ltl() {
+        let is_open = found.incomplete.iter().any(|open| open == title);
+        let is_wrong = found
+            .findings
+            .iter()
+            .any(|finding| finding.kind == FindingKind::Ltl(title.to_owned()));
+        if !is_open && !is_wrong {
+            writeln!(out, "property {title} holds")?;
+        }
+    }
+    if found.findings.is_empty() && found.incomplete.is_empty() {
+        writeln!(out, "SPIN found nothing wrong")?;
+    }
+    Ok(())
+}

@@ -1,0 +1,48 @@
+//! `luna model`: models of systems.
+
+mod check;
+mod draw;
+mod new;
+
+use crate::failure::Failure;
+use clap::Subcommand;
+use luna_model::Model;
+use std::fs;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// What can be done with a model.
+#[derive(Debug, Clone, Subcommand)]
+pub(crate) enum Command {
+    /// Writes a small model with comments, to begin with
+    New(new::Arguments),
+    /// Looks at all states of a model: deadlocks, livelocks, assertions, branches that no run takes
+    Check(check::Arguments),
+    /// Draws the composition and the communication of a model
+    Draw(draw::Arguments),
+}
+
+/// Does it.
+pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
+    match command {
+        Command::New(arguments) => new::run(arguments),
+        Command::Check(arguments) => check::run(arguments),
+        Command::Draw(arguments) => draw::run(arguments),
+    }
+}
+
+fn read(path: &Path) -> Result<Model, Failure> {
+    let text = fs::read_to_string(path).map_err(|error| Failure::ModelFile {
+        path: path.to_owned(),
+        error,
+    })?;
+    let problem = |problem| Failure::Model(Box::new(problem));
+    Model::parse(&path.display().to_string(), &text).map_err(problem)
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    fs::write(path, text).map_err(|error| Failure::ModelFile {
+        path: path.to_owned(),
+        error,
+    })
+}

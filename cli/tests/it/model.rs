@@ -1,0 +1,115 @@
+//! `luna model`: what it prints, and its exit codes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn luna(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luna"))
+        .arg("model")
+        .args(arguments)
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("output is text")
+}
+
+fn example(name: &str) -> String {
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model/examples");
+    models.join(name).display().to_string()
+}
+
+/// A file that this test alone has, and that is not there.
+fn file(name: &str) -> PathBuf {
+    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_file(&path);
+    path
+}
+
+#[test]
+fn check_prints_the_circle_and_exits_with_1() {
+    let output = luna(&["check", &example("philosophers.toml")]);
+    let told = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("deadlock, after 10 steps:"), "{told}");
+    assert!(
+        told.contains("philosopher[4] -> fork[4]: left[4]"),
+        "{told}"
+    );
+    assert!(
+        told.contains("circle, each waits for the next: philosopher[0] -> fork[1]"),
+        "{told}"
+    );
+}
+
+#[test]
+fn check_of_what_is_right_exits_with_0() {
+    let output = luna(&["check", &example("philosophers-repaired.toml")]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stdout));
+}
+
+#[test]
+fn check_that_does_not_see_all_exits_with_4() {
+    let output = luna(&["check", &example("sieve.toml"), "--max-states", "10"]);
+    assert_eq!(output.status.code(), Some(4), "{}", text(&output.stdout));
+    assert!(text(&output.stdout).contains("raise --max-states"));
+}
+
+#[test]
+fn a_wrong_model_exits_with_2_and_its_place() {
+    let path = file("wrong.toml");
+    fs::write(&path, "[process.A]\nbody = \"a! $\"\n").unwrap();
+    let output = luna(&["check", &path.display().to_string()]);
+    assert_eq!(output.status.code(), Some(2));
+    let told = text(&output.stderr);
+    assert!(
+        told.contains("wrong.toml:2:12: this character has no meaning: `$`"),
+        "{told}"
+    );
+}
+
+#[test]
+fn without_spin_the_exploration_runs_and_says_what_is_missing() {
+    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(["model", "check", "--spin", &example("commstime.toml")])
+        .env("PATH", "")
+        .output()
+        .expect("the program starts");
+    assert_eq!(output.status.code(), Some(4));
+    assert!(text(&output.stdout).contains("all 53 states were looked at"));
+    let told = text(&output.stderr);
+    assert!(
+        told.contains("spin is missing; install it (Debian: spin)"),
+        "{told}"
+    );
+}
+
+#[test]
+fn new_writes_a_model_once_and_draw_draws_it() {
+    let path = file("begun.toml");
+    let name = path.display().to_string();
+    assert_eq!(luna(&["new", &name]).status.code(), Some(0));
+    assert_eq!(
+        luna(&["new", &name]).status.code(),
+        Some(2),
+        "it is there already"
+    );
+    assert_eq!(luna(&["check", &name]).status.code(), Some(0));
+
+    let svg = file("begun.svg");
+    assert_eq!(luna(&["draw", &name]).status.code(), Some(0));
+    assert!(fs::read_to_string(svg).unwrap().starts_with("<svg "));
+    for (format, begin) in [("dot", "digraph "), ("mermaid", "flowchart LR")] {
+        let output = luna(&["draw", &name, "--to", format, "-o", "-"]);
+        assert!(text(&output.stdout).starts_with(begin), "{format}");
+    }
+    let promela = file("begun.pml");
+    luna(&["check", &name, "--promela", &promela.display().to_string()]);
+    assert!(
+        fs::read_to_string(promela)
+            .unwrap()
+            .contains("active proctype p0()")
+    );
+}

@@ -1,0 +1,213 @@
+//! Where boxes go: each group by itself, the innermost first, by the method of Sugiyama.
+//!
+//! `rust-sugiyama` takes graphs without circles and double edges. An arrow that would close a circle
+//! is left out of the layout, and drawn all the same.
+
+use super::picture::{Arrow, Item, contents, details, short};
+use crate::network::Network;
+use rust_sugiyama::configure::Config;
+use std::collections::{BTreeMap, BTreeSet};
+
+pub(super) const MARGIN: f64 = 24.0;
+/// Above what is in a group: its name.
+pub(super) const TITLE: f64 = 22.0;
+const HEIGHT: f64 = 44.0;
+const LETTER: f64 = 7.2;
+const SPACING: f64 = 64.0;
+
+/// A rectangle, by its upper left corner.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Area {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) width: f64,
+    pub(super) height: f64,
+}
+
+/// All in units of a pixel.
+#[derive(Debug)]
+pub(super) struct Layout {
+    pub(super) groups: Vec<Area>,
+    pub(super) processes: Vec<Area>,
+}
+
+pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
+    let contents = contents(network);
+    let edges = edges(network, arrows);
+    let mut found = Layout {
+        groups: vec![Area::default(); network.groups.len()],
+        processes: vec![Area::default(); network.processes.len()],
+    };
+    for (number, process) in network.processes.iter().enumerate() {
+        let letters = short(&process.name).chars().count();
+        let letters = letters.max(details(network, number).chars().count());
+        found.processes[number].width = letters as f64 * LETTER + MARGIN;
+        found.processes[number].height = HEIGHT;
+    }
+    // A group stands behind the one that it is in.
+    for number in (0..network.groups.len()).rev() {
+        let title = short(&network.groups[number].name).chars().count() as f64 * LETTER + MARGIN;
+        let (width, height) = arrange(&mut found, &contents[number], &edges[number]);
+        let group = &mut found.groups[number];
+        group.width = (width + 2.0 * MARGIN).max(title);
+        group.height = height + 2.0 * MARGIN + TITLE;
+    }
+    // Places were those within the group.
+    for (number, items) in contents.iter().enumerate() {
+        let Area { x, y, .. } = found.groups[number];
+        for &item in items {
+            let area = found.area(item);
+            area.x += x + MARGIN;
+            area.y += y + MARGIN + TITLE;
+        }
+    }
+    found
+}
+
+impl Layout {
+    fn area(&mut self, item: Item) -> &mut Area {
+        match item {
+            Item::Group(number) => &mut self.groups[number],
+            Item::Process(number) => &mut self.processes[number],
+        }
+    }
+}
+
+type Edges = BTreeSet<(Item, Item)>;
+
+/// For each group the arrows between what is directly in it.
+fn edges(network: &Network, arrows: &[Arrow]) -> Vec<Edges> {
+    let way = |process: usize| {
+        let mut group = network.processes[process].group;
+        let mut way = vec![(group, Item::Process(process))];
+        while let Some(parent) = network.groups[group].parent {
+            way.push((parent, Item::Group(group)));
+            group = parent;
+        }
+        way
+    };
+    let mut edges = vec![Edges::new(); network.groups.len()];
+    for arrow in arrows {
+        let (from, to) = (way(arrow.from), way(arrow.to));
+        let common = from.iter().find_map(|&(group, item)| {
+            let other = to.iter().find(|(other, _)| *other == group);
+            other.map(|&(_, other)| (group, item, other))
+        });
+        if let Some((group, from, to)) = common.filter(|(_, from, to)| from != to) {
+            edges[group].insert((from, to));
+        }
+    }
+    edges
+}
+
+/// Places items, the first at 0; returns the width and height of all.
+fn arrange(found: &mut Layout, items: &[Item], edges: &Edges) -> (f64, f64) {
+    let numbers: BTreeMap<Item, u32> = items.iter().copied().zip(0..).collect();
+    let sizes = items.iter().map(|&item| {
+        let area = found.area(item);
+        (numbers[&item], (area.width, area.height))
+    });
+    let sizes: Vec<(u32, (f64, f64))> = sizes.collect();
+    let edges = without_circles(items, edges);
+    let edges = edges.iter().map(|(from, to)| (numbers[from], numbers[to]));
+    let edges: Vec<(u32, u32)> = edges.collect();
+    let config = Config {
+        vertex_spacing: SPACING,
+        transpose: false,
+        ..Config::default()
+    };
+    let parts = rust_sugiyama::from_vertices_and_edges(&sizes, &edges, &config);
+    // Parts without a connection are put into rows that are about as wide as all is high.
+    let mut parts: Vec<Vec<(usize, Area)>> = parts
+        .into_iter()
+        .map(|(places, _, _)| {
+            let areas = places.into_iter().map(|(number, (x, y))| {
+                let (width, height) = sizes[number].1;
+                // The library gives centers.
+                let (x, y) = (x - width / 2.0, y - height / 2.0);
+                let area = Area {
+                    x,
+                    y,
+                    width,
+                    height,
+                };
+                (number, area)
+            });
+            areas.collect()
+        })
+        .collect();
+    parts.sort_by_key(|part| part.iter().map(|(number, _)| *number).min());
+    let bounds: Vec<Area> = parts.iter().map(|part| bounds(part)).collect();
+    let surface: f64 = bounds
+        .iter()
+        .map(|area| (area.width + SPACING) * (area.height + SPACING))
+        .sum();
+    let widest = bounds.iter().map(|area| area.width).fold(0.0, f64::max);
+    let limit = widest.max(surface.sqrt() * 1.4);
+    let (mut x, mut y, mut row, mut width): (f64, f64, f64, f64) = (0.0, 0.0, 0.0, 0.0);
+    for (part, bounds) in parts.iter().zip(&bounds) {
+        if x > 0.0 && x + bounds.width > limit {
+            (x, y, row) = (0.0, y + row + SPACING, 0.0);
+        }
+        for &(number, area) in part {
+            *found.area(items[number]) = Area {
+                x: area.x - bounds.x + x,
+                y: area.y - bounds.y + y,
+                ..area
+            };
+        }
+        x += bounds.width + SPACING;
+        row = row.max(bounds.height);
+        width = width.max(x - SPACING);
+    }
+    (width, y + row)
+}
+
+fn bounds(part: &[(usize, Area)]) -> Area {
+    let least = |of: fn(&Area) -> f64| part.iter().map(|(_, a)| of(a)).fold(f64::MAX, f64::min);
+    let most = |of: fn(&Area) -> f64| part.iter().map(|(_, a)| of(a)).fold(f64::MIN, f64::max);
+    let (x, y) = (least(|area| area.x), least(|area| area.y));
+    Area {
+        x,
+        y,
+        width: most(|area| area.x + area.width) - x,
+        height: most(|area| area.y + area.height) - y,
+    }
+}
+
+/// The edges but for those that lead back to where a depth-first search is.
+fn without_circles(items: &[Item], edges: &Edges) -> Edges {
+    let mut after: BTreeMap<Item, Vec<Item>> = BTreeMap::new();
+    for &(from, to) in edges {
+        after.entry(from).or_default().push(to);
+    }
+    let mut kept = Edges::new();
+    let (mut seen, mut on_way) = (BTreeSet::new(), BTreeSet::new());
+    for &start in items {
+        if !seen.insert(start) {
+            continue;
+        }
+        on_way.insert(start);
+        let mut way = vec![(start, 0)];
+        while let Some(&mut (item, ref mut tried)) = way.last_mut() {
+            let next = after
+                .get(&item)
+                .and_then(|after| after.get(*tried))
+                .copied();
+            *tried += 1;
+            let Some(next) = next else {
+                on_way.remove(&item);
+                way.pop();
+                continue;
+            };
+            if !on_way.contains(&next) {
+                kept.insert((item, next));
+            }
+            if seen.insert(next) {
+                on_way.insert(next);
+                way.push((next, 0));
+            }
+        }
+    }
+    kept
+}

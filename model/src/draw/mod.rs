@@ -1,0 +1,11 @@
+//! Drawings of composition and communication.
+
+mod dot;
+mod layout;
+mod mermaid;
+mod picture;
+mod svg;
+
+pub(crate) use dot::dot;
+pub(crate) use mermaid::mermaid;
+pub(crate) use svg::svg;

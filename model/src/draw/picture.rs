@@ -1,0 +1,85 @@
+//! What is drawn: boxes in boxes, and arrows between the innermost ones.
+
+use crate::network::{Kind, Network};
+use std::collections::BTreeMap;
+
+/// A group's content, in the order of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Item {
+    Group(usize),
+    Process(usize),
+}
+
+/// Channels from one process to another; more than one with the same ends are one arrow.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Arrow {
+    pub(super) from: usize,
+    pub(super) to: usize,
+    /// The channels' names without the parts that they are in, and what they hold.
+    pub(super) label: String,
+}
+
+/// At most so many channels are named on one arrow.
+const MAX_NAMED: usize = 3;
+
+pub(super) fn arrows(network: &Network) -> Vec<Arrow> {
+    let mut found: BTreeMap<(usize, usize), Vec<String>> = BTreeMap::new();
+    for channel in &network.channels {
+        let mut label = short(&channel.name).to_owned();
+        match channel.kind {
+            Kind::Rendezvous => {}
+            Kind::Fifo(n) => label.push_str(&format!(" (fifo {n})")),
+            Kind::OverwriteOldest(n) => label.push_str(&format!(" (overwrite oldest {n})")),
+            Kind::OverwriteNewest(n) => label.push_str(&format!(" (overwrite newest {n})")),
+        }
+        for &from in &channel.senders {
+            for &to in &channel.receivers {
+                found.entry((from, to)).or_default().push(label.clone());
+            }
+        }
+    }
+    let arrows = found.into_iter().map(|((from, to), labels)| {
+        let more = labels.len().saturating_sub(MAX_NAMED);
+        let mut label = labels[..labels.len() - more].join(", ");
+        if more > 0 {
+            label.push_str(&format!(", {more} more"));
+        }
+        Arrow { from, to, label }
+    });
+    arrows.collect()
+}
+
+/// Each group's content.
+pub(super) fn contents(network: &Network) -> Vec<Vec<Item>> {
+    let mut contents = vec![Vec::new(); network.groups.len()];
+    for (number, group) in network.groups.iter().enumerate() {
+        if let Some(parent) = group.parent {
+            contents[parent].push(Item::Group(number));
+        }
+    }
+    for (number, process) in network.processes.iter().enumerate() {
+        contents[process.group].push(Item::Process(number));
+    }
+    contents
+}
+
+/// A name without the parts that it is in.
+pub(super) fn short(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
+}
+
+/// The second line of a process: what it is, and how it runs.
+pub(super) fn details(network: &Network, process: usize) -> String {
+    let process = &network.processes[process];
+    let mut words = vec![process.definition.clone()];
+    if let Some(period) = process.period {
+        words.push(format!("{period:?}"));
+    }
+    if let Some(priority) = process.priority {
+        words.push(format!("priority {priority}"));
+    }
+    if let Some(on) = &process.on {
+        words.push(format!("on {on}"));
+    }
+    words.join(", ")
+}

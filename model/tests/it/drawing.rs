@@ -1,0 +1,84 @@
+//! Drawings: complete, readable, and quick.
+
+use luna_model::Model;
+use std::time::{Duration, Instant};
+
+/// A ring of parts, each of them two processes.
+fn ring(parts: usize) -> Model {
+    let text = format!(
+        "name = \"a <ring> & more\"\n\
+         [process.Relay]\nports = {{ a = \"receive\", b = \"send\" }}\nbody = \"loop {{ a?; b! }}\"\n\
+         [process.Two]\nports = {{ a = \"receive\", b = \"send\" }}\nchannel.c = {{}}\n\
+         [process.Two.part]\nfirst = {{ process = \"Relay\", bind = {{ a = \"a\", b = \"c\" }} }}\n\
+         second = {{ process = \"Relay\", bind = {{ a = \"c\", b = \"b\" }} }}\n\
+         [system.channel]\nring = {{ array = {parts} }}\n\
+         [system.part]\ntwo = {{ process = \"Two\", array = {parts}, \
+         bind = {{ a = \"ring[i]\", b = \"ring[(i + 1) % {parts}]\" }} }}\n"
+    );
+    Model::parse("ring.toml", &text).unwrap_or_else(|problem| panic!("{problem}"))
+}
+
+#[test]
+fn a_thousand_processes_take_less_than_two_seconds() {
+    let model = ring(500);
+    assert_eq!(model.processes(), 1000);
+    let begin = Instant::now();
+    let svg = model.to_svg();
+    let took = begin.elapsed();
+    println!("1000 processes: {took:?}");
+    assert!(took < Duration::from_secs(2), "{took:?}");
+    assert_eq!(svg.matches("class=\"p\"").count(), 1000);
+    assert_eq!(svg.matches("class=\"a\"").count(), 1000);
+}
+
+#[test]
+fn names_do_not_break_the_formats() {
+    let model = ring(2);
+    let svg = model.to_svg();
+    assert!(
+        svg.contains("<title>a &lt;ring&gt; &amp; more</title>"),
+        "{svg}"
+    );
+    assert!(model.to_dot().starts_with("digraph \"a <ring> & more\" {"));
+    let mermaid = model.to_mermaid();
+    assert!(mermaid.contains("subgraph g1 [\"two#91;0]\"]") || mermaid.contains("[\"two[0]\"]"));
+    assert_eq!(mermaid.matches(" --> ").count(), 4);
+    assert_eq!(model.to_dot().matches(" -> ").count(), 4);
+}
+
+/// Boxes of one part: x, y, width, height.
+fn boxes(svg: &str, class: &str) -> Vec<[f64; 4]> {
+    let lines = svg
+        .lines()
+        .filter(|line| line.contains(&format!("class=\"{class}\"")));
+    let number = |line: &str, name: &str| {
+        let (_, rest) = line.split_once(&format!("class=\"{class}\"")).unwrap();
+        let (_, rest) = rest.split_once(&format!(" {name}=\"")).unwrap();
+        rest.split('"').next().unwrap().parse().unwrap()
+    };
+    lines
+        .map(|line| ["x", "y", "width", "height"].map(|name| number(line, name)))
+        .collect()
+}
+
+#[test]
+fn boxes_do_not_overlap() {
+    let svg = ring(20).to_svg();
+    let processes = boxes(&svg, "p");
+    assert_eq!(processes.len(), 40);
+    for (at, a) in processes.iter().enumerate() {
+        for b in &processes[..at] {
+            let apart =
+                |axis: usize| a[axis] + a[axis + 2] <= b[axis] || b[axis] + b[axis + 2] <= a[axis];
+            assert!(apart(0) || apart(1), "{a:?} {b:?}");
+        }
+    }
+    // The first group is the system.
+    let groups = boxes(&svg, "g");
+    let all = groups[0];
+    for a in processes.iter().chain(&groups) {
+        assert!(a[0] >= all[0] && a[1] >= all[1], "{a:?} {all:?}");
+        assert!(a[0] + a[2] <= all[0] + all[2] + 0.2, "{a:?} {all:?}");
+        assert!(a[1] + a[3] <= all[1] + all[3] + 0.2, "{a:?} {all:?}");
+    }
+}

@@ -1,0 +1,122 @@
+//! The models of `examples/`, each with the verdict that it is to have.
+
+use crate::skip;
+use luna_model::{Exploration, FindingKind, Model, SpinError, TEMPLATE};
+use std::fs;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// What a check may take.
+const LIMIT: Duration = Duration::from_secs(10);
+
+fn model(name: &str) -> Model {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("examples")
+        .join(name);
+    let text = fs::read_to_string(&path).expect("the example is there");
+    Model::parse(name, &text).unwrap_or_else(|problem| panic!("{problem}"))
+}
+
+fn explore(model: &Model) -> Exploration {
+    let begin = Instant::now();
+    let explored = model.explore(model.max_states());
+    assert!(begin.elapsed() < LIMIT, "{:?}", begin.elapsed());
+    assert!(explored.is_complete);
+    assert_eq!(explored.unreached, []);
+    explored
+}
+
+#[test]
+fn philosophers_deadlock_in_a_circle() {
+    let explored = explore(&model("philosophers.toml"));
+    let [deadlock] = &explored.findings[..] else {
+        panic!("{explored:#?}");
+    };
+    assert_eq!(deadlock.kind, FindingKind::Deadlock);
+    // Each thinks and takes a fork: there is no shorter way.
+    assert_eq!(deadlock.trace.len(), 10);
+    let circle = "circle, each waits for the next: philosopher[0] -> fork[1] -> philosopher[1] \
+                  -> fork[2] -> philosopher[2] -> fork[3] -> philosopher[3] -> fork[4] -> \
+                  philosopher[4] -> fork[0] -> philosopher[0]";
+    assert_eq!(deadlock.there.last().map(String::as_str), Some(circle));
+}
+
+#[test]
+fn the_other_examples_are_right() {
+    for name in [
+        "philosophers-repaired.toml",
+        "commstime.toml",
+        "sorting-pump.toml",
+        "sieve.toml",
+    ] {
+        let explored = explore(&model(name));
+        assert_eq!(explored.findings, [], "{name}");
+    }
+}
+
+#[test]
+fn the_template_is_right() {
+    let template = Model::parse("template.toml", TEMPLATE).expect("the template is a model");
+    assert_eq!(explore(&template).findings, []);
+}
+
+#[test]
+fn spin_has_the_same_verdicts() {
+    for (name, expected) in [
+        ("philosophers.toml", &[FindingKind::Deadlock][..]),
+        ("philosophers-repaired.toml", &[]),
+        ("commstime.toml", &[]),
+        ("sorting-pump.toml", &[]),
+        ("sieve.toml", &[]),
+    ] {
+        let found = match model(name).check_with_spin() {
+            Ok(found) => found,
+            Err(SpinError::Missing { program, .. }) => {
+                return skip(&format!("{program} is missing"));
+            }
+            Err(error) => panic!("{name}: {error}"),
+        };
+        let kinds: Vec<FindingKind> = found.findings.iter().map(|f| f.kind.clone()).collect();
+        assert_eq!(kinds, expected, "{name}");
+        assert!(found.incomplete.is_empty(), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn spin_shows_in_the_words_of_the_model_why_a_property_does_not_hold() {
+    let text = r#"
+        [process.Source]
+        ports = { a = "send", b = "send" }
+        body = "loop { choose { a! | b! } }"
+        [process.Sink]
+        ports = { a = "receive", b = "receive" }
+        body = "loop { alt { a? => left | b? => right } }"
+        [system.channel]
+        a = {}
+        b = {}
+        [system.part]
+        source = { process = "Source", bind = { a = "a", b = "b" } }
+        sink = { process = "Sink", bind = { a = "a", b = "b" } }
+        [check.ltl]
+        both = "([] <> sink@left) && ([] <> sink@right)"
+        one = "[] <> (sink@left || sink@right)"
+    "#;
+    let model = Model::parse("choice.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    let found = match model.check_with_spin() {
+        Ok(found) => found,
+        Err(SpinError::Missing { program, .. }) => return skip(&format!("{program} is missing")),
+        Err(error) => panic!("{error}"),
+    };
+    let [only] = &found.findings[..] else {
+        panic!("{found:#?}");
+    };
+    assert_eq!(only.kind, FindingKind::Ltl("both".to_owned()));
+    let cycle = only.trace.iter().skip_while(|line| *line != "for ever:");
+    let cycle: Vec<&str> = cycle.map(String::as_str).collect();
+    let has = |wanted: &str| cycle.contains(&wanted);
+    assert!(has("sink: left") != has("sink: right"), "{cycle:#?}");
+    assert!(
+        has("source -> sink: a") != has("source -> sink: b"),
+        "{cycle:#?}"
+    );
+}
