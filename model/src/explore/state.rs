@@ -323,6 +323,9 @@ impl<'a> Semantics<'a> {
 
     /// The value that a move carries.
     pub(crate) fn carried(&self, state: &State, step: Move) -> Option<i32> {
+        if step.is_closed {
+            return None;
+        }
         let edge = &self.edges(state, step.agent)[step.edge];
         match &edge.action {
             Action::Send(_, Some(value)) => self.value(state, value).ok(),

@@ -8,9 +8,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// SPIN counts processes in a byte.
 const MAX_AGENTS: usize = 255;
 /// Models with at most so many processes and branches are small.
-const SMALL: usize = 8;
-/// The deepest way that is followed, in steps.
-const DEPTH: &str = "-m2000000";
+const SMALL: usize = 32;
+/// The deepest way that is followed, in steps, and the size of the table of states, as a power of
+/// 2. Most models are small; the others are tried once more.
+const SIZES: [[&str; 2]; 2] = [["-m100000", "-w18"], ["-m5000000", "-w24"]];
+const TOO_SHALLOW: &str = "max search depth too small";
 /// The verifier gives up after so many minutes, or with so many MB.
 const MINUTES: &str = "-Q5";
 const MEMORY: &str = "-DMEMLIM=2048";
@@ -112,11 +114,17 @@ impl Verifier {
 
     /// Runs the verifier with these options.
     pub(crate) fn verify(&self, options: &[&str]) -> Result<Verdict, SpinError> {
-        let mut arguments = vec![DEPTH, MINUTES];
-        arguments.extend(options);
-        let pan = self.folder.0.join("pan");
-        let output = self.output(Command::new(pan).args(&arguments), "pan")?;
-        let text = String::from_utf8_lossy(&output.stdout);
+        let mut text = String::new();
+        for size in SIZES {
+            let pan = self.folder.0.join("pan");
+            let mut command = Command::new(pan);
+            command.args(size).arg(MINUTES).args(options);
+            let output = self.output(&mut command, "pan")?;
+            text = String::from_utf8_lossy(&output.stdout).into_owned();
+            if !text.contains(TOO_SHALLOW) {
+                break;
+            }
+        }
         if !text.contains("errors: ") {
             return Err(SpinError::Failed {
                 program: "pan",
@@ -124,14 +132,14 @@ impl Verifier {
             });
         }
         if text.contains("errors: 0") {
-            let is_cut = text.contains("not completed") || text.contains("depth too small");
+            let is_cut = text.contains("not completed") || text.contains(TOO_SHALLOW);
             return Ok(match is_cut {
                 true => Verdict::Incomplete,
                 false => Verdict::Holds,
             });
         }
         let reason = text.lines().find_map(|line| line.strip_prefix("pan:1: "));
-        if text.contains("depth too small") && reason.is_none() {
+        if text.contains(TOO_SHALLOW) && reason.is_none() {
             return Ok(Verdict::Incomplete);
         }
         let trail = self.run("spin", "spin", &["-t", "-p", FILE])?;

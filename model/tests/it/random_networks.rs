@@ -35,7 +35,7 @@ fn compare(seed: u64) -> Result<Option<&'static str>, &'static str> {
     let spin = match read.check_with_spin() {
         Ok(spin) => spin,
         Err(SpinError::Missing { program, .. }) => return Err(program),
-        Err(error) => panic!("{error}: LUNA_SEED={seed} LUNA_NETWORKS=1\n{text}"),
+        Err(error) => panic!("{error}: LUNA_SEED={seed} LUNA_SPIN_NETWORKS=1\n{text}"),
     };
     assert!(
         spin.incomplete.is_empty(),
@@ -45,17 +45,17 @@ fn compare(seed: u64) -> Result<Option<&'static str>, &'static str> {
     assert_eq!(
         own,
         theirs,
-        "LUNA_SEED={seed} LUNA_NETWORKS=1\n{text}\n{explored:#?}\n{spin:#?}\n{}",
+        "LUNA_SEED={seed} LUNA_SPIN_NETWORKS=1\n{text}\n{explored:#?}\n{spin:#?}\n{}",
         read.to_promela()
     );
     Ok(Some(own))
 }
 
-/// `LUNA_SEED` sets the seed, `LUNA_NETWORKS` how many; network `i` of seed `s` is network 0 of
+/// `LUNA_SEED` sets the seed, `LUNA_SPIN_NETWORKS` how many; network `i` of seed `s` is network 0 of
 /// seed `s + i`.
 #[test]
 fn spin_comes_to_the_verdict_of_the_exploration() {
-    let networks = number("LUNA_NETWORKS").unwrap_or(if is_long() { 1000 } else { 50 });
+    let networks = number("LUNA_SPIN_NETWORKS").unwrap_or(if is_long() { 1000 } else { 50 });
     let first = seed();
     let next = AtomicU64::new(0);
     // The time is that of C compilers: two at a time.
@@ -85,4 +85,28 @@ fn spin_comes_to_the_verdict_of_the_exploration() {
     println!("{verdicts:?}");
     let left_out = verdicts.get("left out").copied().unwrap_or(0);
     assert!(networks < 20 || left_out * 5 <= networks, "{verdicts:?}");
+}
+
+/// Without SPIN, so that there may be many: none makes the exploration panic, and each finding is
+/// told.
+#[test]
+fn random_networks_are_explored_and_told() {
+    let first = seed();
+    let mut verdicts = BTreeMap::new();
+    for seed in (0..300).map(|number| first.wrapping_add(number)) {
+        let text = model(&mut Random(seed));
+        let read = Model::parse("random.toml", &text);
+        let read = read.unwrap_or_else(|problem| panic!("{problem}, LUNA_SEED={seed}\n{text}"));
+        let explored = read.explore(1000);
+        for finding in &explored.findings {
+            assert!(
+                !finding.there.is_empty(),
+                "{finding:?}, LUNA_SEED={seed}\n{text}"
+            );
+        }
+        let kinds = explored.findings.iter().map(|found| &found.kind);
+        *verdicts.entry(verdict(kinds)).or_insert(0_u64) += 1;
+    }
+    println!("{verdicts:?}");
+    assert!(verdicts.values().all(|count| *count >= 5), "{verdicts:?}");
 }
