@@ -55,7 +55,7 @@ fn compare(seed: u64) -> Result<Option<&'static str>, &'static str> {
 /// seed `s + i`.
 #[test]
 fn spin_comes_to_the_verdict_of_the_exploration() {
-    let networks = number("LUNA_SPIN_NETWORKS").unwrap_or(if is_long() { 1000 } else { 50 });
+    let networks = number("LUNA_SPIN_NETWORKS").unwrap_or(if is_long() { 1000 } else { 24 });
     let first = seed();
     let next = AtomicU64::new(0);
     // The time is that of C compilers: two at a time.
