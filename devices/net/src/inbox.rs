@@ -49,6 +49,9 @@ impl<T> Arrived<T> {
 
 type Values<T> = VecDeque<Arrived<T>>;
 
+/// Empty queues that are kept for the next messages.
+const QUEUES_KEPT: usize = 2;
+
 /// The side of zenoh's threads.
 struct Decoder<T> {
     values: Values<T>,
@@ -98,11 +101,11 @@ impl<T: DeserializeOwned + Send> Inbox for Decoder<T> {
         sent: Sent,
         bytes: &[u8],
     ) -> Result<Accepted, String> {
-        let value = postcard::from_bytes(bytes).map_err(|error| error.to_string())?;
         // One that finds no room is sent again.
         if self.waiting.load(SeqCst) + self.values.len() as u64 >= self.window {
             return Ok(Accepted::Full);
         }
+        let value = postcard::from_bytes(bytes).map_err(|error| error.to_string())?;
         self.values.push_back(Arrived {
             value,
             number,
@@ -122,6 +125,10 @@ impl<T: DeserializeOwned + Send> Inbox for Decoder<T> {
         // There is room: each of those that wait has a value, and the window bounds these. The
         // receiving end is gone only with its link.
         let _ = self.full.try_send(values);
+        // A slow receiver has many queues under way. They are freed here: each may grow to a window.
+        while self.empty.buffered() > QUEUES_KEPT {
+            drop(self.empty.try_recv());
+        }
     }
 }
 
@@ -136,9 +143,9 @@ impl<T: Send> Deliveries<T> {
         self.full.buffered() > 0
     }
 
-    /// So many values were taken, and have made room.
-    pub(crate) fn took(&self, values: u64) {
-        self.waiting.fetch_sub(values, SeqCst);
+    /// A value was taken, and has made room.
+    pub(crate) fn took_one(&self) {
+        self.waiting.fetch_sub(1, SeqCst);
     }
 
     /// Gives an empty queue back, for other values.

@@ -67,9 +67,10 @@ impl<T: Send, R: Send> Near for Inward<T, R> {
                 let is_last = values.is_empty() && !self.inbox.has_more();
                 let is_due = is_last || unreported >= self.quarter;
                 if is_due {
-                    self.inbox.took(unreported);
                     unreported = 0;
                 }
+                // Before the report, which each sign of life makes: the sender counts on the room.
+                self.inbox.took_one();
                 line.shared.take(number, is_due);
             }
             self.inbox.give_back(values);

@@ -148,7 +148,12 @@ impl<T: Serialize + Send> Outward<T> {
         let room = self.window.saturating_sub(line.status.in_doubt());
         let (before, mut next) = (batch.count(), Some(first));
         while let Some(value) = next {
-            encode(line, batch, &value)?;
+            let encoded = encode(line, batch, &value);
+            if encoded.is_err() {
+                // Those before it were taken, and are in doubt.
+                line.status.send(batch.count() - before);
+            }
+            encoded?;
             let has_room = batch.count() - before < room && batch.has_room();
             // The next receive finds an end.
             next = has_room.then(|| self.receiver.try_recv().ok()).flatten();
