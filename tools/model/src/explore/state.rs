@@ -16,6 +16,8 @@ const SPINS: i32 = -3;
 
 /// An agent that goes on for longer without waiting is taken to do so for ever.
 const MAX_LOCAL_STEPS: usize = 100_000;
+/// So many branches that begin and end by themselves, one after the other, are taken to do so too.
+const MAX_DEPTH: usize = 500;
 
 /// What an agent does, and who takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -43,6 +45,10 @@ pub(crate) struct Semantics<'a> {
     /// Where each channel's contents are: their number, then so many values.
     pub(super) contents: Vec<usize>,
     size: usize,
+    /// How many agents go on because of each other.
+    depth: usize,
+    /// They were too many: the others of this move compute for ever, too.
+    is_endless: bool,
     /// For each channel the agents that may receive from it.
     pub(super) receivers: Vec<Vec<usize>>,
     /// For each agent and place, whether it was reached.
@@ -82,6 +88,8 @@ impl<'a> Semantics<'a> {
             network,
             contents,
             size,
+            depth: 0,
+            is_endless: false,
             receivers,
             reached: reached.collect(),
         }
@@ -134,6 +142,19 @@ impl<'a> Semantics<'a> {
 
     /// Takes what an agent does by itself, up to where it waits.
     fn settle(&mut self, state: &mut State, agent: usize) -> Result<(), Broken> {
+        self.is_endless |= self.depth > MAX_DEPTH;
+        if self.is_endless {
+            state[agent] = SPINS;
+            return Ok(());
+        }
+        self.depth += 1;
+        let settled = self.go_on(state, agent);
+        self.depth -= 1;
+        self.is_endless &= self.depth > 0;
+        settled
+    }
+
+    fn go_on(&mut self, state: &mut State, agent: usize) -> Result<(), Broken> {
         let network = self.network;
         let first = network.agents.len();
         for _ in 0..MAX_LOCAL_STEPS {

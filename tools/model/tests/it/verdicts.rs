@@ -33,6 +33,22 @@ fn a_process_ends_at_a_closed_channel() {
 }
 
 #[test]
+fn branches_that_begin_and_end_for_ever_compute_for_ever() {
+    for body in [
+        "loop { par { skip | skip } }",
+        "loop { par { x = 1 | stop } }; c!",
+        "loop { par { x = 1; par { x = 2 | skip } | skip } }",
+    ] {
+        let found = kinds(&pair("", body, "stop"));
+        let expected = match body.contains("stop") {
+            true => FindingKind::Deadlock,
+            false => FindingKind::Livelock,
+        };
+        assert!(found.contains(&expected), "{body}: {found:?}");
+    }
+}
+
+#[test]
 fn a_closed_buffer_gives_what_it_holds() {
     let explored = pair(
         "buffer = 'fifo 2'",
