@@ -29,9 +29,9 @@
 //!   guard. A buffer takes and gives values by its kind.
 //! - All guards that are ready may be chosen: a check of `pri_alt` covers what any priority does.
 //!   `skip` and `after` may always be chosen.
-//! - A process that ends drops its ends. A receiver of which all senders have ended gets what the
-//!   buffer holds; after that, and in a sender of which all receivers have ended, the operation
-//!   fails and ends its process.
+//! - A process that has done its last step drops its ends some time later. A receiver of which
+//!   all senders have ended gets what the buffer holds; after that, and in a sender of which all
+//!   receivers have ended, the operation fails and ends its process.
 //! - A branch of `par` that fails makes its siblings' operations fail, also those that might still
 //!   find a partner; when all branches have ended, the process ends.
 //! - What a process does between two operations is one step with the operation before it.

@@ -144,8 +144,8 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
                     space.states.insert_full(next).0
                 }
             };
-            let edge = &semantics.edges(&state, step.agent)[step.edge];
-            if edge.action.is_silent() {
+            let edge = semantics.edge(&state, step);
+            if edge.is_some_and(|edge| edge.action.is_silent()) {
                 search.silent.push((at as u32, number as u32, step));
             }
         }

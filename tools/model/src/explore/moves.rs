@@ -9,6 +9,15 @@ impl Semantics<'_> {
     pub(crate) fn moves(&self, state: &State, moves: &mut Vec<Move>) {
         moves.clear();
         for agent in 0..self.network.agents.len() {
+            if self.is_ending(state, agent) {
+                moves.push(Move {
+                    agent,
+                    edge: 0,
+                    partner: None,
+                    is_closed: false,
+                    is_end: true,
+                });
+            }
             for (number, edge) in self.edges(state, agent).iter().enumerate() {
                 if !self.is_open(state, edge) {
                     continue;
@@ -19,6 +28,7 @@ impl Semantics<'_> {
                         edge: number,
                         partner,
                         is_closed,
+                        is_end: false,
                     });
                 };
                 let Some((channel, side)) = edge.action.end() else {

@@ -13,6 +13,8 @@ const IDLE: i32 = -1;
 const FAILED: i32 = -2;
 /// Of an agent that computes for ever.
 const SPINS: i32 = -3;
+/// Of a process that has dropped its ends. Between its last step and that, others may go on.
+const ENDED: i32 = -4;
 
 /// An agent that goes on for longer without waiting is taken to do so for ever.
 const MAX_LOCAL_STEPS: usize = 100_000;
@@ -28,6 +30,8 @@ pub(crate) struct Move {
     pub(crate) partner: Option<(usize, usize)>,
     /// It finds the channel closed, and ends.
     pub(crate) is_closed: bool,
+    /// It has come to its end, and drops its ends of channels.
+    pub(crate) is_end: bool,
 }
 
 /// Where an agent broke a rule.
@@ -286,7 +290,12 @@ impl<'a> Semantics<'a> {
     }
 
     pub(super) fn has_ended(&self, state: &State, process: usize) -> bool {
-        state[self.network.processes[process].agent] == END as i32
+        state[self.network.processes[process].agent] == ENDED
+    }
+
+    /// Whether a process is at its end, and still has its ends.
+    pub(super) fn is_ending(&self, state: &State, agent: usize) -> bool {
+        state[agent] == END as i32 && self.network.agents[agent].parent.is_none()
     }
 
     /// Whether a branch beside it, or beside an agent around it, has failed.
@@ -320,6 +329,12 @@ impl<'a> Semantics<'a> {
         }
     }
 
+    /// The edge that a move takes; that to an end is none.
+    pub(crate) fn edge(&self, state: &State, step: Move) -> Option<&'a Edge> {
+        let is_edge = !step.is_end;
+        is_edge.then(|| &self.edges(state, step.agent)[step.edge])
+    }
+
     pub(crate) fn edges(&self, state: &State, agent: usize) -> &'a [Edge] {
         let Ok(at) = usize::try_from(state[agent]) else {
             return &[];
@@ -344,7 +359,7 @@ impl<'a> Semantics<'a> {
 
     /// The value that a move carries.
     pub(crate) fn carried(&self, state: &State, step: Move) -> Option<i32> {
-        if step.is_closed {
+        if step.is_closed || step.is_end {
             return None;
         }
         let edge = &self.edges(state, step.agent)[step.edge];
@@ -358,6 +373,10 @@ impl<'a> Semantics<'a> {
     }
 
     fn take(&mut self, state: &mut State, step: Move) -> Result<(), Broken> {
+        if step.is_end {
+            state[step.agent] = ENDED;
+            return Ok(());
+        }
         if step.is_closed {
             return self.fail(state, step.agent);
         }

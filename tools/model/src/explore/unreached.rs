@@ -17,7 +17,7 @@ impl Taken {
     }
 
     pub(crate) fn take(&mut self, state: &State, step: Move) {
-        if step.is_closed {
+        if step.is_closed || step.is_end {
             return;
         }
         let mut mark = |agent: usize, edge: usize| {

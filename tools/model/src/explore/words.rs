@@ -17,7 +17,10 @@ pub(crate) fn trace(network: &Network, way: &[Move]) -> Vec<String> {
 }
 
 fn line(semantics: &Semantics<'_>, state: &State, step: Move) -> String {
-    let edge = &semantics.edges(state, step.agent)[step.edge];
+    let Some(edge) = semantics.edge(state, step) else {
+        let name = &semantics.network.agents[step.agent].name;
+        return format!("{name} ends");
+    };
     let said = Said {
         agent: step.agent,
         edge,

@@ -73,7 +73,8 @@ impl Writer<'_> {
             "/* {}, from a model of LUNA */",
             comment(&network.name)
         ));
-        self.line("chan nobody = [0] of { int };");
+        self.line("chan no_sender = [0] of { int };");
+        self.line("chan no_receiver = [0] of { int };");
         for (number, channel) in network.channels.iter().enumerate() {
             let kind = match channel.values {
                 Some(_) => "int",

@@ -26,12 +26,16 @@ impl Writer<'_> {
                 let in_range = format!("({value} >= {low} && {value} <= {high})");
                 self.line(&format!("  assert(!{open} || {in_range});"));
             }
-            if let (true, Some(condition), Some((channel, _))) =
+            if let (true, Some(condition), Some((channel, side))) =
                 (needs_choice(edge), &edge.condition, edge.action.end())
             {
                 let condition = expr(condition);
+                let shut = match side {
+                    Side::Send => "no_receiver",
+                    Side::Receive => "no_sender",
+                };
                 self.line(&format!(
-                    "  atomic {{ if :: {condition} -> g{guard} = c{channel} :: else -> g{guard} = nobody fi }};"
+                    "  atomic {{ if :: {condition} -> g{guard} = c{channel} :: else -> g{guard} = {shut} fi }};"
                 ));
                 guard += 1;
             }
@@ -166,7 +170,8 @@ impl Writer<'_> {
 }
 
 /// A guard on a channel with a precondition, which Promela has not: the guard is on the channel
-/// `nobody` where the precondition is false.
+/// `no_sender` or `no_receiver` where the precondition is false. They are two, or a shut send would
+/// meet a shut receive.
 pub(super) fn needs_choice(edge: &Edge) -> bool {
     edge.condition.is_some() && edge.action.end().is_some()
 }

@@ -120,3 +120,28 @@ fn spin_shows_in_the_words_of_the_model_why_a_property_does_not_hold() {
         "{cycle:#?}"
     );
 }
+
+#[test]
+fn spin_does_not_let_shut_guards_meet() {
+    let text = r#"
+        [process.A]
+        ports = { c = "send" }
+        body = "alt { c! if false => sent }"
+        [process.B]
+        ports = { c = "receive" }
+        body = "alt { c? if false => got }"
+        [system.channel]
+        c = {}
+        [system.part]
+        a = { process = "A", bind.c = "c" }
+        b = { process = "B", bind.c = "c" }
+    "#;
+    let model = Model::parse("shut.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    let found = match model.check_with_spin() {
+        Ok(found) => found,
+        Err(SpinError::Missing { program, .. }) => return skip(&format!("{program} is missing")),
+        Err(error) => panic!("{error}"),
+    };
+    let kinds: Vec<FindingKind> = found.findings.iter().map(|f| f.kind.clone()).collect();
+    assert_eq!(kinds, [FindingKind::Deadlock]);
+}

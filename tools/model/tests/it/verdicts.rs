@@ -196,3 +196,15 @@ fn always_finds_the_shortest_way() {
     assert_eq!(kinds(&explored), [FindingKind::Always("small".to_owned())]);
     assert_eq!(explored.findings[0].trace, vec!["a: step"; 4]);
 }
+
+/// Between its last receive and the end of its ends a buffer still takes a value.
+#[test]
+fn a_process_ends_some_time_after_its_last_step() {
+    let text = "[process.A]\nports = { r = \"send\", c = \"send\" }\nbody = \"r!; c!; assert false\"\n\
+                [process.B]\nports = { r = \"receive\", c = \"receive\" }\nbody = \"r?\"\n\
+                [system.channel]\nr = {}\nc = { buffer = \"fifo 1\" }\n[system.part]\n\
+                a = { process = \"A\", bind = { r = \"r\", c = \"c\" } }\n\
+                b = { process = \"B\", bind = { r = \"r\", c = \"c\" } }\n";
+    let model = Model::parse("end.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    assert_eq!(kinds(&model.explore(1000)), [FindingKind::Assertion]);
+}
