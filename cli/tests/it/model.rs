@@ -31,16 +31,16 @@ fn file(name: &str) -> PathBuf {
 #[test]
 fn check_prints_the_circle_and_exits_with_1() {
     let output = luna(&["check", &example("philosophers.toml")]);
-    let told = text(&output.stdout);
-    assert_eq!(output.status.code(), Some(1), "{told}");
-    assert!(told.contains("deadlock, after 10 steps:"), "{told}");
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("deadlock, after 10 steps:"), "{said}");
     assert!(
-        told.contains("philosopher[4] -> fork[4]: left[4]"),
-        "{told}"
+        said.contains("philosopher[4] -> fork[4]: left[4]"),
+        "{said}"
     );
     assert!(
-        told.contains("circle, each waits for the next: philosopher[0] -> fork[1]"),
-        "{told}"
+        said.contains("circle, each waits for the next: philosopher[0] -> fork[1]"),
+        "{said}"
     );
 }
 
@@ -63,10 +63,10 @@ fn a_wrong_model_exits_with_2_and_its_place() {
     fs::write(&path, "[process.A]\nbody = \"a! $\"\n").unwrap();
     let output = luna(&["check", &path.display().to_string()]);
     assert_eq!(output.status.code(), Some(2));
-    let told = text(&output.stderr);
+    let said = text(&output.stderr);
     assert!(
-        told.contains("wrong.toml:2:12: this character has no meaning: `$`"),
-        "{told}"
+        said.contains("wrong.toml:2:12: this character has no meaning: `$`"),
+        "{said}"
     );
 }
 
@@ -79,10 +79,10 @@ fn without_spin_the_exploration_runs_and_says_what_is_missing() {
         .expect("the program starts");
     assert_eq!(output.status.code(), Some(4));
     assert!(text(&output.stdout).contains("all 53 states were looked at"));
-    let told = text(&output.stderr);
+    let said = text(&output.stderr);
     assert!(
-        told.contains("spin is missing; install it (Debian: spin)"),
-        "{told}"
+        said.contains("spin is missing; install it (Debian: spin)"),
+        "{said}"
     );
 }
 
