@@ -230,10 +230,14 @@ impl<'a> Semantics<'a> {
             let Action::Send(channel, Some(value)) = &edge.action else {
                 continue;
             };
+            // A guard with a false precondition is not evaluated.
+            if is_open == 0 {
+                continue;
+            }
             let value = self.value(state, value).map_err(fault)?;
             let channel = &self.network.channels[*channel];
             let (low, high) = channel.values.unwrap_or((i32::MIN, i32::MAX));
-            if is_open != 0 && !(low..=high).contains(&value) {
+            if !(low..=high).contains(&value) {
                 let name = &channel.name;
                 let what = format!("sends {value} on {name}, whose values are {low}..{high}");
                 return Err((what, edge.line));

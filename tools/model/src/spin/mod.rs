@@ -42,6 +42,16 @@ pub(crate) fn check(network: &Network) -> Result<SpinCheck, SpinError> {
     if network.ltl.is_empty() {
         return Ok(found);
     }
+    // The verifier of a property would stop at the assertion, and take it for the property.
+    if found
+        .findings
+        .iter()
+        .any(|finding| finding.kind == FindingKind::Assertion)
+    {
+        let titles = network.ltl.iter().map(|(title, _)| title.clone());
+        found.incomplete.extend(titles);
+        return Ok(found);
+    }
     let liveness = Verifier::make(&promela, agents, true)?;
     for (number, (title, _)) in network.ltl.iter().enumerate() {
         let name = format!("property{number}");

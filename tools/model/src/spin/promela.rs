@@ -238,10 +238,15 @@ impl Writer<'_> {
     }
 
     pub(super) fn divisors(&mut self, of: &Expr<usize>) {
+        self.divisors_if("true", of);
+    }
+
+    /// As `divisors`, where the expression is evaluated only if `open` holds.
+    pub(super) fn divisors_if(&mut self, open: &str, of: &Expr<usize>) {
         let mut found = Vec::new();
         of.divisors(&mut found);
         for divisor in found {
-            self.line(&format!("  assert({} != 0);", expr(divisor)));
+            self.line(&format!("  assert(!{open} || {} != 0);", expr(divisor)));
         }
     }
 

@@ -5,6 +5,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicU32, Ordering};
 
+/// What an error of the model is called.
+const REASONS: [&str; 5] = [
+    "assertion violated",
+    "invalid end state",
+    "acceptance cycle",
+    "end state in claim",
+    "claim violated",
+];
+
 /// SPIN counts processes in a byte.
 const MAX_AGENTS: usize = 255;
 /// Models with at most so many processes and branches are small.
@@ -141,6 +150,14 @@ impl Verifier {
         let reason = text.lines().find_map(|line| line.strip_prefix("pan:1: "));
         if text.contains(TOO_SHALLOW) && reason.is_none() {
             return Ok(Verdict::Incomplete);
+        }
+        // The verifier reports limits of its own as errors, too.
+        let is_of_model = reason.is_some_and(|reason| REASONS.iter().any(|of| reason.contains(of)));
+        if !is_of_model {
+            return Err(SpinError::Failed {
+                program: "pan",
+                output: text.trim().to_owned(),
+            });
         }
         let trail = self.run("spin", "spin", &["-t", "-p", FILE])?;
         Ok(Verdict::Fails {

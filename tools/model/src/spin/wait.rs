@@ -19,9 +19,9 @@ impl Writer<'_> {
                 self.divisors(condition);
             }
             if let Action::Send(channel, Some(value)) = &edge.action {
-                self.divisors(value);
                 let (low, high) = network.channels[*channel].values.unwrap_or((0, 0));
                 let open = edge.condition.as_ref().map_or("true".to_owned(), expr);
+                self.divisors_if(&open, value);
                 let value = expr(value);
                 let in_range = format!("({value} >= {low} && {value} <= {high})");
                 self.line(&format!("  assert(!{open} || {in_range});"));

@@ -49,6 +49,13 @@ fn branches_that_begin_and_end_for_ever_compute_for_ever() {
 }
 
 #[test]
+fn a_guard_with_a_false_precondition_is_not_evaluated() {
+    let send = "alt { c! 8 / x if x != 0 | skip }";
+    let explored = pair("type = '0..9'", send, "c?");
+    assert_eq!(kinds(&explored), []);
+}
+
+#[test]
 fn a_closed_buffer_gives_what_it_holds() {
     let explored = pair(
         "buffer = 'fifo 2'",
