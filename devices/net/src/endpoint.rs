@@ -157,10 +157,10 @@ impl Endpoint {
         window: usize,
         is_buffered: bool,
     ) -> Result<(Sender<T>, SendLink<T>), NetError> {
-        let (tell, acknowledged) = luna::buffered(Buffer::overwrite_oldest(1));
-        let tell = tell.external();
+        let (notify, acknowledged) = luna::buffered(Buffer::overwrite_oldest(1));
+        let notify = notify.external();
         let outbox = Outbox::new(move || {
-            let _ = tell.try_send(());
+            let _ = notify.try_send(());
         });
         let count = if is_buffered { BATCHES } else { 1 };
         let batches = (0..count).map(|_| Batch::new(window, self.capacity));

@@ -84,9 +84,9 @@
 //! **Values** have numbers that go on by one. The sender keeps each until it is acknowledged. The
 //! receiver takes only the next number, so a value that comes twice, or after a gap, is passed
 //! over. Its beats name the last number that has arrived and the last that was taken: the latter is
-//! the acknowledgement. It is sent at once when the inbox is empty, and each quarter of a window. A sender that does not see its values arrive for two
-//! beats sends them again. So messages that are lost or doubled on their way lose no value and
-//! double none.
+//! the acknowledgement. It is also sent at once when the inbox is empty, and each quarter of a
+//! window. A sender that does not see its values arrive for two beats sends them again. So messages
+//! that are lost or doubled on their way lose no value and double none.
 //!
 //! **The end.** A side that closes or poisons its channel says so until the other says the same. A
 //! partner is lost when its token is gone, which zenoh reports as soon as the connection ends, or

@@ -28,9 +28,9 @@ use std::task::Poll;
 ///   a quarter of it more, with what the system takes to schedule the link's thread.
 ///
 /// Real-time path: yes, from joining on; no lock is shared with zenoh, and no allocation is made
-/// but those of the value's `Serialize`. A value, or a batch of a stream's values, costs a hand-over to
-/// the link's own thread and one back: a system call each if that thread sleeps. The end allocates, and waits until the other
-/// side knows it, for about [`lost_after`](crate::Config::lost_after) at most; the local channel is
+/// but those of the value's `Serialize`. A value, or a batch of a stream's values, costs a
+/// hand-over to the link's own thread and one back: a system call each if that thread sleeps. The
+/// end allocates, and waits until the other side knows it, for about [`lost_after`](crate::Config::lost_after) at most; the local channel is
 /// closed or poisoned before that.
 #[must_use = "a link is a process: spawn it"]
 pub struct Link<N> {

@@ -17,18 +17,18 @@ pub(crate) struct Outbox {
     /// How many may be under way.
     window: u64,
     /// Tells the link's process of values that were acknowledged.
-    tell: Box<dyn FnMut() + Send>,
+    notify: Box<dyn FnMut() + Send>,
 }
 
 impl Outbox {
-    pub(crate) fn new(tell: impl FnMut() + Send + 'static) -> Self {
+    pub(crate) fn new(notify: impl FnMut() + Send + 'static) -> Self {
         Self {
             bytes: VecDeque::new(),
             lengths: VecDeque::new(),
             sent: (0, 0),
             last: 0,
             window: 0,
-            tell: Box::new(tell),
+            notify: Box::new(notify),
         }
     }
 
@@ -74,8 +74,8 @@ impl Outbox {
     }
 
     /// Wakes the link's process: what was acknowledged is in its status.
-    pub(crate) fn tell(&mut self) {
-        (self.tell)();
+    pub(crate) fn notify(&mut self) {
+        (self.notify)();
     }
 
     /// How many values were sent that the partner has not, if the last that has arrived there has

@@ -222,7 +222,7 @@ impl Peering {
         let count = outbox.acknowledge(beat.taken);
         if count > 0 {
             self.status.acknowledge(outbox.acknowledged(), count);
-            outbox.tell();
+            outbox.notify();
         }
         if let Some(partner) = &mut self.partner
             && beat.arrived > partner.arrived
