@@ -17,7 +17,7 @@ fn text(bytes: &[u8]) -> &str {
 }
 
 fn example(name: &str) -> String {
-    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tools/model/examples");
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/models");
     models.join(name).display().to_string()
 }
 

@@ -3,9 +3,9 @@
 use luna_model::{Model, TEMPLATE};
 use proptest::prelude::*;
 
-const PHILOSOPHERS: &str = include_str!("../../examples/philosophers-repaired.toml");
-const PUMP: &str = include_str!("../../examples/sorting-pump.toml");
-const COMMSTIME: &str = include_str!("../../examples/commstime.toml");
+const PHILOSOPHERS: &str = include_str!("../../../../examples/models/philosophers-repaired.toml");
+const PUMP: &str = include_str!("../../../../examples/models/sorting-pump.toml");
+const COMMSTIME: &str = include_str!("../../../../examples/models/commstime.toml");
 
 /// The error of a model in which one text was replaced.
 fn error(model: &str, from: &str, to: &str) -> String {

@@ -1,4 +1,4 @@
-//! The models of `examples/`, each with the verdict that it is to have.
+//! The models of `examples/models`, each with the verdict that it is to have.
 
 use crate::skip;
 use luna_model::{Exploration, FindingKind, Model, SpinError, TEMPLATE};
@@ -11,7 +11,7 @@ const LIMIT: Duration = Duration::from_secs(10);
 
 fn model(name: &str) -> Model {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("examples")
+        .join("../../examples/models")
         .join(name);
     let text = fs::read_to_string(&path).expect("the example is there");
     Model::parse(name, &text).unwrap_or_else(|problem| panic!("{problem}"))
