@@ -67,10 +67,7 @@ impl Peering {
             clock: own.clock,
             last: own.memory.last,
             session: own.memory.session,
-            window: match &self.values {
-                Values::In { window, .. } => *window,
-                Values::Out(_) => 0,
-            },
+            window: own.window,
         }
     }
 

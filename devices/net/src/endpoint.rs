@@ -164,12 +164,12 @@ impl Endpoint {
         });
         let count = if is_buffered { BATCHES } else { 1 };
         let batches = (0..count).map(|_| Batch::new(window, self.capacity));
-        let (line, free) = self.open::<T>(Role::Sender, Values::Out(outbox), batches.collect())?;
+        let (line, free) =
+            self.open::<T>(Role::Sender, window, Values::Out(outbox), batches.collect())?;
         let near = Outward {
             receiver: receiver.external(),
             free,
             acknowledged: acknowledged.external(),
-            window: window as u64,
             is_buffered,
         };
         Ok((sender.named(&self.name), Link::new(line, near)))
@@ -181,13 +181,12 @@ impl Endpoint {
         deliver_as: fn(Arrived<T>) -> R,
     ) -> Result<(Receiver<R>, ReceiveLink<T, R>), NetError> {
         let (values, inbox) = inbox(self.window);
-        let values = Values::receiving(values, self.window);
-        let (line, _) = self.open::<T>(Role::Receiver, values, Vec::new())?;
+        let values = Values::receiving(values);
+        let (line, _) = self.open::<T>(Role::Receiver, self.window, values, Vec::new())?;
         let near = Inward {
             sender: sender.external(),
             inbox,
             deliver_as,
-            quarter: (self.window as u64 / 4).max(1),
         };
         Ok((receiver.named(&self.name), Link::new(line, near)))
     }
@@ -196,6 +195,7 @@ impl Endpoint {
     fn open<T>(
         &self,
         role: Role,
+        window: usize,
         values: Values,
         batches: Vec<Batch>,
     ) -> Result<(Line, Receiver<Batch>), NetError> {
@@ -221,6 +221,7 @@ impl Endpoint {
             peer,
             clock: facts::clock(),
             memory,
+            window: window as u64,
             lost_after: inner.lost_after,
         };
         let status = Status::default();

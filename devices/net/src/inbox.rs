@@ -47,7 +47,7 @@ impl<T> Arrived<T> {
     }
 }
 
-type Values<T> = VecDeque<Arrived<T>>;
+pub(crate) type Values<T> = VecDeque<Arrived<T>>;
 
 /// Empty queues that are kept for the next messages.
 const QUEUES_KEPT: usize = 2;
@@ -136,6 +136,11 @@ impl<T: Send> Deliveries<T> {
     /// Waits for values. None if the other side is gone.
     pub(crate) async fn next(&self) -> Option<Values<T>> {
         self.full.recv().await.ok()
+    }
+
+    #[cfg(test)]
+    pub(crate) fn try_next(&self) -> Option<Values<T>> {
+        self.full.try_recv().ok()
     }
 
     /// Whether more wait.

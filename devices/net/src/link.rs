@@ -72,10 +72,10 @@ impl Line {
         }
     }
 
-    /// Waits until the other program has joined.
-    pub(crate) async fn joined(&self) -> Result<(), Stop> {
+    /// Waits until the other program has joined; how many values may be under way.
+    pub(crate) async fn joined(&self) -> Result<u64, Stop> {
         match self.events.recv().await {
-            Ok(Event::Joined) => Ok(()),
+            Ok(Event::Joined { window }) => Ok(window),
             Ok(Event::Stop(stop)) => Err(stop),
             Ok(Event::Over) | Err(_) => Err(self.thread_ended()),
         }
@@ -85,7 +85,7 @@ impl Line {
     pub(crate) async fn stopped(&self) -> Stop {
         loop {
             match self.events.recv().await {
-                Ok(Event::Joined) => {}
+                Ok(Event::Joined { .. }) => {}
                 Ok(Event::Stop(stop)) => return stop,
                 Ok(Event::Over) | Err(_) => return self.thread_ended(),
             }

@@ -8,7 +8,7 @@ use luna::channel::ChannelEnd;
 use serde::{Deserialize, Serialize};
 
 /// Begins every message. Its last digit counts the versions of the protocol.
-pub(crate) const MAGIC: [u8; 8] = *b"lunanet2";
+pub(crate) const MAGIC: [u8; 8] = *b"lunanet3";
 
 /// Who speaks to whom: by numbers that each opening of a side draws at random.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,7 +45,7 @@ pub(crate) struct Hello {
     pub(crate) last: u64,
     /// Number of the last session.
     pub(crate) session: u64,
-    /// How many values may be under way to this side.
+    /// How many values may be under way from or to this side.
     pub(crate) window: u64,
 }
 
@@ -142,7 +142,7 @@ mod tests {
     fn garbage_is_no_message() {
         assert!(decode(b"").is_none());
         assert!(decode(b"lunanet0abc").is_none());
-        assert!(decode(b"lunanet2\xff\xff").is_none());
+        assert!(decode(b"lunanet3\xff\xff").is_none());
         // A length beyond the end.
         assert_eq!(
             next_value(&mut [1, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 5].as_slice()),

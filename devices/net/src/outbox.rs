@@ -14,8 +14,6 @@ pub(crate) struct Outbox {
     sent: (usize, usize),
     /// The number of the last one.
     last: u64,
-    /// How many may be under way.
-    window: u64,
     /// Tells the link's process of values that were acknowledged.
     notify: Box<dyn FnMut() + Send>,
 }
@@ -27,14 +25,13 @@ impl Outbox {
             lengths: VecDeque::new(),
             sent: (0, 0),
             last: 0,
-            window: 0,
             notify: Box::new(notify),
         }
     }
 
     /// A partner has said hello. Values go on after `last`.
-    pub(crate) fn start(&mut self, last: u64, window: u64) {
-        (self.last, self.window) = (last, window);
+    pub(crate) fn start(&mut self, last: u64) {
+        self.last = last;
     }
 
     pub(crate) fn last(&self) -> u64 {
@@ -94,24 +91,20 @@ impl Outbox {
         self.sent = (there, self.lengths.range(..there).sum());
     }
 
-    fn room(&self) -> usize {
-        self.lengths.len().min(self.window as usize)
-    }
-
-    /// Whether a value waits that was never sent, also if the partner has no room for it.
+    /// Whether a value waits that is to be sent.
     pub(crate) fn waits(&self) -> bool {
         self.sent.0 < self.lengths.len()
     }
 
-    /// The number of the next value to be sent, if the partner has room for it.
+    /// The number of the next value to be sent.
     pub(crate) fn next(&self) -> Option<u64> {
-        (self.sent.0 < self.room()).then(|| self.first() + self.sent.0 as u64)
+        self.waits().then(|| self.first() + self.sent.0 as u64)
     }
 
     /// Adds values to a message, up to the limit of its bytes.
     pub(crate) fn fill(&mut self, message: &mut Vec<u8>) {
         let (mut count, mut end) = self.sent;
-        for length in self.lengths.range(count..self.room()) {
+        for length in self.lengths.range(count..) {
             (count, end) = (count + 1, end + length);
             if end - self.sent.1 > BATCH {
                 break;

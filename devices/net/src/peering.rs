@@ -148,8 +148,9 @@ impl Peering {
             return None;
         }
         self.owes_hello = true;
-        // Numbers that cannot be reached by counting are no numbers.
-        let is_sound = hello.last.max(hello.session) < u64::MAX / 2;
+        // Numbers that cannot be reached by counting are no numbers, and nothing passes through a
+        // window of none.
+        let is_sound = hello.last.max(hello.session) < u64::MAX / 2 && hello.window > 0;
         if !is_sound || (head.to != 0 && head.to != self.own.number) {
             return None;
         }
@@ -173,7 +174,7 @@ impl Peering {
         let memory = self.own.memory;
         let start = memory.last.max(hello.last);
         match &mut self.values {
-            Values::Out(outbox) => outbox.start(start, hello.window),
+            Values::Out(outbox) => outbox.start(start),
             Values::In { arrived, .. } => *arrived = start,
         }
         self.clocks = ClockDifference::new(hello.clock == self.own.clock);
@@ -182,6 +183,7 @@ impl Peering {
             peer,
             session: memory.session.max(hello.session) + 1,
             start,
+            window: self.own.window.min(hello.window),
             heard: now,
             is_joined: false,
             arrived: start,
@@ -203,12 +205,12 @@ impl Peering {
         }
         let known = self.own.memory.acknowledged;
         let missing = known.map_or(0, |known| partner.start - known.min(partner.start));
-        let peer = partner.peer.clone();
+        let (peer, window) = (partner.peer.clone(), partner.window);
         self.status
             .join(peer, partner.session, partner.start, missing);
         // The partner may wait for it, unless it hears of the end.
         self.owes_hello |= self.end.is_none();
-        Some(Event::Joined)
+        Some(Event::Joined { window })
     }
 
     fn beat(&mut self, beat: Beat, now: Instant) {
@@ -386,4 +388,4 @@ impl Peering {
 
 #[cfg(test)]
 #[path = "peering_tests.rs"]
-mod tests;
+pub(crate) mod tests;

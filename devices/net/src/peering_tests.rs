@@ -3,15 +3,16 @@
 use super::*;
 use crate::Role;
 use crate::age::Sent;
-use crate::inbox::Inbox;
+use crate::inbox::{Inbox, inbox};
 use crate::message::decode;
 use crate::outbox::Outbox;
+use std::collections::VecDeque;
 use std::sync::mpsc;
 use std::time::Duration;
 
 const SECOND: u64 = 1_000_000_000;
 
-fn own(role: Role, number: u64, type_name: &str) -> Own {
+pub(crate) fn own(role: Role, number: u64, type_name: &str) -> Own {
     Own {
         name: "test".to_owned(),
         role,
@@ -26,6 +27,7 @@ fn own(role: Role, number: u64, type_name: &str) -> Own {
         },
         clock: number,
         memory: Memory::default(),
+        window: 8,
         lost_after: Duration::from_secs(1),
     }
 }
@@ -50,7 +52,7 @@ fn sender(number: u64) -> Peering {
 
 fn receiver(number: u64, type_name: &str) -> (Peering, mpsc::Receiver<u64>) {
     let (deliver, delivered) = mpsc::channel();
-    let values = Values::receiving(Box::new(ToTest(deliver)), 8);
+    let values = Values::receiving(Box::new(ToTest(deliver)));
     let own = own(Role::Receiver, number, type_name);
     (Peering::new(own, Status::default(), values), delivered)
 }
@@ -138,7 +140,7 @@ fn every_value_comes_once_and_in_order_over_a_bad_network() {
                     let bad = events
                         .iter()
                         .flatten()
-                        .find(|e| !matches!(e, Event::Joined));
+                        .find(|e| !matches!(e, Event::Joined { .. }));
                     assert!(bad.is_none(), "{bad:?}");
                 }
             }
@@ -147,6 +149,40 @@ fn every_value_comes_once_and_in_order_over_a_bad_network() {
         assert_eq!(out.status.acknowledged(), 500);
         assert!(loss == 0 || out.status.resent() > 0);
     }
+}
+
+#[test]
+fn nothing_is_sent_again_to_a_slow_receiver() {
+    let mut out = sender(1);
+    let (deliver, deliveries) = inbox::<u64>(8);
+    let own = own(Role::Receiver, 2, "u64");
+    let mut inn = Peering::new(own, Status::default(), Values::receiving(deliver));
+    join(&mut out, &mut inn, at(1));
+    let (mut taken, mut queued) = (0, 0);
+    let mut waiting = VecDeque::new();
+    // One value in a second, and four signs of life.
+    for step in 1..=800 {
+        let now = at(step * SECOND / 4);
+        assert!(out.tick(now).is_none() && inn.tick(now).is_none());
+        while queued - out.status.acknowledged() < 8 {
+            queued += 1;
+            out.queue(&batch([queued]));
+        }
+        carry(&mut out, &mut inn, 0, now);
+        if step % 4 == 0 {
+            if waiting.is_empty() {
+                waiting = deliveries.try_next().unwrap();
+            }
+            taken += 1;
+            let next = waiting.pop_front().unwrap();
+            assert_eq!((next.number, next.value), (taken, taken));
+            inn.status.acknowledge(taken, 1);
+            deliveries.took_one();
+        }
+        carry(&mut inn, &mut out, taken, now);
+    }
+    assert_eq!((taken, out.status.acknowledged()), (200, 200));
+    assert_eq!(out.status.resent(), 0);
 }
 
 #[test]

@@ -20,18 +20,18 @@ pub struct Inward<T, R> {
     pub(crate) sender: Sender<R>,
     pub(crate) inbox: Deliveries<T>,
     pub(crate) deliver_as: fn(Arrived<T>) -> R,
-    /// How many values are taken before that is reported, while more wait.
-    pub(crate) quarter: u64,
 }
 
 impl<T: Send, R: Send> Near for Inward<T, R> {
     async fn carry(&self, line: &Line) -> Stop {
         let mut ended = pin!(self.sender.ended());
-        match first(ended.as_mut(), pin!(line.joined())).await {
+        let window = match first(ended.as_mut(), pin!(line.joined())).await {
             First::Own(end) => return Stop::Ended(end),
             First::Other(Err(stop)) => return stop,
-            First::Other(Ok(())) => {}
-        }
+            First::Other(Ok(window)) => window,
+        };
+        // How many values are taken before that is reported, while more wait.
+        let quarter = (window / 4).max(1);
         let mut stopped = pin!(line.stopped());
         let mut unreported = 0;
         loop {
@@ -65,7 +65,7 @@ impl<T: Send, R: Send> Near for Inward<T, R> {
                 line.status.acknowledge(number, 1);
                 unreported += 1;
                 let is_last = values.is_empty() && !self.inbox.has_more();
-                let is_due = is_last || unreported >= self.quarter;
+                let is_due = is_last || unreported >= quarter;
                 if is_due {
                     unreported = 0;
                 }

@@ -21,8 +21,6 @@ pub struct Outward<T> {
     pub(crate) free: Receiver<Batch>,
     /// Says that values were acknowledged; the status says which.
     pub(crate) acknowledged: Receiver<()>,
-    /// How many values may be under way.
-    pub(crate) window: u64,
     /// Whether a sender goes on before the other program has taken its value.
     pub(crate) is_buffered: bool,
 }
@@ -48,8 +46,8 @@ impl<T: Serialize + Send> Near for Outward<T> {
     async fn carry(&self, line: &Line) -> Stop {
         let carried = match self.join(line).await {
             Err(stop) => Err(stop),
-            Ok(()) if self.is_buffered => self.stream(line).await,
-            Ok(()) => self.rendezvous(line).await,
+            Ok(window) if self.is_buffered => self.stream(line, window).await,
+            Ok(_) => self.rendezvous(line).await,
         };
         carried.err().unwrap_or(Stop::Ended(ChannelEnd::Closed))
     }
@@ -97,7 +95,7 @@ impl<T: Serialize + Send> Outward<T> {
             }
             line.status.send(1);
             line.shared.send(batch);
-            if let Err(stop) = self.room(line, 1, stop.as_mut()).await {
+            if let Err(stop) = self.all_acknowledged(line, stop.as_mut()).await {
                 offered.refuse(match &stop {
                     Stop::Ended(end) => *end,
                     Stop::Failed(_) => ChannelEnd::Poisoned,
@@ -108,13 +106,32 @@ impl<T: Serialize + Send> Outward<T> {
         }
     }
 
-    /// While the link's thread sends one batch the values that come go into the next.
-    async fn stream(&self, line: &Line) -> Result<(), Stop> {
+    /// Values in batches, of which at most `window` are under way.
+    async fn stream(&self, line: &Line, window: u64) -> Result<(), Stop> {
         let mut stop = pin!(self.stopped(line));
         let mut batch = self.batch(line, stop.as_mut()).await?;
+        let sent = self.batches(line, window, &mut batch, stop.as_mut()).await;
+        if batch.count() > 0 {
+            // The session has failed, and these were taken. They get their numbers, so that the
+            // next session counts them as missing.
+            line.shared.send(batch);
+        }
+        sent?;
+        // The last sender is gone. Values are still under way.
+        self.all_acknowledged(line, stop.as_mut()).await
+    }
+
+    /// While the link's thread sends one batch the values that come go into the next.
+    async fn batches(
+        &self,
+        line: &Line,
+        window: u64,
+        batch: &mut Batch,
+        mut stop: Pin<&mut impl Future<Output = Stop>>,
+    ) -> Result<(), Stop> {
         let mut is_open = true;
         while is_open || batch.count() > 0 {
-            let has_room = line.status.in_doubt() < self.window && batch.has_room();
+            let has_room = line.status.in_doubt() < window && batch.has_room();
             let value = match batch.count() {
                 0 if !has_room => {
                     self.acknowledged(line, stop.as_mut()).await?;
@@ -129,23 +146,19 @@ impl<T: Serialize + Send> Outward<T> {
                 _ => First::Own(unless(stop.as_mut(), self.batch_or_end(line)).await?),
             };
             match value {
-                First::Own(next) => line.shared.send(std::mem::replace(&mut batch, next?)),
+                First::Own(next) => line.shared.send(std::mem::replace(batch, next?)),
                 First::Other(value) => match received(value)? {
-                    Some(value) => self.fill(line, &mut batch, value)?,
+                    Some(value) => self.fill(line, window, batch, value)?,
                     None => is_open = false,
                 },
             }
-        }
-        // The last sender is gone. Values are still under way.
-        while line.status.in_doubt() > 0 {
-            self.acknowledged(line, stop.as_mut()).await?;
         }
         Ok(())
     }
 
     /// Adds a value and those that are in the buffer, as far as there is room.
-    fn fill(&self, line: &Line, batch: &mut Batch, first: T) -> Result<(), Stop> {
-        let room = self.window.saturating_sub(line.status.in_doubt());
+    fn fill(&self, line: &Line, window: u64, batch: &mut Batch, first: T) -> Result<(), Stop> {
+        let room = window.saturating_sub(line.status.in_doubt());
         let (before, mut next) = (batch.count(), Some(first));
         while let Some(value) = next {
             let encoded = encode(line, batch, &value);
@@ -176,20 +189,16 @@ impl<T: Serialize + Send> Outward<T> {
         unless(stop, self.batch_or_end(line)).await?
     }
 
-    /// For how many values the window has room: at least for one.
-    async fn room(
+    /// Waits until no value is under way.
+    async fn all_acknowledged(
         &self,
         line: &Line,
-        window: u64,
         mut stop: Pin<&mut impl Future<Output = Stop>>,
-    ) -> Result<u64, Stop> {
-        loop {
-            let room = window.saturating_sub(line.status.in_doubt());
-            if room > 0 {
-                return Ok(room);
-            }
+    ) -> Result<(), Stop> {
+        while line.status.in_doubt() > 0 {
             self.acknowledged(line, stop.as_mut()).await?;
         }
+        Ok(())
     }
 
     /// Waits until the status may have changed.
@@ -226,8 +235,9 @@ fn encode<T: Serialize>(line: &Line, batch: &mut Batch, value: &T) -> Result<(),
 }
 
 impl<T: Send> Outward<T> {
-    /// Waits for the other program, or the end of the local channel.
-    async fn join(&self, line: &Line) -> Result<(), Stop> {
+    /// Waits for the other program, or the end of the local channel; how many values may be under
+    /// way.
+    async fn join(&self, line: &Line) -> Result<u64, Stop> {
         match first(pin!(self.receiver.ended()), pin!(line.joined())).await {
             // What is in the buffer is still to be delivered.
             First::Own(ChannelEnd::Closed) if self.receiver.buffered() > 0 => {
@@ -239,5 +249,66 @@ impl<T: Send> Outward<T> {
             First::Own(end) => Err(Stop::Ended(end)),
             First::Other(joined) => joined,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::carrier::{Job, Shared};
+    use crate::outbox::Outbox;
+    use crate::peering::{Peering, tests::own};
+    use crate::side::{Event, Values};
+    use crate::{Role, Status};
+    use luna::Buffer;
+    use std::sync::Arc;
+    use std::task::{Context, Poll, Waker};
+
+    #[test]
+    fn values_of_a_part_filled_batch_get_their_numbers_when_the_session_fails() {
+        let status = Status::default();
+        let values = Values::Out(Outbox::new(|| ()));
+        let peering = Peering::new(own(Role::Sender, 1, "u64"), status.clone(), values);
+        let (jobs, asked) = luna::buffered::<Job>(Buffer::fifo(6));
+        let (report, events) = luna::buffered::<Event>(Buffer::fifo(4));
+        let report = report.external();
+        let shared = Arc::new(Shared::new(peering, jobs.external(), report.clone()));
+        let line = Line::new("test".to_owned(), shared, events.external(), status.clone());
+        // One batch: the other one is with the thread.
+        let (give, free) = luna::buffered::<Batch>(Buffer::fifo(2));
+        let give = give.external();
+        give.try_send(Batch::new(8, 10)).unwrap();
+        let (_notify, acknowledged) = luna::buffered::<()>(Buffer::overwrite_oldest(1));
+        let (sender, receiver) = luna::buffered::<u64>(Buffer::fifo(8));
+        let (sender, asked) = (sender.external(), asked.external());
+        let link = Outward {
+            receiver: receiver.external(),
+            free: free.external(),
+            acknowledged: acknowledged.external(),
+            is_buffered: true,
+        };
+        let mut carry = pin!(link.carry(&line));
+        let mut poll = || {
+            let mut context = Context::from_waker(Waker::noop());
+            carry.as_mut().poll(&mut context)
+        };
+        report.try_send(Event::Joined { window: 8 }).unwrap();
+        for value in [1, 2, 3] {
+            sender.try_send(value).unwrap();
+        }
+        assert!(poll().is_pending());
+        assert!(asked.try_recv().is_err(), "it waits for the other batch");
+        assert_eq!(status.in_doubt(), 3);
+        let lost = Event::Stop(Stop::Ended(ChannelEnd::Poisoned));
+        report.try_send(lost).unwrap();
+        let stop = poll();
+        assert!(matches!(
+            stop,
+            Poll::Ready(Stop::Ended(ChannelEnd::Poisoned))
+        ));
+        let Ok(Job::Values(batch)) = asked.try_recv() else {
+            panic!("the batch was not sent");
+        };
+        assert_eq!((batch.count(), status.in_doubt()), (3, 3));
     }
 }

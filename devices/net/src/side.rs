@@ -19,7 +19,10 @@ pub(crate) enum Stop {
 /// What the link's process is to know.
 #[derive(Debug)]
 pub(crate) enum Event {
-    Joined,
+    /// So many values may be under way.
+    Joined {
+        window: u64,
+    },
     Stop(Stop),
     /// The link's thread ends.
     Over,
@@ -35,17 +38,12 @@ pub(crate) enum Values {
         inbox: Box<dyn Inbox>,
         /// The number of the last value that has arrived.
         arrived: u64,
-        window: u64,
     },
 }
 
 impl Values {
-    pub(crate) fn receiving(inbox: Box<dyn Inbox>, window: usize) -> Self {
-        Values::In {
-            inbox,
-            arrived: 0,
-            window: window as u64,
-        }
+    pub(crate) fn receiving(inbox: Box<dyn Inbox>) -> Self {
+        Values::In { inbox, arrived: 0 }
     }
 }
 
@@ -55,6 +53,8 @@ pub(crate) struct Partner {
     pub(crate) session: u64,
     /// Number of the last value of earlier sessions.
     pub(crate) start: u64,
+    /// How many values may be under way: the smaller of both sides' windows.
+    pub(crate) window: u64,
     pub(crate) heard: Instant,
     /// It says that this is its partner.
     pub(crate) is_joined: bool,
@@ -86,5 +86,7 @@ pub(crate) struct Own {
     pub(crate) peer: Peer,
     pub(crate) clock: u64,
     pub(crate) memory: Memory,
+    /// How many values may be under way from or to this side.
+    pub(crate) window: u64,
     pub(crate) lost_after: Duration,
 }

@@ -133,3 +133,30 @@ fn a_stamped_rendezvous_says_how_long_it_was_under_way() {
     .unwrap();
     received.join().unwrap().unwrap();
 }
+
+#[test]
+fn a_receiver_reports_room_only_where_it_has_it() {
+    let _watchdog = watchdog();
+    // What finds no room is sent again after half of this.
+    let (here, there) = networks(&Config::loopback().lost_after(Duration::from_secs(40)));
+    let endpoint = there.endpoint("test/room").window(1);
+    let (receiver, link) = endpoint.receiver::<u64>().unwrap();
+    let received = spawn(Policy::Other, link, async move {
+        for number in 1..=3_000 {
+            assert_eq!(receiver.recv().await?, number);
+        }
+        Ok(())
+    });
+    let endpoint = here.endpoint("test/room");
+    let (sender, link) = endpoint.buffered_sender::<u64>(Buffer::fifo(16)).unwrap();
+    let status = link.status();
+    run(Policy::Other, link, async move {
+        for number in 1..=3_000 {
+            sender.send(number).await?;
+        }
+        Ok(())
+    })
+    .unwrap();
+    received.join().unwrap().unwrap();
+    assert_eq!((status.acknowledged(), status.resent()), (3_000, 0));
+}
