@@ -220,7 +220,8 @@ mod tests {
     }
 
     unsafe fn free_and_panic(head: NonNull<Retired>) {
-        // SAFETY: as for `free`: the allocation is from `retire_one`.
+        // SAFETY: `retire_one` made the allocation, a box of `Counted`, and uses it no more: `free`
+        // needs just that.
         unsafe { free(head) };
         panic!("on purpose");
     }
