@@ -258,7 +258,8 @@ impl ProcessRegistry {
     unsafe fn list_chain(&self, newest: *mut Retired, oldest: *mut Retired) {
         let mut first = self.ended.load(Ordering::Relaxed);
         while first != CLOSED {
-            // SAFETY: the contract: it is owned.
+            // SAFETY: the caller owns the records of the chain by their places, so the oldest is
+            // live; it gives them up only by an exchange that succeeds.
             unsafe { (*oldest).link().store(first, Ordering::Relaxed) };
             // Release: the thread that takes the record sees how the process ended.
             match self.ended.compare_exchange_weak(
@@ -271,7 +272,8 @@ impl ProcessRegistry {
                 Err(now) => first = now,
             }
         }
-        // SAFETY: as above; no other thread has taken it.
+        // SAFETY: no exchange has succeeded, so the chain is still the caller's, and its oldest
+        // record is live.
         unsafe { (*oldest).link().store(ptr::null_mut(), Ordering::Relaxed) };
         drop(Chain::reversed(newest));
     }

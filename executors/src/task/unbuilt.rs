@@ -142,7 +142,8 @@ where
             }),
         }
     };
-    // SAFETY: the contract.
+    // SAFETY: the caller promises the head of a `Whole<F, B>` that is not built, on its executor's
+    // thread. By the invariant of `Unbuilt` nothing else accesses its body.
     unsafe {
         body::<F, B>(task).build();
         start(task, methods);
@@ -151,9 +152,10 @@ where
 
 /// # Safety
 ///
-/// As for [`build`], on any thread.
+/// As for [`build`], on any thread: `task` is the head of a `Whole<F, B>` that is not built.
 unsafe fn clear<F: Future, B>(task: NonNull<Task>) {
-    // SAFETY: the contract; a builder may be sent.
+    // SAFETY: the caller promises the head of a `Whole<F, B>` that is not built, so its body is the
+    // builder, which may be sent. By the invariant of `Unbuilt` nothing else accesses it.
     unsafe { body::<F, B>(task).clear() };
 }
 

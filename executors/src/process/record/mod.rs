@@ -369,14 +369,16 @@ impl Record {
     /// # Safety
     ///
     /// `process` is the process of this record. It has a waker, and stays at its address until it
-    /// has finished.
+    /// has finished. This is its executor's thread.
     pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
         {
             let _shown = self.shown.lock();
             self.seen.0.store(process.as_ptr(), Ordering::Release);
         }
         if self.cancelled.load(Ordering::Acquire) {
-            // SAFETY: the contract.
+            // SAFETY: the caller promises that the process stays at its address until it has
+            // finished. It finishes on its executor's thread, which is this one, so not during this
+            // call.
             unsafe { process.as_ref() }.notify(Notice::CANCELLED);
         }
     }

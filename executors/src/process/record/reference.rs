@@ -17,7 +17,8 @@ pub(crate) struct RecordRef(NonNull<Record>);
 
 // SAFETY: a record is used by shared references on any thread, and what frees it runs on any.
 unsafe impl Send for RecordRef {}
-// SAFETY: as above.
+// SAFETY: `&RecordRef` gives `&Record`, which is `Sync`, and clones, which are counted by an
+// atomic.
 unsafe impl Sync for RecordRef {}
 
 /// A reference may go to any thread because of this.
@@ -100,6 +101,7 @@ impl Drop for RecordRef {
 ///
 /// `head` begins a record that [`boxed`](RecordRef::boxed) made, without any reference.
 pub(in crate::process) unsafe fn free_boxed(head: NonNull<Retired>) {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises that `boxed` made the record, so `head`, its first field, is the
+    // pointer of a box; and that no reference is left.
     drop(unsafe { Box::from_raw(head.cast::<Record>().as_ptr()) });
 }
