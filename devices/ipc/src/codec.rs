@@ -16,8 +16,9 @@ type HandleRead<T> = Box<dyn Fn([u64; 2]) -> Result<T, String> + Send + Sync>;
 ///
 /// # Invariants
 ///
-/// `write` and `read` may be called with a place that is `size` bytes long and aligned to a page;
-/// `read`, where `write` of the same codec has written.
+/// `write` and `read` may be called with a place that is `size` bytes long and aligned to a page:
+/// `write`, while no one else accesses it; `read`, where `write` of the same codec has written,
+/// while no one writes.
 pub(crate) struct Codec<T> {
     info: TypeInfo,
     size: usize,
@@ -181,7 +182,8 @@ impl<T: 'static> Codec<T> {
                 unsafe { place.cast().write(write(value)) };
                 Ok(())
             }),
-            // SAFETY: as for `write`, which has written there. Any bits are valid.
+            // SAFETY: by the codec's contract the place is large enough, aligned to a page, and
+            // written by no one now. `write` has written there, and any bits are valid.
             read: Box::new(move |place, _| read(unsafe { place.cast().read() })),
             take_back,
         }
@@ -208,7 +210,8 @@ impl<T: 'static> Codec<T> {
             Ok(())
         };
         let get = move |place: NonNull<u8>, _: usize| {
-            // SAFETY: as for `put`, which has written the word.
+            // SAFETY: by the codec's contract `put` has written the word, in the room behind the
+            // value, and no one writes now. Any bits are valid.
             let word = unsafe { place.add(offset).cast::<u64>().read() };
             match word {
                 0 => Ok(None),
@@ -245,7 +248,8 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
                 Ok(())
             }),
             read: Box::new(|place, size| {
-                // SAFETY: as for `write`; the sender does not write while this is read.
+                // SAFETY: by the codec's contract the place is as long, and the sender does not
+                // write while this is read. It holds bytes, which were zero before the first use.
                 let bytes = unsafe { std::slice::from_raw_parts(place.as_ptr(), size) };
                 let (length, room) = bytes.split_at(LENGTH);
                 let length = length.try_into().map(usize::from_ne_bytes);

@@ -61,7 +61,8 @@ impl<T> Clone for Cell<T> {
 // SAFETY: a cell is a place in shared memory, which any thread may use; what it moves between them
 // are values.
 unsafe impl<T: Send> Send for Cell<T> {}
-// SAFETY: as above: `get` copies values out, and `set` is called by one thread at a time.
+// SAFETY: `&Cell` gives `get`, which copies values out, and `set`, the caller of which promises
+// that no other thread sets the cell. All else is atomic.
 unsafe impl<T: Send> Sync for Cell<T> {}
 
 impl<T> Cell<T> {
