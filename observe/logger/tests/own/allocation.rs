@@ -26,7 +26,8 @@ unsafe impl GlobalAlloc for Counting {
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         count();
-        // SAFETY: as above.
+        // SAFETY: all calls are passed on, so the system's allocator made the block, and with this
+        // layout.
         unsafe { System.dealloc(pointer, layout) }
     }
 }

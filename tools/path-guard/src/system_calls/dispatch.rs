@@ -195,8 +195,8 @@ extern "C" fn on_stopped(_: c_int, information: *mut siginfo_t, context: *mut c_
 unsafe fn make(made: &Made) -> i64 {
     let [a, b, c, d, e, f] = made.arguments;
     let result;
-    // SAFETY: by the contract; the kernel changes rcx and r11 besides the result, and does not use
-    // this stack.
+    // SAFETY: the caller promises that this system call is sound here with these arguments. The
+    // kernel changes rcx and r11 besides the result, and does not use this stack.
     unsafe {
         asm!(
             "syscall",
