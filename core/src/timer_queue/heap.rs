@@ -87,7 +87,7 @@ impl Heap {
     #[inline(always)]
     pub(super) fn pop(&mut self) -> Option<(Option<WakeHandle>, Instant, Label)> {
         let first = self.root?;
-        // SAFETY: it is in this heap.
+        // SAFETY: the root of this heap is in it.
         unsafe { self.remove(first) };
         let node = at(first);
         let (deadline, label) = (node.deadline, node.label);

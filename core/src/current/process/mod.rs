@@ -289,8 +289,8 @@ impl Process {
     ///
     /// The reference count says that there is no reference to the process any more.
     pub(super) unsafe fn free(this: NonNull<Process>) {
-        // SAFETY: there is no reference any more, so this is the only access; by the contract of
-        // `set_owner` the methods may be called until now.
+        // SAFETY: the caller promises that there is no reference any more, which is so once. So the
+        // owner is live until `free` is called here, as the caller of `set_owner` has allowed.
         unsafe {
             let this = this.as_ref();
             if let Some(methods) = this.methods.get() {
