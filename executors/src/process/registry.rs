@@ -304,7 +304,8 @@ impl ProcessRegistry {
     fn report(&self, kept: &Kept) {
         let newest = kept.take();
         if !newest.is_null() {
-            // SAFETY: the invariant; the chain was just taken.
+            // SAFETY: by the invariant of `Kept` the newest leads to the oldest, each owned by its
+            // place; the chain was just taken out, so no other code has it.
             unsafe { self.list_chain(newest, kept.oldest.get()) };
         }
         let ended = kept.counted.take();
@@ -481,7 +482,8 @@ impl Iterator for Chain {
     type Item = RecordRef;
 
     fn next(&mut self) -> Option<RecordRef> {
-        // SAFETY: the invariant: it came from a reference, and leaves the chain.
+        // SAFETY: by the invariant a reference is owned by the first place, of which the pointer
+        // is. It leaves the chain below.
         let record = unsafe { RecordRef::from_raw(self.0?) };
         self.0 = NonNull::new(record.link().load(Ordering::Relaxed).cast());
         Some(record)

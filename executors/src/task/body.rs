@@ -47,15 +47,15 @@ pub(super) unsafe fn body_range<F: Future, B>(owner: NonNull<()>) -> Range<usize
 
 /// # Safety
 ///
-/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body has not ended.
+/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body is built, and has not ended.
 pub(super) unsafe fn poll<F, B>(owner: NonNull<()>, cx: &mut Context<'_>)
 where
     F: Future<Output: ExitValue>,
 {
     let task = owner.cast::<Task>();
     // SAFETY: the caller promises what `body` requires, for both borrows, of which the first is
-    // over when `end_body` begins; and that the body has not ended, as `poll_unended` and
-    // `end_body` require.
+    // over when `end_body` begins; and that the body is built and has not ended, as `poll_unended`
+    // and `end_body` require.
     unsafe {
         if let Poll::Ready(value) = body::<F, B>(task).poll_unended(cx) {
             end_body::<F, B>(task, End::Completed(value));
@@ -127,7 +127,7 @@ pub(super) unsafe fn take_exit_value<F: Future, B>(owner: NonNull<()>, to: *mut 
     unsafe {
         let task = owner.cast::<Task>();
         let value = body::<F, B>(task).take_exit_value();
-        // By the contract there is an exit value.
+        // The caller owns an exit value, so there is one.
         to.cast::<F::Output>().write(value.unwrap_unchecked());
     }
 }

@@ -75,7 +75,8 @@ pub(crate) fn end_all(why: &str) {
 /// `task` is live, not queued, and has not ended. This is its executor's thread, where no process
 /// has a turn.
 pub(super) unsafe fn end_left(task: NonNull<Task>, why: &str) {
-    // SAFETY: the caller's contract: nothing else accesses the body, and the task lives until it is
+    // SAFETY: the caller promises a task that has not ended, on its executor's thread, where no
+    // process has a turn: so nothing else accesses the body, and the task lives until it is
     // retired, at the end.
     unsafe {
         let this = task.as_ref();

@@ -50,7 +50,8 @@ impl RecordRef {
     pub(in crate::process) fn drop_with(self, other: Self) {
         debug_assert_eq!(self.0, other.0);
         std::mem::forget(other);
-        // SAFETY: the invariant; neither reference is used any more.
+        // SAFETY: two references were counted for these, which are not used any more. Their pointer
+        // may be used for all of the record's memory.
         unsafe { Record::count_less(self.into_raw(), 2) };
     }
 
@@ -76,7 +77,7 @@ impl Deref for RecordRef {
 
     #[inline]
     fn deref(&self) -> &Record {
-        // SAFETY: the invariant.
+        // SAFETY: this reference is counted, so the record is live.
         unsafe { self.0.as_ref() }
     }
 }
@@ -92,7 +93,8 @@ impl Clone for RecordRef {
 impl Drop for RecordRef {
     #[inline]
     fn drop(&mut self) {
-        // SAFETY: the invariant; this reference is not used any more.
+        // SAFETY: this reference was counted, and is not used any more. Its pointer may be used for
+        // all of the record's memory.
         unsafe { Record::count_less(self.0, 1) };
     }
 }

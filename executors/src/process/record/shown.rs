@@ -50,7 +50,8 @@ impl Seen {
         if Self::polls_of_gone(word).is_some() {
             return None;
         }
-        // SAFETY: the invariant.
+        // SAFETY: the caller promises that the lock is held as long as the result is used; by the
+        // invariant a process that is here is live meanwhile.
         unsafe { word.as_ref() }
     }
 
