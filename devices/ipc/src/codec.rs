@@ -67,7 +67,7 @@ impl<T> Place<T> {
     pub(crate) unsafe fn write(&self, session: &Session, value: &T) -> Result<(), IpcError> {
         let place = session.memory().at(self.offset, self.codec.size);
         // SAFETY of what the codec does: the place is as long, and aligned to a page, since offsets
-        // are. By the contract no one else accesses it.
+        // are. The caller promises that no one else accesses it.
         (self.codec.write)(place, self.codec.size, value).map_err(|why| IpcError::Encode {
             name: session.name().to_owned(),
             capacity: self.codec.size,
@@ -91,7 +91,8 @@ impl<T> Place<T> {
     /// The other program has written a value here by the same codec, and does not write meanwhile.
     pub(crate) unsafe fn read(&self, session: &Session) -> Result<T, IpcError> {
         let place = session.memory().at(self.offset, self.codec.size);
-        // SAFETY of what the codec does: as for `write`, and by the contract a value is there.
+        // SAFETY of what the codec does: the place is as long, and aligned to a page, since offsets
+        // are. The caller promises that a value is there, and that no one writes meanwhile.
         (self.codec.read)(place, self.codec.size).map_err(|why| IpcError::Decode {
             name: session.name().to_owned(),
             pid: session

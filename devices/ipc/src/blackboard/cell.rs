@@ -121,9 +121,9 @@ impl<T> Cell<T> {
         // A reader that sees any of the following sees the `latest` before it too.
         fence(Release);
         time.store(Instant::now_real().as_nanos(), Relaxed);
-        // SAFETY: by the invariants the place is there and aligned, and by the contract nobody else
-        // writes. A reader may read it meanwhile: it discards what it has read, and takes it for a
-        // value only after it has seen that nobody wrote.
+        // SAFETY: by the invariants the place is there and aligned, and the caller promises that
+        // nobody else writes. A reader may read it meanwhile: it discards what it has read, and
+        // takes it for a value only after it has seen that nobody wrote.
         unsafe { place.write_volatile(MaybeUninit::new(value)) };
         self.latest().store(number, Release);
     }
