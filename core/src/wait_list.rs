@@ -179,7 +179,7 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// `node` is in no list, stays where it is, and is removed before it is freed.
+    /// `node` is live and in no list, stays where it is, and is removed before it is freed.
     #[inline]
     pub unsafe fn insert(
         &mut self,
@@ -196,7 +196,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`; and the list is empty.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. The list is empty.
     #[inline(always)]
     pub unsafe fn insert_into_empty(&mut self, node: NonNull<WaitNode>) {
         at(node).before.set(Some(node));
@@ -222,7 +223,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. It was listed before, so its fields are set.
     #[inline]
     pub unsafe fn insert_again(&mut self, node: NonNull<WaitNode>) {
         self.link(self.last_of(at(node).priority()), node);
@@ -233,7 +235,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. It was listed before, so its fields are set.
     pub unsafe fn insert_again_at(&mut self, node: NonNull<WaitNode>, priority: Priority) {
         at(node).priority.set(priority);
         self.link(self.last_of(priority), node);
@@ -244,7 +247,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. It was listed before, so its fields are set.
     pub unsafe fn insert_again_first(&mut self, node: NonNull<WaitNode>) {
         let priority = at(node).priority();
         let is_above = |node: &NonNull<WaitNode>| at(*node).priority() > priority;
@@ -278,7 +282,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for [`insert`](Self::insert); and `before` is in this list.
+    /// As for [`insert`](Self::insert): `node` is live and in no list, stays where it is, and is
+    /// removed before it is freed. `before` is in this list.
     #[inline]
     pub unsafe fn insert_after(
         &mut self,

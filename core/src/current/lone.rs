@@ -97,7 +97,8 @@ unsafe fn body(owner: NonNull<()>) -> Range<usize> {
 
 /// # Safety
 ///
-/// As [`Methods::free`] says; `owner` is the memory.
+/// As [`Methods::free`] says: the process has ended, and there is no reference to it. `owner` is
+/// the memory.
 unsafe fn free(owner: NonNull<()>) {
     // SAFETY: `owner` is the pointer to the whole memory, and the caller promises that the process
     // has ended and that there is no reference to it: nothing uses the memory any more.

@@ -177,7 +177,8 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back).
+    /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
+    /// and `level` is below [`LEVELS`].
     #[inline(never)]
     pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
         // SAFETY: the caller promises that the node is live and in no queue; by the invariant the
@@ -200,7 +201,8 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back).
+    /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
+    /// and `level` is below [`LEVELS`].
     #[inline(always)]
     pub(super) unsafe fn exchange(&self, level: u8, node: NonNull<Link>) -> Option<NonNull<Link>> {
         if self.bits.get() == 0 {
@@ -228,7 +230,8 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back); and the slot's process comes before it.
+    /// As for [`push_back`](Self::push_back): `node` is live until it is popped, and is in no
+    /// level. It has its level, and the slot's process comes before it.
     #[inline(always)]
     unsafe fn link<const FIRST: bool>(&self, node: NonNull<Link>) {
         // SAFETY: the caller promises that the new node is live; by the invariant the others are.

@@ -365,7 +365,7 @@ impl PlainPendingWake {
     ///
     /// # Safety
     ///
-    /// As for [`wake`](Self::wake).
+    /// As for [`wake`](Self::wake): the wake handle was made in a plain turn on this thread.
     #[inline(always)]
     pub unsafe fn wake_if_none_ready(self, turn: PlainTurn<'_>) -> Result<(), Self> {
         let process = self.0.process();

@@ -33,7 +33,8 @@ pub(crate) trait Drain: Send {
 
     /// # Safety
     ///
-    /// As for `read`: its sender waits.
+    /// As for `read`: this is the receiver of the session, and a value is under way in it, the
+    /// sender of which waits.
     unsafe fn answer(&self, session: &Session, answer: Self::Answer) -> Result<(), IpcError>;
 
     /// The link has joined: its thread is this one until the result is dropped.

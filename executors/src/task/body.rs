@@ -47,7 +47,8 @@ pub(super) unsafe fn body_range<F: Future, B>(owner: NonNull<()>) -> Range<usize
 
 /// # Safety
 ///
-/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body is built, and has not ended.
+/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body is built, and has not
+/// ended.
 pub(super) unsafe fn poll<F, B>(owner: NonNull<()>, cx: &mut Context<'_>)
 where
     F: Future<Output: ExitValue>,
@@ -65,7 +66,8 @@ where
 
 /// # Safety
 ///
-/// As for [`body`]; and it has not ended.
+/// As for [`body`]: a live whole on its executor's thread, and no other access to its body. That
+/// has not ended.
 pub(super) unsafe fn abandon<F, B>(task: NonNull<Task>, abandoned: Abandoned)
 where
     F: Future<Output: ExitValue>,
@@ -80,7 +82,8 @@ where
 ///
 /// # Safety
 ///
-/// As for [`body`]; and it has not ended before.
+/// As for [`body`]: a live whole on its executor's thread, and no other access to its body. That
+/// has not ended before.
 #[cold]
 pub(super) unsafe fn end_body<F, B>(task: NonNull<Task>, end: End<F::Output>)
 where

@@ -307,7 +307,8 @@ unsafe fn finish_turn(task: NonNull<Task>) {
 ///
 /// # Safety
 ///
-/// As for [`finish_turn`]; the turn is not over.
+/// As for [`finish_turn`]: this is its executor's thread, and the task has had its turn just now,
+/// which is not over.
 unsafe fn end_failed(task: NonNull<Task>) {
     // SAFETY: the caller promises the executor's thread and a task whose turn was just now. Its
     // poll is over, so nothing else accesses the body, which has not ended: `abandon` requires just
@@ -340,7 +341,8 @@ pub(crate) unsafe fn end_turns() {
 ///
 /// # Safety
 ///
-/// As [`current::Methods::poll`] requires; `owner` is a task.
+/// As [`current::Methods::poll`] requires: `owner` is a task that was taken from the run queue and
+/// has its turn, on its executor's thread.
 #[cold]
 unsafe fn poll_attentively(owner: NonNull<()>, cx: &mut Context<'_>) {
     // SAFETY: the caller promises the turn of a live task, on its executor's thread, so nothing

@@ -8,7 +8,7 @@
 //!
 //! Code with its arrays as globals (a function of `u`, `y` and `t` alone, or without arguments)
 //! needs two wrapper functions of this form in C, which copy. It exists only once, so create one
-//! `Submodel` of it.
+//! `Submodel` of it, and do not clone that.
 //!
 //! ```
 //! use luna_external_code::Submodel;
