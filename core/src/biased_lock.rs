@@ -235,7 +235,8 @@ impl<T> BiasedLock<T> {
         if self.bias.load(Ordering::Acquire) != turn.executor_number() {
             return Err(Refused::NotBiased);
         }
-        // SAFETY: the contract is the same.
+        // SAFETY: the caller promises that this thread does not hold the lock, which was just seen
+        // biased to the executor of this turn.
         unsafe { self.enter_if_still_biased(turn) }
     }
 
@@ -244,15 +245,16 @@ impl<T> BiasedLock<T> {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// The calling thread does not hold the lock, and has seen it biased to the executor of this
+    /// turn: any other thread would overwrite the mark of the owner that is inside.
     #[inline(always)]
     unsafe fn enter_if_still_biased(
         &self,
         turn: PlainTurn<'_>,
     ) -> Result<InsideGuard<'_, T>, Refused> {
         let executor = turn.executor_number();
-        // SAFETY: a turn is that of the calling thread. The caller promises that the thread does
-        // not hold this lock.
+        // SAFETY: a turn is that of the calling thread, and so is its thread id. The caller
+        // promises that the thread does not hold this lock, so it is not inside.
         unsafe { self.inside.enter_unchecked(turn.thread_id()) };
         fence::light();
         if self.bias.load(Ordering::Acquire) == executor {
@@ -273,10 +275,11 @@ impl<T> BiasedLock<T> {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// The calling thread does not hold the lock.
     #[inline(always)]
     pub unsafe fn try_enter(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
-        // SAFETY: the contract is the same.
+        // SAFETY: the caller promises that this thread does not hold the lock, as `enter_trusted`
+        // requires.
         let entered = unsafe { self.enter_trusted(turn) };
         self.or_after_revocation(entered)
     }
@@ -300,7 +303,8 @@ impl<T> BiasedLock<T> {
         if !is_biased || self.inside.is_entered() {
             return None;
         }
-        // SAFETY: the lock was biased to this thread, so the thread would be the one inside.
+        // SAFETY: the lock was seen biased to this turn's executor, so this thread alone could be
+        // inside, and it is not.
         let entered = unsafe { self.enter_if_still_biased(turn) };
         self.or_after_revocation(entered)
     }

@@ -185,7 +185,8 @@ unsafe fn free_all(first: *mut Retired) {
 
 /// # Safety
 ///
-/// As for [`retire`].
+/// As for [`retire`]: `head` begins a live allocation that its function can free, on this thread,
+/// and that is no longer used.
 unsafe fn free_one(head: NonNull<Retired>) {
     // SAFETY: the caller promises, as for `retire`, that the allocation is live, unused, and can be
     // freed here.
@@ -220,7 +221,8 @@ mod tests {
     }
 
     unsafe fn free_and_panic(head: NonNull<Retired>) {
-        // SAFETY: as for `free`: the allocation is from `retire_one`.
+        // SAFETY: `retire_one` made the allocation, a box of `Counted`, and uses it no more: `free`
+        // needs just that.
         unsafe { free(head) };
         panic!("on purpose");
     }

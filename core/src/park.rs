@@ -166,7 +166,7 @@ static VTABLE: RawWakerVTable = RawWakerVTable::new(clone_waker, wake, wake_by_r
 
 /// # Safety
 ///
-/// As for the other functions: `owner` is the data of a live waker.
+/// `owner` is the data of a live waker of this table.
 unsafe fn clone_waker(owner: *const ()) -> RawWaker {
     // SAFETY: the caller promises that the waker is live; the waker keeps its owner, so this one is
     // not dropped.
@@ -176,7 +176,7 @@ unsafe fn clone_waker(owner: *const ()) -> RawWaker {
 
 /// # Safety
 ///
-/// As above, and the waker is not used again.
+/// As `clone_waker`, `owner` is the data of a live waker of this table; that is not used again.
 unsafe fn wake(owner: *const ()) {
     // SAFETY: the caller promises that the waker is not used again, so its owner is taken once.
     unsafe { Shared::<Parker>::from_raw(owner) }.unpark();
@@ -184,7 +184,7 @@ unsafe fn wake(owner: *const ()) {
 
 /// # Safety
 ///
-/// As `clone_waker`.
+/// As `clone_waker`: `owner` is the data of a live waker of this table.
 unsafe fn wake_by_ref(owner: *const ()) {
     // SAFETY: the caller promises that the waker is live; the waker keeps its owner, so this one is
     // not dropped.
@@ -193,7 +193,7 @@ unsafe fn wake_by_ref(owner: *const ()) {
 
 /// # Safety
 ///
-/// As `wake`.
+/// As `wake`: `owner` is the data of a live waker of this table, which is not used again.
 unsafe fn drop_waker(owner: *const ()) {
     // SAFETY: the caller promises that the waker is not used again, so its owner is taken once.
     drop(unsafe { Shared::<Parker>::from_raw(owner) });

@@ -69,7 +69,8 @@ impl WaitNode {
     #[inline(always)]
     pub unsafe fn wait_alone(place: *mut WaitNode, turn: PlainTurn<'_>) {
         let process = PlainPendingWake::of_plain_turn(turn).into_pointer();
-        // SAFETY: the contract.
+        // SAFETY: the caller promises room for a node that no other thread accesses; this field of
+        // it is written, and nothing is read or dropped.
         unsafe { (&raw mut (*place).before).write(Cell::new(Some(process.cast()))) };
     }
 
@@ -81,7 +82,8 @@ impl WaitNode {
     /// caller has the lock that guards it, and takes the wake once.
     #[inline(always)]
     pub unsafe fn take_alone(place: *const WaitNode) -> PlainPendingWake {
-        // SAFETY: by the contract the pointer is there, and is used once.
+        // SAFETY: the caller promises that `wait_alone` made the node, so the pointer is there, and
+        // that it has the lock and takes the wake once, as `from_pointer` requires.
         unsafe { PlainPendingWake::from_pointer((*place).before.get().unwrap_unchecked().cast()) }
     }
 
@@ -92,7 +94,8 @@ impl WaitNode {
     ///
     /// As for [`take_alone`](Self::take_alone): it has a wake handle from here on.
     pub unsafe fn complete(place: *mut WaitNode) {
-        // SAFETY: by the contract the wake is there, and nothing else of the node is shared.
+        // SAFETY: the caller has the lock of a node that waits alone, as `take_alone` requires, and
+        // takes its wake once. The node is in no list, so the lock's holder may write all of it.
         unsafe {
             let wake = Self::take_alone(place);
             let process = wake.process();
@@ -176,7 +179,7 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// `node` is in no list, stays where it is, and is removed before it is freed.
+    /// `node` is live and in no list, stays where it is, and is removed before it is freed.
     #[inline]
     pub unsafe fn insert(
         &mut self,
@@ -193,7 +196,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`; and the list is empty.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. The list is empty.
     #[inline(always)]
     pub unsafe fn insert_into_empty(&mut self, node: NonNull<WaitNode>) {
         at(node).before.set(Some(node));
@@ -219,7 +223,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. It was listed before, so its fields are set.
     #[inline]
     pub unsafe fn insert_again(&mut self, node: NonNull<WaitNode>) {
         self.link(self.last_of(at(node).priority()), node);
@@ -230,7 +235,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. It was listed before, so its fields are set.
     pub unsafe fn insert_again_at(&mut self, node: NonNull<WaitNode>, priority: Priority) {
         at(node).priority.set(priority);
         self.link(self.last_of(priority), node);
@@ -241,7 +247,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for `insert`.
+    /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
+    /// is freed. It was listed before, so its fields are set.
     pub unsafe fn insert_again_first(&mut self, node: NonNull<WaitNode>) {
         let priority = at(node).priority();
         let is_above = |node: &NonNull<WaitNode>| at(*node).priority() > priority;
@@ -275,7 +282,8 @@ impl WaitList {
     ///
     /// # Safety
     ///
-    /// As for [`insert`](Self::insert); and `before` is in this list.
+    /// As for [`insert`](Self::insert): `node` is live and in no list, stays where it is, and is
+    /// removed before it is freed. `before` is in this list.
     #[inline]
     pub unsafe fn insert_after(
         &mut self,

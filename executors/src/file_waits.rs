@@ -70,7 +70,8 @@ impl Waits {
         priority: Priority,
         wake_handle: WakeHandle,
     ) {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises a node that stays where it is and is removed before it dies,
+        // as the list requires. It is in no list, so no other code uses it.
         unsafe {
             let fd = node.as_ref().fd;
             self.list(fd).insert(node.cast(), priority, wake_handle);
@@ -82,7 +83,8 @@ impl Waits {
     ///
     /// `node` is listed here.
     pub(crate) unsafe fn remove(&mut self, node: NonNull<Node>) {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node is listed here: by the invariant it is live,
+        // and in the list of its descriptor's number.
         unsafe {
             let fd = node.as_ref().fd;
             self.list(fd).remove(node.cast());

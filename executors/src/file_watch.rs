@@ -172,8 +172,8 @@ impl ThreadFiles {
             outcome => outcome,
         }
         .map_err(FileError::Refused)?;
-        // SAFETY: by the contract it is in no list and pinned; the lock that guards the lists is
-        // held.
+        // SAFETY: the caller promises that the node is in no list, stays where it is, and is
+        // withdrawn before it dies; the lock that guards the lists is held.
         unsafe { waits.insert(node, current::priority(), wake_handle) };
         self.count.fetch_add(1, Ordering::Relaxed);
         Ok(())

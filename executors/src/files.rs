@@ -139,7 +139,7 @@ impl Future for FileReady<'_> {
                     return Poll::Pending;
                 }
                 // A wait belongs to the thread that polls it: another one's may not look at its
-                // files any more. SAFETY: as above.
+                // files any more. SAFETY: the node was enlisted there, for this file.
                 unsafe { files.withdraw(node, this.file) };
                 this.files = None;
             } else {

@@ -223,12 +223,12 @@ impl<F: Future> Named<F> {
         process: ProcessId,
         cx: &mut Context<'_>,
     ) -> Poll<F::Output> {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the future is pinned, as `list` requires.
         let id = unsafe { self.list(process) };
         let around = WITHIN.get();
         let within = if id == 0 { around } else { id };
         let is_reported = self.is_reported;
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the future is pinned, as `poll_within` requires.
         let mut poll = || unsafe { self.poll_within(within, cx) };
         if is_reported {
             events::sub_turn(id as u32, [process.get().into(), around], poll)
@@ -256,7 +256,7 @@ impl<F: Future> Future for Named<F> {
         let polled = match (within, process) {
             // SAFETY: the future is pinned, as this value is.
             (None, Some(process)) => unsafe { this.poll_otherwise(process, cx) },
-            // SAFETY: as above.
+            // SAFETY: the future is pinned, as this value is.
             (within, _) => unsafe { this.poll_within(within.unwrap_or(around), cx) },
         };
         if polled.is_ready() {

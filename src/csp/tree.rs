@@ -81,8 +81,10 @@ impl List {
     /// `node` is in no list, stays where it is, and is removed before it dies; `before` is in this
     /// one.
     pub(crate) unsafe fn insert(&mut self, node: NonNull<Node>, before: Option<NonNull<Node>>) {
-        // SAFETY: the contract, and the invariant for those that are listed. Fields alone are
-        // borrowed, since others look at the rest.
+        // SAFETY: the caller promises that `node` is in no list, so its links are the caller's, and
+        // that `before` is in this one; what is listed is live by the invariant, and this borrow
+        // shows that the lock of its links is held. Fields alone are borrowed, since others look at
+        // the rest.
         unsafe {
             let after = match before {
                 Some(before) => (*before.as_ptr()).after.replace(node),
@@ -101,7 +103,8 @@ impl List {
     ///
     /// `node` is in this list.
     pub(crate) unsafe fn remove(&mut self, node: NonNull<Node>) {
-        // SAFETY: the contract, and the invariant for its neighbours.
+        // SAFETY: the caller promises that `node` is in this list: by the invariant it and its
+        // neighbours are live, and this borrow shows that the lock of their links is held.
         unsafe {
             let before = (*node.as_ptr()).before.take();
             let after = (*node.as_ptr()).after.take();

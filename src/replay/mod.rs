@@ -342,7 +342,8 @@ enum Track {
 // SAFETY: a process is polled, and its body dropped, by one thread at a time, and nothing else uses
 // its track.
 unsafe impl Send for Track {}
-// SAFETY: as above.
+// SAFETY: the record of the process is the only owner, and uses the track within polls and as the
+// body goes alone: so no two threads use it at the same time.
 unsafe impl Sync for Track {}
 
 impl LogInstaller for Track {

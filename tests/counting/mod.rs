@@ -105,19 +105,22 @@ unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         (self.before)(layout);
         self.count((1, 0));
-        // SAFETY: the caller's contract is the same.
+        // SAFETY: the caller promises a layout that is not of size 0, which is passed on.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         self.count((0, 1));
-        // SAFETY: as above.
+        // SAFETY: the caller promises that this allocator made the block, with this layout; all
+        // calls are passed on, so the system's allocator made it.
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         self.count((1, 0));
-        // SAFETY: as above.
+        // SAFETY: the caller promises that this allocator made the block, with this layout, and
+        // that the new size is one of a layout, and not 0; all calls are passed on, so the system's
+        // made it.
         unsafe { System.realloc(pointer, layout, size) }
     }
 }

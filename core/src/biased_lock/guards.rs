@@ -98,7 +98,8 @@ impl<T> Deref for InsideGuard<'_, T> {
 impl<T> DerefMut for InsideGuard<'_, T> {
     #[inline(always)]
     fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: as above, and the guard is borrowed exclusively.
+        // SAFETY: this guard exists, so by the lock's invariant this thread alone has access; the
+        // exclusive borrow of the guard excludes a second borrow of the value through it.
         self.lock.value.with_mut(|value| unsafe { &mut *value })
     }
 }
@@ -115,7 +116,8 @@ impl<T> Deref for BiasedGuard<'_, T> {
 impl<T> DerefMut for BiasedGuard<'_, T> {
     #[inline]
     fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: as above, and the guard is borrowed exclusively.
+        // SAFETY: this guard exists, so by the lock's invariant this thread alone has access; the
+        // exclusive borrow of the guard excludes a second borrow of the value through it.
         self.lock.value.with_mut(|value| unsafe { &mut *value })
     }
 }

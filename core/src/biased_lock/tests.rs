@@ -175,7 +175,7 @@ mod running {
         let executor = current::executor_number();
         // SAFETY: this thread is the executor's, and another lock is biased to it.
         let lock = unsafe { BiasedLock::biased_to(executor, 0) };
-        // SAFETY: as above.
+        // SAFETY: this thread is that of the executor with this number.
         unsafe { *lock.lock_if_biased_to(executor).unwrap() += 1 };
         let done = AtomicBool::new(false);
         std::thread::scope(|scope| {

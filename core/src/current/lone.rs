@@ -75,8 +75,8 @@ impl Deref for Lone {
 
 impl Drop for Lone {
     fn drop(&mut self) {
-        // SAFETY: by the type's contract this is the executor's thread, the process is not polled
-        // again, and this is the only call.
+        // SAFETY: the type is not `Send`, so this is the thread that made it: that of its executor,
+        // which does not poll it now or again, as the type demands. This is the only call.
         unsafe { Process::end(self.0.cast()) };
     }
 }
@@ -97,10 +97,11 @@ unsafe fn body(owner: NonNull<()>) -> Range<usize> {
 
 /// # Safety
 ///
-/// As [`Methods::free`] says; `owner` is the memory.
+/// As [`Methods::free`] says: the process has ended, and there is no reference to it. `owner` is
+/// the memory.
 unsafe fn free(owner: NonNull<()>) {
-    // SAFETY: `owner` is the pointer to the whole memory, and by the contract of `Methods::free`
-    // there is no reference to it any more.
+    // SAFETY: `owner` is the pointer to the whole memory, and the caller promises that the process
+    // has ended and that there is no reference to it: nothing uses the memory any more.
     unsafe {
         let memory = owner.cast::<Memory>().as_ptr();
         deferred_free::retire(NonNull::new_unchecked(&raw mut (*memory).retired));

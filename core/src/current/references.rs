@@ -150,7 +150,8 @@ mod loom_tests {
     struct Shared(References);
     // SAFETY: the test accesses `here` on one thread alone, as the type's invariants require.
     unsafe impl Send for Shared {}
-    // SAFETY: as for `Send`.
+    // SAFETY: of what is shared here, `here` is accessed on one thread alone, and `elsewhere` is
+    // atomic.
     unsafe impl Sync for Shared {}
 
     /// A reference on another thread was copied before; the original ends on the executor's thread.

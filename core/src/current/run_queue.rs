@@ -135,9 +135,15 @@ impl RunQueue {
     }
 
     /// As [`push_back`](Self::push_back), where `next` is in the slot.
+    ///
+    /// # Safety
+    ///
+    /// `next` is in the slot. `node` has its level, is live until it is popped, and is in no queue.
     #[inline(never)]
     unsafe fn push_behind(&self, next: NonNull<Link>, node: NonNull<Link>) {
-        // SAFETY: as there.
+        // SAFETY: the caller promises that `node` is live and in no queue, and that `next` is in
+        // the slot, so it is live by the invariant. The one that runs later is linked: the slot's
+        // process comes before it.
         unsafe {
             if node.as_ref().level.get() > next.as_ref().level.get() {
                 self.link::<true>(next);
@@ -158,7 +164,8 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
+    /// and `level` is below [`LEVELS`].
     #[inline(always)]
     pub(super) unsafe fn fill(&self, level: u8, node: NonNull<Link>) {
         // SAFETY: the caller promises that the node is live.
@@ -170,7 +177,8 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back).
+    /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
+    /// and `level` is below [`LEVELS`].
     #[inline(never)]
     pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
         // SAFETY: the caller promises that the node is live and in no queue; by the invariant the
@@ -193,7 +201,8 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back).
+    /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
+    /// and `level` is below [`LEVELS`].
     #[inline(always)]
     pub(super) unsafe fn exchange(&self, level: u8, node: NonNull<Link>) -> Option<NonNull<Link>> {
         if self.bits.get() == 0 {
@@ -211,7 +220,8 @@ impl RunQueue {
                 }
             }
         }
-        // SAFETY: the contract is the same.
+        // SAFETY: nothing was queued above, so `node` is still in no queue. The caller promises
+        // that, that it is live until it is popped, and that `level` is below `LEVELS`.
         unsafe { self.push_back(level, node) };
         self.pop()
     }
@@ -220,7 +230,8 @@ impl RunQueue {
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back); and the slot's process comes before it.
+    /// As for [`push_back`](Self::push_back): `node` is live until it is popped, and is in no
+    /// level. It has its level, and the slot's process comes before it.
     #[inline(always)]
     unsafe fn link<const FIRST: bool>(&self, node: NonNull<Link>) {
         // SAFETY: the caller promises that the new node is live; by the invariant the others are.
@@ -258,8 +269,8 @@ impl RunQueue {
             self.pop();
             return;
         }
-        // SAFETY: by the contract the node is queued, so by the invariant it and its neighbours are
-        // live.
+        // SAFETY: the caller promises that the node is in this queue. It is not in the slot, so by
+        // the invariant it is live and in the circle of the level that it has.
         unsafe { self.unlink(node.as_ref().level.get(), node) };
     }
 
@@ -448,7 +459,8 @@ mod tests {
                     }
                 },
                 (0, Some(level)) => {
-                    // SAFETY: as above.
+                    // SAFETY: one of the lists has it, so the link is in the queue; it outlives the
+                    // queue.
                     unsafe { queue.remove(NonNull::from(&links[index])) };
                     lists[level].retain(|&other| other != index);
                 }
@@ -459,7 +471,8 @@ mod tests {
                     lists[level].push(index);
                     let expected = lists.iter_mut().rev().find(|list| !list.is_empty());
                     let expected = expected.map(|list| list.remove(0));
-                    // SAFETY: as above.
+                    // SAFETY: none of the lists has it, so the link is in no queue; it outlives the
+                    // queue.
                     let taken =
                         unsafe { queue.exchange(level as u8, NonNull::from(&links[index])) };
                     assert_eq!(taken, expected.map(|first| NonNull::from(&links[first])));

@@ -14,7 +14,7 @@ use std::task::Context;
 ///
 /// # Safety
 ///
-/// This thread is that of the process' executor, and the process has not ended.
+/// This thread is that of the process' executor, and [`Process::end`] was not called.
 #[inline]
 pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     process.begin_turn();
@@ -38,8 +38,8 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
 ///
 /// # Safety
 ///
-/// As for [`with_process`]; and the process lives until another has a turn, or it was taken by
-/// `end_turns` or `take_interrupted`.
+/// As for [`with_process`]: this is the executor's thread, and [`Process::end`] was not called. The
+/// process lives until another has a turn, or it was taken by `end_turns` or `take_interrupted`.
 #[inline(always)]
 pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     process.begin_turn();

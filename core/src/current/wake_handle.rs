@@ -57,7 +57,8 @@ const _: () = assert!(LOWERED + 1 >= LEVELS as usize && Process::ALIGN.is_power_
 
 // SAFETY: the process is `Sync`, and counting down works on any thread.
 unsafe impl Send for Reference {}
-// SAFETY: as for `Send`.
+// SAFETY: `&Reference` gives `&Process`, which is `Sync`, and copies, which are counted by an
+// atomic and may be dropped on any thread.
 unsafe impl Sync for Reference {}
 
 impl Reference {
@@ -252,7 +253,8 @@ impl WakeHandle {
     /// There is such a handle at `place`, and it is not used again.
     #[inline(always)]
     pub unsafe fn plain_of(place: *const Option<WakeHandle>) -> PlainPendingWake {
-        // SAFETY: by the contract it is `Some`, and a process' handle; it is read once.
+        // SAFETY: the caller promises that a process' handle is at `place`, so the other arm is not
+        // reached; and that it is not used again, so the reference that is read has one owner.
         unsafe {
             match &*place {
                 Some(WakeHandle(Inner::Process(reference))) => {
@@ -363,7 +365,7 @@ impl PlainPendingWake {
     ///
     /// # Safety
     ///
-    /// As for [`wake`](Self::wake).
+    /// As for [`wake`](Self::wake): the wake handle was made in a plain turn on this thread.
     #[inline(always)]
     pub unsafe fn wake_if_none_ready(self, turn: PlainTurn<'_>) -> Result<(), Self> {
         let process = self.0.process();

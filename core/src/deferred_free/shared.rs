@@ -47,7 +47,8 @@ struct Inner<T> {
 
 // SAFETY: `new` requires a value that may be used and dropped on any thread; the rest is atomic.
 unsafe impl<T: Send + Sync> Send for Shared<T> {}
-// SAFETY: as above.
+// SAFETY: `&Shared` gives `&T`, and clones that any thread may drop: the value may be used and
+// dropped on any thread, and the count of owners is atomic.
 unsafe impl<T: Send + Sync> Sync for Shared<T> {}
 
 impl<T: Send + Sync> Shared<T> {

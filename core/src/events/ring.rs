@@ -66,7 +66,8 @@ struct Apart(AtomicUsize);
 // SAFETY: by the invariant each side accesses its own entries and cells, and shared fields are
 // atomic.
 unsafe impl Sync for Ring {}
-// SAFETY: as for `Sync`.
+// SAFETY: the rules of `Sync` hold whichever thread has the ring: the writer's cells go with the
+// one writer. Its drop frees the entries, and reads no cell.
 unsafe impl Send for Ring {}
 
 /// A ring with room for `room` events, rounded up to a power of two, of the thread or executor with

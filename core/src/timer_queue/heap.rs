@@ -87,7 +87,7 @@ impl Heap {
     #[inline(always)]
     pub(super) fn pop(&mut self) -> Option<(Option<WakeHandle>, Instant, Label)> {
         let first = self.root?;
-        // SAFETY: it is in this heap.
+        // SAFETY: the root of this heap is in it.
         unsafe { self.remove(first) };
         let node = at(first);
         let (deadline, label) = (node.deadline, node.label);
@@ -125,13 +125,14 @@ impl Heap {
     ///
     /// # Safety
     ///
-    /// The node was inserted into this heap once and not removed, and is live.
+    /// The node was inserted into this heap, was not withdrawn since, and is live.
     #[inline(always)]
     pub(super) unsafe fn withdraw(&mut self, node: NonNull<Node>) -> Option<Option<WakeHandle>> {
         if at(node).fired.load(Ordering::Relaxed) {
             return None;
         }
-        // SAFETY: the contract; only what has fired was taken out otherwise.
+        // SAFETY: the caller promises that the node was inserted here, was not withdrawn since, and
+        // is live. It has not fired, so `pop` has not taken it out either: it is in this heap.
         unsafe { self.remove(node) };
         Some(at(node).wake_handle.take())
     }

@@ -168,11 +168,13 @@ impl TimerQueue {
     ///
     /// # Safety
     ///
-    /// As for [`Heap::withdraw`].
+    /// As for [`Heap::withdraw`], of this queue's heap: `node` was inserted there, was not
+    /// withdrawn since, and is live.
     #[inline(always)]
     unsafe fn withdraw(&self, node: NonNull<Node>) -> Option<Option<WakeHandle>> {
         let mut heap = self.heap.lock();
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node was inserted into this heap, was not withdrawn
+        // since, and is live; the lock that guards the nodes is held.
         let withdrawn = unsafe { heap.withdraw(node) }?;
         self.publish_next(&heap);
         Some(withdrawn)
@@ -182,11 +184,13 @@ impl TimerQueue {
     ///
     /// # Safety
     ///
-    /// As for [`Heap::insert`].
+    /// As for [`Heap::insert`]: `node` is room for a node, and none in a heap; it stays where it
+    /// is, and the node is removed before it is freed.
     #[inline]
     unsafe fn arm(&self, node: NonNull<Node>, deadline: Instant, wake_handle: WakeHandle) {
         let mut heap = self.heap.lock();
-        // SAFETY: the caller keeps the contract of `insert`.
+        // SAFETY: the caller promises what `insert` requires: `node` is room for a node that is in
+        // no heap; it stays where it is, and the node is removed before it is freed.
         unsafe { heap.insert(node, deadline, Some(wake_handle), Label::default()) };
         self.publish_next(&heap);
         drop(heap);

@@ -83,7 +83,8 @@ impl TimerQueue {
     ///
     /// # Safety
     ///
-    /// As for [`Heap::insert`].
+    /// As for [`Heap::insert`]: `node` is room for a node, and none in a heap; it stays where it
+    /// is, and the node is removed before it is freed.
     #[inline(never)]
     pub(super) unsafe fn arm_shared(
         &self,
@@ -103,7 +104,8 @@ impl TimerQueue {
             drop(wake_handle);
             return false;
         }
-        // SAFETY: the caller keeps the contract of `insert`.
+        // SAFETY: the caller promises that `node` is room for a node that is in no heap, stays
+        // where it is, and is removed before it is freed; `heap` is this queue's, just locked.
         unsafe { self.add(&mut heap, node, deadline, Some(wake_handle), label) };
         true
     }
@@ -112,7 +114,8 @@ impl TimerQueue {
     ///
     /// # Safety
     ///
-    /// As for [`Heap::insert`]; `heap` is this queue's.
+    /// As for [`Heap::insert`]: `node` is room for a node, and none in a heap; it stays where it
+    /// is, and the node is removed before it is freed. `heap` is this queue's.
     unsafe fn add(
         &self,
         heap: &mut Heap,
@@ -121,7 +124,8 @@ impl TimerQueue {
         wake_handle: Option<WakeHandle>,
         label: Label,
     ) {
-        // SAFETY: the caller keeps the contract of `insert`.
+        // SAFETY: the caller promises what `insert` requires: `node` is room for a node that is in
+        // no heap; it stays where it is, and the node is removed before it is freed.
         unsafe { heap.insert(node, deadline, wake_handle, label) };
         self.publish_next(heap);
         // Under the lock, so that of two threads the one with the earlier deadline comes last.

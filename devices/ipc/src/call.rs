@@ -85,7 +85,8 @@ impl<Q: Send, A: Send> Source for Calls<Q, A> {
         bound: &Bound<'_, '_>,
         taken: &mut Accepted<'_, Q, A>,
     ) -> Result<(), IpcError> {
-        // SAFETY: the contract: only the client accesses the place while no call is under way.
+        // SAFETY: the caller promises that this is the client, and that no call is under way: so
+        // the server accesses nothing at the place of the request, and no other client is there.
         unsafe { self.places.request.write(bound.session, &taken.call) }?;
         taken.raised = Raised::to_caller(bound.session, bound.status);
         Ok(())
@@ -96,7 +97,9 @@ impl<Q: Send, A: Send> Source for Calls<Q, A> {
         session: &Session,
         taken: Accepted<'_, Q, A>,
     ) -> Result<(), IpcError> {
-        // SAFETY: the contract: the server has answered, and waits for the next request.
+        // SAFETY: the caller promises that the server has taken the request. Before that it has
+        // written its answer, with the codec of the type that both state; it writes the next one
+        // only after the next request.
         if let Some(answer) = unsafe { self.places.answer.read(session) }? {
             // Its client may have gone.
             let _ = taken.call.reply(answer);
@@ -130,7 +133,9 @@ impl<Q: Send, A: Send> Drain for Served<Q, A> {
     }
 
     unsafe fn read(&self, session: &Session) -> Result<Q, IpcError> {
-        // SAFETY: the contract: the client has written the request, and waits for the answer.
+        // SAFETY: the caller promises that this is the server, and that a request is under way: the
+        // client has written it whole, with the codec of the type that both state, and does not
+        // write again before it is taken.
         unsafe { self.places.request.read(session) }
     }
 
@@ -143,7 +148,9 @@ impl<Q: Send, A: Send> Drain for Served<Q, A> {
     }
 
     unsafe fn answer(&self, session: &Session, answer: Option<A>) -> Result<(), IpcError> {
-        // SAFETY: the contract: the client reads it only after `taken`.
+        // SAFETY: the caller promises that this is the server, and that a request is under way: the
+        // client reads the answer only after the request is taken, so no one else accesses its
+        // place.
         unsafe { self.places.answer.write(session, &answer) }
     }
 

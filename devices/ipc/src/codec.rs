@@ -16,8 +16,9 @@ type HandleRead<T> = Box<dyn Fn([u64; 2]) -> Result<T, String> + Send + Sync>;
 ///
 /// # Invariants
 ///
-/// `write` and `read` may be called with a place that is `size` bytes long and aligned to a page;
-/// `read`, where `write` of the same codec has written.
+/// `write` and `read` may be called with a place that is `size` bytes long and aligned to a page:
+/// `write`, while no one else accesses it; `read`, where `write` of the same codec has written,
+/// while no one writes.
 pub(crate) struct Codec<T> {
     info: TypeInfo,
     size: usize,
@@ -66,7 +67,7 @@ impl<T> Place<T> {
     pub(crate) unsafe fn write(&self, session: &Session, value: &T) -> Result<(), IpcError> {
         let place = session.memory().at(self.offset, self.codec.size);
         // SAFETY of what the codec does: the place is as long, and aligned to a page, since offsets
-        // are. By the contract no one else accesses it.
+        // are. The caller promises that no one else accesses it.
         (self.codec.write)(place, self.codec.size, value).map_err(|why| IpcError::Encode {
             name: session.name().to_owned(),
             capacity: self.codec.size,
@@ -90,7 +91,8 @@ impl<T> Place<T> {
     /// The other program has written a value here by the same codec, and does not write meanwhile.
     pub(crate) unsafe fn read(&self, session: &Session) -> Result<T, IpcError> {
         let place = session.memory().at(self.offset, self.codec.size);
-        // SAFETY of what the codec does: as for `write`, and by the contract a value is there.
+        // SAFETY of what the codec does: the place is as long, and aligned to a page, since offsets
+        // are. The caller promises that a value is there, and that no one writes meanwhile.
         (self.codec.read)(place, self.codec.size).map_err(|why| IpcError::Decode {
             name: session.name().to_owned(),
             pid: session
@@ -181,7 +183,8 @@ impl<T: 'static> Codec<T> {
                 unsafe { place.cast().write(write(value)) };
                 Ok(())
             }),
-            // SAFETY: as for `write`, which has written there. Any bits are valid.
+            // SAFETY: by the codec's contract the place is large enough, aligned to a page, and
+            // written by no one now. `write` has written there, and any bits are valid.
             read: Box::new(move |place, _| read(unsafe { place.cast().read() })),
             take_back,
         }
@@ -208,7 +211,8 @@ impl<T: 'static> Codec<T> {
             Ok(())
         };
         let get = move |place: NonNull<u8>, _: usize| {
-            // SAFETY: as for `put`, which has written the word.
+            // SAFETY: by the codec's contract `put` has written the word, in the room behind the
+            // value, and no one writes now. Any bits are valid.
             let word = unsafe { place.add(offset).cast::<u64>().read() };
             match word {
                 0 => Ok(None),
@@ -245,7 +249,8 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
                 Ok(())
             }),
             read: Box::new(|place, size| {
-                // SAFETY: as for `write`; the sender does not write while this is read.
+                // SAFETY: by the codec's contract the place is as long, and the sender does not
+                // write while this is read. It holds bytes, which were zero before the first use.
                 let bytes = unsafe { std::slice::from_raw_parts(place.as_ptr(), size) };
                 let (length, room) = bytes.split_at(LENGTH);
                 let length = length.try_into().map(usize::from_ne_bytes);

@@ -210,7 +210,8 @@ impl<T> DerefMut for Loan<T> {
     /// If it is lost.
     fn deref_mut(&mut self) -> &mut T {
         assert!(!self.is_lost(), "the other program has this value");
-        // SAFETY: as for `deref`.
+        // SAFETY: the word is this handle's, so by the invariants only it accesses the slot. The
+        // handle is borrowed exclusively, and its link has nothing of it meanwhile.
         unsafe { self.0.pool.value(self.0.slot).as_mut() }
     }
 }

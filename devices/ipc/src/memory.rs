@@ -109,7 +109,8 @@ pub(crate) struct Memory {
 // SAFETY: the mapping may be used by any thread; what it holds is atomic, or guarded by the
 // numbers of the protocol.
 unsafe impl Send for Memory {}
-// SAFETY: as above; values are accessed by pointers, and each access states why it is exclusive.
+// SAFETY: `&Memory` gives words that are atomic, and pointers to values; each access by such a
+// pointer states why it is exclusive.
 unsafe impl Sync for Memory {}
 
 impl Memory {

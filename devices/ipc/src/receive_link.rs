@@ -33,7 +33,8 @@ pub(crate) trait Drain: Send {
 
     /// # Safety
     ///
-    /// As for `read`: its sender waits.
+    /// As for `read`: this is the receiver of the session, and a value is under way in it, the
+    /// sender of which waits.
     unsafe fn answer(&self, session: &Session, answer: Self::Answer) -> Result<(), IpcError>;
 
     /// The link has joined: its thread is this one until the result is dropped.
@@ -70,8 +71,9 @@ impl<T: Send> Drain for Deliveries<T> {
     }
 
     unsafe fn read(&self, session: &Session) -> Result<T, IpcError> {
-        // SAFETY: the contract: the sender has written the value whole, with the codec of the type
-        // that both state, and does not write again before it is taken.
+        // SAFETY: the caller promises that this is the receiver, and that a value is under way: the
+        // sender has written it whole, with the codec of the type that both state, and does not
+        // write again before it is taken.
         unsafe { self.place.read(session) }
     }
 
@@ -146,7 +148,8 @@ impl<D: Drain> Near for Inward<D> {
                 First::Other(Seen::Word(end)) => return Ok(Stop::Ended(end.into())),
                 First::Other(Seen::Death) => return Ok(bound.died()),
             };
-            // SAFETY: as above.
+            // SAFETY: this is the receiver of the bound session, and the value that it has read is
+            // under way until `taken` is stored below.
             if let Err(error) = unsafe { self.0.answer(bound.session, answer) } {
                 bound.end(ChannelEnd::Poisoned);
                 return Err(error);

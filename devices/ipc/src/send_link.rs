@@ -103,7 +103,8 @@ impl<T: Send> Source for Values<T> {
         bound: &Bound<'_, '_>,
         taken: &mut Extended<'_, T>,
     ) -> Result<(), IpcError> {
-        // SAFETY: the contract: only the sender accesses the place while no value is under way.
+        // SAFETY: the caller promises that this is the sender, and that no value is under way: so
+        // the receiver accesses nothing at the place, and no other sender is there.
         unsafe { self.place.write(bound.session, taken) }
     }
 

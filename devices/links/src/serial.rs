@@ -203,7 +203,8 @@ impl SerialPort {
 impl Drop for SerialPort {
     fn drop(&mut self) {
         // The flag belongs to the terminal: with an inherited descriptor it would outlive this one.
-        // SAFETY: as for `claim`.
+        // SAFETY: the call takes no argument but the descriptor, which is open as long as `file`
+        // is.
         let _ = unsafe { release(self.file.as_raw_fd()) };
     }
 }

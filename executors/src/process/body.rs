@@ -86,14 +86,14 @@ impl<F: Future, B> Body<F, B> {
     ///
     /// # Safety
     ///
-    /// It has not ended before.
+    /// It was [built](Self::build), and has not ended.
     #[inline(always)]
     pub(crate) unsafe fn poll_unended(
         self: Pin<&mut Self>,
         cx: &mut Context<'_>,
     ) -> Poll<F::Output> {
-        // SAFETY: the future is never moved: it is polled pinned, and dropped in place; by the
-        // contract it is there.
+        // SAFETY: the future is never moved: it is polled pinned, and dropped in place. The caller
+        // promises that it was built and has not ended, so it is there.
         unsafe {
             match &mut self.get_unchecked_mut().0 {
                 Room::Running(future) => Pin::new_unchecked(future).poll(cx),

@@ -43,7 +43,8 @@ pub(crate) struct ExitValueMethods {
     pub(crate) discard: unsafe fn(NonNull<()>),
 }
 
-// SAFETY: the invariant.
+// SAFETY: by the invariant the exit value may be sent to other threads, and is owned by this value
+// alone.
 unsafe impl Send for ErasedExitValue {}
 
 impl ErasedExitValue {
@@ -67,7 +68,8 @@ impl ErasedExitValue {
         let (place, methods) = (self.place, self.methods);
         std::mem::forget(self);
         let mut value = MaybeUninit::<O>::uninit();
-        // SAFETY: the invariant; they are of this type, and are let go of by this alone.
+        // SAFETY: by the invariant the exit value at the place is owned by this value alone, which
+        // was forgotten: so it is taken once. It is of the type for which there is room.
         unsafe {
             (methods.take)(place, value.as_mut_ptr().cast());
             Ok(value.assume_init())
@@ -77,7 +79,8 @@ impl ErasedExitValue {
 
 impl Drop for ErasedExitValue {
     fn drop(&mut self) {
-        // SAFETY: the invariant: they were not taken.
+        // SAFETY: by the invariant the exit value at the place is owned by this value alone. What
+        // was taken is not dropped.
         unsafe { (self.methods.discard)(self.place) };
     }
 }

@@ -53,7 +53,7 @@ struct Long {
 
 // SAFETY: a text does not change, and is counted by atomics.
 unsafe impl Send for Name {}
-// SAFETY: as above.
+// SAFETY: `&Name` gives a text that does not change, and clones, which are counted by atomics.
 unsafe impl Sync for Name {}
 
 impl Name {
@@ -87,7 +87,7 @@ impl Name {
     /// The text that lies elsewhere, if it does.
     #[inline]
     fn as_long(&self) -> Option<&Arc<Box<str>>> {
-        // SAFETY: the invariant.
+        // SAFETY: by the invariant `long` is valid where the last byte is `LONG`.
         (self.as_short().length == LONG).then(|| unsafe { &self.0.long.text })
     }
 }
@@ -101,7 +101,8 @@ impl Deref for Name {
             return long;
         }
         let short = self.as_short();
-        // SAFETY: the invariant: the length is one of the text's, which was a `str`.
+        // SAFETY: it is not `LONG`, so by the invariant the length is at most `SHORT`, and so many
+        // bytes are the text, which was a `str`.
         unsafe {
             let text = short.text.get_unchecked(..usize::from(short.length));
             std::str::from_utf8_unchecked(text)
@@ -125,7 +126,8 @@ impl Drop for Name {
     #[inline]
     fn drop(&mut self) {
         if self.as_long().is_some() {
-            // SAFETY: the invariant; it is dropped once.
+            // SAFETY: by the invariant `long` is valid where the last byte is `LONG`. It is dropped
+            // once, here.
             unsafe { ManuallyDrop::drop(&mut self.0.long) };
         }
     }

@@ -258,7 +258,8 @@ impl ProcessRegistry {
     unsafe fn list_chain(&self, newest: *mut Retired, oldest: *mut Retired) {
         let mut first = self.ended.load(Ordering::Relaxed);
         while first != CLOSED {
-            // SAFETY: the contract: it is owned.
+            // SAFETY: the caller owns the records of the chain by their places, so the oldest is
+            // live; it gives them up only by an exchange that succeeds.
             unsafe { (*oldest).link().store(first, Ordering::Relaxed) };
             // Release: the thread that takes the record sees how the process ended.
             match self.ended.compare_exchange_weak(
@@ -271,7 +272,8 @@ impl ProcessRegistry {
                 Err(now) => first = now,
             }
         }
-        // SAFETY: as above; no other thread has taken it.
+        // SAFETY: no exchange has succeeded, so the chain is still the caller's, and its oldest
+        // record is live.
         unsafe { (*oldest).link().store(ptr::null_mut(), Ordering::Relaxed) };
         drop(Chain::reversed(newest));
     }
@@ -302,7 +304,8 @@ impl ProcessRegistry {
     fn report(&self, kept: &Kept) {
         let newest = kept.take();
         if !newest.is_null() {
-            // SAFETY: the invariant; the chain was just taken.
+            // SAFETY: by the invariant of `Kept` the newest leads to the oldest, each owned by its
+            // place; the chain was just taken out, so no other code has it.
             unsafe { self.list_chain(newest, kept.oldest.get()) };
         }
         let ended = kept.counted.take();
@@ -479,7 +482,8 @@ impl Iterator for Chain {
     type Item = RecordRef;
 
     fn next(&mut self) -> Option<RecordRef> {
-        // SAFETY: the invariant: it came from a reference, and leaves the chain.
+        // SAFETY: by the invariant a reference is owned by the first place, of which the pointer
+        // is. It leaves the chain below.
         let record = unsafe { RecordRef::from_raw(self.0?) };
         self.0 = NonNull::new(record.link().load(Ordering::Relaxed).cast());
         Some(record)

@@ -27,11 +27,13 @@ pub(super) struct Whole<F: Future, B> {
 ///
 /// # Safety
 ///
-/// `task` is the head of a live `Whole<F, B>`, this is the thread of its executor, and nothing else
-/// accesses its body while the borrow lasts.
+/// `task` is the head of a live `Whole<F, B>`, and nothing else accesses its body while the borrow
+/// lasts. This is the thread of its executor, unless the body is not built or has ended: its
+/// builder and its exit value may be sent.
 #[inline(always)]
 pub(super) unsafe fn body<'a, F: Future, B>(task: NonNull<Task>) -> Pin<&'a mut Body<F, B>> {
-    // SAFETY: the contract; the body stays where it is until it is dropped.
+    // SAFETY: the caller promises a live whole, the body of which nothing else accesses; the body
+    // stays where it is until it is dropped.
     unsafe { Pin::new_unchecked(&mut *(*task.cast::<Whole<F, B>>().as_ptr()).body.get()) }
 }
 
@@ -45,13 +47,16 @@ pub(super) unsafe fn body_range<F: Future, B>(owner: NonNull<()>) -> Range<usize
 
 /// # Safety
 ///
-/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body has not ended.
+/// As for [`body`]: `owner` is the head of that `Whole<F, B>`. The body is built, and has not
+/// ended.
 pub(super) unsafe fn poll<F, B>(owner: NonNull<()>, cx: &mut Context<'_>)
 where
     F: Future<Output: ExitValue>,
 {
     let task = owner.cast::<Task>();
-    // SAFETY: the contract.
+    // SAFETY: the caller promises what `body` requires, for both borrows, of which the first is
+    // over when `end_body` begins; and that the body is built and has not ended, as `poll_unended`
+    // and `end_body` require.
     unsafe {
         if let Poll::Ready(value) = body::<F, B>(task).poll_unended(cx) {
             end_body::<F, B>(task, End::Completed(value));
@@ -61,12 +66,14 @@ where
 
 /// # Safety
 ///
-/// As for [`body`]; and it has not ended.
+/// As for [`body`]: a live whole on its executor's thread, and no other access to its body. That
+/// has not ended.
 pub(super) unsafe fn abandon<F, B>(task: NonNull<Task>, abandoned: Abandoned)
 where
     F: Future<Output: ExitValue>,
 {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises what `end_body` requires: a live whole on its executor's thread,
+    // and a body that nothing else accesses and that has not ended.
     unsafe { end_body::<F, B>(task, End::Abandoned(abandoned)) };
 }
 
@@ -75,13 +82,15 @@ where
 ///
 /// # Safety
 ///
-/// As for [`body`]; and it has not ended before.
+/// As for [`body`]: a live whole on its executor's thread, and no other access to its body. That
+/// has not ended before.
 #[cold]
 pub(super) unsafe fn end_body<F, B>(task: NonNull<Task>, end: End<F::Output>)
 where
     F: Future<Output: ExitValue>,
 {
-    // SAFETY: the caller's contract. No borrow of the body is left when the exit value is
+    // SAFETY: the caller promises a live whole on its executor's thread, and a body that nothing
+    // else accesses and that has not ended. No borrow of it is left when the exit value is
     // published, and from then on it belongs to the threads that take it.
     unsafe {
         let this = task.as_ref();
@@ -116,21 +125,23 @@ where
 /// `owner` is the head of a live `Whole<F, B>`. Its body has ended. The caller owns its exit
 /// value; `to` is room for it.
 pub(super) unsafe fn take_exit_value<F: Future, B>(owner: NonNull<()>, to: *mut ()) {
-    // SAFETY: the caller's contract; the exit value belongs to this call, so nothing else accesses
-    // the body.
+    // SAFETY: the caller promises a live whole, the body of which has ended, and that the exit
+    // value is this call's: so nothing else accesses the body.
     unsafe {
         let task = owner.cast::<Task>();
         let value = body::<F, B>(task).take_exit_value();
-        // By the contract there is an exit value.
+        // The caller owns an exit value, so there is one.
         to.cast::<F::Output>().write(value.unwrap_unchecked());
     }
 }
 
 /// # Safety
 ///
-/// As for [`take_exit_value`].
+/// As for [`take_exit_value`]: `owner` is the head of a live `Whole<F, B>`, its body has ended, and
+/// the caller owns its exit value.
 pub(super) unsafe fn discard_exit_value<F: Future, B>(owner: NonNull<()>) {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises a live whole, the body of which has ended, and that the exit
+    // value is this call's: so nothing else accesses the body.
     unsafe {
         let task = owner.cast::<Task>();
         let value = body::<F, B>(task).take_exit_value();

@@ -75,7 +75,8 @@ pub(crate) fn end_all(why: &str) {
 /// `task` is live, not queued, and has not ended. This is its executor's thread, where no process
 /// has a turn.
 pub(super) unsafe fn end_left(task: NonNull<Task>, why: &str) {
-    // SAFETY: the caller's contract: nothing else accesses the body, and the task lives until it is
+    // SAFETY: the caller promises a task that has not ended, on its executor's thread, where no
+    // process has a turn: so nothing else accesses the body, and the task lives until it is
     // retired, at the end.
     unsafe {
         let this = task.as_ref();
@@ -106,8 +107,11 @@ pub(super) unsafe fn end_left(task: NonNull<Task>, why: &str) {
 pub(super) unsafe fn end(task: NonNull<Task>) {
     // SAFETY: the task's turn is over. It may be freed below.
     unsafe { end_turns() };
-    // SAFETY: the contract. This thread has a reference to the executor's part that others see, so
-    // the registry outlives the task.
+    // SAFETY: the caller promises that the body has ended just now, on this thread, its executor's:
+    // so the task was not retired before, and is live. This thread has a reference to the
+    // executor's part that others see, so the registry outlives the task. Without a reference to
+    // the process nothing reads its waker any more: its record has finished, so no other thread
+    // finds it there.
     unsafe {
         let this = task.as_ref();
         let registry = &(*Arc::as_ptr(&this.shared)).registry;
@@ -131,10 +135,11 @@ pub(super) unsafe fn end(task: NonNull<Task>) {
 ///
 /// # Safety
 ///
-/// As for [`retire`].
+/// As for [`retire`]: its body has ended, it is not queued and was not retired before. This is its
+/// executor's thread.
 pub(super) unsafe fn leave(task: NonNull<Task>) {
     TASKS.set(TASKS.get() - 1);
-    // SAFETY: the contract: the task is live.
+    // SAFETY: the caller promises that the task was not retired before, so it is live.
     let number = unsafe { task.as_ref() }.slot.number();
     REMOTE_WAKES.with_borrow_mut(|remote_wakes| remote_wakes.leave(number));
 }
@@ -158,10 +163,12 @@ pub(super) unsafe fn retire(task: NonNull<Task>) {
 ///
 /// # Safety
 ///
-/// As [`Methods::free`] requires; `owner` is the task.
+/// As [`Methods::free`] says: the process has ended, and there is no reference to it. `owner` is
+/// the task.
 pub(super) unsafe fn free(owner: NonNull<()>) {
-    // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the
-    // last that is done here.
+    // SAFETY: the caller promises that the process has ended and has no reference, so nothing reads
+    // its waker any more. That waker keeps the task until it is dropped, which is the last step
+    // here.
     unsafe {
         drop(owner.cast::<Task>().as_ref().process.take_waker());
     }
@@ -172,8 +179,10 @@ pub(super) unsafe fn free(owner: NonNull<()>) {
 /// `head` begins the record of a `Whole<F, B>` to which no reference remains. Its body has ended,
 /// or was never built.
 pub(super) unsafe fn free_retired<F: Future, B>(head: NonNull<Retired>) {
-    // SAFETY: the contract; `Unbuilt::new` allocated it. What is left of the body is its exit
-    // value, which can go on any thread, and belongs to the record until that is dropped.
+    // SAFETY: the caller promises that no reference remains, so this alone accesses the whole,
+    // which `Unbuilt::new` allocated, by the pointer to all of it. A task with a wake slot has a
+    // process. What is left of the body is its exit value, which can go on any thread, and belongs
+    // to the record until that is dropped.
     unsafe {
         let whole = head
             .byte_sub(offset_of!(Task, record))

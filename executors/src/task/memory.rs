@@ -45,7 +45,8 @@ pub(super) fn allocate<T>() -> (NonNull<T>, u8) {
 ///
 /// Both are of one call of [`allocate`] for this type, and nothing uses the room any more.
 pub(super) unsafe fn free<T>(room: NonNull<T>, skipped: u8) {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises that `allocate` gave both for this type: it skipped so many bytes
+    // of memory with this layout. Nothing uses the room any more.
     unsafe {
         dealloc(
             room.cast::<u8>().sub(usize::from(skipped)).as_ptr(),

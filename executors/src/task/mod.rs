@@ -87,9 +87,9 @@ impl Tasks {
 ///
 /// It is the first field of a [`Whole`], in [memory] of its own. All pointers to it, and to its
 /// record, derive from the pointer to the whole. There is a borrow of all of it only once it is
-/// built, and then it has a wake slot. Only the executor's thread touches the body. The record's
-/// references keep the whole. The process has an owner, the task, and until it is freed a waker,
-/// which is one of these references.
+/// built, and then it has a wake slot. Only the executor's thread touches a body that is built and
+/// has not ended. The record's references keep the whole. The process has an owner, the task, and
+/// until it has ended and has no reference a waker, which is one of the record's references.
 #[repr(C)]
 struct Task {
     /// First, so that task and process have the same address.
@@ -126,7 +126,8 @@ impl Task {
     /// The task is live.
     #[inline]
     unsafe fn record(this: NonNull<Task>) -> NonNull<Record> {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the task is live, so its record lies in its memory, not
+        // at null.
         unsafe { NonNull::new_unchecked(&raw mut (*this.as_ptr()).record) }
     }
 
@@ -134,7 +135,8 @@ impl Task {
     ///
     /// Its process has an owner, the task.
     unsafe fn methods(&self) -> &'static BodyMethods {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the process has an owner, so its methods were set with
+        // it.
         let seldom = unsafe { self.process.methods() }.seldom;
         let methods = seldom.and_then(|methods| methods.downcast_ref());
         methods.expect("`start` has said them")
@@ -219,7 +221,8 @@ pub(crate) fn queue_woken(shared: &Shared, level: u8) {
 ///
 /// The task is live, and stays so during the call.
 unsafe fn another_reference(task: NonNull<Task>) -> RecordRef {
-    // SAFETY: the contract; by the task's invariant the pointer is one to all of it.
+    // SAFETY: the caller promises that the task is live during the call, and the reference that is
+    // made was counted. By the task's invariant the pointer is one to all of its memory.
     unsafe {
         let record = Task::record(task);
         record.as_ref().count_one_more();
@@ -233,8 +236,8 @@ unsafe fn another_reference(task: NonNull<Task>) -> RecordRef {
 ///
 /// `owner` is a task that is referred to.
 unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
-    // SAFETY: the contract keeps the task, and with it its executor's part that others see, even if
-    // both end meanwhile.
+    // SAFETY: the caller promises that the task is referred to: that keeps it, and with it its
+    // executor's part that others see, even if both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
     events::ready(|| this.record.id().get());
     this.shared.inbound.wake(&this.slot, level);
@@ -279,7 +282,9 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
 /// This is its executor's thread, and the task has had its turn just now.
 #[inline(never)]
 unsafe fn finish_turn(task: NonNull<Task>) {
-    // SAFETY: the contract: a task is retired only here or in `interrupted`, so this one is live.
+    // SAFETY: the caller promises the executor's thread and a task whose turn is just over. Only
+    // the calls below, each of them last, retire such a task: until then it is live. A body that
+    // ended while its task was queued has had that turn, so its task is queued no more.
     unsafe {
         let process = &task.as_ref().process;
         end_failed(task);
@@ -302,9 +307,12 @@ unsafe fn finish_turn(task: NonNull<Task>) {
 ///
 /// # Safety
 ///
-/// As for [`finish_turn`]; the turn is not over.
+/// As for [`finish_turn`]: this is its executor's thread, and the task has had its turn just now,
+/// which is not over.
 unsafe fn end_failed(task: NonNull<Task>) {
-    // SAFETY: the contract: its poll is over, so nothing else accesses the body.
+    // SAFETY: the caller promises the executor's thread and a task whose turn was just now. Its
+    // poll is over, so nothing else accesses the body, which has not ended: `abandon` requires just
+    // that.
     unsafe {
         let this = task.as_ref();
         if this.process.has_failed() && !this.process.has_ended() {
@@ -321,7 +329,8 @@ unsafe fn end_failed(task: NonNull<Task>) {
 /// No process is being polled on this thread.
 #[inline]
 pub(crate) unsafe fn end_turns() {
-    // SAFETY: the contract is the same.
+    // SAFETY: the caller promises that no process is being polled on this thread: no turn is relied
+    // on.
     if let Some(last) = unsafe { current::end_turns() } {
         interference::polled(last);
     }
@@ -332,10 +341,13 @@ pub(crate) unsafe fn end_turns() {
 ///
 /// # Safety
 ///
-/// As [`current::Methods::poll`] requires; `owner` is a task.
+/// As [`current::Methods::poll`] requires: `owner` is a task that was taken from the run queue and
+/// has its turn, on its executor's thread.
 #[cold]
 unsafe fn poll_attentively(owner: NonNull<()>, cx: &mut Context<'_>) {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises the turn of a live task, on its executor's thread, so nothing
+    // else accesses the body. It is polled or abandoned only if its record says that it has not
+    // ended, and abandoned only if that poll has not ended it.
     unsafe {
         let task = owner.cast::<Task>();
         let this = task.as_ref();

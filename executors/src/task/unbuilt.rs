@@ -69,17 +69,19 @@ impl Unbuilt {
     }
 
     pub(crate) fn record(&self) -> &Record {
-        // SAFETY: the invariant: the task is live.
+        // SAFETY: this has a reference to the task, so it is live; its record is there, built or
+        // not.
         unsafe { &(*self.0.as_ptr()).record }
     }
 
     pub(crate) fn shared(&self) -> &Arc<Shared> {
-        // SAFETY: the invariant: the task is live.
+        // SAFETY: this has a reference to the task, so it is live.
         unsafe { &(*self.0.as_ptr()).shared }
     }
 
     fn methods(&self) -> &'static Methods {
-        // SAFETY: the invariant: it is not built.
+        // SAFETY: this has a reference to the task, so it is live; and by the invariant it is not
+        // built.
         unsafe { (*self.0.as_ptr()).process.unbuilt }
     }
 
@@ -87,8 +89,8 @@ impl Unbuilt {
     /// code: if it panics, the process has ended before it began. Allocates.
     pub(crate) fn build(self) {
         let this = ManuallyDrop::new(self);
-        // SAFETY: the invariant; the reference of the process passes to its waker, unless the
-        // builder panics.
+        // SAFETY: by the invariant the task is not built, and this is its executor's thread. The
+        // reference of the process passes to its waker, unless the builder panics.
         let built = catch_unwind(AssertUnwindSafe(|| unsafe {
             (this.methods().build)(this.0)
         }));
@@ -103,7 +105,8 @@ impl Unbuilt {
     /// Nothing is left of the builder, and this is not used any more.
     unsafe fn end(&self, exit: RawExit) {
         let shared = self.shared().clone();
-        // SAFETY: the invariant: it has a reference, which is passed on here.
+        // SAFETY: by the invariant this has the reference of the process; it is passed on here, and
+        // the caller promises not to use this any more.
         let record = unsafe { RecordRef::from_raw(Task::record(self.0)) };
         record.finish(exit);
         record.report(&shared.registry);
@@ -112,7 +115,8 @@ impl Unbuilt {
 
 impl Drop for Unbuilt {
     fn drop(&mut self) {
-        // What the builder holds is the user's: dropping it may panic. SAFETY: the invariant.
+        // What the builder holds is the user's: dropping it may panic. SAFETY: by the invariant the
+        // task is not built, and this alone accesses its builder.
         let cleared = catch_unwind(AssertUnwindSafe(|| unsafe {
             (self.methods().clear)(self.0)
         }));
@@ -142,7 +146,8 @@ where
             }),
         }
     };
-    // SAFETY: the contract.
+    // SAFETY: the caller promises the head of a `Whole<F, B>` that is not built, on its executor's
+    // thread. By the invariant of `Unbuilt` nothing else accesses its body.
     unsafe {
         body::<F, B>(task).build();
         start(task, methods);
@@ -151,9 +156,10 @@ where
 
 /// # Safety
 ///
-/// As for [`build`], on any thread.
+/// As for [`build`], on any thread: `task` is the head of a `Whole<F, B>` that is not built.
 unsafe fn clear<F: Future, B>(task: NonNull<Task>) {
-    // SAFETY: the contract; a builder may be sent.
+    // SAFETY: the caller promises the head of a `Whole<F, B>` that is not built, so its body is the
+    // builder, which may be sent. By the invariant of `Unbuilt` nothing else accesses it.
     unsafe { body::<F, B>(task).clear() };
 }
 
@@ -192,7 +198,8 @@ impl Arrivals {
         let record = unsafe { Task::record(ManuallyDrop::new(one).0) }
             .as_ptr()
             .cast();
-        // SAFETY: the invariant: the last one is live, and a record begins with its link.
+        // SAFETY: by the invariant the last one, if there is one, is the record of an `Unbuilt`
+        // that is owned here, so it is live; a record begins with its link.
         match unsafe { self.last.as_ref() } {
             Some(last) => last.link().store(record, Ordering::Relaxed),
             None => self.first = record,
@@ -202,7 +209,8 @@ impl Arrivals {
 
     pub(crate) fn pop(&mut self) -> Option<Unbuilt> {
         let first = NonNull::new(self.first)?;
-        // SAFETY: the invariant; it leaves the list.
+        // SAFETY: by the invariant the first one is the record of an `Unbuilt` that is owned here,
+        // so it is live and lies in a task. It leaves the list, and is owned by the result.
         unsafe {
             self.first = first.as_ref().link().load(Ordering::Relaxed);
             if self.first.is_null() {

@@ -26,21 +26,22 @@ static TABLE: RawWakerVTable = RawWakerVTable::new(clone, wake, wake_by_ref, dis
 /// `data` is of a waker made above, so it is not null.
 #[inline]
 unsafe fn task(data: *const ()) -> NonNull<Task> {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises the data of a waker of this table: the pointer to its task, which
+    // is not null.
     unsafe { NonNull::new_unchecked(data.cast_mut().cast()) }
 }
 
-// SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is
-// discarded.
+// In all functions below `data` is that of a waker which is counted in the record, so the task is
+// live until that waker is discarded.
 
 unsafe fn clone(data: *const ()) -> RawWaker {
-    // SAFETY: see above.
+    // SAFETY: the waker of this data lives and is counted, so the task and its record are live.
     unsafe { Task::record(task(data)).as_ref() }.count_one_more();
     RawWaker::new(data, &TABLE)
 }
 
 unsafe fn wake(data: *const ()) {
-    // SAFETY: see above.
+    // SAFETY: the waker of this data lives until it is discarded, which is the last step.
     unsafe {
         wake_by_ref(data);
         discard(data);
@@ -48,7 +49,9 @@ unsafe fn wake(data: *const ()) {
 }
 
 unsafe fn wake_by_ref(data: *const ()) {
-    // SAFETY: see above; on the executor's own thread the task can be queued at once.
+    // SAFETY: the waker of this data lives and is counted, so the task is live. On its executor's
+    // own thread it can be queued at once: a task that is queued is not retired. `ready_elsewhere`
+    // needs a task that is referred to.
     unsafe {
         let task = task(data);
         let process = &task.as_ref().process;
@@ -61,6 +64,7 @@ unsafe fn wake_by_ref(data: *const ()) {
 }
 
 unsafe fn discard(data: *const ()) {
-    // SAFETY: see above; this one is not used any more.
+    // SAFETY: the reference was counted for the waker of this data, which ends here. The pointer is
+    // one to all of the task's memory, by the task's invariant.
     unsafe { Record::count_less(Task::record(task(data)), 1) };
 }

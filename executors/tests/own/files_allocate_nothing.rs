@@ -20,13 +20,14 @@ thread_local! {
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let _ = COUNT.try_with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's contract is the system's.
+        // SAFETY: the caller promises a layout that is not of size 0, which is passed on.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         let _ = COUNT.try_with(|count| count.set(count.get() + 1));
-        // SAFETY: as above.
+        // SAFETY: all calls are passed on, so the system's allocator made the block, and with this
+        // layout.
         unsafe { System.dealloc(pointer, layout) }
     }
 }

@@ -95,7 +95,8 @@ pub(super) unsafe fn exchange_action(
 ) -> Option<libc::sigaction> {
     let mut before = default_action();
     let new = new.map_or(ptr::null(), ptr::from_ref);
-    // SAFETY: both live during the call; the handler is a valid one by this function's contract.
+    // SAFETY: both live during the call. The caller promises that the handler is async-signal-safe,
+    // with the signature that its flags ask for.
     (unsafe { libc::sigaction(signal, new, &raw mut before) } == 0).then_some(before)
 }
 

@@ -8,7 +8,7 @@
 //!
 //! Code with its arrays as globals (a function of `u`, `y` and `t` alone, or without arguments)
 //! needs two wrapper functions of this form in C, which copy. It exists only once, so create one
-//! `Submodel` of it.
+//! `Submodel` of it, and do not clone that.
 //!
 //! ```
 //! use luna_external_code::Submodel;
@@ -88,8 +88,8 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U,
     ///
     /// On each call both functions may read `U` values at `u`, and read and write `Y`, `X` and `P`
     /// values at `y`, `x` and `p`: no others, and not after they have returned. No other code may
-    /// use their globals, also no other sub-model. They may be called on any thread, and must
-    /// return.
+    /// use their globals, also no other sub-model; a clone is another one, so a sub-model of code
+    /// with globals is not cloned. They may be called on any thread, and must return.
     pub const unsafe fn new(initialize: Function, step: Function) -> Self {
         Self {
             initialize,
@@ -149,8 +149,9 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U,
     fn call(&mut self, function: Function, time: f64) {
         let (u, y) = (self.u.as_ptr(), self.y.as_mut_ptr());
         let (x, p) = (self.x.as_mut_ptr(), self.p.as_mut_ptr());
-        // SAFETY: by the contract of `new` the functions access only the arrays, with these
-        // lengths. The arrays live beyond the call, and `&mut self` excludes other accesses.
+        // SAFETY: the caller of `new` has promised that the functions access only the arrays, with
+        // these lengths, and only now; and no globals that other code uses. The arrays live beyond
+        // the call, and `&mut self` excludes other accesses to them.
         unsafe { function(u, y, x, p, time) };
     }
 }

@@ -77,7 +77,7 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
         let State::Running(branch) = state else {
             return false;
         };
-        // SAFETY: as above.
+        // SAFETY: the slot is pinned, and the branch stays in it until it is dropped there.
         let branch = unsafe { Pin::new_unchecked(branch) };
         if *failed || current::branch_failed() {
             // An end that a panic has left behind belongs to no branch.
@@ -188,7 +188,7 @@ macro_rules! joins {
                 // SAFETY: the slots are pinned with the whole.
                 let this = unsafe { self.get_unchecked_mut() };
                 let ($($slot,)+) = &mut this.branches;
-                // SAFETY: as above.
+                // SAFETY: the slots are pinned with the whole, and are polled where they are.
                 $(let mut $slot = unsafe { Pin::new_unchecked($slot) };)+
                 loop {
                     let failed_before = this.failed;

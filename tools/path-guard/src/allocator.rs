@@ -51,7 +51,7 @@ fn noting<R>(_: Kind, f: impl FnOnce() -> R) -> R {
 unsafe impl<A: GlobalAlloc> GlobalAlloc for Allocator<A> {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let bytes = layout.size();
-        // SAFETY: the caller's contract is the same.
+        // SAFETY: the caller promises a layout that is not of size 0, which is passed on.
         noting(Kind::Allocation { bytes }, || unsafe {
             self.0.alloc(layout)
         })
@@ -59,7 +59,7 @@ unsafe impl<A: GlobalAlloc> GlobalAlloc for Allocator<A> {
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         let bytes = layout.size();
-        // SAFETY: as above.
+        // SAFETY: the caller promises a layout that is not of size 0, which is passed on.
         noting(Kind::Allocation { bytes }, || unsafe {
             self.0.alloc_zeroed(layout)
         })
@@ -67,7 +67,8 @@ unsafe impl<A: GlobalAlloc> GlobalAlloc for Allocator<A> {
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         let bytes = layout.size();
-        // SAFETY: as above.
+        // SAFETY: the caller promises that this allocator made the block, with this layout. So the
+        // inner one made it, with that layout, since all calls are passed on unchanged.
         noting(Kind::Free { bytes }, || unsafe {
             self.0.dealloc(pointer, layout)
         })
@@ -75,7 +76,9 @@ unsafe impl<A: GlobalAlloc> GlobalAlloc for Allocator<A> {
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         let (from, to) = (layout.size(), size);
-        // SAFETY: as above.
+        // SAFETY: the caller promises that this allocator made the block, with this layout, and
+        // that the new size is one of a layout, and not 0. So the inner one made the block, with
+        // that layout.
         noting(Kind::Reallocation { from, to }, || unsafe {
             self.0.realloc(pointer, layout, size)
         })

@@ -21,7 +21,7 @@ unsafe extern "C" {
 /// That of malloc(3).
 #[unsafe(no_mangle)]
 unsafe extern "C" fn malloc(bytes: size_t) -> *mut c_void {
-    // SAFETY: the caller's contract is the same.
+    // SAFETY: malloc(3) may be called with any size.
     noting(Kind::Allocation { bytes }, || unsafe {
         __libc_malloc(bytes)
     })
@@ -33,7 +33,7 @@ unsafe extern "C" fn malloc(bytes: size_t) -> *mut c_void {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn calloc(count: size_t, size: size_t) -> *mut c_void {
     let bytes = count.saturating_mul(size);
-    // SAFETY: the caller's contract is the same.
+    // SAFETY: calloc(3) may be called with any count and size.
     noting(Kind::Allocation { bytes }, || unsafe {
         __libc_calloc(count, size)
     })
@@ -45,7 +45,7 @@ unsafe extern "C" fn calloc(count: size_t, size: size_t) -> *mut c_void {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn realloc(pointer: *mut c_void, bytes: size_t) -> *mut c_void {
     // How much it was only the C library knows.
-    // SAFETY: the caller's contract is the same.
+    // SAFETY: the caller promises null or a live block of the C library's, as realloc(3) requires.
     noting(Kind::Allocation { bytes }, || unsafe {
         __libc_realloc(pointer, bytes)
     })
@@ -59,8 +59,8 @@ unsafe extern "C" fn free(pointer: *mut c_void) {
     if pointer.is_null() {
         return;
     }
-    // SAFETY: the pointer is one of the C library's, by the contract.
+    // SAFETY: the caller promises a live block of the C library's; null has returned above.
     let bytes = unsafe { libc::malloc_usable_size(pointer) };
-    // SAFETY: the caller's contract is the same.
+    // SAFETY: the caller promises a live block of the C library's that it does not use any more.
     noting(Kind::Free { bytes }, || unsafe { __libc_free(pointer) });
 }

@@ -42,7 +42,8 @@ struct BranchSlot {
 
 // SAFETY: an owner of a block may be used and dropped on any thread.
 unsafe impl Send for BranchSlot {}
-// SAFETY: as above.
+// SAFETY: `&BranchSlot` gives a copy of the pointer and of the number, which do not change; an
+// owner made of the pointer may be used on any thread.
 unsafe impl Sync for BranchSlot {}
 
 fn zeros(bits: usize) -> Box<[AtomicU64]> {
@@ -243,26 +244,30 @@ unsafe fn held(slot: *const ()) -> (ManuallyDrop<Shared<Block>>, usize) {
 }
 
 unsafe fn clone(slot: *const ()) -> RawWaker {
-    // SAFETY: the contract of wakers: the data is that of a live waker of this table.
+    // SAFETY: a `Waker` calls its table with its own data while it lives: `held` needs that of a
+    // live waker of this table.
     let (block, _) = unsafe { held(slot) };
     let _of_the_clone = block.clone();
     RawWaker::new(slot, &TABLE)
 }
 
 unsafe fn wake(slot: *const ()) {
-    // SAFETY: the contract of wakers: the data is that of a live waker, which is consumed here.
+    // SAFETY: a `Waker` calls its table with its own data, and ends by this call: until then it is
+    // live, as `held` needs, and its owner of the block is dropped here, once.
     let (block, number) = unsafe { held(slot) };
     ManuallyDrop::into_inner(block).wake(number);
 }
 
 unsafe fn wake_by_ref(slot: *const ()) {
-    // SAFETY: the contract of wakers: the data is that of a live waker of this table.
+    // SAFETY: a `Waker` calls its table with its own data while it lives: `held` needs that of a
+    // live waker of this table.
     let (block, number) = unsafe { held(slot) };
     block.wake(number);
 }
 
 unsafe fn drop_waker(slot: *const ()) {
-    // SAFETY: the contract of wakers: the data is that of a live waker, which ends here.
+    // SAFETY: a `Waker` calls its table with its own data, and ends by this call: until then it is
+    // live, as `held` needs, and its owner of the block is dropped here, once.
     let (block, _) = unsafe { held(slot) };
     drop(ManuallyDrop::into_inner(block));
 }

@@ -78,13 +78,13 @@ enum Kind {
 ///
 /// # Invariants
 ///
-/// `waker` is written before the first poll and when the process is freed; in between it is only
-/// read. `methods` and `kind` are set for processes of executors and for those that are alone,
-/// before another thread knows the process. Their owner lies where the process lies, at a multiple
-/// of [`ALIGN`](Process::ALIGN); its address is exposed, and it stays valid until `free` was
-/// called. `link` and `state` are written by the executor's thread alone. While the link is in the
-/// run queue, the state has `QUEUED`. A process that was popped keeps this bit until its turn
-/// begins or it ends.
+/// `waker` is written before the first poll, and taken out when the process has ended and there is
+/// no reference to it; in between it is only read. `methods` and `kind` are set for processes of
+/// executors and for those that are alone, before another thread knows the process. Their owner
+/// lies where the process lies, at a multiple of [`ALIGN`](Process::ALIGN); its address is exposed,
+/// and it stays valid until `free` was called. `link` and `state` are written by the executor's
+/// thread alone. While the link is in the run queue, the state has `QUEUED`. A process that was
+/// popped keeps this bit until its turn begins or it ends.
 ///
 /// The fields of each turn and each wake come first: 96 bytes at most, which lie on two cache lines
 /// wherever [`ALIGN`](Process::ALIGN) puts them.
@@ -117,14 +117,14 @@ const _: () = assert!(std::mem::offset_of!(Process, methods) <= 96);
 // SAFETY: the fields that are neither constant nor atomic:
 // - `kind`, `methods`: the thread that makes the process writes them, before any other thread knows
 //   the process. Other threads only read them.
-// - `waker`: by the invariant it is written before the first poll and by the owner's `free`, when
+// - `waker`: by the invariant it is written before the first poll, and taken out after the end, when
 //   there is no reference any more. In between it is only read.
 // - `link`: the executor's thread alone reads and writes it.
 // - `references`: the executor's thread alone accesses its `Cell`; the other count is atomic.
 // - `inheritance`: `counts` and `waits` are accessed under the lock of its `thread` alone.
 unsafe impl Sync for Process {}
-// SAFETY: as for `Sync`: these rules hold whichever thread has the value. Its drop accesses neither
-// the `link` nor the counts of `references`.
+// SAFETY: the rules above say which thread accesses a field at what time, and none depends on the
+// thread that has the value. Its drop accesses neither the `link` nor the counts of `references`.
 unsafe impl Send for Process {}
 
 impl Process {
@@ -249,10 +249,10 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// Called by the owner's `free`: no other code uses this value at the same time, or calls
-    /// anything of it afterwards.
+    /// The process has ended and there is no reference to it; no other code reads the waker at the
+    /// same time or afterwards.
     pub unsafe fn take_waker(&self) -> Option<Waker> {
-        // SAFETY: the caller promises that no other code uses this value, so this is the only
+        // SAFETY: the caller promises that no other code reads the waker, so this is the only
         // access.
         unsafe { (*self.waker.get()).take() }
     }
@@ -289,8 +289,8 @@ impl Process {
     ///
     /// The reference count says that there is no reference to the process any more.
     pub(super) unsafe fn free(this: NonNull<Process>) {
-        // SAFETY: there is no reference any more, so this is the only access; by the contract of
-        // `set_owner` the methods may be called until now.
+        // SAFETY: the caller promises that there is no reference any more, which is so once. So the
+        // owner is live until `free` is called here, as the caller of `set_owner` has allowed.
         unsafe {
             let this = this.as_ref();
             if let Some(methods) = this.methods.get() {
@@ -302,8 +302,8 @@ impl Process {
     /// The waker that readies this process from any thread.
     #[inline]
     pub fn waker(&self) -> Option<&Waker> {
-        // SAFETY: by the type's invariant it does not change between the first poll and the
-        // freeing, and it is not read before or after.
+        // SAFETY: by the type's invariant it does not change between the first poll and its being
+        // taken out, and it is not read before or after.
         unsafe { (*self.waker.get()).as_ref() }
     }
 

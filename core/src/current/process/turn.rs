@@ -70,7 +70,8 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// As for [`ready_at`](Self::ready_at).
+    /// As for [`ready_at`](Self::ready_at): this is the executor's thread, the process is one of an
+    /// executor's, and stays where it is until it was popped.
     #[inline(always)]
     pub(in crate::current) unsafe fn ready_if_none_ready(&self, turn: PlainTurn<'_>) -> bool {
         let thread = turn.thread();
@@ -111,7 +112,8 @@ impl Process {
 
     /// # Safety
     ///
-    /// As for [`ready_at`](Self::ready_at), where the state is `now`: neither queued nor ended.
+    /// As for [`ready_at`](Self::ready_at), of thread, place and `level`; and the state is `now`:
+    /// neither queued nor ended.
     #[inline(always)]
     pub(in crate::current) unsafe fn queue_at(&self, now: u8, level: u8, place: QueueEnd) {
         self.state
@@ -130,7 +132,9 @@ impl Process {
 
     /// # Safety
     ///
-    /// As for [`ready_at`](Self::ready_at).
+    /// As for [`ready_at`](Self::ready_at): this is the executor's thread, the process is one of an
+    /// executor's, and stays where it is until it was popped. `level` is below
+    /// [`LEVELS`](super::LEVELS).
     #[cold]
     pub(in crate::current) unsafe fn ready_more(&self, level: u8, place: QueueEnd) {
         let queued = self.link.level.get();

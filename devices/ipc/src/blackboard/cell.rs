@@ -61,7 +61,8 @@ impl<T> Clone for Cell<T> {
 // SAFETY: a cell is a place in shared memory, which any thread may use; what it moves between them
 // are values.
 unsafe impl<T: Send> Send for Cell<T> {}
-// SAFETY: as above: `get` copies values out, and `set` is called by one thread at a time.
+// SAFETY: `&Cell` gives `get`, which copies values out, and `set`, the caller of which promises
+// that no other thread sets the cell. All else is atomic.
 unsafe impl<T: Send> Sync for Cell<T> {}
 
 impl<T> Cell<T> {
@@ -120,9 +121,9 @@ impl<T> Cell<T> {
         // A reader that sees any of the following sees the `latest` before it too.
         fence(Release);
         time.store(Instant::now_real().as_nanos(), Relaxed);
-        // SAFETY: by the invariants the place is there and aligned, and by the contract nobody else
-        // writes. A reader may read it meanwhile: it discards what it has read, and takes it for a
-        // value only after it has seen that nobody wrote.
+        // SAFETY: by the invariants the place is there and aligned, and the caller promises that
+        // nobody else writes. A reader may read it meanwhile: it discards what it has read, and
+        // takes it for a value only after it has seen that nobody wrote.
         unsafe { place.write_volatile(MaybeUninit::new(value)) };
         self.latest().store(number, Release);
     }

@@ -81,7 +81,8 @@ impl Directory {
             };
             line.key.copy_from_slice(&bytes(&entry.key)[..KEY]);
             line.type_name.copy_from_slice(&bytes(&entry.info.name));
-            // SAFETY: as above; the lines are behind a head of 64 bytes.
+            // SAFETY: the line is within `length`, behind a head of 64 bytes, so in the mapping. A
+            // page, the head and a line are multiples of its alignment.
             unsafe { base.add(HEAD).cast::<Line>().add(index).write(line) };
         }
     }

@@ -97,7 +97,7 @@ impl<'m> Raw<'m> {
             bytes.extend(word.to_ne_bytes());
         }
         for index in words * size_of::<u64>()..self.size {
-            // SAFETY: as above.
+            // SAFETY: by the invariants the bytes are there, and a byte is aligned anywhere.
             bytes.push(unsafe { place.add(index).read_volatile() });
         }
         bytes
@@ -116,8 +116,9 @@ impl<'m> Raw<'m> {
         fence(Release);
         time.store(Instant::now_real().as_nanos(), Relaxed);
         for (index, byte) in bytes.iter().enumerate() {
-            // SAFETY: by the contract and the invariants the place is there, and nobody else
-            // writes. What a reader reads meanwhile it throws away.
+            // SAFETY: by the invariants the place is there. The caller promises that it may be
+            // written, that nobody else writes there, and that the bytes are as many as the value
+            // has. What a reader reads meanwhile it throws away.
             unsafe { place.add(index).write_volatile(*byte) };
         }
         self.latest().store(number, Release);

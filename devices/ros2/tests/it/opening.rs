@@ -48,7 +48,8 @@ fn the_environment_names_the_domain() {
         Node::new("/", "a", Options::new()).unwrap().domain(),
         domain
     );
-    // SAFETY: as above; the node's threads have ended.
+    // SAFETY: this process runs this test alone, and the drop of the node has ended its threads: no
+    // other thread reads the environment now.
     unsafe { std::env::set_var("ROS_DOMAIN_ID", "lab") };
     let error = Node::new("/", "a", Options::new()).unwrap_err();
     assert!(matches!(error, Ros2Error::DomainVariable { ref value } if value == "lab"));

@@ -207,9 +207,11 @@ impl Record {
     /// used for all of the memory that the record lies in.
     #[inline]
     pub(crate) unsafe fn count_less(this: NonNull<Self>, count: u32) {
-        // SAFETY: the caller's contract. AcqRel, and no fence, which ThreadSanitizer does not know:
-        // the thread that frees the memory does so after all that others did with it. A thread with
-        // the only references is alone with it: looking costs less than counting.
+        // SAFETY: the caller promises that the references were counted for it, so the record is
+        // live until they are not. Without any no other code uses it, and the pointer may be used
+        // for all of its memory, as freeing requires. AcqRel, and no fence, which ThreadSanitizer
+        // does not know: the thread that frees the memory does so after all that others did with
+        // it. A thread with the only references is alone with it: looking costs less than counting.
         unsafe {
             let references = &this.as_ref().references;
             if references.load(Ordering::Acquire) == count
@@ -369,14 +371,16 @@ impl Record {
     /// # Safety
     ///
     /// `process` is the process of this record. It has a waker, and stays at its address until it
-    /// has finished.
+    /// has finished. This is its executor's thread.
     pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
         {
             let _shown = self.shown.lock();
             self.seen.0.store(process.as_ptr(), Ordering::Release);
         }
         if self.cancelled.load(Ordering::Acquire) {
-            // SAFETY: the contract.
+            // SAFETY: the caller promises that the process stays at its address until it has
+            // finished. It finishes on its executor's thread, which is this one, so not during this
+            // call.
             unsafe { process.as_ref() }.notify(Notice::CANCELLED);
         }
     }

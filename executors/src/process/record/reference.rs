@@ -17,7 +17,8 @@ pub(crate) struct RecordRef(NonNull<Record>);
 
 // SAFETY: a record is used by shared references on any thread, and what frees it runs on any.
 unsafe impl Send for RecordRef {}
-// SAFETY: as above.
+// SAFETY: `&RecordRef` gives `&Record`, which is `Sync`, and clones, which are counted by an
+// atomic.
 unsafe impl Sync for RecordRef {}
 
 /// A reference may go to any thread because of this.
@@ -49,7 +50,8 @@ impl RecordRef {
     pub(in crate::process) fn drop_with(self, other: Self) {
         debug_assert_eq!(self.0, other.0);
         std::mem::forget(other);
-        // SAFETY: the invariant; neither reference is used any more.
+        // SAFETY: two references were counted for these, which are not used any more. Their pointer
+        // may be used for all of the record's memory.
         unsafe { Record::count_less(self.into_raw(), 2) };
     }
 
@@ -75,7 +77,7 @@ impl Deref for RecordRef {
 
     #[inline]
     fn deref(&self) -> &Record {
-        // SAFETY: the invariant.
+        // SAFETY: this reference is counted, so the record is live.
         unsafe { self.0.as_ref() }
     }
 }
@@ -91,7 +93,8 @@ impl Clone for RecordRef {
 impl Drop for RecordRef {
     #[inline]
     fn drop(&mut self) {
-        // SAFETY: the invariant; this reference is not used any more.
+        // SAFETY: this reference was counted, and is not used any more. Its pointer may be used for
+        // all of the record's memory.
         unsafe { Record::count_less(self.0, 1) };
     }
 }
@@ -100,6 +103,7 @@ impl Drop for RecordRef {
 ///
 /// `head` begins a record that [`boxed`](RecordRef::boxed) made, without any reference.
 pub(in crate::process) unsafe fn free_boxed(head: NonNull<Retired>) {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises that `boxed` made the record, so `head`, its first field, is the
+    // pointer of a box; and that no reference is left.
     drop(unsafe { Box::from_raw(head.cast::<Record>().as_ptr()) });
 }

@@ -50,7 +50,8 @@ impl Seen {
         if Self::polls_of_gone(word).is_some() {
             return None;
         }
-        // SAFETY: the invariant.
+        // SAFETY: the caller promises that the lock is held as long as the result is used; by the
+        // invariant a process that is here is live meanwhile.
         unsafe { word.as_ref() }
     }
 
@@ -60,7 +61,8 @@ impl Seen {
     ///
     /// The record's lock is held.
     pub(in crate::process) unsafe fn polls(&self) -> u64 {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the record's lock is held, so also until the process was
+        // asked.
         let process = unsafe { self.process() };
         process.map_or(self.last_polls().unwrap_or(0), Process::polls)
     }
@@ -71,7 +73,7 @@ impl Seen {
     ///
     /// The record's lock is held.
     pub(in crate::process) unsafe fn forget(&self) {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the record's lock is held, as `polls` requires.
         let gone = Self::gone(unsafe { self.polls() });
         self.0.store(gone.0.into_inner(), Ordering::Release);
     }

@@ -136,17 +136,19 @@ fn callbacks_two() -> two::fmi2CallbackFunctions {
 }
 
 /// An instance of version 2. Dropping it frees it. Its files must exist that long.
+///
+/// # Invariants
+///
+/// `demand!` has found each function that is called, under its name in the standard: so it is
+/// there, with the type that the standard gives it. `component` was returned by the same code, and
+/// is freed by the drop alone. One thread at a time uses it: all calls take `&mut self`. What the
+/// code itself does is outside of these arguments: see the module `fmu`.
 pub(super) struct Two {
     code: two::Fmi2Binding,
     component: two::fmi2Component,
     /// The code may keep where they are.
     _callbacks: Box<two::fmi2CallbackFunctions>,
 }
-
-// SAFETY of all calls below: the functions exist and have the types of the standard, since the
-// loader found them under their names. The instance was returned by this code, is not freed before
-// the drop, and is used by one thread at a time. The stated array lengths are those of the slices.
-// What the code itself does is outside of this argument: see the module `fmu`.
 
 impl Two {
     pub(super) fn new(
@@ -159,13 +161,14 @@ impl Two {
         demand!(code; fmi2GetVersion, fmi2Instantiate, fmi2FreeInstance, fmi2SetupExperiment, fmi2EnterInitializationMode,
             fmi2ExitInitializationMode, fmi2Terminate, fmi2GetReal, fmi2SetReal, fmi2GetInteger, fmi2SetInteger, fmi2GetBoolean,
             fmi2SetBoolean, fmi2DoStep);
-        // SAFETY: as above.
+        // SAFETY: the function was just found. It takes nothing, and by the standard it returns a
+        // text of the code's, which ends with a zero, as `check_version` requires.
         unsafe { check_version(Version::Two, code.fmi2GetVersion())? };
         let (name, token) = (text(name)?, text(&description.token)?);
         let resources = text(&import.canonical_resource_path_string())?;
         let callbacks = Box::new(callbacks_two());
-        // SAFETY: as above; the strings live until it returns, the callbacks longer than the
-        // instance.
+        // SAFETY: the function was just found. The texts live until it returns; the callbacks have
+        // their place as long as the component that is returned.
         let component = unsafe {
             code.fmi2Instantiate(
                 name.as_ptr(),
@@ -189,29 +192,32 @@ impl Two {
     }
 
     pub(super) fn enter_initialization(&mut self) -> Called {
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the component lives; all else are
+        // numbers.
         called_two(unsafe {
             self.code
                 .fmi2SetupExperiment(self.component, 0, 0.0, 0.0, 0, 0.0)
         })?;
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the component lives.
         called_two(unsafe { self.code.fmi2EnterInitializationMode(self.component) })
     }
 
     pub(super) fn exit_initialization(&mut self) -> Called {
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the component lives.
         called_two(unsafe { self.code.fmi2ExitInitializationMode(self.component) })
     }
 
     pub(super) fn do_step(&mut self, at: f64, by: f64) -> Called {
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the component lives; all else are
+        // numbers.
         called_two(unsafe { self.code.fmi2DoStep(self.component, at, by, 1) })
     }
 
     pub(super) fn set(&mut self, kind: Kind, reference: u32, value: f64) -> Called {
         let (code, component) = (&self.code, self.component);
         let at = &raw const reference;
-        // SAFETY: as above; one variable, one value.
+        // SAFETY: by the invariants the function is there and the component lives; one variable and
+        // one value are stated, and one of each is there.
         called_two(unsafe {
             match kind {
                 Kind::Real => code.fmi2SetReal(component, at, 1, &raw const value),
@@ -225,7 +231,8 @@ impl Two {
         let (code, component) = (&self.code, self.component);
         let at = &raw const reference;
         let (mut real, mut integer) = (f64::NAN, 0_i32);
-        // SAFETY: as above; one variable, one value.
+        // SAFETY: by the invariants the function is there and the component lives; one variable and
+        // one value are stated, and one of each is there.
         called_two(unsafe {
             match kind {
                 Kind::Real => code.fmi2GetReal(component, at, 1, &raw mut real),
@@ -241,19 +248,25 @@ impl Two {
     }
 
     pub(super) fn terminate(&mut self) -> Called {
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the component lives.
         called_two(unsafe { self.code.fmi2Terminate(self.component) })
     }
 }
 
 impl Drop for Two {
     fn drop(&mut self) {
-        // SAFETY: as above; it is not used any more.
+        // SAFETY: by the invariants the function is there and the component lives. Nothing uses it
+        // after its drop.
         unsafe { self.code.fmi2FreeInstance(self.component) };
     }
 }
 
 /// An instance of version 3. Dropping it frees it. Its files must exist that long.
+///
+/// # Invariants
+///
+/// As those of [`Two`], of `instance`: the functions are there, it is freed by the drop alone, and
+/// one thread at a time uses it.
 pub(super) struct Three {
     code: three::Fmi3Binding,
     instance: three::fmi3Instance,
@@ -270,11 +283,14 @@ impl Three {
         demand!(code; fmi3GetVersion, fmi3InstantiateCoSimulation, fmi3FreeInstance, fmi3EnterInitializationMode,
             fmi3ExitInitializationMode, fmi3Terminate, fmi3GetFloat64, fmi3SetFloat64, fmi3GetInt32, fmi3SetInt32, fmi3GetBoolean,
             fmi3SetBoolean, fmi3DoStep);
-        // SAFETY: as above.
+        // SAFETY: the function was just found. It takes nothing, and by the standard it returns a
+        // text of the code's, which ends with a zero, as `check_version` requires.
         unsafe { check_version(Version::Three, code.fmi3GetVersion())? };
         let (name, token) = (text(name)?, text(&description.token)?);
         let resources = text(&import.canonical_resource_path_string())?;
-        // SAFETY: as above; the texts live until it returns.
+        // SAFETY: the function was just found. The texts live until it returns; of the pointers
+        // that may be null, the list of variables is empty and the environment is passed back
+        // alone.
         let instance = unsafe {
             code.fmi3InstantiateCoSimulation(
                 name.as_ptr(),
@@ -299,7 +315,8 @@ impl Three {
     }
 
     pub(super) fn enter_initialization(&mut self) -> Called {
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the instance lives; all else are
+        // numbers.
         called_three(unsafe {
             self.code
                 .fmi3EnterInitializationMode(self.instance, false, 0.0, 0.0, false, 0.0)
@@ -307,7 +324,7 @@ impl Three {
     }
 
     pub(super) fn exit_initialization(&mut self) -> Called {
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the instance lives.
         called_three(unsafe { self.code.fmi3ExitInitializationMode(self.instance) })
     }
 
@@ -316,7 +333,8 @@ impl Three {
         // the simulation should end, the step ended early.
         let [mut event, mut end, mut early] = [0_u8; 3];
         let mut reached = at;
-        // SAFETY: as above; a bool of C is a byte.
+        // SAFETY: by the invariants the function is there and the instance lives. The four results
+        // live until it returns; a bool of C is a byte.
         called_three(unsafe {
             self.code.fmi3DoStep(
                 self.instance,
@@ -338,7 +356,8 @@ impl Three {
     pub(super) fn set(&mut self, kind: Kind, reference: u32, value: f64) -> Called {
         let (code, instance) = (&self.code, self.instance);
         let at = &raw const reference;
-        // SAFETY: as above; one variable, one value.
+        // SAFETY: by the invariants the function is there and the instance lives; one variable and
+        // one value are stated, and one of each is there.
         called_three(unsafe {
             match kind {
                 Kind::Real => code.fmi3SetFloat64(instance, at, 1, &raw const value, 1),
@@ -353,7 +372,8 @@ impl Three {
         let at = &raw const reference;
         // A byte for a boolean, as in a step.
         let (mut real, mut integer, mut byte) = (f64::NAN, 0_i32, 0_u8);
-        // SAFETY: as above; one variable, one value.
+        // SAFETY: by the invariants the function is there and the instance lives; one variable and
+        // one value are stated, and one of each is there.
         called_three(unsafe {
             match kind {
                 Kind::Real => code.fmi3GetFloat64(instance, at, 1, &raw mut real, 1),
@@ -370,14 +390,15 @@ impl Three {
     }
 
     pub(super) fn terminate(&mut self) -> Called {
-        // SAFETY: as above.
+        // SAFETY: by the invariants the function is there and the instance lives.
         called_three(unsafe { self.code.fmi3Terminate(self.instance) })
     }
 }
 
 impl Drop for Three {
     fn drop(&mut self) {
-        // SAFETY: as above; it is not used any more.
+        // SAFETY: by the invariants the function is there and the instance lives. Nothing uses it
+        // after its drop.
         unsafe { self.code.fmi3FreeInstance(self.instance) };
     }
 }

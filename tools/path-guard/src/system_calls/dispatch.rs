@@ -44,8 +44,8 @@ pub(crate) fn probe() {
 pub(crate) unsafe fn arm(selector: &Selector) {
     let outcome = installed().clone().and_then(|restorer| {
         // The return from the handler is never stopped: the handler sets the selector for the code
-        // after it. SAFETY: the pointer stays valid, by the contract; the range is code that only
-        // returns from handlers.
+        // after it. SAFETY: the caller promises that the selector is this thread's, and lives as
+        // long as it. The range is code that only returns from handlers.
         let outcome = unsafe {
             libc::prctl(
                 PR_SET_SYSCALL_USER_DISPATCH,
@@ -191,12 +191,12 @@ extern "C" fn on_stopped(_: c_int, information: *mut siginfo_t, context: *mut c_
 
 /// # Safety
 ///
-/// The system call's own contract.
+/// The system call is sound with these arguments, on this thread and now.
 unsafe fn make(made: &Made) -> i64 {
     let [a, b, c, d, e, f] = made.arguments;
     let result;
-    // SAFETY: by the contract; the kernel changes rcx and r11 besides the result, and does not use
-    // this stack.
+    // SAFETY: the caller promises that this system call is sound here with these arguments. The
+    // kernel changes rcx and r11 besides the result, and does not use this stack.
     unsafe {
         asm!(
             "syscall",
