@@ -293,7 +293,11 @@ impl WaitList {
         wake_handle: impl Into<Option<WakeHandle>>,
     ) {
         // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
-        unsafe { (*node.as_ptr()).wake_handle = wake_handle.into() };
+        unsafe {
+            // A drop of it may run user code, and the list's lock is held.
+            debug_assert!((*node.as_ptr()).wake_handle.is_none());
+            (*node.as_ptr()).wake_handle = wake_handle.into();
+        }
         at(node).priority.set(priority);
         at(node).user.set(current::user());
         self.link(before, node);

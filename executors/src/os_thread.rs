@@ -137,7 +137,7 @@ fn run<F: Future>(
     let body = body..body + size_of::<F>();
     let priority = thread::current_policy().rank();
     let level = ProcessSpec::DEFAULT_LEVEL;
-    let process = current::Lone::new(id, executor_id, priority, level, waker.clone(), body);
+    let process = current::Lone::new(id, priority, level, waker.clone(), body);
     let mut cx = Context::from_waker(&waker);
     // It may block, and a first blocking call must not allocate.
     park::prepare();

@@ -176,15 +176,7 @@ mod tests {
         let (mut one, mut other) = (guest(), guest());
         one.enter();
         let ours = super::super::timers().unwrap();
-        let executor_id = executor_id().unwrap();
-        let process = Lone::new(
-            ProcessId::new(),
-            executor_id,
-            7,
-            LEVELS - 1,
-            Waker::noop().clone(),
-            0..0,
-        );
+        let process = Lone::new(ProcessId::new(), 7, LEVELS - 1, Waker::noop().clone(), 0..0);
         // SAFETY: this thread is the executor's, and the process lives.
         let seen = unsafe { with_process(&process, super::super::priority) };
         assert_eq!((seen.thread, seen.level), (7, LEVELS - 1));

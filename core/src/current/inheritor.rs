@@ -374,14 +374,7 @@ mod tests {
             luna_platform::sync::Arc::new(TimerQueue::new()),
             true,
         );
-        let process = Lone::new(
-            ProcessId::new(),
-            executor_id,
-            0,
-            level,
-            Waker::noop().clone(),
-            0..0,
-        );
+        let process = Lone::new(ProcessId::new(), 0, level, Waker::noop().clone(), 0..0);
         // SAFETY: this thread is the executor's, and the process is alive.
         unsafe { with_process(&process, f) };
     }

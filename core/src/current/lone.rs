@@ -1,6 +1,6 @@
 //! A process that is alone on its thread.
 
-use super::process::{ExecutorId, Methods, Process, ProcessId};
+use super::process::{Methods, Process, ProcessId};
 use crate::deferred_free::{self, Retired};
 use std::fmt;
 use std::mem::offset_of;
@@ -41,15 +41,20 @@ pub(super) static METHODS: Methods = Methods {
 };
 
 impl Lone {
-    /// As [`Process::new`], with its waker, and the addresses at which its body lies.
+    /// As [`Process::new`] for the executor that this thread has entered, with its waker, and the
+    /// addresses at which its body lies.
+    ///
+    /// # Panics
+    ///
+    /// If this thread has entered no executor.
     pub fn new(
         id: ProcessId,
-        executor_id: ExecutorId,
         thread_priority: u8,
         level: u8,
         waker: Waker,
         body: Range<usize>,
     ) -> Self {
+        let executor_id = super::executor_id().expect("this thread is an executor's");
         let memory = NonNull::from(Box::leak(Box::new(Memory {
             process: Process::new(id, executor_id, thread_priority, level),
             retired: Retired::new(free_retired),

@@ -8,7 +8,7 @@
 //!
 //! Code with its arrays as globals (a function of `u`, `y` and `t` alone, or without arguments)
 //! needs two wrapper functions of this form in C, which copy. It exists only once, so create one
-//! `Submodel` of it, and do not clone that.
+//! `Submodel` of it.
 //!
 //! ```
 //! use luna_external_code::Submodel;
@@ -71,7 +71,7 @@ impl From<NotFinite> for luna::Error {
 ///
 /// Real-time path: its calls are; O(1) apart from the generated code, no allocation. The crate's
 /// page has an example.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Submodel<const U: usize, const Y: usize, const X: usize, const P: usize> {
     initialize: Function,
     step: Function,
@@ -88,8 +88,7 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U,
     ///
     /// On each call both functions may read `U` values at `u`, and read and write `Y`, `X` and `P`
     /// values at `y`, `x` and `p`: no others, and not after they have returned. No other code may
-    /// use their globals, also no other sub-model; a clone is another one, so a sub-model of code
-    /// with globals is not cloned. They may be called on any thread, and must return.
+    /// use their globals, also no other sub-model. They may be called on any thread, and must return.
     pub const unsafe fn new(initialize: Function, step: Function) -> Self {
         Self {
             initialize,
