@@ -38,7 +38,8 @@ impl<S> GuardedWaitPoint<S> {
     ///
     /// It is called once, and this stays where it is until it is dropped.
     pub(crate) unsafe fn register(&self) {
-        // SAFETY: the contract; it leaves the register as it is dropped.
+        // SAFETY: this stays where it is until its drop takes it off the register. It stores no
+        // values, so its `stored` looks at nothing.
         unsafe { register(NonNull::from(&self.wait_point)) };
     }
 
