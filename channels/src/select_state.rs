@@ -139,8 +139,8 @@ impl SelectState {
                 User::Process(turn.process().id()),
                 turn.process().priority(),
             ),
-            // SAFETY: a turn is that of this thread; the contract says that another lock is biased
-            // to its executor.
+            // SAFETY: a turn is that of this thread; another lock is biased to its executor, as is
+            // demanded here.
             commit_lock: unsafe { BiasedLock::biased_to(turn.executor_number(), ()) },
             ..Self::new()
         }

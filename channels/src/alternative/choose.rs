@@ -102,7 +102,8 @@ pub(super) unsafe fn choose(
     for &index in &preference {
         let (number, guard) = &mut open[index];
         let lists = locks.lists(guard.terms().wait_point);
-        // SAFETY: the lists are those of its wait point; by the contract the guard is new.
+        // SAFETY: the lists are those of the guard's wait point. The guard is new, as is demanded
+        // here, since none before it has happened.
         if let Attempt::Ready(ready) = unsafe { guard.as_mut().attempt(lists, cx) } {
             return Choice::Made(*number, ready);
         }

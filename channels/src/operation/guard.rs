@@ -166,9 +166,9 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
 
     #[inline(always)]
     unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
-        // SAFETY: nothing is moved. By the contract the partner is a plain operation of this
-        // channel in the other direction, and this is new. So the send's node holds its value, and
-        // the receive's holds none.
+        // SAFETY: nothing is moved. The partner is a plain operation that waits at the other side
+        // of this channel, whose lock is held, and this is new, as is demanded here. So the send's
+        // node holds its value, the receive's holds none, and no other thread accesses either.
         unsafe {
             let this = self.get_unchecked_mut();
             let (from, to) = match D::SEND {
