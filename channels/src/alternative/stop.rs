@@ -45,8 +45,7 @@ impl Stop {
     }
 
     fn node(&self) -> NonNull<WaitNode> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()).cast() }
+        NonNull::from(&self.node).cast()
     }
 
     /// Lists the current process. O(1), or O(stopped processes of lower priority).

@@ -76,8 +76,7 @@ impl<'a> SyncOp<'a> {
 
     #[inline]
     fn node(&self) -> NonNull<Waiter<()>> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()) }
+        NonNull::from(&self.node).cast()
     }
 
     /// The outcome of a listed party.

@@ -58,7 +58,8 @@ impl Core {
     }
 
     pub(super) fn state<R>(&self, lists: &WaitQueues, f: impl FnOnce(&mut State) -> R) -> R {
-        // SAFETY: this module and `chain` pass the lists of this core's own wait point.
+        // SAFETY: the callers, here and in `chain` and `give_back`, pass the lists of this core's
+        // own wait point, and no `f` of theirs calls this.
         unsafe { self.wait_point.state(lists, f) }
     }
 

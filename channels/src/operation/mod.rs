@@ -113,8 +113,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 
     #[inline]
     fn node_pointer(&self) -> NonNull<Node<T, D>> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()) }
+        NonNull::from(&self.node).cast()
     }
 
     #[inline]
