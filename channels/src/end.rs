@@ -22,7 +22,8 @@ pub struct End<T> {
 
 // SAFETY: the channel is shared under its lock and by atomics; values pass from thread to thread.
 unsafe impl<T: Send> Send for End<T> {}
-// SAFETY: as above.
+// SAFETY: a shared end gives access to the channel alone, which is shared under its lock and by
+// atomics; values pass from thread to thread.
 unsafe impl<T: Send> Sync for End<T> {}
 impl<T> std::panic::UnwindSafe for End<T> {}
 impl<T> std::panic::RefUnwindSafe for End<T> {}

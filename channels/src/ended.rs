@@ -61,7 +61,8 @@ pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
 ///
 /// `watcher` is in `list`, and the lock of `list` is held.
 unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake {
-    // SAFETY: the contract.
+    // SAFETY: the watcher is in this list, and the lock is held that guards both: so it is live, no
+    // other thread accesses it, and its wait node, the first field, can be removed.
     unsafe {
         list.remove(watcher.cast());
         (*watcher.as_ptr()).listed = false;

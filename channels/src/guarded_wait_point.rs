@@ -38,7 +38,8 @@ impl<S> GuardedWaitPoint<S> {
     ///
     /// It is called once, and this stays where it is until it is dropped.
     pub(crate) unsafe fn register(&self) {
-        // SAFETY: the contract; it leaves the register as it is dropped.
+        // SAFETY: this stays where it is until its drop takes it off the register. It stores no
+        // values, so its `stored` looks at nothing.
         unsafe { register(NonNull::from(&self.wait_point)) };
     }
 
@@ -46,11 +47,11 @@ impl<S> GuardedWaitPoint<S> {
     ///
     /// # Safety
     ///
-    /// `lists` are those of this wait point.
+    /// `lists` are those of this wait point, and `f` does not call this.
     #[inline(always)]
     pub(crate) unsafe fn state<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut S) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it
-        // gets no lists.
+        // SAFETY: the lists show that the lock is held, which guards the state, and `f` does not
+        // come here again, as is demanded here: so the state is borrowed once.
         self.state.with_mut(|state| f(unsafe { &mut *state }))
     }
 }

@@ -188,7 +188,8 @@ impl HandOffSlots {
     #[inline]
     pub(crate) unsafe fn put<T>(&self, side: Side, value: T) {
         const { assert!(!has_room::<T>() || align_of::<Room>() >= align_of::<T>()) };
-        // SAFETY: the contract.
+        // SAFETY: the value has room in the slot. By the type's invariants this thread alone
+        // accesses the slot's value: it may change the state.
         self.values[side as usize].with_mut(|room| unsafe { room.cast::<T>().write(value) });
     }
 
@@ -196,10 +197,11 @@ impl HandOffSlots {
     ///
     /// # Safety
     ///
-    /// As for [`put`](Self::put); and a value of this type was put there.
+    /// As for [`put`](Self::put); and a value of this type was put there, and was not taken since.
     #[inline]
     pub(crate) unsafe fn take<T>(&self, side: Side) -> T {
-        // SAFETY: the contract.
+        // SAFETY: a value of this type lies there, and is read once. By the type's invariants this
+        // thread alone accesses it: it may change the state.
         self.values[side as usize].with(|room| unsafe { room.cast::<T>().read() })
     }
 }

@@ -269,7 +269,7 @@ fn registered() -> MutexGuard<'static, BTreeMap<u64, Registered>> {
 pub(crate) unsafe fn register(wait_point: NonNull<WaitPoint>) {
     // A model makes and drops thousands of channels, and their locks belong to one run of it.
     if !cfg!(loom) {
-        // SAFETY: the contract: it lives.
+        // SAFETY: the wait point lives until it is unregistered, as is demanded here.
         let id = unsafe { wait_point.as_ref() }.identity.id;
         registered().insert(id, Registered(wait_point));
     }
@@ -336,7 +336,8 @@ fn stopped() -> Option<WaitPointView> {
 ///
 /// The wait point lives, and was registered by this pointer.
 unsafe fn view(registered: NonNull<WaitPoint>) -> WaitPointView {
-    // SAFETY: the contract.
+    // SAFETY: the wait point lives, as is demanded here: the caller holds the register's lock,
+    // which unregistering needs.
     let wait_point = unsafe { registered.as_ref() };
     let mut waiting = Vec::new();
     // Processes on the real-time path take this lock: nothing is allocated under it.
@@ -345,7 +346,8 @@ unsafe fn view(registered: NonNull<WaitPoint>) -> WaitPointView {
         waiting.clear();
         let mut lists = wait_point.lock_briefly();
         if copy_waiting(&mut lists, values.kind, &mut waiting) {
-            // SAFETY: the lock is held.
+            // SAFETY: `stored` can be called for a wait point by the pointer by which it was
+            // registered, under its lock: see `register`. The lock is held.
             let stored = unsafe { (values.stored)(registered) };
             let ended = lists.ending != Ending::Open;
             break (stored, lists.sender.get(), lists.receiver.get(), ended);
@@ -423,7 +425,9 @@ fn copy_list(
 /// The node is listed, and the lock is held that guards it. Of the waiter, only what comes before
 /// its value is looked at.
 unsafe fn is_waiting(waiter: NonNull<Waiter<()>>) -> bool {
-    // SAFETY: the contract; a listed node's select state is live.
+    // SAFETY: the node is listed and its lock is held: what `select_state` demands. The select
+    // state is live, since its owner needs that lock to withdraw the node, and does so before it
+    // goes.
     unsafe {
         Waiter::select_state(waiter).is_none_or(|(select_state, _)| select_state.as_ref().is_open())
     }

@@ -29,7 +29,8 @@ impl<T> Receiver<T> {
     ///
     /// The caller gives this one of the receivers that the channel counts.
     pub(crate) unsafe fn new(channel: NonNull<Channel<T>>) -> Self {
-        // SAFETY: the contract is the same.
+        // SAFETY: the caller gives this a receiver that the channel counts, as is demanded here: so
+        // the end keeps the channel.
         Self(unsafe { End::new(channel) })
     }
 

@@ -139,8 +139,8 @@ impl SelectState {
                 User::Process(turn.process().id()),
                 turn.process().priority(),
             ),
-            // SAFETY: a turn is that of this thread; the contract says that another lock is biased
-            // to its executor.
+            // SAFETY: a turn is that of this thread; another lock is biased to its executor, as is
+            // demanded here.
             commit_lock: unsafe { BiasedLock::biased_to(turn.executor_number(), ()) },
             ..Self::new()
         }
@@ -177,7 +177,9 @@ impl SelectState {
         &self,
         turn: PlainTurn<'_>,
     ) -> Result<InsideGuard<'_, ()>, Refused> {
-        // SAFETY: as there.
+        // SAFETY: this thread does not hold the commit lock, as `commit_lock_if_biased` argues: it
+        // holds one for one step alone, or keeps it as a barrier's last party, and polls nothing
+        // meanwhile.
         unsafe { self.commit_lock.enter_trusted(turn) }
     }
 
@@ -203,12 +205,14 @@ impl SelectState {
     ///
     /// # Safety
     ///
-    /// As there; the commit lock is biased to the executor of this turn.
+    /// As for `open_with_lock`; and the commit lock is biased to the executor of this turn.
     #[inline]
     pub(crate) unsafe fn open_plainly(&self, turn: PlainTurn<'_>) {
         let wake_handle = Some(WakeHandle::of_plain_turn(turn));
-        // SAFETY: as for `open_with_lock`. The former one is not dropped: it could be left here
-        // only by an opening that no thread has left, and there is none.
+        // SAFETY: in a closed select state the wake handle is the owner's, and a thread that has
+        // closed it for the owner has left the commit lock, which is held here. The former handle
+        // is not dropped: it could be left here only by an opening that no thread has left, and
+        // there is none.
         self.wake_handle
             .with_mut(|cell| unsafe { cell.write(wake_handle) });
         self.state.store(OPEN_PLAINLY, Ordering::Release);
@@ -252,7 +256,8 @@ impl SelectState {
             // Release: the owner's next store of the wake handle follows under the same locks.
             self.state.store(OPEN, Ordering::Release);
         }
-        // SAFETY: by the contract no other thread accesses the wake handle.
+        // SAFETY: the wake handle of an open select state belongs to the thread that leaves that
+        // state. By `# Safety` no thread can do so meanwhile, so it is the owner's.
         self.wake_handle
             .with_mut(|cell| unsafe { (*cell).replace(wake_handle) })
     }
@@ -349,7 +354,7 @@ impl SelectState {
     /// `this` is live.
     pub(crate) unsafe fn order(this: NonNull<SelectState>) -> usize {
         #[cfg(loom)]
-        // SAFETY: the contract.
+        // SAFETY: the select state is live, as is demanded here; its number never changes.
         return unsafe { this.as_ref() }.number;
         #[cfg(not(loom))]
         this.addr().get()
@@ -364,7 +369,8 @@ impl SelectState {
     ///
     /// `this` needs its commit lock, is live until `leave`, and this thread has not entered it.
     pub(crate) unsafe fn enter(this: NonNull<SelectState>, guard: u32) -> bool {
-        // SAFETY: the contract keeps it alive for as long as the guard is kept.
+        // SAFETY: by `# Safety` it is live until `leave`, which drops the guard that borrows it: so
+        // the longer lifetime is not relied on.
         let select_state: &'static SelectState = unsafe { this.as_ref() };
         let commit_lock = select_state.commit_lock.lock();
         // SAFETY: the commit lock is this thread's.
@@ -381,7 +387,8 @@ impl SelectState {
     ///
     /// This thread has entered it. With a guard, it was open then.
     pub(crate) unsafe fn leave(&self, guard: Option<u32>) -> Option<WakeHandle> {
-        // SAFETY: the contract.
+        // SAFETY: this thread has entered it, so it holds the commit lock, and `enter` is for a
+        // select state that needs that lock.
         let wake_handle = guard
             .and_then(|guard| unsafe { self.leave_open_with_lock(guard.saturating_add(CHOSEN)) });
         // SAFETY: the commit lock is this thread's.

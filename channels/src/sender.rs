@@ -25,7 +25,8 @@ impl<T> Sender<T> {
     ///
     /// The caller gives this one of the senders that the channel counts.
     pub(crate) unsafe fn new(channel: NonNull<Channel<T>>) -> Self {
-        // SAFETY: the contract is the same.
+        // SAFETY: the caller gives this a sender that the channel counts, as is demanded here: so
+        // the end keeps the channel.
         Self(unsafe { End::new(channel) })
     }
 

@@ -48,7 +48,8 @@ pub unsafe trait Source<T>: Sized {
     /// There is one, or one can be made; the node is live, and no other thread accesses it.
     #[inline]
     unsafe fn take(node: NonNull<Node<T, Sending<Self>>>) -> Option<T> {
-        // SAFETY: the contract.
+        // SAFETY: by `# Safety` no other thread accesses the live node. Without `MAKE` its value
+        // lies in it; else `MAKE` is that of this source, and the value can be made.
         unsafe {
             match Self::MAKE {
                 None => Some(node.as_ref().waiter.take_value()),
@@ -68,7 +69,8 @@ unsafe impl<T> Source<T> for InNode {
 
     #[inline]
     unsafe fn unsent(node: &mut Offered<T, Self>) -> T {
-        // SAFETY: the contract: the value is still there.
+        // SAFETY: the value was not taken, and this is called once, as is demanded here: so it is
+        // there.
         unsafe { node.waiter.take_value() }
     }
 }
@@ -101,7 +103,8 @@ unsafe impl<T> Source<T> for FromSlot<'_, T> {
     unsafe fn unsent(node: &mut Offered<T, Self>) {
         let source = &mut node.direction.source;
         if source.was_full {
-            // SAFETY: the contract: the value is still there.
+            // SAFETY: the slot was full, so the value came into the node; it was not taken, and
+            // this is called once, as is demanded here.
             *source.slot = Some(unsafe { node.waiter.take_value() });
         }
     }
@@ -144,7 +147,8 @@ impl<F> Made<F> {
 ///
 /// As [`Make`]: the node is that of an `Offered<T, Made<F>>`, and no other thread accesses it.
 unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) -> Option<T> {
-    // SAFETY: the contract; the waiter is the first field.
+    // SAFETY: by `# Safety` the node is the first field of such an `Offered`, and no other thread
+    // accesses it: the closure can be taken out.
     let make = unsafe {
         let offered = node.cast::<Offered<T, Made<F>>>().as_ptr();
         (*offered).direction.source.0.take()

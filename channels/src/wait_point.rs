@@ -20,7 +20,8 @@ pub enum Ending {
     Poisoned,
 }
 
-/// Moves a value from the node of a sender to that of a receiver, both of the channel's type.
+/// Moves a value from the node of a sender to that of a receiver, both of the channel's type. The
+/// sender's node holds a value, the receiver's none, and no other thread accesses either.
 pub(crate) type Mover = unsafe fn(NonNull<Waiter<()>>, NonNull<Waiter<()>>);
 
 /// What waits at a wait point, as one word that the fast path decides by.
@@ -105,7 +106,8 @@ impl Waiting {
     pub(crate) fn guard(self, is_sender: bool) -> Option<NonNull<WaitNode>> {
         let tag = Self::GUARD | Self::tag(is_sender);
         let node = self.0.map_addr(|word| word.wrapping_sub(tag));
-        // SAFETY: as for `one`: no special number is such a tag.
+        // SAFETY: no special number is a guard's tag, so what has all bits of the tag clear here is
+        // the address of a node, which is not null.
         (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
     }
 
@@ -244,7 +246,9 @@ impl WaitQueues {
                     true => &mut self.senders,
                     false => &mut self.receivers,
                 };
-                // SAFETY: as for an operation that is no guard.
+                // SAFETY: a guard that waits alone was begun so by the fast path, and is live and
+                // not settled while it is noted here, since the lock guards that. While one waits
+                // alone the queues are empty.
                 unsafe {
                     Waiter::<()>::complete_guard(node.cast());
                     list.insert_into_empty(node);
@@ -329,8 +333,8 @@ impl WaitQueues {
 /// The node is live, and guarded by a lock that is held.
 #[inline(always)]
 pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
-    // SAFETY: by the contract the node is live and guarded. Only one field is read, since other
-    // threads access other parts of the operation around the node.
+    // SAFETY: the node is live, and a lock is held that guards it, as is demanded here, so no other
+    // thread writes it. Other threads may access the other parts of the operation around it.
     match unsafe { node.as_ref() }.user() {
         User::Process(id) => id.get().into(),
         User::Outside => 0,
@@ -501,7 +505,8 @@ impl WaitPoint {
         &self,
         executor: u64,
     ) -> Option<InsideGuard<'_, WaitQueues>> {
-        // SAFETY: the contract.
+        // SAFETY: this thread is the executor of that number, as is demanded here: all that the
+        // lock demands.
         let mut lists = unsafe { self.lock.lock_if_biased_to(executor) }?;
         lists.list_lone();
         Some(lists)
@@ -518,7 +523,8 @@ impl WaitPoint {
         &self,
         turn: PlainTurn<'_>,
     ) -> Result<InsideGuard<'_, WaitQueues>, biased_lock::Refused> {
-        // SAFETY: the contract.
+        // SAFETY: the calling thread does not hold this lock, as is demanded here: all that the
+        // lock demands.
         unsafe { self.lock.enter_trusted(turn) }
     }
 
@@ -537,7 +543,8 @@ impl WaitPoint {
         &self,
         turn: PlainTurn<'_>,
     ) -> Option<InsideGuard<'_, WaitQueues>> {
-        // SAFETY: the contract.
+        // SAFETY: the calling thread does not hold this lock, as is demanded here: all that the
+        // lock demands.
         unsafe { self.lock.try_enter(turn) }
     }
 
@@ -552,10 +559,11 @@ impl WaitPoint {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// The calling thread has kept a guard of this lock, and has not called this since.
     #[inline(always)]
     pub(crate) unsafe fn kept(&self, turn: PlainTurn<'_>) -> InsideGuard<'_, WaitQueues> {
-        // SAFETY: the contract.
+        // SAFETY: this thread has kept a guard, and takes it back once, as is demanded here: all
+        // that the lock demands.
         unsafe { self.lock.kept(turn) }
     }
 

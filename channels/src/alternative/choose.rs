@@ -102,7 +102,8 @@ pub(super) unsafe fn choose(
     for &index in &preference {
         let (number, guard) = &mut open[index];
         let lists = locks.lists(guard.terms().wait_point);
-        // SAFETY: the lists are those of its wait point; by the contract the guard is new.
+        // SAFETY: the lists are those of the guard's wait point. The guard is new, as is demanded
+        // here, since none before it has happened.
         if let Attempt::Ready(ready) = unsafe { guard.as_mut().attempt(lists, cx) } {
             return Choice::Made(*number, ready);
         }
@@ -111,13 +112,15 @@ pub(super) unsafe fn choose(
         return Choice::None;
     };
     let several = open.iter().any(|(_, guard)| guard.terms().commits_several);
-    // SAFETY: by the contract this is the owner, and the select state is closed.
+    // SAFETY: the select state is closed, and this runs for its owner: `choose` demands a closed
+    // one, of which no node is listed.
     unsafe { select_state.open(wake_handle, several, limit(open, fair)) };
     // In this order too: a partner finds the preferred one of two guards of one channel.
     for index in preference {
         let (number, guard) = &mut open[index];
         if let Some(lists) = locks.lists(guard.terms().wait_point) {
-            // SAFETY: as above.
+            // SAFETY: the lists are those of the guard's wait point. The guard is new, since it was
+            // not ready, and the select state outlives its being listed, as is demanded here.
             unsafe {
                 guard
                     .as_mut()

@@ -176,7 +176,7 @@ impl<const FAIR: bool> Visit for Looks<'_, FAIR> {
             lists.keep();
             true
         } else {
-            // SAFETY: the lock is held.
+            // SAFETY: the lists are those of the guard's wait point: it was entered for them.
             let Some(found) = (unsafe { look_at_queues(lists, guard.of_sender) }) else {
                 self.found = Self::REFUSED;
                 return false;
@@ -335,7 +335,9 @@ impl Visit for Listing<'_> {
 #[inline(never)]
 unsafe fn list_in_queue(lists: &mut WaitQueues, node: NonNull<WaitNode>, of_sender: bool) {
     lists.list_lone();
-    // SAFETY: the contract.
+    // SAFETY: the node was begun as a guard and is not settled, since it was never listed; the
+    // lists show that the lock is held. It is in none, and its owner takes it off before it goes,
+    // as is demanded here.
     unsafe {
         Waiter::<()>::complete_guard(node.cast());
         let priority = node.as_ref().priority();
@@ -412,7 +414,8 @@ impl Visit for Withdrawing<'_> {
 unsafe fn withdraw_queued(wait_point: &WaitPoint, node: NonNull<WaitNode>, of_sender: bool) {
     // No server is boosted by waiters here: clients' calls are no plain operations.
     let mut lists = wait_point.lock_lists();
-    // SAFETY: the contract; under the lock a waiting node is listed.
+    // SAFETY: the node was listed here, and its owner, which calls this, keeps it. The lock lists
+    // one that waits alone; so under it a node that waits is in the queue of its side.
     unsafe {
         if Waiter::<()>::is_waiting(node.cast()) {
             match of_sender {
@@ -444,7 +447,9 @@ pub(crate) unsafe fn commit(
     (select_state, guard): (NonNull<SelectState>, u32),
     turn: PlainTurn<'_>,
 ) -> Commit {
-    // SAFETY: the contract. This is a partner, and holds the commit lock by its bias.
+    // SAFETY: the guard waits, and its owner needs the wait point's lock, which is held, to
+    // withdraw it: so its select state is live. This is a partner, and has entered the commit lock
+    // by its bias.
     unsafe {
         let select_state = select_state.as_ref();
         if !select_state.is_open() {
@@ -474,7 +479,9 @@ pub(crate) unsafe fn take_first(
     turn: PlainTurn<'_>,
 ) -> Option<Option<(NonNull<WaitNode>, PlainPendingWake)>> {
     while let Some(first) = queue.first() {
-        // SAFETY: the lock guards the node.
+        // SAFETY: the node is listed, and this thread holds the lock that guards it by its bias: so
+        // it is live, and no other thread withdraws it. A stale one is settled after it was taken
+        // off.
         unsafe {
             let found = match Waiter::<()>::take_plain_wake_handle(first.cast()) {
                 Some(ready) => Commit::Chosen(ready),

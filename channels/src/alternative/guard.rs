@@ -176,7 +176,8 @@ pub unsafe trait RawGuard {
     ///
     /// # Safety
     ///
-    /// As for `withdraw`; and the guard was chosen.
+    /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled.
+    /// The guard was chosen.
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()>;
 
     /// Called when the lock of its wait point was released after `attempt` or `list`.
@@ -196,7 +197,7 @@ pub unsafe trait RawGuard {
     ///
     /// # Safety
     ///
-    /// As for `withdraw`.
+    /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled.
     unsafe fn poll_time(self: Pin<&mut Self>, _cx: &mut Context<'_>) -> Poll<()> {
         Poll::Pending
     }
@@ -205,6 +206,7 @@ pub unsafe trait RawGuard {
     ///
     /// # Safety
     ///
-    /// As for `withdraw`; and the guard is listed nowhere.
+    /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled.
+    /// The guard is listed nowhere.
     unsafe fn fail(self: Pin<&mut Self>) -> bool;
 }

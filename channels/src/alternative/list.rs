@@ -118,7 +118,8 @@ impl<G: Guard> Planted for Seed<G> {
 
     #[inline(always)]
     unsafe fn plant(self, place: *mut Sure<G>) {
-        // SAFETY: the contract.
+        // SAFETY: `place` is to be written, as is demanded here: its fields are written before they
+        // are read.
         unsafe {
             (&raw mut (*place).guard).write(G::from_seed(self.0));
             if !G::ALWAYS_OPEN {
@@ -133,7 +134,8 @@ impl<G: Guard> Planted for Option<Seed<G>> {
 
     #[inline(always)]
     unsafe fn plant(self, place: *mut Option<G>) {
-        // SAFETY: the contract.
+        // SAFETY: `place` is to be written, as is demanded here. It is written before it is read
+        // and replaced.
         unsafe {
             place.write(self.map(|seed| G::from_seed(seed.0)));
             if (*place).as_ref().is_some_and(|guard| !guard.is_open()) {
@@ -159,7 +161,8 @@ impl<G: Guard> Place for Sure<G> {
     fn open(self: Pin<&mut Self>) -> Option<Pin<&mut G>> {
         // SAFETY: the guard is pinned with the whole.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: as above; it was written with the guard.
+        // SAFETY: the guard is pinned with the whole. `is_open` was written by `plant`, the only
+        // way to make this, unless all such guards are open.
         unsafe {
             (G::ALWAYS_OPEN || this.is_open.assume_init())
                 .then(|| Pin::new_unchecked(&mut this.guard))
@@ -209,7 +212,8 @@ impl<G: Planted, R: Seeds> Seeds for Cons<G, R> {
     #[inline(always)]
     unsafe fn grow(self, place: *mut Self::Guards) {
         // Each where it is to stay: a whole that is made and then moved is copied once for each of
-        // its parts. SAFETY: the contract.
+        // its parts. SAFETY: the list at `place` is to be written, as is demanded here, and so is
+        // each of its fields.
         unsafe {
             self.0.plant(&raw mut (*place).0);
             self.1.grow(&raw mut (*place).1);
@@ -347,10 +351,12 @@ impl<P: Place, R: Guards> Guards for Cons<P, R> {
     unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output {
         let (first, rest) = self.parts();
         match (index.checked_sub(1), first) {
-            // SAFETY: the contract.
+            // SAFETY: this guard was chosen and is over, and this is called once, as is demanded of
+            // guard `index`.
             (None, Some(first)) => Either::L(unsafe { first.output() }),
             (None, None) => unreachable!("an alternative has chosen a guard that is not open"),
-            // SAFETY: the contract.
+            // SAFETY: the guard of this index in the rest was chosen and is over, and this is
+            // called once, as is demanded here.
             (Some(index), _) => Either::R(unsafe { rest.output(index) }),
         }
     }

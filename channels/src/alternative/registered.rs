@@ -327,7 +327,8 @@ impl<'a, T> Alternative<'a, T> {
             if replay::is_on() {
                 channel.note_alternative();
             }
-            // SAFETY: as above.
+            // SAFETY: the entry is for this channel and in no list: this is called once for each,
+            // before it has ended. It stays in its box until it is unregistered.
             let is_ready = unsafe { channel.register(entry) };
             if is_ready {
                 self.ready.set(index);
@@ -356,7 +357,7 @@ impl<'a, T> Alternative<'a, T> {
         let mut next = taken;
         while let Some(entry) = NonNull::new(next) {
             // SAFETY: an entry on the stack is live, and what was taken off it is this thread's. It
-            // was begun with its select state.
+            // was begun with its select state, which never changes.
             let index = unsafe {
                 next = (*entry.as_ptr()).next;
                 Waiter::guard_of(entry.cast::<Waiter<T>>()).1
@@ -460,8 +461,10 @@ impl<'a, T> Alternative<'a, T> {
     #[inline(always)]
     unsafe fn settled(entry: NonNull<Entry<T>>) -> Result<T, RecvError> {
         let node = entry.cast::<Waiter<T>>();
-        // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed
-        // node are looked at.
+        // SAFETY: the select state was chosen through the entry, and the caller is the owner, so
+        // the settled value is the caller's. The committing thread holds the lock until it has
+        // settled, and touches nothing after. Only single fields of the listed node are borrowed;
+        // its channel is borrowed for longer.
         unsafe {
             if Waiter::outcome(node) == Outcome::Waiting {
                 // The committing thread holds the channel's lock until it has settled.

@@ -45,8 +45,7 @@ impl Stop {
     }
 
     fn node(&self) -> NonNull<WaitNode> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()).cast() }
+        NonNull::from(&self.node).cast()
     }
 
     /// Lists the current process. O(1), or O(stopped processes of lower priority).
@@ -62,7 +61,8 @@ impl Stop {
         self.node.get_mut().write(WaitNode::new());
         // A model looks at no reports, and its lock cannot be a static one.
         #[cfg(not(loom))]
-        // SAFETY: the contract; it is in no list, and its drop takes it off.
+        // SAFETY: the node was not listed before, so it is in no list. It is pinned, as is demanded
+        // here, and its drop takes it off.
         with_stopped(|list| unsafe { list.insert(self.node(), current::priority(), None) });
         #[cfg(loom)]
         let _ = (current::priority(), self.node());

@@ -87,7 +87,7 @@ impl<D: Due> When<D> {
             if due_at == Instant::NEVER {
                 return Poll::Pending;
             }
-            // SAFETY: as above.
+            // SAFETY: the sleep is pinned with the whole, and no code here moves it.
             let mut sleep = unsafe { Pin::new_unchecked(&mut this.sleep) };
             if !this.is_set {
                 sleep.as_mut().reset(due_at);

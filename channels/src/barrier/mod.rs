@@ -242,7 +242,8 @@ impl Meeting {
     ///
     /// `lists` are those of this barrier.
     unsafe fn complete_with(&self, lists: &mut WaitQueues, more: usize) -> bool {
-        // SAFETY: the contract.
+        // SAFETY: the lists are this barrier's, as is demanded here, so they show that its lock is
+        // held.
         let (missing, offering) = unsafe {
             self.state(lists, |round| {
                 let come = round.arrived + round.offering + more;
@@ -253,7 +254,7 @@ impl Meeting {
         if missing > 0 || (more == 0 && none_waits) {
             return false;
         }
-        // SAFETY: the contract.
+        // SAFETY: the lists are this barrier's, as is demanded here: all that the callee demands.
         if offering > 0 && !unsafe { self.commit_offering(lists, more) } {
             return false;
         }
@@ -265,7 +266,8 @@ impl Meeting {
         } = lists;
         held.append(senders);
         held.append(receivers);
-        // SAFETY: the contract.
+        // SAFETY: the lists are this barrier's, as is demanded here, so they show that its lock is
+        // held.
         unsafe {
             self.state(lists, |round| {
                 round.arrived = 0;
@@ -283,8 +285,11 @@ impl Meeting {
     ///
     /// `lists` are those of this barrier.
     unsafe fn commit_offering(&self, lists: &mut WaitQueues, more: usize) -> bool {
-        // SAFETY: by the contract, nodes in the list are live waiters of alternatives, and the
-        // invariant holds for their select states.
+        // SAFETY: the lists are this barrier's, so their nodes are live waiters that the held lock
+        // guards, and by `Meeting`'s invariants lead to select states that need their commit lock,
+        // each to another one. These are live while their node is listed. So this thread enters
+        // each once, in their order, and leaves each once: with a guard only if it was open. A
+        // stale one is settled after it was taken off.
         unsafe {
             let mut open = 0;
             let mut next = lists.receivers.first();

@@ -76,8 +76,7 @@ impl<'a> SyncOp<'a> {
 
     #[inline]
     fn node(&self) -> NonNull<Waiter<()>> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()) }
+        NonNull::from(&self.node).cast()
     }
 
     /// The outcome of a listed party.
@@ -98,9 +97,9 @@ impl<'a> SyncOp<'a> {
         let meeting = self.meeting();
         let is_new = self.phase == Phase::New;
         let mut lists = meeting.lock();
-        // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
-        // contract, and its drop takes it off. Under the lock a listed node may be changed, and the
-        // round's number determines its list.
+        // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned, as is
+        // demanded here, and its drop takes it off. Under the lock a listed node may be changed,
+        // and the round's number determines its list.
         unsafe {
             if is_new {
                 if meeting.complete_with(&mut lists, 1) {
@@ -224,7 +223,9 @@ impl<'a> SyncOp<'a> {
         }
         self.meeting().waits_no_more();
         let mut lists = self.meeting().lock();
-        // SAFETY: as in `poll_round`.
+        // SAFETY: the lists are the barrier's, and the node was listed and is this future's. Under
+        // the lock one that is not settled is in a list, which the round's number and its select
+        // state determine.
         unsafe {
             match self.outcome() {
                 Outcome::Done => return true,
@@ -315,7 +316,8 @@ unsafe impl RawGuard for SyncOp<'_> {
             return Attempt::NotReady;
         };
         this.meeting().note_user();
-        // SAFETY: the contract: the lists are this barrier's.
+        // SAFETY: the lists are those of the guard's wait point, as is demanded here: this
+        // barrier's.
         if unsafe { this.meeting().complete_with(lists, 1) } {
             this.phase = Phase::Completed;
             Attempt::Ready(PendingWake::NONE)
@@ -332,8 +334,10 @@ unsafe impl RawGuard for SyncOp<'_> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: by the contract, the lists are this barrier's; all nodes of its alternatives lead
-        // to select states; the node is in none of the lists, and is taken off before it goes.
+        // SAFETY: the lists are those of the guard's wait point, as is demanded here: this
+        // barrier's. All nodes of its alternatives lead to select states, live while they are
+        // listed, as this one will be. The new node is in none of the lists, and is taken off
+        // before it goes.
         unsafe {
             let mut before = None;
             let mut next = lists.receivers.first();

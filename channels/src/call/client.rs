@@ -232,7 +232,8 @@ impl<Q, A> Future for CallOp<'_, Q, A> {
     }
 }
 
-// SAFETY: as for the send within it.
+// SAFETY: the send within it borrows the end that keeps the wait point of these terms, and its
+// drop, with that of the call, takes its node off.
 unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
     fn terms(&self) -> Terms<'_> {
         Terms {
@@ -246,7 +247,8 @@ unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
         lists: Option<&mut WaitQueues>,
         cx: &mut Context<'_>,
     ) -> Attempt {
-        // SAFETY: the contract is the same.
+        // SAFETY: the lists are those of this guard's wait point, which is the send's, and a new
+        // call has a new send: as is demanded here.
         unsafe { self.send().attempt(lists, cx) }
     }
 
@@ -256,17 +258,20 @@ unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
         select_state: NonNull<SelectState>,
         guard: u32,
     ) {
-        // SAFETY: the contract is the same.
+        // SAFETY: the lists are those of this guard's wait point, which is the send's; a new call
+        // has a new send; and the select state outlives its being listed: as is demanded here.
         unsafe { self.send().list(lists, select_state, guard) };
     }
 
     unsafe fn withdraw(self: Pin<&mut Self>) {
-        // SAFETY: the contract: it is the guard within this one.
+        // SAFETY: the call's alternative calls this, and so the send's; a send within a call is not
+        // polled before the call is.
         unsafe { self.send().withdraw() };
     }
 
     unsafe fn poll_chosen(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: the contract: it is the guard within this one.
+        // SAFETY: the call's alternative calls this, and so the send's, which is chosen when the
+        // call is; it was not polled, since the call was not.
         let polled = unsafe { self.as_mut().send().poll_chosen(cx) };
         if polled.is_pending() && current::branch_failed() {
             self.interrupt();
@@ -288,7 +293,8 @@ unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
     }
 
     unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        // SAFETY: the contract: it is the guard within this one.
+        // SAFETY: the call's alternative calls this, and so the send's. The send was not polled,
+        // and is listed nowhere, since that holds of the call.
         unsafe { self.send().fail() }
     }
 }
@@ -308,7 +314,8 @@ impl<Q, A> Guard for CallOp<'_, Q, A> {
     }
 
     unsafe fn output(mut self: Pin<&mut Self>) -> Self::Output {
-        // SAFETY: the contract: it is the guard within this one.
+        // SAFETY: the call was chosen and is over, so the send is, or was settled by `interrupt`.
+        // This is called once, as is demanded here.
         let sent = unsafe { self.as_mut().send().output() };
         self.result(sent)
     }

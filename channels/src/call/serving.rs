@@ -61,8 +61,9 @@ impl<Q, A> Mode<Message<Q, A>> for Serving {
 /// `receiver` was listed in this channel, and was committed under the lock that is still held.
 #[inline]
 pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
-    // SAFETY: the contract: under the lock a node that is not settled is not its future's. That of
-    // one that inherits is followed by its note.
+    // SAFETY: the receiver is not settled and the lock is held that guards it: so it is live, and
+    // this thread's. One that inherits was begun as a receive of such a mode: its waiter is
+    // followed by its direction, which is the note alone.
     unsafe {
         if (*Waiter::link(receiver)).inherits {
             let node = receiver.cast::<Node<T, Option<Inheritor>>>().as_ptr();

@@ -22,11 +22,13 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<()>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
-        // SAFETY: the contract: the wait point is the first field of such a channel.
+        // SAFETY: `channel` leads to a whole channel of values of this type, whose first field is
+        // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
+        // demands that.
         let (this, node) = unsafe { (channel.cast::<Self>().as_ref(), node.cast::<Waiter<T>>()) };
-        // SAFETY: the contract: the executor has kept the lock, which guards the store too, and the
-        // node holds a value. The store of such a buffer was made with room for all that the buffer
-        // holds, and one that is not full has room for one more.
+        // SAFETY: this thread has kept the lock, which guards the store too, and takes it back
+        // once. A new send's node holds a value. The store of such a buffer was made with room for
+        // all that the buffer holds, and one that is not full has room for one more.
         unsafe {
             let mut lists = this.wait_point.kept(turn);
             let is_stored = this.store.with_mut(|store| {
@@ -52,10 +54,13 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`store_fast`](Self::store_fast).
+    /// As for [`store_fast`](Self::store_fast): the lock was kept, and `node` is a new send's.
     #[inline(never)]
     unsafe fn wait_for_room(&self, node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) -> FastPath {
-        // SAFETY: the contract: the executor has kept the lock.
+        // SAFETY: this thread has kept the lock, and takes it back once. The new node is in no list
+        // and known to its future alone, which withdraws it before it goes. The list of senders is
+        // empty: at a channel with a buffer only a receiver waits alone, so that `list_lone` adds
+        // none.
         unsafe {
             let mut lists = self.wait_point.kept(turn);
             if !lists.senders.is_empty() {
@@ -79,9 +84,13 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<()>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
-        // SAFETY: the contract: the wait point is the first field of such a channel.
+        // SAFETY: `channel` leads to a whole channel of values of this type, whose first field is
+        // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
+        // demands that.
         let (this, node) = unsafe { (channel.cast::<Self>().as_ref(), node.cast::<Waiter<T>>()) };
-        // SAFETY: the contract: the executor has kept the lock, which guards the store too.
+        // SAFETY: this thread has kept the lock, which guards the store too, and takes it back
+        // once. A value is stored, so `pop_front` returns one. A new receive's node holds none, and
+        // only its future knows it.
         unsafe {
             let mut lists = this.wait_point.kept(turn);
             let stored = this.store.with(|store| (*store).len());
@@ -102,15 +111,19 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// As for [`take_stored_fast`](Self::take_stored_fast): the lock was kept, and `node` is a new
+    /// receive's.
     #[inline(never)]
     unsafe fn take_stored_otherwise(
         &self,
         node: NonNull<Waiter<T>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
-        // SAFETY: the contract: the executor has kept the lock, which guards the store too. A
-        // listed sender's node holds its value.
+        // SAFETY: this thread has kept the lock by its bias, takes it back once, and the lock
+        // guards the store too. The new node is known to its future alone, and holds no value. A
+        // listed sender with a plain wake handle holds its value. It is settled after it was taken
+        // off and its value moved. A value is stored, so `pop_front` returns one. The wake was made
+        // in a plain turn on this thread.
         unsafe {
             let process = turn.process();
             let mut lists = self.wait_point.kept(turn);

@@ -55,7 +55,8 @@ pub(crate) enum FastPath {
 ///
 /// # Safety
 ///
-/// As for `meet`, with the wait point of such a channel.
+/// `channel` is a pointer to the whole of a live channel of such values, and this thread has kept
+/// its lock. `node` is as for `meet`, of this channel and of the direction of the step.
 pub(crate) type Meet =
     unsafe fn(NonNull<WaitPoint>, NonNull<Waiter<()>>, PlainTurn<'_>) -> FastPath;
 
@@ -83,7 +84,8 @@ unsafe fn meet<const SEND: bool>(
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract; the operation keeps its channel.
+    // SAFETY: `channel` leads to a whole channel, whose first field is the wait point. The
+    // operation with this node borrows an end, which keeps the channel.
     let wait_point = unsafe { channel.as_ref() };
     // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
     // closure of a `send_with` runs under one, but it has no plain turn.
@@ -92,8 +94,11 @@ unsafe fn meet<const SEND: bool>(
         Err(Refused::NotBiased) => return FastPath::No,
         Err(Refused::Revoked) => return revoked(wait_point, FastPath::No),
     };
-    // SAFETY: the contract. The lock is held: a node that waits alone is live, and belongs to a
-    // process of this executor.
+    // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and no
+    // other thread accesses its value; it belongs to a process of this executor. A sender's node
+    // holds a value, and a receiver's none: this one by `# Safety`, the waiting one by the waiter's
+    // invariant. `moves_word` says that the channel's values need no mover. Where the lock was
+    // kept, the callee takes it back.
     unsafe {
         if let Some(partner) = lists.waiting.one(!SEND) {
             if !lists.moves_word {
@@ -129,14 +134,15 @@ unsafe fn meet<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// As there. The lock was kept.
+/// As for [`meet`], of a channel with a buffer. The lock was kept.
 #[inline(always)]
 unsafe fn meet_store<const SEND: bool>(
     channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: the channel is live, as for `meet`. Its steps are those for the type of its values,
+    // and the lock was kept, which they take back. The node is passed on as it was given.
     unsafe {
         let values = channel.as_ref().identity.values;
         match SEND {
@@ -150,7 +156,7 @@ unsafe fn meet_store<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// As for [`meet`]; the lists are those of `wait_point`, where nothing waits.
+/// `node` is as for [`meet`]; the lists are those of `wait_point`, where nothing waits.
 #[inline(always)]
 pub(super) unsafe fn wait_alone<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -160,7 +166,8 @@ pub(super) unsafe fn wait_alone<const SEND: bool>(
 ) -> FastPath {
     // Read before the stores: the process is read once then.
     let user = LastUser::process(turn.process().id());
-    // SAFETY: the contract.
+    // SAFETY: the node is in no list and no other thread accesses it, as for `meet`: what
+    // `begin_alone` demands.
     unsafe { Waiter::begin_alone(node, turn) };
     lists.note_user(SEND, user);
     lists.set_alone(node.cast(), SEND);
@@ -183,8 +190,9 @@ unsafe fn part<const SEND: bool>(
     partner: NonNull<WaitNode>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: by the contract the partner's wake handle was made on this thread, and no other
-    // thread has taken it, since the lock is held.
+    // SAFETY: the partner waits alone, so `begin_alone` has written its wake, and on this thread: a
+    // lock is biased to one executor in all its life. The lock is held, so the wake is taken once.
+    // From here on the node is noted nowhere, as `depart` demands.
     unsafe {
         let ready = WaitNode::take_alone(partner.as_ptr());
         lists.set_nothing_waits();
@@ -196,8 +204,9 @@ unsafe fn part<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// The lists are those of `wait_point`. The partner's node is listed nowhere and not settled.
-/// `ready` is its wake, made in a plain turn on this thread.
+/// The lists are those of `wait_point`, and the value was moved. The partner's node was committed,
+/// is not settled, and is in no list, or is the entry of a registered alternative. `ready` is its
+/// wake, made in a plain turn on this thread.
 #[inline(always)]
 pub(super) unsafe fn depart<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -205,7 +214,9 @@ pub(super) unsafe fn depart<const SEND: bool>(
     (partner, ready): (NonNull<WaitNode>, PlainPendingWake),
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: the partner was committed and taken off under the lock that is still held, and its
+    // value was moved, so it is `Done`, as `settle_plain` demands. Its wake was made in a plain
+    // turn on this thread, which has left the lock when it wakes.
     unsafe {
         lists.note_user(SEND, LastUser::process(turn.process().id()));
         Waiter::<()>::settle_plain(partner.cast());
@@ -223,7 +234,8 @@ pub(super) unsafe fn depart<const SEND: bool>(
 /// The wake handle was made in a plain turn on this thread, which holds no lock.
 #[inline(always)]
 pub(crate) unsafe fn wake_partner(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: the handle was made in a plain turn on this thread, as is demanded here: all that the
+    // wake demands.
     unsafe {
         match ready.wake_if_none_ready(turn) {
             Ok(()) => FastPath::Done,
@@ -237,7 +249,7 @@ pub(crate) unsafe fn wake_partner(ready: PlainPendingWake, turn: PlainTurn<'_>) 
 ///
 /// # Safety
 ///
-/// As there; `partner` waits alone for an operation of this side.
+/// As for [`meet`]; the lock was kept, and `partner` waits alone for an operation of this side.
 #[inline(never)]
 unsafe fn part_long<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -249,7 +261,9 @@ unsafe fn part_long<const SEND: bool>(
         true => (node, partner.cast()),
         false => (partner.cast(), node),
     };
-    // SAFETY: the contract.
+    // SAFETY: of the two nodes the sender's holds a value and the receiver's none: `node` as for
+    // `meet`, the partner's since it waits. The lock was kept, so no other thread accesses them,
+    // and `kept` takes it back once. The partner waits alone, as `part` demands.
     unsafe {
         move_value(wait_point, from, to);
         let lists = wait_point.kept(turn);
@@ -261,10 +275,12 @@ unsafe fn part_long<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// As for [`Mover`](crate::wait_point::Mover), of nodes of the channel around `wait_point`.
+/// As for [`Mover`](crate::wait_point::Mover): `from` holds a value, `to` holds none, and no other
+/// thread accesses either. Both are nodes of the channel around `wait_point`.
 #[inline(always)]
 unsafe fn move_value(wait_point: &WaitPoint, from: NonNull<Waiter<()>>, to: NonNull<Waiter<()>>) {
-    // SAFETY: the contract; a wait point has the methods of its channel's values.
+    // SAFETY: a channel gives its wait point the mover for the type of its values, or none if a
+    // word holds one: so it fits both nodes. What it demands of their values is demanded here.
     unsafe {
         match wait_point.identity.values.mover {
             Some(mover) => mover(from, to),
@@ -286,7 +302,7 @@ fn revoked(wait_point: &WaitPoint, result: FastPath) -> FastPath {
 ///
 /// # Safety
 ///
-/// As there.
+/// `ready` was made in a plain turn on this thread, which holds no lock.
 #[cold]
 #[inline(never)]
 unsafe fn part_revoked(
@@ -295,7 +311,7 @@ unsafe fn part_revoked(
     turn: PlainTurn<'_>,
 ) -> FastPath {
     wait_point.after_revocation();
-    // SAFETY: the contract.
+    // SAFETY: `ready` was made in a plain turn on this thread, as is demanded here.
     unsafe { wake_otherwise(ready, turn) }
 }
 
@@ -303,10 +319,11 @@ unsafe fn part_revoked(
 ///
 /// # Safety
 ///
-/// As for [`part`].
+/// `ready` was made in a plain turn on this thread, which holds no lock.
 #[inline(never)]
 unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: `ready` was made in a plain turn on this thread, as is demanded here: all that the
+    // wake demands.
     unsafe {
         ready.fetch();
         ready.wake();
@@ -319,7 +336,7 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
 ///
 /// # Safety
 ///
-/// As there, and for [`part_long`].
+/// As for [`meet`]; the lock was kept, and `guard` waits alone for an operation of this side.
 #[inline(never)]
 unsafe fn meet_guard<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -327,7 +344,11 @@ unsafe fn meet_guard<const SEND: bool>(
     turn: PlainTurn<'_>,
     guard: NonNull<WaitNode>,
 ) -> FastPath {
-    // SAFETY: the contract; the lock was kept, and a guard that waits alone was begun as one.
+    // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
+    // its select state, which is live while the lock is held: the owner needs it to withdraw the
+    // guard. If the select state is left, the guard is stale, and `wait_alone` overwrites its note.
+    // Its partner commits it under the commit lock, entered by its bias. Until it is settled it is
+    // a waiting operation of the channel: its value can be moved as in `meet`.
     unsafe {
         let mut lists = wait_point.kept(turn);
         // In a model every value is moved here.
@@ -369,7 +390,7 @@ unsafe fn meet_guard<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// As there.
+/// As for [`meet_guard`]: the lock was kept, and `guard` waits alone for an operation of this side.
 #[inline(never)]
 unsafe fn meet_guard_long<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -377,7 +398,10 @@ unsafe fn meet_guard_long<const SEND: bool>(
     turn: PlainTurn<'_>,
     guard: NonNull<WaitNode>,
 ) -> FastPath {
-    // SAFETY: the contract, as there.
+    // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
+    // its select state, and no other thread can withdraw it under the lock: so `commit` finds that
+    // live. A stale guard is settled before `wait_alone` overwrites its note; a chosen one is taken
+    // off for `give`.
     unsafe {
         let mut lists = wait_point.kept(turn);
         match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
@@ -416,8 +440,9 @@ pub(super) fn guard_refuses(
 ///
 /// # Safety
 ///
-/// As there; the alternative was committed through this guard, which does not wait alone, or
-/// through this node of a registered one.
+/// As for [`meet`]; the lock was kept. The alternative was committed through this guard, which is
+/// noted nowhere any more, or through this entry of a registered one; it is not settled. `ready` is
+/// its wake.
 #[cold]
 #[inline(never)]
 pub(super) unsafe fn give_revoked<const SEND: bool>(
@@ -427,7 +452,9 @@ pub(super) unsafe fn give_revoked<const SEND: bool>(
     guard: NonNull<WaitNode>,
     ready: PlainPendingWake,
 ) -> FastPath {
-    // SAFETY: the contract: until the guard is settled its select state is live.
+    // SAFETY: the owner needs the lock of the wait point, which was kept, before it can withdraw
+    // the guard or free it: so its select state is live until the guard is settled. The lock is
+    // taken back once, and the guard was committed and taken off, as `give` demands.
     unsafe {
         let (select_state, _) = Waiter::<()>::guard_of(guard.cast());
         select_state.as_ref().after_revocation();
@@ -440,7 +467,7 @@ pub(super) unsafe fn give_revoked<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// As there.
+/// As for [`meet`]: of `channel` and `node`. The lock was kept.
 #[cold]
 #[inline(never)]
 unsafe fn meet_otherwise<const SEND: bool>(
@@ -448,7 +475,10 @@ unsafe fn meet_otherwise<const SEND: bool>(
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract; the lock was kept.
+    // SAFETY: the lock was kept, and is taken back once in each way. The channel is live, and the
+    // node new, as for `meet`. `take_first` gets a queue of a plain channel without a buffer, and
+    // what it takes was committed and is not settled, as `give` demands. `send` and `recv` are
+    // called without the lock.
     unsafe {
         let wait_point = channel.as_ref();
         let mut lists = wait_point.kept(turn);
@@ -484,7 +514,9 @@ unsafe fn meet_otherwise<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// As for [`meet`]; the lock is held, and the partner waited for an operation of this side.
+/// `node` is as for [`meet`], and the lists are those of `wait_point`. The partner waited for an
+/// operation of this side. It was committed and taken off, is not settled, and comes with its wake,
+/// made in a plain turn on this thread.
 #[inline(always)]
 unsafe fn give<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -493,7 +525,9 @@ unsafe fn give<const SEND: bool>(
     partner: (NonNull<WaitNode>, PlainPendingWake),
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract: a waiting sender holds its value, a waiting receiver holds none.
+    // SAFETY: of the two nodes the sender's holds a value and the receiver's none: `node` as for
+    // `meet`, the partner's since it waited and is not settled. The lock is held, so no other
+    // thread accesses them. Then the value was moved, and the partner is as `depart` demands.
     unsafe {
         let (from, to) = match SEND {
             true => (node, partner.0.cast()),
@@ -508,7 +542,8 @@ unsafe fn give<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// The partner waits alone, or is the first of its queue and a plain operation.
+/// This thread has kept the lock, and the value was moved. The partner waits alone, or is the first
+/// of its queue and a plain operation, of which [`Waiter::has_plain_wake_handle`] is true.
 #[inline(always)]
 pub(crate) unsafe fn part_from(
     wait_point: &WaitPoint,
@@ -516,7 +551,8 @@ pub(crate) unsafe fn part_from(
     by_sender: bool,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: the lock was kept, the value was moved, and the partner still waits, as is demanded
+    // here and there.
     unsafe {
         match by_sender {
             true => part_kept::<true>(wait_point, partner, turn),
@@ -527,14 +563,15 @@ pub(crate) unsafe fn part_from(
 
 /// # Safety
 ///
-/// As for [`part_from`].
+/// As for [`part_from`]: the lock was kept, the value was moved, and the partner still waits.
 #[inline(never)]
 unsafe fn part_kept<const SEND: bool>(
     wait_point: &WaitPoint,
     partner: NonNull<WaitNode>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: the lock was kept, and is taken back once, or kept again for `part_queued`. A partner
+    // that is noted as alone is the one that was met: the lock was not left since.
     unsafe {
         let lists = wait_point.kept(turn);
         if lists.waiting.one(!SEND).is_none() {
@@ -549,11 +586,14 @@ unsafe fn part_kept<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// As there.
+/// As for [`part_from`]: the lock was kept, the value was moved, and the first of the queue still
+/// waits.
 #[cold]
 #[inline(never)]
 unsafe fn part_queued<const SEND: bool>(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
+    // without a buffer, where `look_at_queues` has found a partner. It was taken off, as `depart`
+    // demands.
     unsafe {
         let mut lists = wait_point.kept(turn);
         match take_first(lists.waiting_for::<SEND>(), turn) {
@@ -567,14 +607,14 @@ unsafe fn part_queued<const SEND: bool>(wait_point: &WaitPoint, turn: PlainTurn<
 ///
 /// # Safety
 ///
-/// As there.
+/// As for [`meet`], of `channel` and `node`.
 #[inline(never)]
 unsafe fn send(
     channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: `channel` and `node` are as `meet` demands, since this demands the same of a send's.
     unsafe { meet::<true>(channel, node, turn) }
 }
 
@@ -582,14 +622,15 @@ unsafe fn send(
 ///
 /// # Safety
 ///
-/// As there.
+/// As for [`meet`], of `channel` and `node`.
 #[inline(never)]
 unsafe fn recv(
     channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the contract.
+    // SAFETY: `channel` and `node` are as `meet` demands, since this demands the same of a
+    // receive's.
     unsafe { meet::<false>(channel, node, turn) }
 }
 
@@ -609,7 +650,9 @@ impl<T> Channel<T> {
     ) -> FastPath {
         // The wait point is the channel's first field.
         let channel = NonNull::from(self).cast();
-        // SAFETY: the contract.
+        // SAFETY: `channel` was made of a reference to the whole. By `# Safety` the node is new,
+        // holds a value if it sends and none if it receives, is known to its future alone, and
+        // stays: as `meet` demands.
         unsafe {
             match is_sender {
                 true => send(channel, node.cast(), turn),

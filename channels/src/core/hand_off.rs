@@ -62,17 +62,20 @@ impl<T> Channel<T> {
                         [users[1], users[0]]
                     }
                 });
-                // SAFETY: the contract. A waiting receiver's node holds no value, and its future
-                // looks at the slot alone. A waiting sender's value lies in the slot if that has
-                // room, else in its node. The lock is held.
+                // SAFETY: a new send's node holds its value, a new receive's none. A waiting
+                // receiver's node holds no value, and its future looks at the slot alone. A waiting
+                // sender's value lies in the slot if that has room, else in its node. The lock is
+                // held.
                 unsafe { self.move_by_slot(is_sender, node, partner.cast()) };
                 slots.settle(other);
                 return HandOff::Done;
             }
             if slots.is_free(own) && spin::may_look() {
                 lists.note_user(is_sender, LastUser::of(current::user()));
-                // SAFETY: the contract. The slot gets a bitwise copy of a sender's value. One of
-                // the two is used: the slot's if it is met there, the node's once that is listed.
+                // SAFETY: the new node is in no list and only its future knows it; it stays until
+                // it is settled or withdrawn. The slot is free and the lock is held, so this thread
+                // may put a value there: a bitwise copy of a sender's. One of the two is used: the
+                // slot's if it is met there, the node's once that is listed.
                 unsafe {
                     Waiter::begin_in_slot(node);
                     lists.hand_off.note(own, node.cast());
@@ -104,7 +107,9 @@ impl<T> Channel<T> {
         partner: NonNull<Waiter<T>>,
     ) {
         let slots = &self.wait_point.hand_off_slots;
-        // SAFETY: the contract.
+        // SAFETY: the lock is held, so no other thread accesses a node or slot of an operation that
+        // waits, and the value can be moved; one side holds a value for the other, as is demanded
+        // here. One with room lies in the slot of the operation that waited, any other in its node.
         unsafe {
             match (is_sender, has_room::<T>()) {
                 (true, true) => slots.put(Side::Receiver, Waiter::take_value_of(node)),
@@ -135,7 +140,9 @@ impl<T> Channel<T> {
         let stays = AbortOnDrop;
         spin::look(|| !hand_off_slots.is_waiting(side));
         std::mem::forget(stays);
-        // SAFETY: the contract.
+        // SAFETY: the operation waited on this slot with this node, and this is its poll, as is
+        // demanded here. The slot's state says whether it is done; only this poll leaves that
+        // state.
         unsafe {
             if hand_off_slots.is_done(side) {
                 self.leave_done(node, side);
@@ -147,12 +154,13 @@ impl<T> Channel<T> {
 
     /// # Safety
     ///
-    /// As for [`look_from_slot`](Self::look_from_slot); and it is done.
+    /// As for [`look_from_slot`](Self::look_from_slot): it waited on this slot with this node, and
+    /// this is its poll. It is done.
     #[inline]
     unsafe fn leave_done(&self, node: NonNull<Waiter<T>>, side: Side) {
         let hand_off_slots = &self.wait_point.hand_off_slots;
-        // SAFETY: by the contract; a finished operation is known to its future alone, and so is the
-        // value in its hand-off slot.
+        // SAFETY: from `DONE` on the partner touches neither the node nor the slot: both are this
+        // future's. A value with room that it received lies in the slot, and none in its node.
         unsafe {
             if side == Side::Receiver && has_room::<T>() {
                 Waiter::put_value_of(node, hand_off_slots.take(side));
@@ -163,7 +171,8 @@ impl<T> Channel<T> {
 
     /// # Safety
     ///
-    /// As for [`look_from_slot`](Self::look_from_slot).
+    /// As for [`look_from_slot`](Self::look_from_slot): it waited on this slot with this node, and
+    /// this is its poll.
     #[cold]
     unsafe fn leave_for_list(
         &self,
@@ -173,7 +182,9 @@ impl<T> Channel<T> {
     ) -> Outcome {
         // Taking the lock lists an operation that still waits on a hand-off slot.
         let locked = self.lock();
-        // SAFETY: by the contract; an unfinished operation was listed here.
+        // SAFETY: taking the lock has listed the operation, if another one had not, or it was done
+        // before: the state says which. One that was listed here was not withdrawn, as
+        // `renew_wake_handle` demands, and `locked` is this channel's.
         unsafe {
             if self.wait_point.hand_off_slots.is_done(side) {
                 drop(locked);

@@ -119,6 +119,9 @@ impl<T> Channel<T> {
         channel
     }
 
+    /// # Safety
+    ///
+    /// `head` is the `retired` of a channel that was retired, and this is called once for it.
     unsafe fn free(head: NonNull<Retired>) {
         // SAFETY: `allocate` made it of a box, and registered it; the head is a field of it.
         unsafe {
@@ -135,9 +138,10 @@ impl<T> Channel<T> {
     /// `wait_point` is that of a live channel of values of this type, by a pointer to the whole,
     /// and its lock is held.
     unsafe fn stored(wait_point: NonNull<WaitPoint>) -> (usize, usize) {
-        // SAFETY: the contract; the wait point is the channel's first field.
+        // SAFETY: `wait_point` is the first field of a live channel of values of this type, and the
+        // pointer leads to the whole, as is demanded here.
         let channel = unsafe { wait_point.cast::<Channel<T>>().as_ref() };
-        // SAFETY: the lock is held.
+        // SAFETY: the lock is held, as is demanded here, and guards the store.
         let now = channel.store.with(|store| unsafe { (*store).len() });
         (now, channel.capacity())
     }
@@ -234,7 +238,8 @@ impl<T> Channel<T> {
         cx: &Context<'_>,
     ) -> Outcome {
         let mut renewal = Renewal::of(cx);
-        // SAFETY: the contract.
+        // SAFETY: the node was listed in this channel and was not withdrawn, as is demanded here;
+        // no lock is passed on.
         unsafe { self.renew_wake_handle(None, node, &mut renewal) }
     }
 
@@ -243,7 +248,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As there; `locked` is that of this channel.
+    /// As for `update_wake_handle`: `node` was listed in this channel and was not withdrawn.
+    /// `locked` is that of this channel.
     unsafe fn renew_wake_handle(
         &self,
         mut locked: Option<Locked<'_, T>>,
@@ -268,21 +274,23 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`update_wake_handle`](Self::update_wake_handle).
+    /// As for [`update_wake_handle`](Self::update_wake_handle): `node` was listed in this channel
+    /// and was not withdrawn.
     pub(crate) unsafe fn look_for_partner(
         &self,
         node: NonNull<Waiter<T>>,
         looks: bool,
         cx: &Context<'_>,
     ) -> Outcome {
-        // SAFETY: the contract; it was begun, since it was listed.
+        // SAFETY: the node was listed, so it was begun, and its future, which polls, keeps it.
         let outcome = || unsafe { Waiter::outcome(node) };
         if looks && spin::look(|| outcome() != Outcome::Waiting) {
             return outcome();
         }
         let mut renewal = Renewal::made(cx);
         // Under the lock: a partner comes before it, and has settled the node, or finds the wake
-        // handle. SAFETY: the contract.
+        // handle. SAFETY: the node was listed in this channel and was not withdrawn, as is demanded
+        // here.
         unsafe { self.renew_wake_handle(None, node, &mut renewal) }
     }
 
@@ -336,7 +344,8 @@ impl<T> Channel<T> {
     /// [`unregister`](Self::unregister).
     pub(crate) unsafe fn register(&self, entry: NonNull<Entry<T>>) -> bool {
         let mut locked = self.lock();
-        // SAFETY: the contract; the wait node is the first field.
+        // SAFETY: the entry's first field is its wait node. It is in no list, and stays until
+        // `unregister` takes it off, as is demanded here.
         unsafe {
             let priority = current::priority();
             locked.lists.registered.insert(entry.cast(), priority, None);
@@ -355,7 +364,8 @@ impl<T> Channel<T> {
     /// The entry is registered here.
     pub(crate) unsafe fn unregister(&self, entry: NonNull<Entry<T>>) {
         let mut locked = self.lock();
-        // SAFETY: the contract.
+        // SAFETY: the entry is in this channel's list of registered ones, as is demanded here, and
+        // the lock is held.
         unsafe { locked.lists.registered.remove(entry.cast()) };
         locked.lists.find_whether_plain();
     }
@@ -551,7 +561,8 @@ impl<T> Channel<T> {
     ///
     /// The caller gives up a receiver, which it does not use again.
     pub(crate) unsafe fn drop_receiver(channel: NonNull<Self>) {
-        // SAFETY: as for `drop_sender`.
+        // SAFETY: the receiver kept the channel alive until now, and its kind does until
+        // `drop_kind`.
         unsafe {
             let _gone = Finally::new(|| {
                 if channel.as_ref().receivers.fetch_sub(1, Ordering::AcqRel) == 1 {
@@ -571,6 +582,9 @@ impl<T> Channel<T> {
         }
     }
 
+    /// # Safety
+    ///
+    /// The last end of one kind is gone, and this is called once for that kind.
     unsafe fn drop_kind(channel: NonNull<Self>) {
         // SAFETY: the last one to get here is the last user; what it frees may be freed on any
         // thread, since the values are `Send`.

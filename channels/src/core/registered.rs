@@ -24,9 +24,11 @@ impl<T> Channel<T> {
         sender: NonNull<Waiter<()>>,
         turn: PlainTurn<'_>,
     ) -> FastPath {
-        // SAFETY: the contract: the executor has kept the lock, and the wait point is that of a
-        // channel of values of this type. A registered node is that of a live entry, which the lock
-        // guards. If it is committed, it holds no value before it is done.
+        // SAFETY: this thread has kept the lock, and takes it back once in each way; the wait point
+        // is that of a live channel of values of this type: `Meet` demands that. A registered node
+        // is that of a live entry, which the lock guards, as its alternative's. The commit lock is
+        // entered by its bias. A committed entry holds no value before it is done; a new send's
+        // node holds one.
         unsafe {
             let wait_point = channel.as_ref();
             let lists = wait_point.kept(turn);
@@ -103,7 +105,8 @@ impl<T> Channel<T> {
 ///
 /// # Safety
 ///
-/// As for [`wait_alone`]; the lock of the wait point was kept.
+/// `sender` is as for [`wait_alone`]: new, and with its value. The lock of the wait point, where
+/// nothing waits, was kept.
 #[cold]
 #[inline(never)]
 unsafe fn wait_revoked(
@@ -113,7 +116,8 @@ unsafe fn wait_revoked(
     turn: PlainTurn<'_>,
 ) -> FastPath {
     select_state.after_revocation();
-    // SAFETY: the contract.
+    // SAFETY: the lock was kept, and is taken back once; the sender is new, and nothing waits
+    // there, as `wait_alone` demands.
     unsafe { wait_alone::<true>(wait_point, wait_point.kept(turn), sender, turn) }
 }
 
@@ -130,7 +134,8 @@ unsafe fn taken_from<T>(
     turn: PlainTurn<'_>,
 ) -> (T, PlainPendingWake) {
     lists.note_user(false, LastUser::process(turn.process().id()));
-    // SAFETY: the contract.
+    // SAFETY: the sender waited, so it holds its value. It was taken off under the lock that is
+    // held, and its value is moved out before it is settled as done.
     unsafe {
         let value = Waiter::<T>::take_value_of(sender.cast());
         Waiter::<T>::settle_plain(sender.cast());

@@ -84,7 +84,9 @@ impl Core {
     /// `entry` is in the list of senders of `lists`, which are this mutex's.
     pub(super) unsafe fn requeue(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) {
         let node = Entry::node(entry);
-        // SAFETY: the contract.
+        // SAFETY: the entry is in this list, as is demanded here, and the lists show that the lock
+        // is held: so it is live, and may be changed. Taken off it is in no list, and is listed
+        // again at once.
         unsafe {
             let priority = Entry::priority(entry);
             if priority != node.as_ref().priority() {
@@ -125,7 +127,7 @@ fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
     let mut waiters = lists.senders.nodes();
     // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
     let other = waiters.find(|&node| unsafe { !Entry::is_of(Entry::of(node), holder) });
-    // SAFETY: as above.
+    // SAFETY: a listed node is live while the lock is held, which the lists show.
     let priority = other.map(|node| unsafe { node.as_ref() }.priority());
     priority.unwrap_or_default()
 }

@@ -243,7 +243,7 @@ impl Condvar {
         while let Some(first) = lists.held.pop() {
             // A wake may panic: the remaining wakes must still be done.
             let rest = Finally::new(|| self.release());
-            // SAFETY: as in `notify_one`.
+            // SAFETY: it was just taken off this condition's list `held`, and the lock is held.
             unsafe { move_on(lists, Some(first), Cause::NotifiedWithAll) };
             rest.cancel();
             lists = self.wait_point().lock();
@@ -293,9 +293,9 @@ unsafe fn move_on(
     let Some(entry) = node.map(Entry::of) else {
         return;
     };
-    // SAFETY: the contract: its future cannot go without the condition's lock before it is settled,
-    // and keeps its mutex. After that it may, so that the reference keeps the mutex while its lock
-    // is held here.
+    // SAFETY: the entry was just taken off the condition's list, as is demanded here: its future
+    // cannot go without the condition's lock before it is settled, and keeps its mutex. After that
+    // it may, so that the reference keeps the mutex while its lock is held here.
     let (core, admitted) = unsafe {
         (*entry.as_ptr()).cause = cause;
         let Some(core) = Entry::core(entry) else {

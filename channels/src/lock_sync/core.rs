@@ -58,7 +58,8 @@ impl Core {
     }
 
     pub(super) fn state<R>(&self, lists: &WaitQueues, f: impl FnOnce(&mut State) -> R) -> R {
-        // SAFETY: this module and `chain` pass the lists of this core's own wait point.
+        // SAFETY: the callers, here and in `chain` and `give_back`, pass the lists of this core's
+        // own wait point, and no `f` of theirs calls this.
         unsafe { self.wait_point.state(lists, f) }
     }
 
@@ -216,8 +217,9 @@ impl Core {
             let Some(wake_handle) = renewal.take() else {
                 return Poll::Pending;
             };
-            // SAFETY: the contract. Listed with its process before the priority is read again, and
-            // in the list of this wait point's lock.
+            // SAFETY: the entry is the caller's, pinned and not begun, and is taken back or done,
+            // and then ended, before it goes, as is demanded here. Listed with its process before
+            // the priority is read again, and in the list of this wait point's lock.
             changed = unsafe {
                 Entry::begin(entry, this, count, inheritor.take());
                 let node = Entry::node(entry);
@@ -242,7 +244,8 @@ impl Core {
     ///
     /// `entry` is the caller's, and was listed here.
     pub(super) unsafe fn poll_listed(&self, entry: NonNull<Entry>, cx: &Context<'_>) -> Poll<()> {
-        // SAFETY: the contract; under the lock a waiting node may be changed.
+        // SAFETY: the entry is the caller's and was listed here, as is demanded here: so it is live
+        // and was begun. Under the lock a waiting node may be changed.
         unsafe {
             if Entry::outcome(entry) == Outcome::Done {
                 return Poll::Ready(());
@@ -268,12 +271,14 @@ impl Core {
     ///
     /// # Safety
     ///
-    /// As for [`poll_listed`](Self::poll_listed).
+    /// As for [`poll_listed`](Self::poll_listed): `entry` is the caller's, and was listed here.
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> (bool, Option<WakeHandle>) {
         self.wait_point.waits_no_more();
         let mut lists = self.wait_point.lock();
-        // SAFETY: the contract; a node that waits is in the list.
+        // SAFETY: the entry is the caller's and was listed here, as is demanded here: so it is live
+        // and was begun. Under the lock one that is not done is in the list of senders, and is
+        // settled after it was taken off.
         let (changed, former) = unsafe {
             if Entry::outcome(entry) == Outcome::Done {
                 return (true, None);

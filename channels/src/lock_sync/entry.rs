@@ -91,7 +91,9 @@ impl Entry {
         count: u32,
         inheritor: Option<Inheritor>,
     ) {
-        // SAFETY: the contract.
+        // SAFETY: the entry is live, in no list, and no other thread accesses it, as is demanded
+        // here. It stays until `end`, so the node of `listed` can be listed with the process; it is
+        // in no list yet.
         unsafe {
             Waiter::begin(Self::waiter(entry), false, None, None);
             let this = entry.as_ptr();
@@ -117,8 +119,10 @@ impl Entry {
     ///
     /// `entry` is live, in no wait point's list, and no other thread accesses it.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
-        // SAFETY: by the contract. Until it is taken out, others may access the node of `listed`
-        // under its executor's lock, so only the inheritor is referred to.
+        // SAFETY: the entry is live, in no wait point's list, and only its future accesses it but
+        // for `listed`, as is demanded here. Until that is taken out, others may access its node
+        // under its executor's lock, so only the inheritor is referred to; it is that of the
+        // process with which `begin` has listed the node.
         unsafe {
             let this = entry.as_ptr();
             if std::mem::take(&mut (*this).is_listed) {
@@ -138,7 +142,9 @@ impl Entry {
     ///
     /// `node` was listed by [`begin`](Self::begin), and the lock of the process' executor is held.
     pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> NonNull<Entry> {
-        // SAFETY: the contract.
+        // SAFETY: the node is listed with a process, as is demanded here, so it begins a `Listed`.
+        // Its owner needs the executor's lock, which is held, to take it off: so it is live, and
+        // `entry` does not change.
         unsafe { (*node.cast::<Listed>().as_ptr()).entry }
     }
 
@@ -146,9 +152,10 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// It is live and was begun.
+    /// It is live, was begun, and is not ended meanwhile.
     pub(super) unsafe fn count(entry: NonNull<Entry>) -> u32 {
-        // SAFETY: the contract; between begin and end, this does not change.
+        // SAFETY: the entry is live, as is demanded here, and between begin and end the count does
+        // not change.
         unsafe { (*entry.as_ptr()).count }
     }
 
@@ -163,7 +170,7 @@ impl Entry {
     ///
     /// It is live and was begun.
     pub(super) unsafe fn outcome(entry: NonNull<Entry>) -> Outcome {
-        // SAFETY: the contract.
+        // SAFETY: the entry is live and was begun, as is demanded here, and its waiter with it.
         unsafe { Waiter::outcome(Self::waiter(entry)) }
     }
 
@@ -173,7 +180,8 @@ impl Entry {
     ///
     /// It is live, and the lock that guards it is held, if it is listed.
     pub(super) unsafe fn priority(entry: NonNull<Entry>) -> Priority {
-        // SAFETY: the contract; this borrows the one field, or else the node.
+        // SAFETY: the entry is live, and the lock that is held, or its owner's being the caller,
+        // keeps other threads from its inheritor and its node. Only one of these is borrowed.
         unsafe {
             match &(*entry.as_ptr()).inheritor {
                 Some(inheritor) => inheritor.priority(),
@@ -186,9 +194,11 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// As for [`priority`](Self::priority).
+    /// As for [`priority`](Self::priority): it is live, and the lock that guards it is held, if it
+    /// is listed.
     pub(super) unsafe fn is_of(entry: NonNull<Entry>, holder: &Inheritor) -> bool {
-        // SAFETY: the contract; this borrows the one field.
+        // SAFETY: the entry is live, and its lock is held, as is demanded here, so no other thread
+        // accesses its inheritor. Only this field is borrowed.
         unsafe { &(*entry.as_ptr()).inheritor }
             .as_ref()
             .is_some_and(|inheritor| inheritor.is_same(holder))
@@ -198,9 +208,10 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// It is live.
+    /// It is live, and is not begun or ended meanwhile.
     pub(super) unsafe fn core(entry: NonNull<Entry>) -> Option<Shared<Core>> {
-        // SAFETY: the contract; between begin and end, this does not change.
+        // SAFETY: the entry is live, as is demanded here, and `core` changes only as it is begun or
+        // ended.
         unsafe { (*entry.as_ptr()).core.clone() }
     }
 }

@@ -125,9 +125,12 @@ impl Core {
     ///
     /// # Safety
     ///
-    /// `lists` are those of this core, which has so many permits; `entry` is in none.
+    /// `lists` are those of this core, which has so many permits. `entry` was begun and waits; it
+    /// is in no list, and the lock under which it was taken off is still held.
     unsafe fn hand_over(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) -> Admitted {
-        // SAFETY: the contract: the node is live until it is settled.
+        // SAFETY: the entry was begun and waits, and the lock under which it was taken off is still
+        // held, as is demanded here: so it is live, and no other thread accesses it, until it is
+        // settled.
         unsafe {
             let inheritor = (*entry.as_ptr()).inheritor.take();
             let count = u64::from(Entry::count(entry));
@@ -151,7 +154,8 @@ impl Core {
     /// lock.
     pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
         let mut lists = self.wait_point.lock();
-        // SAFETY: the contract.
+        // SAFETY: the entry was begun for this mutex, is in no list, and the condition's lock,
+        // which is held, keeps its future until it is listed here or settled, as is demanded here.
         unsafe {
             if self.state(&lists, |state| state.permits > 0) {
                 return self.hand_over(&mut lists, entry);

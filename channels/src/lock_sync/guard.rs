@@ -96,7 +96,8 @@ impl<T> Deref for MutexGuard<'_, T> {
 impl<T> DerefMut for MutexGuard<'_, T> {
     #[inline]
     fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: as above, and the guard is borrowed exclusively.
+        // SAFETY: this guard exists, so no other thread accesses the value; it is borrowed
+        // exclusively, so this one does not either.
         self.mutex.value().with_mut(|value| unsafe { &mut *value })
     }
 }

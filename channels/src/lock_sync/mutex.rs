@@ -68,7 +68,7 @@ struct Value<T> {
 
 // SAFETY: one at a time accesses the value, on whichever thread.
 unsafe impl<T: Send> Send for Value<T> {}
-// SAFETY: as above.
+// SAFETY: only the holder of the mutex accesses the value, one at a time; the count is an atomic.
 unsafe impl<T: Send> Sync for Value<T> {}
 // What a panic leaves half done is marked.
 impl<T> std::panic::UnwindSafe for Mutex<T> {}
@@ -222,9 +222,9 @@ impl<T> Mutex<T> {
     ///
     /// # Safety
     ///
-    /// As for [`MutexGuard::new`].
+    /// As for [`MutexGuard::new`]: the caller holds the mutex, and gives its hold away.
     pub(super) unsafe fn held(&self) -> Result<MutexGuard<'_, T>, OwnerDied<'_, T>> {
-        // SAFETY: the contract.
+        // SAFETY: the caller holds the mutex, and gives its hold away, as is demanded here.
         let guard = unsafe { MutexGuard::new(self) };
         if self.core().has_died() {
             Err(OwnerDied::new(guard))
@@ -237,14 +237,16 @@ impl<T> Mutex<T> {
     ///
     /// # Safety
     ///
-    /// If it succeeded, as for [`MutexGuard::new`].
+    /// If it succeeded, as for [`MutexGuard::new`]: the caller holds the mutex, and gives its hold
+    /// away.
     #[inline]
     pub(super) unsafe fn taken(
         &self,
         taken: Result<(), AcquireError>,
     ) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
         taken.map_err(|AcquireError| LockError::Poisoned)?;
-        // SAFETY: the contract.
+        // SAFETY: it succeeded, so the caller holds the mutex, and gives its hold away, as is
+        // demanded here.
         unsafe { self.held() }.map_err(LockError::OwnerDied)
     }
 
@@ -252,7 +254,7 @@ impl<T> Mutex<T> {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// As for `taken`: if it succeeded, the caller holds the mutex, and gives its hold away.
     pub(super) unsafe fn taken_in_time(
         &self,
         taken: Result<(), AcquireTimeoutError>,
@@ -261,7 +263,8 @@ impl<T> Mutex<T> {
             AcquireTimeoutError::Timeout => LockTimeoutError::Timeout,
             AcquireTimeoutError::Poisoned => LockTimeoutError::Poisoned,
         })?;
-        // SAFETY: the contract.
+        // SAFETY: it succeeded, so the caller holds the mutex, and gives its hold away, as is
+        // demanded here.
         unsafe { self.held() }.map_err(LockTimeoutError::OwnerDied)
     }
 

@@ -81,7 +81,8 @@ impl<'a> Take<'a> {
     /// It is pinned and new.
     pub(super) unsafe fn begin(&mut self, inheritor: Option<Inheritor>) {
         self.phase = Phase::Listed;
-        // SAFETY: by the contract the entry is this future's alone; it is ended with the future.
+        // SAFETY: it is pinned and new, as is demanded here: so the entry is this future's alone,
+        // and was not begun. It is ended with the future.
         unsafe { Entry::begin(self.entry(), self.core, self.count, inheritor) };
     }
 

@@ -106,7 +106,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     /// `lists` are the condition's, and it has no cause.
     unsafe fn take_off(&self, lists: &mut WaitQueues) -> bool {
         let node = Entry::node(self.take.entry());
-        // SAFETY: the contract, and the condition's invariant.
+        // SAFETY: the lists are the condition's, and the entry has no cause, as is demanded here:
+        // so it is in one of its lists, and by the condition's invariant its number says in which.
         unsafe {
             let was_notified = (*Entry::link(self.take.entry())).ticket != lists.tickets;
             if was_notified {

@@ -62,9 +62,10 @@ static METHODS: Methods = Methods {
 
 /// # Safety
 ///
-/// As [`Methods`] requires; the level is the process' number.
+/// `owner` is a task that is not freed yet, as [`Methods`] requires; the level is the process'
+/// number.
 unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
-    // SAFETY: the contract: the task is not freed yet.
+    // SAFETY: the owner of a process stays valid until `free` is called for it.
     unsafe { owner.cast::<Task>().as_ref() }
         .bell
         .ring(usize::from(level));
@@ -72,9 +73,10 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
 
 /// # Safety
 ///
-/// As [`Methods`] requires.
+/// `owner` is a task that has ended, without any reference to it, as [`Methods`] requires.
 unsafe fn free(owner: NonNull<()>) {
-    // SAFETY: the contract; `Executor::run` made it of a box.
+    // SAFETY: this is called once for each task, without any reference to it; `Executor::run` made
+    // it of a box.
     drop(unsafe { Box::from_raw(owner.cast::<Task>().as_ptr()) });
 }
 
@@ -159,7 +161,8 @@ impl Executor {
     ///
     /// The task was just taken out of the run queue of this thread.
     unsafe fn give_turn(task: &Task) {
-        // SAFETY: the contract; the process has not ended, since its end is after all turns.
+        // SAFETY: the task was taken out of the run queue of this thread, which is its executor's;
+        // the process has not ended, since its end is after all turns, and lives until `end_turns`.
         unsafe {
             current::give_turn(&task.process, || {
                 if task.is_over.get() {

@@ -32,7 +32,9 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         let Some(lists) = lists else {
             return Attempt::NotReady;
         };
-        // SAFETY: the contract: the lists are this channel's, and the operation is new.
+        // SAFETY: the lists are those of the guard's wait point, and the guard is new, as is
+        // demanded here: so they are this channel's, and the node is a new operation's. It is
+        // pinned, and its drop withdraws it.
         unsafe {
             let mut locked = this.channel().guard_of(lists);
             match D::attempt(this.node_pointer(), &mut locked, Some(cx)) {
@@ -58,8 +60,9 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: the lists are this channel's; the operation is new, and is
-        // withdrawn before it goes.
+        // SAFETY: the lists are those of the guard's wait point, and the guard is new, as is
+        // demanded here: so they are this channel's, and the node is in none. It is pinned, and its
+        // drop withdraws it.
         unsafe {
             D::begin(this.node_pointer(), Some((select_state, guard)));
             let mut locked = this.channel().guard_of(lists);
@@ -163,9 +166,9 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
 
     #[inline(always)]
     unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
-        // SAFETY: nothing is moved. By the contract the partner is a plain operation of this
-        // channel in the other direction, and this is new. So the send's node holds its value, and
-        // the receive's holds none.
+        // SAFETY: nothing is moved. The partner is a plain operation that waits at the other side
+        // of this channel, whose lock is held, and this is new, as is demanded here. So the send's
+        // node holds its value, the receive's holds none, and no other thread accesses either.
         unsafe {
             let this = self.get_unchecked_mut();
             let (from, to) = match D::SEND {

@@ -49,7 +49,8 @@ impl<'a, T, D: Direction<T>> Logged for Operation<'a, T, D> {
     }
 
     unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, own: u64) -> Event {
-        // SAFETY: the contract.
+        // SAFETY: it has come, which has cleared the stamp, and no partner can settle it any more,
+        // as is demanded here: so only its future accesses the node.
         let of_partner = unsafe { Waiter::order(self.waiter()) };
         Event::done(replay::stamp(of_partner, own))
     }

@@ -113,8 +113,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 
     #[inline]
     fn node_pointer(&self) -> NonNull<Node<T, D>> {
-        // SAFETY: a cell's address is never null.
-        unsafe { NonNull::new_unchecked(self.node.get()) }
+        NonNull::from(&self.node).cast()
     }
 
     #[inline]
@@ -137,7 +136,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     /// By the type's invariants there is one. The node is not listed, and this is called once.
     #[inline(always)]
     unsafe fn take_value(&mut self) -> T {
-        // SAFETY: the contract.
+        // SAFETY: there is a value, which is taken once, and the node is not listed, as is demanded
+        // here: so no other thread accesses it.
         unsafe { self.node().waiter.take_value() }
     }
 

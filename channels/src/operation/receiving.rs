@@ -51,7 +51,8 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         if M::INHERITS {
             locked.note_server();
         }
-        // SAFETY: the contract; by the operation's invariants a new receive's node holds no value.
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
+        // future knows it, and by the operation's invariants it holds no value.
         let attempted = unsafe { locked.recv_now(node.cast(), M::HOLDS) };
         match attempted {
             Attempted::Holds(sender) => {
@@ -73,7 +74,8 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         mut node: NonNull<Node<T, Self>>,
         select_state: Option<(NonNull<SelectState>, u32)>,
     ) {
-        // SAFETY: the contract: a new receive's node is known to its future alone.
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
+        // its future knows it, which is this caller's.
         unsafe {
             M::waits(&mut node.as_mut().direction.note);
             let waiter = node.cast::<Waiter<T>>();

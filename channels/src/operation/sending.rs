@@ -53,8 +53,9 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
         locked: &mut ChannelGuard<'_, T, L>,
         cx: Option<&Context<'_>>,
     ) -> Attempted {
-        // SAFETY: the contract; by the operation's invariants a new send's node holds its value, or
-        // can make it.
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
+        // future knows it, and by the operation's invariants it holds its value, or can make it.
+        // With `cx` it stays.
         unsafe { locked.send_now(node, cx) }
     }
 
@@ -63,7 +64,8 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
         node: NonNull<Node<T, Self>>,
         select_state: Option<(NonNull<SelectState>, u32)>,
     ) {
-        // SAFETY: the contract: a new send's node is known to its future alone.
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
+        // its future knows it.
         unsafe { Waiter::begin(node.cast(), false, select_state, S::MAKE) };
     }
 

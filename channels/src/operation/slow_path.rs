@@ -79,7 +79,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                     false => WakeHandle::without_waker(cx),
                 };
                 let has_wake_handle = wake_handle.is_some();
-                // SAFETY: as above.
+                // SAFETY: it is still new, since it could not happen. The future is pinned, and its
+                // drop withdraws it.
                 unsafe {
                     D::begin(self.node_pointer(), None);
                     locked.list(D::SEND, self.waiter(), wake_handle);

@@ -22,7 +22,9 @@ impl<T> Waiter<T> {
         select_state: Option<(NonNull<SelectState>, u32)>,
         make: Option<Make<T>>,
     ) {
-        // SAFETY: the contract.
+        // SAFETY: the node is live, in no list, and no other thread accesses it, as is demanded
+        // here: so it may be written as a whole. A settled node holds no wake handle, so nothing is
+        // lost of a former link.
         unsafe {
             (*node.as_ptr()).link.write(Link {
                 extended,
@@ -40,13 +42,15 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`begin`](Self::begin).
+    /// As for [`begin`](Self::begin): `node` is live, no other thread accesses it, and it is in no
+    /// list.
     #[inline(always)]
     pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) {
         let process = turn.process();
         let user = User::Process(process.id());
         let wake_handle = WakeHandle::of_plain_turn(turn);
-        // SAFETY: the contract.
+        // SAFETY: the node is live, in no list, and no other thread accesses it, so its link may be
+        // written. A settled node holds no wake handle, so nothing is lost of a former link.
         unsafe {
             (*node.as_ptr()).link.write(Link {
                 wait: WaitNode::waiting(user, process.priority(), Some(wake_handle)),
@@ -65,10 +69,12 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`begin_plain`](Self::begin_plain).
+    /// As for [`begin`](Self::begin): `node` is live, no other thread accesses it, and it is in no
+    /// list.
     #[inline(always)]
     pub(crate) unsafe fn begin_alone(node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) {
-        // SAFETY: the contract.
+        // SAFETY: the node is live, in no list, and no other thread accesses it: its link is room
+        // for what `wait_alone` writes, and its other fields may be written. Nothing of it is read.
         unsafe {
             let link = Self::link(node);
             WaitNode::wait_alone(&raw mut (*link).wait, turn);
@@ -85,11 +91,13 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`begin`](Self::begin).
+    /// As for [`begin`](Self::begin): `node` is live, no other thread accesses it, and it is in no
+    /// list.
     #[inline]
     pub(crate) unsafe fn begin_in_slot(node: NonNull<Waiter<T>>) {
         let wait = WaitNode::waiting(current::user(), current::priority(), None);
-        // SAFETY: the contract.
+        // SAFETY: the node is live, in no list, and no other thread accesses it: the slot leads
+        // here only once the caller has occupied it. So it may be written as a whole.
         unsafe {
             (*node.as_ptr()).link.write(Link::in_full(wait, None));
             (*node.as_ptr()).seldom = Seldom {
@@ -104,14 +112,16 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`begin`](Self::begin).
+    /// As for [`begin`](Self::begin): `node` is live, no other thread accesses it, and it is in no
+    /// list.
     #[inline(always)]
     pub(crate) unsafe fn begin_guard_alone(
         node: NonNull<Waiter<T>>,
         select_state: NonNull<SelectState>,
         number: u32,
     ) {
-        // SAFETY: the contract.
+        // SAFETY: the node is live, in no list, and no other thread accesses it, so its fields may
+        // be written. Nothing of it is read.
         unsafe {
             let link = Self::link(node);
             (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
@@ -130,7 +140,9 @@ impl<T> Waiter<T> {
     /// The node was begun by [`begin_guard_alone`](Self::begin_guard_alone) and is not settled; the
     /// lock is held that guards it.
     pub(crate) unsafe fn complete_guard(node: NonNull<Waiter<T>>) {
-        // SAFETY: the contract: the select state is live while its guard waits.
+        // SAFETY: the node was begun as a guard, so its select state was written; a select state
+        // outlives the wait of its guards. The lock is held and the node is not settled: no other
+        // thread accesses the rest.
         unsafe {
             let (user, priority) = Self::guard_of(node).0.as_ref().opened_by();
             let wait = WaitNode::waiting(user, priority, None);

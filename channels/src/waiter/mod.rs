@@ -155,10 +155,11 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// It is room for a value, and no other thread accesses it.
+    /// `place` is room for a waiter, and no other thread accesses it.
     #[inline(always)]
     pub(crate) unsafe fn write_value(place: *mut Self, value: T) {
-        // SAFETY: the contract.
+        // SAFETY: `place` is room for a waiter, as is demanded here, so it is not null and its
+        // fields may be written. No other thread accesses it, and nothing of it is read.
         unsafe {
             // A pointer right before the value: without it the compiler takes the two for one piece
             // of memory, and copies unwritten fields with the written ones.
@@ -191,7 +192,9 @@ impl<T> Waiter<T> {
     /// As for [`Mover`]: `from` is the node of a sender with a value of this type, and `to` that of
     /// a receiver without. No other thread accesses either value.
     unsafe fn move_value(from: NonNull<Waiter<()>>, to: NonNull<Waiter<()>>) {
-        // SAFETY: the contract.
+        // SAFETY: by `# Safety` a value of this type lies in `from`, none in `to`, and no other
+        // thread accesses either: so one can be taken, and the other put in. The mover belongs to
+        // channels of this type alone (`ValueMethods`).
         unsafe { Self::put_value_of(to.cast(), Self::take_value_of(from.cast())) };
     }
 
@@ -200,7 +203,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is live, and was begun before its link is accessed.
+    /// `node` is live, and was begun before a field of its link is read.
     #[inline(always)]
     pub(crate) unsafe fn link(node: NonNull<Waiter<T>>) -> *mut Link {
         node.as_ptr().cast()
@@ -211,14 +214,16 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its
-    /// future.
+    /// `node` is listed, or was just taken off its list, and the lock is held that guards it; or it
+    /// was settled, and this is its future; or it is a registered alternative's, which never
+    /// changes its select state.
     #[inline(always)]
     pub(crate) unsafe fn select_state(
         node: NonNull<Waiter<T>>,
     ) -> Option<(NonNull<SelectState>, u32)> {
-        // SAFETY: by the contract; the select state is there if the node was begun in full or as a
-        // guard.
+        // SAFETY: the node was begun, and no other thread changes these two fields: the lock is
+        // held, or the node belongs to the caller, or they never change. The select state was
+        // written if the node was begun in full or as a guard, which `begun` tells.
         unsafe {
             let link = Self::link(node);
             match (*link).begun {
@@ -232,10 +237,11 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As there; and it was begun so.
+    /// As for `select_state`; and it was begun with one, and has not left it.
     #[inline(always)]
     pub(crate) unsafe fn guard_of(node: NonNull<Waiter<T>>) -> (NonNull<SelectState>, u32) {
-        // SAFETY: the contract: the select state is there.
+        // SAFETY: no other thread changes the link, as for `select_state`. The node was begun with
+        // a select state, so the field was written, and holds `Some`.
         unsafe {
             debug_assert!(Self::select_state(node).is_some());
             (*Self::link(node))
@@ -249,9 +255,10 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`select_state`](Self::select_state).
+    /// `node` is listed, or was just taken off its list, and the lock is held that guards it.
     pub(crate) unsafe fn leave_select_state(node: NonNull<Waiter<T>>) {
-        // SAFETY: the contract.
+        // SAFETY: the lock is held that guards the link, so no other thread accesses the field. It
+        // has nothing to drop.
         unsafe { (*Self::link(node)).select_state.write(None) };
     }
 
@@ -266,7 +273,8 @@ impl<T> Waiter<T> {
     /// `node` is live, and was begun.
     #[inline]
     pub(crate) unsafe fn outcome(node: NonNull<Waiter<T>>) -> Outcome {
-        // SAFETY: the contract; this borrows the one field, which is atomic.
+        // SAFETY: the node is live and was begun, as is demanded here, so the field was written.
+        // Only this field is borrowed: it is atomic, and others may store to it meanwhile.
         match unsafe { (*Self::link(node)).outcome.load(Ordering::Acquire) } {
             0 => Outcome::Waiting,
             1 => Outcome::Done,
@@ -283,10 +291,11 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for `outcome`.
+    /// As for [`outcome`](Self::outcome): `node` is live, and was begun.
     #[inline]
     pub(crate) unsafe fn is_waiting(node: NonNull<Waiter<T>>) -> bool {
-        // SAFETY: as there.
+        // SAFETY: the node is live and was begun, so the field was written; only this atomic field
+        // is borrowed.
         unsafe { (*Self::link(node)).outcome.load(Ordering::Acquire) == Outcome::Waiting as u8 }
     }
 
@@ -297,7 +306,8 @@ impl<T> Waiter<T> {
     /// There is one, and no other thread accesses the node.
     #[inline]
     pub(crate) unsafe fn take_value(&self) -> T {
-        // SAFETY: the contract.
+        // SAFETY: by `# Safety` there is a value, and no other thread accesses the node. It is
+        // moved out: from here on there is none, so it is read once.
         self.value
             .with(|value| unsafe { (*value).assume_init_read() })
     }
@@ -309,7 +319,9 @@ impl<T> Waiter<T> {
     /// There is a value, and no other thread accesses it.
     #[inline]
     pub(crate) unsafe fn take_value_of(node: NonNull<Waiter<T>>) -> T {
-        // SAFETY: the contract; this borrows the one field.
+        // SAFETY: by `# Safety` there is a value, which no other thread accesses; from here on
+        // there is none, so it is read once. Only this field is borrowed: others may load the
+        // outcome.
         unsafe {
             (*node.as_ptr())
                 .value
@@ -324,7 +336,8 @@ impl<T> Waiter<T> {
     /// There is no value, and no other thread accesses its place.
     #[inline]
     pub(crate) unsafe fn put_value_of(node: NonNull<Waiter<T>>, new: T) {
-        // SAFETY: the contract; this borrows the one field.
+        // SAFETY: by `# Safety` no other thread accesses the value's place, and there is no value
+        // that would be lost. Only this field is borrowed: others may load the outcome.
         unsafe {
             (*node.as_ptr()).value.with_mut(|value| {
                 (*value).write(new);
@@ -339,7 +352,8 @@ impl<T> Waiter<T> {
     /// There is none, and no other thread accesses the node.
     #[inline]
     pub(crate) unsafe fn put_value(&self, new: T) {
-        // SAFETY: the contract.
+        // SAFETY: by `# Safety` no other thread accesses the node, and there is no value that would
+        // be lost.
         self.value.with_mut(|value| unsafe { (*value).write(new) });
     }
 
@@ -351,7 +365,9 @@ impl<T> Waiter<T> {
     /// accesses it.
     #[inline]
     pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
-        // SAFETY: the contract, and the type's invariant for `make`.
+        // SAFETY: no other thread changes the node. `make` was written if it was begun in full,
+        // which `begun` tells. By the type's invariant a sender without `make` holds its value, and
+        // a `make` can be called once: the caller takes each sender once.
         unsafe {
             let make = match (*Self::link(node)).begun {
                 Begun::InFull => (*node.as_ptr()).seldom.make.assume_init(),
@@ -371,7 +387,8 @@ impl<T> Waiter<T> {
     ///
     /// `node` is a sender's that was begun, and no other thread accesses it.
     pub(crate) unsafe fn makes(node: NonNull<Waiter<T>>) -> bool {
-        // SAFETY: the contract, and the type's invariant for `make`.
+        // SAFETY: no other thread changes the node, and it was begun: `make` was written if that
+        // was in full, which `begun` tells.
         unsafe {
             match (*Self::link(node)).begun {
                 Begun::InFull => (*node.as_ptr()).seldom.make.assume_init().is_some(),
@@ -384,10 +401,12 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is listed, or was just taken off, and the lock is held that guards it.
+    /// `node` is listed, or is about to be, or was just taken off and is not settled; and the lock
+    /// is held that guards it.
     #[inline]
     pub(crate) unsafe fn put_order(node: NonNull<Waiter<T>>, stamp: u64) {
-        // SAFETY: the contract.
+        // SAFETY: the lock that guards the node is held, and it is not settled yet: its future does
+        // not look at the stamp before. The field has nothing to drop.
         unsafe {
             if stamp != 0 {
                 (*node.as_ptr()).seldom.order.write(stamp);
@@ -401,7 +420,8 @@ impl<T> Waiter<T> {
     ///
     /// `node` is live, and no other thread accesses it.
     pub(crate) unsafe fn clear_order(node: NonNull<Waiter<T>>) {
-        // SAFETY: the contract.
+        // SAFETY: the node is live, and no other thread accesses it, as is demanded here. The field
+        // has nothing to drop.
         unsafe { (*node.as_ptr()).seldom.order.write(0) };
     }
 
@@ -412,7 +432,8 @@ impl<T> Waiter<T> {
     /// `node` was begun, in no plain turn, or [cleared](Self::clear_order). No other thread
     /// accesses it any more.
     pub(crate) unsafe fn order(node: NonNull<Waiter<T>>) -> u64 {
-        // SAFETY: the contract.
+        // SAFETY: the stamp was written: `begin`, `begin_in_slot` and `clear_order` do that, and by
+        // `# Safety` one of them was called. No other thread writes it any more.
         unsafe { (*node.as_ptr()).seldom.order.assume_init() }
     }
 }
@@ -425,8 +446,11 @@ impl Waiter<()> {
     /// As for [`Mover`], of nodes of such a type.
     #[inline(always)]
     pub(crate) unsafe fn move_word(from: NonNull<Self>, to: NonNull<Self>) {
-        // SAFETY: by the contract the value lies right behind the link, and more fields behind it,
-        // so that a word can be accessed there. Bytes beyond the value have no meaning.
+        // SAFETY: a type without a mover has one to eight bytes, and by the test of `MOVER` its
+        // value lies right behind the link. The link is aligned as a word: it holds a wait node, of
+        // which `Waiting::alone` asserts that. More fields lie behind the value, so a word can be
+        // accessed there; its bytes beyond the value have no meaning. By `# Safety` no other thread
+        // accesses either value.
         unsafe {
             let word =
                 |node: NonNull<Self>| node.byte_add(size_of::<Link>()).cast::<MaybeUninit<u64>>();

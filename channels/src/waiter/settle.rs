@@ -12,15 +12,16 @@ use std::ptr::NonNull;
 ///
 /// # Safety
 ///
-/// `node` begins a listed waiter, whatever the type of its values, and the lock is held that guards
-/// it.
+/// `node` begins a waiter, whatever the type of its values. It is listed, or was just taken off its
+/// list, and the lock is held that guards it. The select state is its own.
 #[cold]
 pub(super) unsafe fn commit_select_state(
     node: NonNull<WaitNode>,
     select_state: NonNull<SelectState>,
     guard: u32,
 ) -> bool {
-    // SAFETY: by the contract; a listed node's select state is live.
+    // SAFETY: an owner takes the lock that is held here to withdraw the node, and does so before
+    // its select state goes: so that is live. The lock guards the node's wake handle too.
     unsafe {
         match select_state.as_ref().commit(guard) {
             Some(wake_handle) => {
@@ -37,10 +38,11 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As there.
+    /// As for `take_plain_wake_handle`: `node` is listed, and the lock is held that guards it.
     #[inline(always)]
     pub(crate) unsafe fn has_plain_wake_handle(node: NonNull<Waiter<T>>) -> bool {
-        // SAFETY: the contract.
+        // SAFETY: the node is listed, so its link was written, and no other thread changes the wake
+        // handle while the lock is held.
         unsafe {
             let link = Self::link(node);
             (*link).begun == Begun::Plainly && WakeHandle::is_plain((*link).wait.wake_handle_mut())
@@ -53,12 +55,16 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is listed, and the lock is held that guards it.
+    /// `node` is listed. This thread is the executor that owns the bias of the lock that guards it,
+    /// and holds that lock.
     #[inline(always)]
     pub(crate) unsafe fn take_plain_wake_handle(
         node: NonNull<Waiter<T>>,
     ) -> Option<PlainPendingWake> {
-        // SAFETY: the contract.
+        // SAFETY: the node is listed, so its link was written, and the lock that is held guards it.
+        // One begun plainly has the handle that the owner of the bias made in a plain turn. A lock
+        // is biased to one executor in all its life: this one, so the handle was made on this
+        // thread, as `take_plain` demands.
         unsafe {
             // Not a reference to the whole: its future may look at the outcome meanwhile.
             let link = Self::link(node);
@@ -74,11 +80,12 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`take_plain_wake_handle`](Self::take_plain_wake_handle).
+    /// `node` is listed, and the lock that guards it is held for as long as the result is used.
     pub(crate) unsafe fn change_wake_handle<'a>(
         node: NonNull<Waiter<T>>,
     ) -> &'a mut Option<WakeHandle> {
-        // SAFETY: the contract.
+        // SAFETY: the node is listed, so its link was written, and the lock that is held guards it:
+        // no other thread accesses these two fields while the reference lives.
         unsafe {
             let link = Self::link(node);
             if (*link).begun == Begun::Plainly {
@@ -93,10 +100,11 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`settle`](Self::settle).
+    /// As for [`settle`](Self::settle), of `Done`.
     #[inline(always)]
     pub(crate) unsafe fn settle_plain(node: NonNull<Waiter<T>>) {
-        // SAFETY: as there.
+        // SAFETY: the node waits until this store, and its future needs the lock that is held here
+        // to withdraw it: so it is live. Only the outcome is borrowed, which the future may load.
         unsafe {
             (*Self::link(node))
                 .outcome
@@ -109,10 +117,12 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`settle`](Self::settle).
+    /// As for [`settle`](Self::settle), of `Stale`. A node that waits alone may still be noted in
+    /// `waiting`, if the caller overwrites that before it releases the lock.
     #[inline(always)]
     pub(crate) unsafe fn settle_stale(node: NonNull<Waiter<T>>) {
-        // SAFETY: as there.
+        // SAFETY: the node waits until this store, and its future needs the lock that is held here
+        // to withdraw it: so it is live. Only the outcome is borrowed, which the future may load.
         unsafe {
             (*Self::link(node))
                 .outcome
@@ -125,10 +135,11 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is listed, and the lock is held that guards it.
+    /// `node` is listed, or was just taken off its list, and the lock is held that guards it.
     #[inline(always)]
     pub(crate) unsafe fn commit(node: NonNull<Waiter<T>>) -> bool {
-        // SAFETY: the contract.
+        // SAFETY: the node's lock is held, and it is or was listed under it: what `select_state`
+        // and `commit_select_state` demand. A waiter begins with its wait node.
         unsafe {
             match Self::select_state(node) {
                 None => true,
@@ -143,10 +154,11 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is live, and the lock is held that guards it.
+    /// `node` was listed and is not settled, and the lock is held that guards it.
     #[inline]
     pub(super) unsafe fn take_wake_handle(node: NonNull<Waiter<T>>) -> PendingWake {
-        // SAFETY: the contract.
+        // SAFETY: a listed node's wake handle was written, and until the node is settled the lock
+        // that is held guards it.
         unsafe {
             // loom does not watch the wake handle: to it, this is an access to the value beside it,
             // which must be over when the outcome is set.
@@ -165,8 +177,9 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a waiter's, was committed and taken off its list under the lock that is still
-    /// held, or it is stale; and its state agrees with `outcome`.
+    /// `node` was listed, and is not settled. It was committed and taken off its list under the
+    /// lock that is still held, or it is stale; and its state agrees with `outcome`. The entry of a
+    /// registered alternative stays in its list.
     #[inline]
     pub(crate) unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> PendingWake {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
@@ -186,9 +199,12 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a held sender's, was just unlisted, and the lock is held that guards it.
+    /// `node` is that of a held sender, or of a party of a completed round of a barrier. It was
+    /// just taken off its list, and the lock is held that guards it.
     pub(crate) unsafe fn release(node: NonNull<Waiter<T>>) -> PendingWake {
-        // SAFETY: the contract.
+        // SAFETY: the node was listed, its lock is held, and it is over for good: a held sender's
+        // value was received, a party's round is complete. So `Done` is its outcome, and its future
+        // waits until then.
         unsafe { Self::settle(node, Outcome::Done) }
     }
 }

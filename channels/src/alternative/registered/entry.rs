@@ -24,7 +24,8 @@ impl<T> Hub<T> {
     /// The commit lock is held, and the entry, with its lock held too, is not on the stack.
     #[inline]
     pub(super) unsafe fn push(&self, entry: *mut Entry<T>) {
-        // SAFETY: the contract.
+        // SAFETY: the entry is live, since its lock is held and it is listed. It is not on the
+        // stack, so `next` is this thread's.
         unsafe { (*entry).next = self.stack.load(Ordering::Relaxed) };
         self.stack.store(entry, Ordering::Release);
     }
@@ -82,7 +83,9 @@ impl<T> Entry<T> {
     /// `entry` is in its channel's list, and that lock is held.
     pub(crate) unsafe fn announce(entry: NonNull<Entry<T>>) -> bool {
         let entry = entry.as_ptr();
-        // SAFETY: the contract; the hub outlives its entries' being listed.
+        // SAFETY: the entry is listed and its lock is held, so it is live, and these fields are
+        // this thread's. The hub outlives its entries' being listed. The commit lock is held for
+        // the push, and an entry that is not queued is not on the stack.
         unsafe {
             if (*entry).is_queued {
                 return false;
@@ -104,7 +107,8 @@ impl<T> Entry<T> {
     ///
     /// `entry` is in its channel's list, and that lock is held.
     pub(crate) unsafe fn has_news(entry: NonNull<Entry<T>>) -> bool {
-        // SAFETY: the contract; the hub outlives its entries' being listed.
+        // SAFETY: the entry is listed and its lock is held, so it is live; the hub outlives its
+        // entries' being listed, and is shared by atomics here.
         unsafe { (*entry.as_ptr()).hub.as_ref().has_news() }
     }
 
@@ -122,7 +126,10 @@ impl<T> Entry<T> {
     ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
-        // SAFETY: the contract; the hub outlives its entries' being listed.
+        // SAFETY: the entry is listed and its lock is held, so it is live, and its fields are this
+        // thread's. The hub outlives its entries' being listed. The commit lock is held by its
+        // bias, for the push and the commit, and an entry that is not queued is not on the stack.
+        // The node was begun with its select state.
         unsafe {
             let hub = (*entry).hub.as_ref();
             if !hub.select_state.is_open() {
@@ -144,9 +151,10 @@ impl<T> Entry<T> {
     ///
     /// # Safety
     ///
-    /// `entry` is in its channel's list, and that lock is held.
+    /// `entry` is in its channel's list, and that lock is held for as long as the result is used.
     pub(crate) unsafe fn select_state<'a>(entry: NonNull<Entry<T>>) -> &'a SelectState {
-        // SAFETY: the contract; the hub outlives its entries' being listed.
+        // SAFETY: the entry is listed and its lock is held, so it is live. The hub outlives its
+        // entries' being listed, and the lock is held while the reference is used.
         unsafe { &(*(*entry.as_ptr()).hub.as_ptr()).select_state }
     }
 }

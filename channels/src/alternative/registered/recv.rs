@@ -171,7 +171,8 @@ impl<T> Alternative<'_, T> {
         if let Some(error) = unsafe { (*entry.as_ptr()).ended } {
             return Some(Err(error));
         }
-        // SAFETY: as above, and its channel is borrowed for longer than this alternative lives.
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
+        // alternative lives.
         let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
         let mut locked = channel.lock();
         // What became ready before this lock was taken may come before this one.

@@ -154,14 +154,15 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     ) -> Option<Poll<u32>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: as above; they are there since the poll began.
+        // SAFETY: the guards are there since the poll began, and are pinned with the whole.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let mut looks = Looks::<FAIR>::new(turn);
         guards.as_mut().each(0, &mut looks);
         let found = looks.found();
         if found == Found::Nothing && !S::Guards::SKIP {
             // Before another thread can find a node that leads to it.
-            // SAFETY: by the contract, and a wait point is locked by its bias.
+            // SAFETY: `Nothing` was found only if a look has entered a wait point, by its bias to
+            // the executor of this turn.
             let select_state = this
                 .select_state
                 .write(unsafe { SelectState::opened_fast(turn) });
@@ -202,7 +203,8 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<u32>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: as above; both are there since the guards were listed.
+        // SAFETY: guards were listed, so both are there: the guards since the first poll, the
+        // select state since before the listing. The guards are pinned with the whole.
         let (mut guards, select_state) = unsafe {
             (
                 Pin::new_unchecked(this.guards.assume_init_mut()),
@@ -227,7 +229,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     fn poll_slow_path(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<u32> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: as above; they are there since the poll began.
+        // SAFETY: the guards are there since the poll began, and are pinned with the whole.
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let polled = {
             let mut collected = Collected::default();

@@ -126,7 +126,9 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ) {
         let priority = current::priority();
         let lists = &mut *self.lists;
-        // SAFETY: the contract; the wait node is the first field.
+        // SAFETY: the node is in no list, stays where it is, and its future withdraws it before it
+        // goes, as is demanded here. It was begun, so its link can be read. The wait node is its
+        // first field.
         unsafe {
             if is_sender {
                 lists.senders.insert(node.cast(), priority, wake_handle);

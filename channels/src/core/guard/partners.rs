@@ -72,7 +72,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `receiver` is not listed, no other thread accesses it, and it holds no value.
+    /// `receiver` is in no queue: it is new, or the entry of a registered alternative with a closed
+    /// select state. No other thread accesses its value, and it holds none.
     #[inline]
     pub(super) unsafe fn take_waiting_sender(
         &mut self,
@@ -122,7 +123,8 @@ unsafe fn commit_first<T>(
     accepts: impl Fn(NonNull<WaitNode>) -> bool,
 ) -> Option<NonNull<Waiter<T>>> {
     let node = list.first()?;
-    // SAFETY: the contract.
+    // SAFETY: the nodes in the list are waiters of this type, and the lock is held: so the first
+    // one is live, and can be looked at and taken off. The rest demands the same of the list.
     unsafe {
         // The most frequent case: a plain operation, which is accepted, and needs no commit.
         let waiter = node.cast::<Waiter<T>>();
@@ -136,7 +138,8 @@ unsafe fn commit_first<T>(
 
 /// # Safety
 ///
-/// As for [`commit_first`].
+/// As for [`commit_first`]: the nodes are waiters of values of this type, and the lock is held that
+/// guards them.
 #[cold]
 unsafe fn commit_first_of_many<T>(
     list: &mut WaitList,
@@ -144,7 +147,9 @@ unsafe fn commit_first_of_many<T>(
 ) -> Option<NonNull<Waiter<T>>> {
     let mut next = list.first();
     while let Some(node) = next {
-        // SAFETY: the contract.
+        // SAFETY: the nodes in the list are waiters of this type, and the lock is held: so each is
+        // live until it is settled. Its follower is read before. One that could not be committed is
+        // stale, and is settled after it was taken off.
         unsafe {
             next = list.after(node);
             if !accepts(node) {

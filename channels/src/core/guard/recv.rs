@@ -17,7 +17,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `node` is not listed, no other thread accesses it, and it holds no value.
+    /// `node` is in no queue: it is new, or the entry of a registered alternative with a closed
+    /// select state. No other thread accesses its value, and it holds none.
     #[inline]
     pub(crate) unsafe fn recv_now(
         &mut self,
@@ -32,7 +33,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             }
             self.lists.note_partner();
         }
-        // SAFETY: the contract.
+        // SAFETY: the node holds no value, and no other thread accesses that, as is demanded here.
+        // It still holds none where nothing was stored, so the second call may follow.
         let attempted = unsafe {
             match self.take_stored(node) {
                 Some(ready) => Attempted::Done(ready),
@@ -44,7 +46,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 Attempted::Holds(_) => self.lists.tickets,
                 _ => 0,
             };
-            // SAFETY: the contract.
+            // SAFETY: the node is live, and until it is listed only its future reads this field. It
+            // may be written whether the node was begun or not.
             unsafe { (*Waiter::link(node)).ticket = ticket };
         }
         match attempted {
@@ -60,12 +63,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_now`](Self::recv_now).
+    /// As for [`recv_now`](Self::recv_now): `node` holds no value, and no other thread accesses
+    /// that.
     #[inline]
     pub(super) unsafe fn take_stored(&mut self, node: NonNull<Waiter<T>>) -> Option<PendingWake> {
         let capacity = self.channel.capacity();
         let left = self.with_store(|store| {
-            // SAFETY: the contract.
+            // SAFETY: the node holds no value, and no other thread accesses that, as is demanded
+            // here.
             unsafe { Waiter::put_value_of(node, store.pop_front()?) };
             Some(store.len())
         })?;

@@ -25,7 +25,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     #[inline(always)]
     pub(super) unsafe fn report_sent(&self, receiver: NonNull<Waiter<T>>) {
         let wait_point = &self.channel.wait_point;
-        // SAFETY: the contract, and the lock is held.
+        // SAFETY: the receiver was committed and is not settled, so under the lock that this guard
+        // holds it is live and no other thread writes its wait node.
         wait_point.report(|| unsafe { [events::current_process(), user_number(receiver.cast())] });
     }
 
@@ -37,9 +38,10 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// # Safety
     ///
     /// `node` is that of a committed sender after its value was taken. It is in the list of held
-    /// senders, and stays where it is until it is settled or withdrawn.
+    /// senders, the lock of which is held, and stays where it is until it is settled or withdrawn.
     pub(super) unsafe fn hold(node: NonNull<Waiter<T>>, ticket: u32) {
-        // SAFETY: the contract; the lock is held.
+        // SAFETY: the sender's value was taken, and the lock is held that guards the node until it
+        // is settled: so it is live, and its link can be written.
         unsafe {
             let link = Waiter::link(node);
             (*link).ticket = ticket;
@@ -78,12 +80,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             && buffer.capacity == 0
             && let Some(cx) = cx
         {
-            // SAFETY: the contract.
+            // SAFETY: the node is new, holds or makes its value, and stays with `cx`: this demands
+            // of its caller what the callee demands.
             return unsafe { self.send_or_be_held(node, cx) };
         }
         if let Some(receiver) = self.commit_receiver(may_hold) {
-            // SAFETY: the contract; the receiver was just committed, and holds no value before it
-            // is done.
+            // SAFETY: the node holds or can make its value, and only its future knows it, as is
+            // demanded here. The receiver was just committed and taken off, or is a registered
+            // entry. It holds no value before it is done, and the lock is held until it is settled.
             return unsafe {
                 match Source::take(node) {
                     Some(value) => {
@@ -108,7 +112,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         if is_full && buffer.when_full == WhenFull::Wait {
             return Attempted::NotNow;
         }
-        // SAFETY: the contract.
+        // SAFETY: the node holds or can make its value, which no receiver has taken; only its
+        // future knows it, as is demanded here.
         let Some(value) = (unsafe { Source::take(node) }) else {
             return Attempted::Broken(PendingWake::NONE);
         };
@@ -143,7 +148,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// As for `send_now`.
+    /// As for `send_now`, with `cx`: `node` is not listed, no other thread accesses it, it holds or
+    /// can make its value, and stays where it is until it is settled or withdrawn.
     #[cold]
     pub(super) unsafe fn send_or_be_held<S: Source<T>>(
         &mut self,
@@ -153,8 +159,10 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         let Some(receiver) = self.commit_receiver(true) else {
             return Attempted::NotNow;
         };
-        // SAFETY: the contract; the receiver was just committed, and holds no value before it is
-        // done.
+        // SAFETY: the node holds or can make its value, and only its future knows it until it is in
+        // the list `held`, as is demanded here. The receiver was just committed and taken off, or
+        // is a registered entry, and holds no value before it is done. The lock is held until it is
+        // settled.
         unsafe {
             let Some(value) = Source::take(node) else {
                 return Attempted::Broken(Waiter::settle(receiver, Outcome::Poisoned));
