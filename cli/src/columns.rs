@@ -20,7 +20,6 @@ pub(crate) fn of_numbers<const N: usize>(rows: impl IntoIterator<Item = [String;
 }
 
 /// Rows of texts, each column as wide as it has to be; numbers in the columns `right`.
-#[cfg(target_os = "linux")]
 pub(crate) fn of_rows<const N: usize>(
     right: &[usize],
     rows: impl IntoIterator<Item = [String; N]>,

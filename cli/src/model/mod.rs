@@ -3,6 +3,7 @@
 mod check;
 mod draw;
 mod new;
+mod schedule;
 
 use crate::failure::Failure;
 use clap::Subcommand;
@@ -20,6 +21,8 @@ pub(crate) enum Command {
     Check(check::Arguments),
     /// Draws the composition and the communication of a model
     Draw(draw::Arguments),
+    /// Bounds when each cycle is over, and says whether that is in time
+    Schedule(schedule::Arguments),
 }
 
 /// Does it.
@@ -28,6 +31,7 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::New(arguments) => new::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Draw(arguments) => draw::run(arguments),
+        Command::Schedule(arguments) => schedule::run(arguments),
     }
 }
 

@@ -16,6 +16,7 @@ mod production_cell;
 mod programs;
 mod record;
 mod recordings;
+mod schedule;
 mod scope;
 mod trace;
 mod verdict;

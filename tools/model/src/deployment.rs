@@ -1,7 +1,8 @@
-//! Whether what the deployment names is there.
+//! What the deployment names: whether it is there, and where processes run.
 
-use crate::file::{Composition, Content, Document};
+use crate::file::{Composition, Content, Document, Executor};
 use crate::language::body::Named;
+use crate::network;
 use crate::text::{Problem, Source, nearest};
 
 pub(crate) fn check(source: Source<'_>, document: &Document) -> Result<(), Problem> {
@@ -50,4 +51,28 @@ pub(crate) fn check(source: Source<'_>, document: &Document) -> Result<(), Probl
         }
     }
     Ok(())
+}
+
+/// The executors and threads, with their hosts.
+pub(crate) fn executors(document: &Document) -> Vec<network::Executor> {
+    let deployment = &document.deployment;
+    let host = |program: &str| {
+        let known = deployment.programs.iter();
+        let found = known
+            .filter(|(name, _)| name.0 == program)
+            .find_map(|(_, host)| host.as_ref());
+        found.map(|(host, _)| host.clone())
+    };
+    let located = |executor: &Executor| network::Executor {
+        name: executor.name.0.clone(),
+        is_thread: executor.is_thread,
+        host: executor
+            .program
+            .as_ref()
+            .and_then(|(program, _)| host(program))
+            .unwrap_or_default(),
+        core: executor.core,
+        policy: executor.policy.clone(),
+    };
+    deployment.executors.iter().map(located).collect()
 }

@@ -87,6 +87,8 @@ pub(crate) fn elaborate(source: Source<'_>, document: &Document) -> Result<Netwo
             name: name.clone(),
             groups: vec![Group { name, parent: None }],
             max_states: document.max_states,
+            executors: crate::deployment::executors(document),
+            latency: document.latency,
             ..Network::default()
         },
     };
@@ -215,7 +217,19 @@ impl Elaborator<'_> {
             priority: part.run.priority.or(at.run.priority),
             period: part.run.period.or(at.run.period),
             on: part.run.on.clone().or_else(|| at.run.on.clone()),
+            cost: part.run.cost.or(at.run.cost),
+            longest_poll: part.run.longest_poll.or(at.run.longest_poll),
+            deadline: part.run.deadline.or(at.run.deadline),
         };
+        if run
+            .cost
+            .zip(run.longest_poll)
+            .is_some_and(|(cost, poll)| poll > cost)
+        {
+            let message = "the longest poll of this part is longer than its cost";
+            let advice = "`cost` is the time of all polls of a cycle: raise it";
+            return self.problem(&part.name.1, message, advice);
+        }
         let count = self.count(part.array.as_ref(), scope, &part.name.1)?;
         for (number, name) in indexed(&at.name, &part.name.0, count)
             .into_iter()
@@ -295,6 +309,9 @@ impl Elaborator<'_> {
             priority: at.run.priority,
             period: at.run.period,
             on: at.run.on.as_ref().map(|(name, _)| name.clone()),
+            cost: at.run.cost,
+            longest_poll: at.run.longest_poll,
+            deadline: at.run.deadline,
         });
         let mut compiler = Compiler {
             source: self.source,

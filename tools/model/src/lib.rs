@@ -1,5 +1,5 @@
-//! Models of LUNA systems: read from a file, checked, drawn. The page `docs/model.md` describes the
-//! file for those that write it; `luna model` is the command.
+//! Models of LUNA systems: read from a file, checked, [scheduled](schedule), drawn. The page
+//! `docs/model.md` describes the file for those that write it; `luna model` is the command.
 //!
 //! ```
 //! let model = luna_model::Model::parse("first.toml", luna_model::TEMPLATE)?;
@@ -50,6 +50,7 @@ mod language;
 mod model;
 mod network;
 mod properties;
+pub mod schedule;
 mod spin;
 mod text;
 

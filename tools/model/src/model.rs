@@ -5,6 +5,7 @@ use crate::elaborate::elaborate;
 use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
 use crate::file::read;
 use crate::network::Network;
+use crate::schedule::{self, Costs, Schedule};
 use crate::spin::promela::promela;
 use crate::spin::run::SpinError;
 use crate::spin::{self, SpinCheck};
@@ -88,6 +89,25 @@ impl Model {
     /// SPIN or a C compiler is missing, or does not take the model.
     pub fn check_with_spin(&self) -> Result<SpinCheck, SpinError> {
         spin::check(&self.network)
+    }
+
+    /// Reads a file of costs, `file` in errors: a table for each process, `[servo]` or
+    /// `["arm.servo[0]"]`, with `cost = "120 us"` and `longest_poll = "40 us"`.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong first, with its place in the file; as a process that the model does not have.
+    pub fn parse_costs(&self, file: &str, text: &str) -> Result<Costs, Problem> {
+        schedule::read_costs(&self.network, file, text)
+    }
+
+    /// Bounds the responses of all parts with a period, by what the model states and by `costs`. Of
+    /// a figure that both have, the larger one counts.
+    ///
+    /// Not real-time.
+    #[must_use]
+    pub fn schedule(&self, costs: &Costs) -> Schedule {
+        schedule::schedule(&self.network, costs)
     }
 
     /// The composition and the communication as an SVG file.

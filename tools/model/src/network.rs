@@ -36,6 +36,21 @@ pub(crate) struct Network {
     pub(crate) always: Vec<(String, Expr<Atom>)>,
     pub(crate) ltl: Vec<(String, Formula<Atom>)>,
     pub(crate) max_states: Option<usize>,
+    /// Where processes run.
+    pub(crate) executors: Vec<Executor>,
+    /// By so much a release may be late.
+    pub(crate) latency: Option<Duration>,
+}
+
+/// An executor or a thread, and where it is.
+#[derive(Debug)]
+pub(crate) struct Executor {
+    pub(crate) name: String,
+    pub(crate) is_thread: bool,
+    /// Empty if it is not stated.
+    pub(crate) host: String,
+    pub(crate) core: Option<u16>,
+    pub(crate) policy: Option<String>,
 }
 
 /// The system, or a part that is made of parts.
@@ -80,6 +95,10 @@ pub(crate) struct Process {
     pub(crate) priority: Option<u8>,
     pub(crate) period: Option<Duration>,
     pub(crate) on: Option<String>,
+    /// The longest execution time of a job, and the longest poll.
+    pub(crate) cost: Option<Duration>,
+    pub(crate) longest_poll: Option<Duration>,
+    pub(crate) deadline: Option<Duration>,
 }
 
 /// The body of a process, or a branch of `par` in it.

@@ -1,5 +1,6 @@
 //! A model file as it is written.
 
+mod costs;
 mod read;
 mod table;
 mod values;
@@ -11,6 +12,7 @@ use crate::language::temporal::Formula;
 use crate::network::Kind;
 use std::time::Duration;
 
+pub(crate) use costs::read as read_costs;
 pub(crate) use read::read;
 
 /// All that a file says.
@@ -24,6 +26,8 @@ pub(crate) struct Document {
     pub(crate) max_states: Option<usize>,
     pub(crate) always: Vec<(Named, Expr<Path>)>,
     pub(crate) ltl: Vec<(Named, Formula<Path>)>,
+    /// By so much a release may be late.
+    pub(crate) latency: Option<Duration>,
 }
 
 #[derive(Debug)]
@@ -73,6 +77,10 @@ pub(crate) struct Run {
     pub(crate) priority: Option<u8>,
     pub(crate) period: Option<Duration>,
     pub(crate) on: Option<Named>,
+    /// The longest execution time of a job, and the longest poll.
+    pub(crate) cost: Option<Duration>,
+    pub(crate) longest_poll: Option<Duration>,
+    pub(crate) deadline: Option<Duration>,
 }
 
 /// Which end of a channel.

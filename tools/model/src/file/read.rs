@@ -1,6 +1,6 @@
 //! Reads a model file.
 
-use super::table::{Entry, entries};
+use super::table::{Entry, entries, parse};
 use super::values;
 use super::{Channel, Composition, Content, Definition, Document, Executor, Part, Run, Side};
 use crate::language::body::{self, Named, RESERVED};
@@ -8,7 +8,6 @@ use crate::language::parser::Parser;
 use crate::language::temporal;
 use crate::network::Kind;
 use crate::text::{Problem, Source};
-use toml::de::DeTable;
 
 /// The levels of an executor.
 const MAX_PRIORITY: i64 = 31;
@@ -17,10 +16,7 @@ const MAX_STATES: i64 = 1_000_000_000;
 
 pub(crate) fn read(name: &str, text: &str) -> Result<Document, Problem> {
     let source = Source { name, text };
-    let table = DeTable::parse(text).map_err(|error| {
-        let span = error.span().unwrap_or(0..0);
-        source.problem(span, error.message().trim(), "write it as TOML has it")
-    })?;
+    let table = parse(source)?;
     let mut document = Document::default();
     for entry in entries(source, table.get_ref()) {
         match entry.key {
@@ -62,9 +58,17 @@ pub(crate) fn read(name: &str, text: &str) -> Result<Document, Problem> {
                 }
             }
             "check" => check(&entry, &mut document)?,
+            "schedule" => {
+                for entry in entry.table()? {
+                    match entry.key {
+                        "latency" => document.latency = Some(values::time(&entry)?),
+                        _ => return Err(entry.unknown(&["latency"])),
+                    }
+                }
+            }
             _ => {
                 let known = [
-                    "name", "process", "system", "host", "program", "executor", "check",
+                    "name", "process", "system", "host", "program", "executor", "check", "schedule",
                 ];
                 return Err(entry.unknown(&known));
             }
@@ -228,11 +232,23 @@ fn part(entry: &Entry<'_>) -> Result<Part, Problem> {
                 }
             }
             "priority" => run.priority = Some(entry.number(0..=MAX_PRIORITY)? as u8),
-            "period" => run.period = Some(values::period(&entry)?),
+            "period" => run.period = Some(values::time(&entry)?),
             "on" => run.on = Some(reference(&entry)?),
+            "cost" => run.cost = Some(values::time(&entry)?),
+            "longest_poll" => run.longest_poll = Some(values::time(&entry)?),
+            "deadline" => run.deadline = Some(values::time(&entry)?),
             _ => {
                 let known = [
-                    "process", "array", "bind", "set", "priority", "period", "on",
+                    "process",
+                    "array",
+                    "bind",
+                    "set",
+                    "priority",
+                    "period",
+                    "on",
+                    "cost",
+                    "longest_poll",
+                    "deadline",
                 ];
                 return Err(entry.unknown(&known));
             }

@@ -17,6 +17,14 @@ pub(crate) struct Entry<'t> {
     value: &'t Spanned<DeValue<'t>>,
 }
 
+/// The table that a text is.
+pub(crate) fn parse(source: Source<'_>) -> Result<Spanned<DeTable<'_>>, Problem> {
+    DeTable::parse(source.text).map_err(|error| {
+        let span = error.span().unwrap_or(0..0);
+        source.problem(span, error.message().trim(), "write it as TOML has it")
+    })
+}
+
 /// The entries of a table in the order of the file.
 pub(crate) fn entries<'t>(source: Source<'t>, table: &'t DeTable<'t>) -> Vec<Entry<'t>> {
     let mut found: Vec<Entry<'t>> = table

@@ -1,4 +1,4 @@
-//! Values that are short texts: buffers, types, periods, policies.
+//! Values that are short texts: buffers, types, times, policies.
 
 use super::Range;
 use super::table::Entry;
@@ -70,7 +70,7 @@ fn range(piece: Piece<'_>) -> Result<Range, Problem> {
 }
 
 /// `250 us`, `1 ms`, `2 s`.
-pub(super) fn period(entry: &Entry<'_>) -> Result<Duration, Problem> {
+pub(super) fn time(entry: &Entry<'_>) -> Result<Duration, Problem> {
     let text = entry.text()?;
     let parts = text.trim().split_once(' ');
     let found = parts.and_then(|(number, unit)| {
@@ -87,7 +87,7 @@ pub(super) fn period(entry: &Entry<'_>) -> Result<Duration, Problem> {
         }
     });
     let advice = "write a whole number and ns, us, ms or s: `1 ms`";
-    found.ok_or_else(|| entry.problem("this is no period", advice))
+    found.ok_or_else(|| entry.problem("this is no time", advice))
 }
 
 /// `other`, `fifo:80`, `rr:80`.

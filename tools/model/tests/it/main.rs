@@ -5,6 +5,7 @@ mod errors;
 mod examples;
 mod random;
 mod random_networks;
+mod schedule;
 mod verdicts;
 
 /// Writes a line to standard error itself, since the harness captures what a macro prints.

@@ -1,0 +1,62 @@
+//! What is known of processes besides their model.
+
+use super::Seen;
+use crate::file;
+use crate::network::Network;
+use crate::text::{Problem, Source, nearest};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// What is known of one process, from a file of costs or a recording.
+#[derive(Debug, Clone, Default)]
+pub struct Known {
+    /// The longest execution time of a job.
+    pub cost: Option<Duration>,
+    /// The longest poll.
+    pub longest_poll: Option<Duration>,
+    /// The longest time from when a job ought to be released to its end.
+    pub response: Option<Duration>,
+    /// When its jobs are released, for a process without a period.
+    pub arrivals: Option<Seen>,
+}
+
+/// What is known of processes, by their names in the model.
+#[derive(Debug, Clone, Default)]
+pub struct Costs {
+    pub(super) of: BTreeMap<String, Known>,
+}
+
+impl Costs {
+    /// Nothing is known.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds what is known of the process `name`, in place of what was.
+    pub fn insert(&mut self, name: impl Into<String>, known: Known) {
+        self.of.insert(name.into(), known);
+    }
+}
+
+/// Reads a file of costs for this model.
+pub(crate) fn read(network: &Network, name: &str, text: &str) -> Result<Costs, Problem> {
+    let source = Source { name, text };
+    let mut costs = Costs::new();
+    for stated in file::read_costs(source)? {
+        let (process, span) = stated.process;
+        let known = network.processes.iter().map(|known| known.name.as_str());
+        if !known.clone().any(|name| name == process) {
+            let advice = nearest(&process, known);
+            let message = "the model has no process of this name";
+            return Err(source.problem(span, message, advice));
+        }
+        let known = Known {
+            cost: stated.cost,
+            longest_poll: stated.longest_poll,
+            ..Known::default()
+        };
+        costs.insert(process, known);
+    }
+    Ok(costs)
+}
