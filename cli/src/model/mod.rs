@@ -2,7 +2,10 @@
 
 mod check;
 mod draw;
+mod from;
 mod new;
+mod recording;
+mod trace;
 
 use crate::failure::Failure;
 use clap::Subcommand;
@@ -20,6 +23,10 @@ pub(crate) enum Command {
     Check(check::Arguments),
     /// Draws the composition and the communication of a model
     Draw(draw::Arguments),
+    /// Compares a recording with a model: are its communications a trace of the model?
+    Trace(trace::Arguments),
+    /// Writes a model of what a recording has: its processes and channels, to be refined
+    From(from::Arguments),
 }
 
 /// Does it.
@@ -28,6 +35,8 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::New(arguments) => new::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Draw(arguments) => draw::run(arguments),
+        Command::Trace(arguments) => trace::run(arguments),
+        Command::From(arguments) => from::run(arguments),
     }
 }
 

@@ -50,11 +50,16 @@ mod language;
 mod model;
 mod network;
 mod properties;
+mod recorded;
 mod spin;
 mod text;
+mod trace;
 
+pub use explore::words::communication;
 pub use explore::{DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Unreached};
 pub use model::{Model, TEMPLATE};
+pub use recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 pub use spin::SpinCheck;
 pub use spin::run::SpinError;
 pub use text::Problem;
+pub use trace::{Communication, Party, Rejected, TraceOptions, TraceVerdict, Traced};

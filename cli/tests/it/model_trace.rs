@@ -1,0 +1,446 @@
+//! `luna model trace` and `luna model from`, on recordings of systems that ran.
+
+use luna::log::Logging;
+use luna::prelude::*;
+use luna_core::events::code;
+use luna_logger::format::{Event, Losing, Record, Subject, Writer};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn luna(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luna"))
+        .arg("model")
+        .args(arguments)
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("output is text")
+}
+
+/// A file that this test alone has, and that is not there.
+fn file(name: &str) -> PathBuf {
+    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_file(&path);
+    path
+}
+
+fn path(path: &Path) -> &str {
+    path.to_str().expect("a path of this test")
+}
+
+fn commstime_model() -> String {
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/models");
+    path(&models.join("commstime.toml")).to_owned()
+}
+
+/// What a run of commstime differs in.
+#[derive(Clone, Copy, Default)]
+struct Run {
+    /// All on one virtual clock.
+    is_virtual: bool,
+    /// Each process is on a thread of its own.
+    on_threads: bool,
+    /// After so many numbers, delta passes one on twice.
+    stutters_after: Option<u64>,
+}
+
+/// Runs the system of `examples/models/commstime.toml` for so many rounds, and records it.
+fn commstime(file: &Path, rounds: u64, run: Run) -> luna::Result<()> {
+    let channel = |name: &str| {
+        let (sender, receiver) = luna::channel::<u64>();
+        (sender.named(name), receiver)
+    };
+    let (to_delta, from_prefix) = channel("to_delta");
+    let (to_successor, from_delta) = channel("to_successor");
+    let (to_prefix, from_successor) = channel("to_prefix");
+    let (out, to_consumer) = channel("out");
+    let mut system = System::new("commstime");
+    if run.is_virtual {
+        system.virtual_clock();
+    }
+    system.log(Logging::to_file(file).room_for_events(1 << 18));
+    let executors = match run.on_threads {
+        true => ["one", "two", "three", "four"],
+        false => ["main"; 4],
+    };
+    let mut built = Vec::new();
+    for name in executors {
+        if built.last().is_none_or(|(last, _)| *last != name) {
+            built.push((name, system.executor(name).build()?));
+        }
+    }
+    let on = |at: usize| &built[at.min(built.len() - 1)].1;
+    on(0).process("prefix").spawn(async move {
+        to_delta.send(0).await?;
+        loop {
+            to_delta.send(from_successor.recv().await?).await?;
+        }
+    })?;
+    on(1).process("delta").spawn(async move {
+        for number in 0.. {
+            let value = from_prefix.recv().await?;
+            luna::par!(to_successor.send(value), out.send(value)).await?;
+            if Some(number) == run.stutters_after {
+                out.send(value).await?;
+            }
+        }
+        Ok(())
+    })?;
+    on(2).process("successor").spawn(async move {
+        loop {
+            to_prefix.send(from_delta.recv().await? + 1).await?;
+        }
+    })?;
+    on(3).process("consumer").spawn(async move {
+        for _ in 0..rounds {
+            to_consumer.recv().await?;
+        }
+        to_consumer.poison();
+        Ok(())
+    })?;
+    // It ends by the poison.
+    let _ = system.run();
+    Ok(())
+}
+
+fn traced(model: &str, recording: &Path, more: &[&str]) -> (Option<i32>, String) {
+    let output = luna(&[&["trace", model, path(recording)], more].concat());
+    let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
+    (output.status.code(), said)
+}
+
+#[test]
+fn commstime_is_a_trace_of_its_model() {
+    let runs = [
+        ("one.luna", Run::default()),
+        (
+            "threads.luna",
+            Run {
+                on_threads: true,
+                ..Run::default()
+            },
+        ),
+        (
+            "virtual.luna",
+            Run {
+                is_virtual: true,
+                ..Run::default()
+            },
+        ),
+        (
+            "virtual-threads.luna",
+            Run {
+                is_virtual: true,
+                on_threads: true,
+                ..Run::default()
+            },
+        ),
+    ];
+    for (name, run) in runs {
+        let recording = file(&format!("trace-{name}"));
+        commstime(&recording, 500, run).expect("it runs");
+        let (code, said) = traced(&commstime_model(), &recording, &[]);
+        assert_eq!(code, Some(0), "{name}: {said}");
+        assert!(said.starts_with("trace accepted: "), "{name}: {said}");
+        assert!(said.contains("of 4 channels, from "), "{name}: {said}");
+        let count = said.split(' ').nth(2).and_then(|count| count.parse().ok());
+        assert!(
+            count.is_some_and(|count: u64| count >= 2000),
+            "{name}: {said}"
+        );
+    }
+}
+
+#[test]
+fn what_a_model_does_not_allow_is_shown_with_what_it_does() {
+    let recording = file("trace-stutter.luna");
+    let run = Run {
+        stutters_after: Some(2),
+        ..Run::default()
+    };
+    commstime(&recording, 20, run).expect("it runs");
+    let (code, said) = traced(&commstime_model(), &recording, &[]);
+    assert_eq!(code, Some(1), "{said}");
+    // The third number is the third on `out`, and comes a fourth time. What is rejected is that, or
+    // the next number that delta takes too late.
+    let not_allowed = said
+        .lines()
+        .skip_while(|line| *line != "not allowed:")
+        .nth(1);
+    let not_allowed = not_allowed.expect("it is shown");
+    assert!(not_allowed.contains("delta -> consumer: out"), "{said}");
+    let before = said.matches("delta -> consumer: out").count();
+    assert!(before >= 2 && said.contains("before it:"), "{said}");
+    assert!(said.contains("allowed there:\n"), "{said}");
+    assert!(said.contains("prefix -> delta: to_delta"), "{said}");
+    assert!(
+        said.contains("delta is to receive from to_delta, line "),
+        "{said}"
+    );
+
+    // With the channel hidden, nothing is left to object to.
+    let (code, said) = traced(&commstime_model(), &recording, &["--hide", "out"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("of 3 channels"), "{said}");
+}
+
+#[test]
+fn a_changed_model_rejects_the_recording() {
+    let recording = file("trace-changed.luna");
+    commstime(&recording, 20, Run::default()).expect("it runs");
+    let model = fs::read_to_string(commstime_model()).unwrap();
+    let changed = file("trace-changed.toml");
+    // The numbers are to reach the consumer after the successor has passed them on.
+    let body = "loop { from?x; par { on!x | out!x } }";
+    assert!(model.contains(body));
+    fs::write(
+        &changed,
+        model.replace(body, "loop { from?x; on!x; from?x; out!x; on!x }"),
+    )
+    .unwrap();
+    let (code, said) = traced(path(&changed), &recording, &[]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("trace rejected after "), "{said}");
+
+    fs::write(
+        &changed,
+        model.replace("system.part.consumer", "system.part.sink"),
+    )
+    .unwrap();
+    let (code, said) = traced(path(&changed), &recording, &[]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(
+        said.contains("processes that the model does not have: consumer\n"),
+        "{said}"
+    );
+    assert!(
+        said.contains("processes that the recording does not have: sink\n"),
+        "{said}"
+    );
+
+    let renamed = model
+        .replace("\nout = {", "\nresult = {")
+        .replace("out = \"out\"", "out = \"result\"")
+        .replace("from = \"out\"", "from = \"result\"");
+    fs::write(&changed, renamed).unwrap();
+    let (code, said) = traced(path(&changed), &recording, &[]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(
+        said.contains("channels that the model does not have: out (left out)"),
+        "{said}"
+    );
+    assert!(
+        said.contains("channels that the recording does not have: result"),
+        "{said}"
+    );
+    let (code, said) = traced(path(&changed), &recording, &["--hide", "result"]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = traced(path(&changed), &recording, &["--hide", "out"]);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(
+        said.contains("it has no such channel; there are "),
+        "{said}"
+    );
+}
+
+/// A system with what commstime lacks: a buffer, an array of channels, a loop, an alternative, and a
+/// branch that sends to another one of its process.
+fn workshop(file: &Path, on_threads: bool) -> luna::Result<()> {
+    let mut system = System::new("workshop");
+    system.log(Logging::to_file(file).room_for_events(1 << 18));
+    let first = system.executor("first").build()?;
+    let second = match on_threads {
+        true => system.executor("second").build()?,
+        false => first.clone(),
+    };
+    let (mut benches, mut parts) = (Vec::new(), Vec::new());
+    for number in 0..2 {
+        let (give, take) = luna::channel::<u32>();
+        let give = give.named(&format!("bench[{number}]"));
+        benches.push(take);
+        let (put, store) = luna::buffered::<u32>(luna::Buffer::fifo(3));
+        parts.push(put.named(&format!("parts[{number}]")));
+        let executor = if number == 0 { &first } else { &second };
+        executor
+            .process(format!("worker[{number}]"))
+            .priority(number + 3)
+            .spawn(async move {
+                while let Ok(part) = store.recv().await {
+                    give.send(part).await?;
+                }
+                Ok(())
+            })?;
+    }
+    second.process("supply").spawn(async move {
+        for part in 0..50 {
+            for to in &parts {
+                to.send(part).await?;
+            }
+        }
+        Ok(())
+    })?;
+    let [one, other] = <[_; 2]>::try_from(benches).expect("there are two");
+    first.process("packer").spawn(async move {
+        let (put, packed) = luna::channel::<u32>();
+        let put = put.named("packed");
+        let collect = async {
+            for _ in 0..100 {
+                let part = luna::alt! {
+                    part = one.recv() => part,
+                    part = other.recv() => part,
+                };
+                match part {
+                    Ok(part) => put.send(part).await?,
+                    Err(_) => break,
+                }
+            }
+            drop(put);
+            Ok::<(), luna::Error>(())
+        };
+        let count = async {
+            while packed.recv().await.is_ok() {}
+            Ok::<(), luna::Error>(())
+        };
+        let _ = luna::par!(collect, count).await;
+        Ok(())
+    })?;
+    let _ = system.run();
+    Ok(())
+}
+
+#[test]
+fn a_model_of_a_recording_accepts_it() {
+    let record = |name: &str, make: &dyn Fn(&Path) -> luna::Result<()>| {
+        let recording = file(&format!("{name}.luna"));
+        make(&recording).expect("it runs");
+        let model = file(&format!("{name}.toml"));
+        let output = luna(&["from", path(&recording), "-o", path(&model)]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let made = fs::read_to_string(&model).unwrap();
+        let (code, said) = traced(path(&model), &recording, &[]);
+        assert_eq!(code, Some(0), "{name}: {said}\n{made}");
+        assert!(said.starts_with("trace accepted: "), "{name}: {said}");
+        // It is not written over: it may have been refined.
+        let again = luna(&["from", path(&recording), "-o", path(&model)]);
+        assert_eq!(again.status.code(), Some(2));
+        made
+    };
+    let threads = Run {
+        on_threads: true,
+        ..Run::default()
+    };
+    record("from-commstime", &|file| commstime(file, 200, threads));
+    for on_threads in [false, true] {
+        let name = format!("from-workshop-{on_threads}");
+        let made = record(&name, &|file| workshop(file, on_threads));
+        for part in [
+            "name = \"workshop\"",
+            "[system.channel.parts_1]\nbuffer = \"fifo ",
+            "[system.channel.bench_1]\n",
+            "[system.part.worker_0]\nprocess = \"worker_0\"\nbind = { parts_0 = \"parts_0\", bench_0 = \"bench_0\" }\npriority = 3\non = \"first\"",
+            "ports = { parts_0 = \"receive\", bench_0 = \"send\" }\nbody = \"loop { alt { parts_0? | bench_0! } }\"",
+            "body = \"par { loop { alt { bench_0? | bench_1? | packed_out! } } | loop { packed? } }\"",
+            "[executor.first]",
+        ] {
+            assert!(made.contains(part), "{part}: {made}");
+        }
+    }
+}
+
+/// A recording by hand: `a` sends to `b` so many times, and events are lost before the last time.
+fn lossy(file: &Path, losses: &[Record<'_>]) {
+    let mut writer = Writer::new(Vec::new()).unwrap();
+    let name = |subject, number, name| Record::Name {
+        subject,
+        number,
+        parent: 0,
+        name,
+        runs_on: None,
+    };
+    for record in [
+        name(Subject::Process, 1, "a"),
+        name(Subject::Process, 2, "b"),
+        name(Subject::Channel, 3, "c"),
+    ] {
+        writer.put(&record).unwrap();
+    }
+    let event = |time| {
+        Record::Event(Event {
+            thread: 0,
+            time,
+            code: code::COMMUNICATION,
+            subject: 3,
+            arguments: [1, 2],
+        })
+    };
+    writer.put(&event(10)).unwrap();
+    writer.put(&Record::Epoch { time: 15, unix: 0 }).unwrap();
+    writer.put(&event(20)).unwrap();
+    for loss in losses {
+        writer.put(loss).unwrap();
+    }
+    writer.put(&event(30)).unwrap();
+    fs::write(file, writer.finish().unwrap()).unwrap();
+}
+
+/// Of what was lost it is not known where: nothing after the last mark of the recorder is rejected.
+#[test]
+fn what_was_lost_is_not_judged() {
+    let recording = file("trace-lost.luna");
+    let lost = [Record::Losses {
+        of: Losing::Events(0),
+        lost: 7,
+    }];
+    let model = file("trace-lost.toml");
+    let with = |body: &str| {
+        let text = format!(
+            "[process.A]\nports = {{ c = \"send\" }}\nbody = \"{body}\"\n\
+             [process.B]\nports = {{ c = \"receive\" }}\nbody = \"loop {{ c? }}\"\n\
+             [system.channel]\nc = {{}}\n\
+             [system.part]\na = {{ process = \"A\", bind.c = \"c\" }}\nb = {{ process = \"B\", bind.c = \"c\" }}\n"
+        );
+        fs::write(&model, text).unwrap();
+    };
+    lossy(&recording, &lost);
+    with("loop { c! }");
+    let (code, said) = traced(path(&model), &recording, &[]);
+    assert_eq!(code, Some(4), "{said}");
+    assert!(
+        said.contains("a trace as far as it goes: 2 communications"),
+        "{said}"
+    );
+    assert!(
+        said.contains("7 events of the thread thread 0 were lost"),
+        "{said}"
+    );
+    with("c!");
+    let (code, said) = traced(path(&model), &recording, &[]);
+    assert_eq!(code, Some(4), "{said}");
+    assert!(
+        said.contains("unknown after 1 communication, since something may be missing there"),
+        "{said}"
+    );
+    with("stop");
+    let (code, said) = traced(path(&model), &recording, &[]);
+    assert_eq!(code, Some(1), "{said}");
+    // The same without a loss.
+    lossy(&recording, &[]);
+    with("c!");
+    let (code, said) = traced(path(&model), &recording, &[]);
+    assert_eq!(code, Some(1), "{said}");
+    with("for k in 0..3 { c! }");
+    assert_eq!(traced(path(&model), &recording, &[]).0, Some(0));
+}
+
+#[test]
+fn a_recording_without_events_is_refused() {
+    let recording = file("trace-none.luna");
+    let writer = Writer::new(Vec::new()).unwrap();
+    fs::write(&recording, writer.finish().unwrap()).unwrap();
+    let (code, said) = traced(&commstime_model(), &recording, &[]);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("record it with events"), "{said}");
+}
