@@ -15,11 +15,12 @@ use std::time::Duration;
 /// The options of `luna model from`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-The model has the processes and channels that communicated, with what uses what, buffers, priorities, periods and
-executors. A process takes its communications in any order: write down what it really does, and `luna model trace`
-says whether that is what ran.
+The model has the processes and channels that communicated, with what uses what, buffers, priorities,
+periods and executors. A process takes its communications in any order: write down what it really
+does, and `luna model trace` says whether that is what ran.
 
-Exit codes: 0 written, 1 standard output is closed, 2 bad arguments or files, or the model is there already.")]
+Exit codes: 0 written, 1 standard output is closed, 2 bad arguments or files, or the
+model is there already.")]
 pub(crate) struct Arguments {
     /// The recording (.luna), made with events
     recording: PathBuf,

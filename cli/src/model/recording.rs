@@ -72,7 +72,8 @@ impl fmt::Display for Cut {
         match self {
             Self::Lost { thread, events } => write!(
                 f,
-                "{events} events of the thread {thread} were lost while it was recorded: give the rings more room (`Logging::room_for_events`, LUNA_LOG_EVENTS)"
+                "{events} events of the thread {thread} were lost while it was recorded: give the \
+                 rings more room (`Logging::room_for_events`, LUNA_LOG_EVENTS)"
             ),
             Self::Blocks(blocks) => {
                 write!(f, "{blocks} blocks were lost on the way to the recorder")
@@ -168,7 +169,9 @@ impl Recording {
         }
         if recording.communications.is_empty() && recording.cut.is_none() {
             return Err(failed(
-                "it has no communications: record it with events (`Logging::events`, or LUNA_LOG_EVENTS in its environment)".to_owned(),
+                "it has no communications: record it with events (`Logging::events`, or \
+                 LUNA_LOG_EVENTS in its environment)"
+                    .to_owned(),
             ));
         }
         Ok(recording)

@@ -21,12 +21,13 @@ const MAX_PRINTED: usize = 12;
 /// The options of `luna model trace`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-Channels and processes are found by their names: those of the model with their parts (`cell.left[3]`), or what
-becomes of a name where all but letters and digits is `_`. Communications of other channels are left out.
-Values are not recorded: any value will do.
+Channels and processes are found by their names: those of the model with their parts
+(`cell.left[3]`), or what becomes of a name where all but letters and digits is `_`. Communications
+of other channels are left out. Values are not recorded: any value will do.
 
-Exit codes: 0 it is a trace, 1 it is none (the first communication that the model does not allow is shown), 2 bad
-arguments or files, 4 unknown (events were lost, the recording is damaged, or a limit was reached).")]
+Exit codes: 0 it is a trace, 1 it is none (the first communication that the model does not allow is
+shown), 2 bad arguments or files, 4 unknown (events were lost, the recording is damaged, or a limit
+was reached).")]
 pub(crate) struct Arguments {
     /// The model (.toml)
     file: PathBuf,
@@ -128,27 +129,28 @@ impl<'a> Names<'a> {
             only_modelled: [Vec::new(), Vec::new()],
             shared: Vec::new(),
         };
+        let all = recording.communications.iter();
+        let used: BTreeSet<u32> = all.clone().map(|seen| seen.channel).collect();
+        let active: BTreeSet<u32> = all.flat_map(|seen| [seen.sender, seen.receiver]).collect();
+        // Whatever has not communicated may as well be missing in the model.
         for (number, process) in &recording.processes {
             match find(&processes, &process.name) {
                 Some(found) => drop(names.processes.insert(*number, found)),
-                None => names.only_recorded[0].push(&process.name),
+                None if active.contains(number) => names.only_recorded[0].push(&process.name),
+                None => {}
             }
         }
-        let used: BTreeSet<u32> = recording
-            .communications
-            .iter()
-            .map(|one| one.channel)
-            .collect();
         let mut seen = BTreeSet::new();
         for (number, name) in &recording.channels {
-            match find(&channels, name) {
-                Some(found) => {
+            match (find(&channels, name), used.contains(number)) {
+                (Some(found), is_used) => {
                     names.channels.insert(*number, found);
-                    if used.contains(number) && !seen.insert(found) {
+                    if is_used && !seen.insert(found) {
                         names.shared.push(name);
                     }
                 }
-                None => names.only_recorded[1].push(name),
+                (None, true) => names.only_recorded[1].push(name),
+                (None, false) => {}
             }
         }
         for names in names.only_recorded.iter_mut().chain([&mut names.shared]) {
@@ -288,7 +290,8 @@ impl<W: Write> Report<'_, W> {
             TraceVerdict::Broken => {
                 writeln!(
                     self.out,
-                    "trace rejected: the model breaks a rule before its first communication; see `luna model check`"
+                    "trace rejected: the model breaks a rule before its first communication; see \
+                     `luna model check`"
                 )?;
                 Ok(1)
             }
@@ -296,7 +299,8 @@ impl<W: Write> Report<'_, W> {
                 let after = Count(accepted as u64, "communication");
                 writeln!(
                     self.out,
-                    "unknown: after {after} the model may be in too many states, or the times leave too many orders open; raise --max-states, or model less that is not recorded"
+                    "unknown: after {after} the model may be in too many states, or the times leave \
+                     too many orders open; raise --max-states, or model less that is not recorded"
                 )?;
                 Ok(UNKNOWN)
             }

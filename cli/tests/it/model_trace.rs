@@ -1,4 +1,4 @@
-//! `luna model trace` and `luna model from`, on recordings of systems that ran.
+//! `luna model trace`, on recordings of systems that ran.
 
 use luna::log::Logging;
 use luna::prelude::*;
@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-fn luna(arguments: &[&str]) -> Output {
+pub(crate) fn luna(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_luna"))
         .arg("model")
         .args(arguments)
@@ -16,18 +16,18 @@ fn luna(arguments: &[&str]) -> Output {
         .expect("the program starts")
 }
 
-fn text(bytes: &[u8]) -> &str {
+pub(crate) fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).expect("output is text")
 }
 
 /// A file that this test alone has, and that is not there.
-fn file(name: &str) -> PathBuf {
+pub(crate) fn file(name: &str) -> PathBuf {
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = fs::remove_file(&path);
     path
 }
 
-fn path(path: &Path) -> &str {
+pub(crate) fn path(path: &Path) -> &str {
     path.to_str().expect("a path of this test")
 }
 
@@ -38,17 +38,17 @@ fn commstime_model() -> String {
 
 /// What a run of commstime differs in.
 #[derive(Clone, Copy, Default)]
-struct Run {
+pub(crate) struct Run {
     /// All on one virtual clock.
-    is_virtual: bool,
+    pub(crate) is_virtual: bool,
     /// Each process is on a thread of its own.
-    on_threads: bool,
+    pub(crate) on_threads: bool,
     /// After so many numbers, delta passes one on twice.
-    stutters_after: Option<u64>,
+    pub(crate) stutters_after: Option<u64>,
 }
 
 /// Runs the system of `examples/models/commstime.toml` for so many rounds, and records it.
-fn commstime(file: &Path, rounds: u64, run: Run) -> luna::Result<()> {
+pub(crate) fn commstime(file: &Path, rounds: u64, run: Run) -> luna::Result<()> {
     let channel = |name: &str| {
         let (sender, receiver) = luna::channel::<u64>();
         (sender.named(name), receiver)
@@ -106,7 +106,7 @@ fn commstime(file: &Path, rounds: u64, run: Run) -> luna::Result<()> {
     Ok(())
 }
 
-fn traced(model: &str, recording: &Path, more: &[&str]) -> (Option<i32>, String) {
+pub(crate) fn traced(model: &str, recording: &Path, more: &[&str]) -> (Option<i32>, String) {
     let output = luna(&[&["trace", model, path(recording)], more].concat());
     let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
     (output.status.code(), said)
@@ -244,110 +244,6 @@ fn a_changed_model_rejects_the_recording() {
         said.contains("it has no such channel; there are "),
         "{said}"
     );
-}
-
-/// A system with what commstime lacks: a buffer, an array of channels, a loop, an alternative, and a
-/// branch that sends to another one of its process.
-fn workshop(file: &Path, on_threads: bool) -> luna::Result<()> {
-    let mut system = System::new("workshop");
-    system.log(Logging::to_file(file).room_for_events(1 << 18));
-    let first = system.executor("first").build()?;
-    let second = match on_threads {
-        true => system.executor("second").build()?,
-        false => first.clone(),
-    };
-    let (mut benches, mut parts) = (Vec::new(), Vec::new());
-    for number in 0..2 {
-        let (give, take) = luna::channel::<u32>();
-        let give = give.named(&format!("bench[{number}]"));
-        benches.push(take);
-        let (put, store) = luna::buffered::<u32>(luna::Buffer::fifo(3));
-        parts.push(put.named(&format!("parts[{number}]")));
-        let executor = if number == 0 { &first } else { &second };
-        executor
-            .process(format!("worker[{number}]"))
-            .priority(number + 3)
-            .spawn(async move {
-                while let Ok(part) = store.recv().await {
-                    give.send(part).await?;
-                }
-                Ok(())
-            })?;
-    }
-    second.process("supply").spawn(async move {
-        for part in 0..50 {
-            for to in &parts {
-                to.send(part).await?;
-            }
-        }
-        Ok(())
-    })?;
-    let [one, other] = <[_; 2]>::try_from(benches).expect("there are two");
-    first.process("packer").spawn(async move {
-        let (put, packed) = luna::channel::<u32>();
-        let put = put.named("packed");
-        let collect = async {
-            for _ in 0..100 {
-                let part = luna::alt! {
-                    part = one.recv() => part,
-                    part = other.recv() => part,
-                };
-                match part {
-                    Ok(part) => put.send(part).await?,
-                    Err(_) => break,
-                }
-            }
-            drop(put);
-            Ok::<(), luna::Error>(())
-        };
-        let count = async {
-            while packed.recv().await.is_ok() {}
-            Ok::<(), luna::Error>(())
-        };
-        let _ = luna::par!(collect, count).await;
-        Ok(())
-    })?;
-    let _ = system.run();
-    Ok(())
-}
-
-#[test]
-fn a_model_of_a_recording_accepts_it() {
-    let record = |name: &str, make: &dyn Fn(&Path) -> luna::Result<()>| {
-        let recording = file(&format!("{name}.luna"));
-        make(&recording).expect("it runs");
-        let model = file(&format!("{name}.toml"));
-        let output = luna(&["from", path(&recording), "-o", path(&model)]);
-        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-        let made = fs::read_to_string(&model).unwrap();
-        let (code, said) = traced(path(&model), &recording, &[]);
-        assert_eq!(code, Some(0), "{name}: {said}\n{made}");
-        assert!(said.starts_with("trace accepted: "), "{name}: {said}");
-        // It is not written over: it may have been refined.
-        let again = luna(&["from", path(&recording), "-o", path(&model)]);
-        assert_eq!(again.status.code(), Some(2));
-        made
-    };
-    let threads = Run {
-        on_threads: true,
-        ..Run::default()
-    };
-    record("from-commstime", &|file| commstime(file, 200, threads));
-    for on_threads in [false, true] {
-        let name = format!("from-workshop-{on_threads}");
-        let made = record(&name, &|file| workshop(file, on_threads));
-        for part in [
-            "name = \"workshop\"",
-            "[system.channel.parts_1]\nbuffer = \"fifo ",
-            "[system.channel.bench_1]\n",
-            "[system.part.worker_0]\nprocess = \"worker_0\"\nbind = { parts_0 = \"parts_0\", bench_0 = \"bench_0\" }\npriority = 3\non = \"first\"",
-            "ports = { parts_0 = \"receive\", bench_0 = \"send\" }\nbody = \"loop { alt { parts_0? | bench_0! } }\"",
-            "body = \"par { loop { alt { bench_0? | bench_1? | packed_out! } } | loop { packed? } }\"",
-            "[executor.first]",
-        ] {
-            assert!(made.contains(part), "{part}: {made}");
-        }
-    }
 }
 
 /// A recording by hand: `a` sends to `b` so many times, and events are lost before the last time.

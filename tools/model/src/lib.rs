@@ -21,7 +21,8 @@
 //! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
 //! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
 //! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
-//! `spin` translates it to Promela, and `draw` shows it.
+//! `spin` translates it to Promela, and `draw` shows it. `trace` compares it with what ran, and
+//! `recorded` makes a file of that.
 //!
 //! # The meaning
 //!

@@ -2,9 +2,9 @@
 //!
 //! Two communications of one thread have the order in which the thread recorded them. Two of
 //! different threads have that of their times if these are further apart than the skew, else either
-//! order. All orders that this leaves open are covered, but only those are looked at that may make a
-//! difference: two communications without a common channel or process can be exchanged in any run
-//! of a model.
+//! order. All orders that this leaves open are covered, but only those are looked at that may make
+//! a difference: two communications without a common channel or process can be exchanged in any
+//! run of a model.
 
 use super::automaton::{Automaton, Symbol};
 use super::{Communication, Party};

@@ -1,31 +1,22 @@
-//! Random walks through random networks are traces, whatever their threads and times leave open; and
-//! what is no trace by a plain search through all states is none here.
+//! Random walks through random networks are traces, whatever their threads and times leave open.
+//! What is no trace by a plain search through all states is none here.
 
-#[path = "../../tests/it/random.rs"]
+#[path = "../../../tests/it/random.rs"]
 mod random;
 
-use super::{Communication, Party, TraceOptions, TraceVerdict};
+use super::{SKEW, options};
 use crate::Model;
 use crate::explore::state::{Move, Semantics, State};
 use crate::network::{Action, Kind, Network};
+use crate::trace::{Communication, Party, TraceVerdict};
 use random::{Random, model};
 use std::collections::BTreeSet;
-
-/// Times of different threads may be wrong by so much.
-const SKEW: u64 = 40;
 
 fn seed() -> u64 {
     let chosen = std::env::var("LUNA_SEED").ok();
     let seed = chosen.and_then(|seed| seed.parse().ok()).unwrap_or(1);
     println!("LUNA_SEED={seed}");
     seed
-}
-
-fn options() -> TraceOptions {
-    TraceOptions {
-        skew: SKEW,
-        ..TraceOptions::default()
-    }
 }
 
 /// Small random models, each with the generator that made it.
@@ -294,131 +285,4 @@ fn all_orders_that_are_open_are_covered_and_no_others() {
         );
     }
     assert!(accepted > 20 && rejected > 20, "{accepted} {rejected}");
-}
-
-const RELAY: &str = r#"
-    [process.Source]
-    ports = { to = "send" }
-    body = "loop { to! }"
-    [process.Relay]
-    ports = { from = "receive", to = "send" }
-    body = "loop { from?; work; to! }"
-    [process.Sink]
-    ports = { from = "receive" }
-    body = "loop { from?; after_all }"
-    [system.channel]
-    a = {}
-    b = {}
-    [system.part]
-    source = { process = "Source", bind.to = "a" }
-    relay = { process = "Relay", bind = { from = "a", to = "b" } }
-    sink = { process = "Sink", bind.from = "b" }
-"#;
-
-fn relay() -> Model {
-    Model::parse("relay.toml", RELAY).unwrap_or_else(|problem| panic!("{problem}"))
-}
-
-fn event(time: u64, channel: usize, sender: usize, receiver: usize) -> Communication {
-    Communication {
-        thread: 0,
-        time,
-        channel,
-        sender: Party::Process(sender),
-        receiver: Party::Process(receiver),
-    }
-}
-
-#[test]
-fn a_rejection_tells_what_was_allowed_and_where_the_processes_are() {
-    let model = relay();
-    let (a, b) = (event(1, 0, 0, 1), event(2, 1, 1, 2));
-    let traced = model.trace(&[a, b, a, a], &options());
-    let TraceVerdict::Rejected(rejected) = traced.verdict else {
-        panic!("{traced:?}");
-    };
-    assert_eq!((traced.accepted, rejected.event), (3, 3));
-    assert_eq!(rejected.before, [0, 1, 2]);
-    assert_eq!(rejected.allowed, ["relay -> sink: b"]);
-    assert_eq!(
-        rejected.there,
-        ["relay is to work, line 7", "source is to send on a, line 4"]
-    );
-}
-
-#[test]
-fn a_hidden_channel_may_be_used_at_any_time() {
-    let model = relay();
-    let a = event(1, 0, 0, 1);
-    let all = [a, a, a];
-    assert_eq!(model.trace(&all, &options()).accepted, 1);
-    let hidden = TraceOptions {
-        hidden: vec![1],
-        ..options()
-    };
-    let traced = model.trace(&all, &hidden);
-    assert_eq!(traced.verdict, TraceVerdict::Accepted);
-}
-
-#[test]
-fn what_is_outside_takes_part_unrecorded_or_without_its_name() {
-    let model = relay();
-    let from_outside = Communication {
-        sender: Party::None,
-        ..event(1, 0, 0, 1)
-    };
-    let b = event(2, 1, 1, 2);
-    let outside = TraceOptions {
-        unrecorded: vec![0],
-        ..options()
-    };
-    for events in [&[from_outside, b, from_outside, b][..], &[b, b]] {
-        let traced = model.trace(events, &outside);
-        assert_eq!(traced.verdict, TraceVerdict::Accepted, "{events:?}");
-    }
-    // A process of the recording that the model does not have is none that it does not know.
-    let stranger = Communication {
-        sender: Party::Stranger,
-        ..from_outside
-    };
-    let traced = model.trace(&[stranger], &outside);
-    assert!(matches!(traced.verdict, TraceVerdict::Rejected(_)));
-    // With all processes recorded, nothing is outside.
-    let traced = model.trace(&[from_outside], &options());
-    assert!(matches!(traced.verdict, TraceVerdict::Rejected(_)));
-}
-
-#[test]
-fn times_of_threads_order_what_is_further_apart_than_the_skew() {
-    let model = relay();
-    let on = |thread, event| Communication { thread, ..event };
-    let verdict = |apart| {
-        // The relay's thread recorded both of its communications the wrong way round.
-        let events = [
-            on(1, event(100, 1, 1, 2)),
-            on(0, event(100 + apart, 0, 0, 1)),
-        ];
-        model.trace(&events, &options()).verdict
-    };
-    assert_eq!(verdict(SKEW), TraceVerdict::Accepted);
-    assert!(matches!(verdict(SKEW + 1), TraceVerdict::Rejected(_)));
-}
-
-#[test]
-fn limits_are_told() {
-    let model = relay();
-    let few = TraceOptions {
-        max_states: 1,
-        ..options()
-    };
-    let traced = model.trace(&[event(1, 0, 0, 1), event(2, 1, 1, 2)], &few);
-    assert_eq!(traced.verdict, TraceVerdict::TooLarge);
-}
-
-#[test]
-fn a_model_that_breaks_a_rule_at_once_has_no_trace() {
-    let text = RELAY.replace("loop { from?; after_all }", "assert false; from?");
-    let model = Model::parse("broken.toml", &text).unwrap_or_else(|problem| panic!("{problem}"));
-    let traced = model.trace(&[event(1, 0, 0, 1)], &options());
-    assert_eq!(traced.verdict, TraceVerdict::Broken);
 }
