@@ -21,6 +21,10 @@ pub(super) struct Recording {
     pub(super) channels: BTreeMap<u32, String>,
     pub(super) threads: BTreeMap<u32, String>,
     pub(super) communications: Vec<Seen>,
+    /// The processes that have ended by themselves, and when.
+    pub(super) ended: BTreeMap<u32, u64>,
+    /// When the first process was ended by something else.
+    pub(super) stopped: Option<u64>,
     pub(super) loops: BTreeMap<u32, Slots>,
     /// The cores on which cycles of a thread began late.
     pub(super) cores: BTreeMap<u32, BTreeSet<usize>>,
@@ -196,6 +200,15 @@ impl Recording {
                 sender: number(first),
                 receiver: number(second),
             }),
+            code::DONE => match first {
+                code::ended::OK | code::ended::ERROR => {
+                    self.ended.insert(event.subject, event.time);
+                }
+                _ => {
+                    let stopped = self.stopped.unwrap_or(u64::MAX);
+                    self.stopped = Some(stopped.min(event.time));
+                }
+            },
             code::SLOT => {
                 let slot = (first, event.time.saturating_sub(second));
                 if let Some(found) = self.loops.get_mut(&event.subject) {

@@ -40,6 +40,10 @@ pub(crate) struct Arguments {
     /// in either order [default: 1000; 0 on a virtual clock]
     #[arg(long, value_name = "NS")]
     skew: Option<u64>,
+    /// Compare the ends, too: what ended by itself, before anything was cancelled or panicked, must
+    /// be able to end in the model
+    #[arg(long)]
+    ends: bool,
     /// Follow so many states of the model at most
     #[arg(long, value_name = "N", default_value = "2000000", value_parser = clap::value_parser!(u32).range(1..))]
     max_states: u32,
@@ -70,10 +74,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         .enumerate()
         .filter_map(|(place, seen)| Some((names.communication(seen, &hidden)?, place)))
         .unzip();
+    let skew = match recording.is_virtual {
+        true => arguments.skew.unwrap_or_default(),
+        false => arguments.skew.unwrap_or(SKEW),
+    };
     let options = TraceOptions {
-        skew: match recording.is_virtual {
-            true => arguments.skew.unwrap_or_default(),
-            false => arguments.skew.unwrap_or(SKEW),
+        skew,
+        // After a loss, what was lost may have come before the end.
+        ended: match arguments.ends && recording.cut.is_none() {
+            true => names.ended(&recording, skew),
+            false => Vec::new(),
         },
         unrecorded: names.unrecorded.clone(),
         hidden,
@@ -89,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     };
     let code = report
         .names(&names, &channels, &options.hidden)
-        .and_then(|()| report.verdict(traced.accepted, &traced.verdict));
+        .and_then(|()| report.verdict(traced.accepted, &traced.verdict, &names));
     code.map(ExitCode::from).map_err(Failure::Output)
 }
 
@@ -167,6 +177,23 @@ impl<'a> Names<'a> {
         names
     }
 
+    /// The processes of the model that have ended by themselves.
+    fn ended(&self, recording: &Recording, skew: u64) -> Vec<usize> {
+        let limit = recording
+            .stopped
+            .map_or(u64::MAX, |stopped| stopped.saturating_sub(skew));
+        let all = self.processes.iter();
+        // Of several processes of one name all must have ended.
+        let lives = |number: &u32| recording.ended.get(number).is_none_or(|end| *end >= limit);
+        let alive: BTreeSet<usize> = all
+            .clone()
+            .filter(|(number, _)| lives(number))
+            .map(|(_, process)| *process)
+            .collect();
+        let ended: BTreeSet<usize> = all.map(|(_, process)| *process).collect();
+        ended.difference(&alive).copied().collect()
+    }
+
     /// None for a channel that is not followed.
     fn communication(&self, seen: &Seen, hidden: &[usize]) -> Option<Communication> {
         let channel = *self.channels.get(&seen.channel)?;
@@ -239,7 +266,12 @@ impl<W: Write> Report<'_, W> {
         Ok(())
     }
 
-    fn verdict(&mut self, accepted: usize, verdict: &TraceVerdict) -> io::Result<u8> {
+    fn verdict(
+        &mut self,
+        accepted: usize,
+        verdict: &TraceVerdict,
+        names: &Names<'_>,
+    ) -> io::Result<u8> {
         let recording = self.recording;
         match verdict {
             TraceVerdict::Accepted if self.events.is_empty() => {
@@ -285,6 +317,21 @@ impl<W: Write> Report<'_, W> {
                 let after = Count(accepted as u64, "communication");
                 writeln!(self.out, "trace rejected after {after}")?;
                 self.rejected(rejected)?;
+                Ok(1)
+            }
+            TraceVerdict::Unended(processes) => {
+                let after = Count(accepted as u64, "communication");
+                writeln!(self.out, "trace rejected after {after}, by the ends")?;
+                let recorded = names.processes.iter();
+                for (number, _) in recorded.filter(|(_, process)| processes.contains(process)) {
+                    let name = recording.process(*number).unwrap_or_default();
+                    let end = recording.ended.get(number).copied().unwrap_or_default();
+                    let time = recording.seconds(end);
+                    writeln!(
+                        self.out,
+                        "       {time}  {name} ended, and cannot in the model"
+                    )?;
+                }
                 Ok(1)
             }
             TraceVerdict::Broken => {

@@ -246,6 +246,35 @@ fn a_changed_model_rejects_the_recording() {
     );
 }
 
+#[test]
+fn ends_are_compared_on_request() {
+    let recording = file("trace-ends.luna");
+    commstime(&recording, 20, Run::default()).expect("it runs");
+    // In the model no process ends.
+    let (code, said) = traced(&commstime_model(), &recording, &["--ends"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("by the ends\n"), "{said}");
+    assert!(
+        said.contains("consumer ended, and cannot in the model"),
+        "{said}"
+    );
+    // With a consumer that ends, the others end by their closed channels.
+    let model = fs::read_to_string(commstime_model()).unwrap();
+    let ending = |rounds: u32| {
+        let body = format!("body = \"\"\"\nfor k in 0..{rounds} {{");
+        let changed = file("trace-ends.toml");
+        fs::write(&changed, model.replace("body = \"\"\"\nloop {", &body)).unwrap();
+        traced(path(&changed), &recording, &["--ends"])
+    };
+    let (code, said) = ending(20);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = ending(21);
+    assert_eq!(code, Some(1), "{said}");
+    let (code, said) = ending(19);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("not allowed:"), "{said}");
+}
+
 /// A recording by hand: `a` sends to `b` so many times, and events are lost before the last time.
 fn lossy(file: &Path, losses: &[Record<'_>]) {
     let mut writer = Writer::new(Vec::new()).unwrap();

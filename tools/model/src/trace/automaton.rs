@@ -35,14 +35,14 @@ const MAX_SHARE: usize = 16;
 
 #[derive(Debug)]
 pub(super) struct Automaton<'a> {
-    semantics: Semantics<'a>,
+    pub(super) semantics: Semantics<'a>,
     /// Channels whose communications are not recorded.
     hidden: Vec<bool>,
     /// Processes that the recording does not know: what they do may be recorded by their partners,
     /// or not at all.
     unrecorded: Vec<bool>,
     /// Processes that hidden communications connect have the same number.
-    groups: Vec<usize>,
+    pub(super) groups: Vec<usize>,
     states: IndexSet<State, FxBuildHasher>,
     sets: IndexSet<Set, FxBuildHasher>,
     /// How many numbers of states the sets hold.
@@ -183,7 +183,15 @@ impl<'a> Automaton<'a> {
         }
     }
 
-    fn process(&self, agent: usize) -> usize {
+    /// The states of a set.
+    pub(super) fn members(&self, set: u32) -> Vec<State> {
+        let members = self.sets[set as usize].iter();
+        members
+            .map(|&state| self.states[state as usize].clone())
+            .collect()
+    }
+
+    pub(super) fn process(&self, agent: usize) -> usize {
         self.network().agents[agent].process
     }
 

@@ -5,6 +5,7 @@
 //! one of several states; `automaton` follows them all.
 
 mod automaton;
+mod ends;
 mod order;
 #[cfg(test)]
 mod tests;
@@ -69,6 +70,9 @@ pub struct TraceOptions {
     /// Processes of the model, by their places, that are not in the recorded system. What they do
     /// is recorded by their partners, or not at all.
     pub unrecorded: Vec<usize>,
+    /// Processes of the model, by their places, that ended by themselves: after the last
+    /// communication they must be able to.
+    pub ended: Vec<usize>,
     /// A limit on the states of the model that are followed. 0: 2 000 000.
     pub max_states: usize,
 }
@@ -89,6 +93,8 @@ pub enum TraceVerdict {
     Accepted,
     /// No run of the model has this one after those before it.
     Rejected(Rejected),
+    /// All of them are, but these processes cannot have ended after them.
+    Unended(Vec<usize>),
     /// No run of the model has any communication: it breaks a rule before the first one.
     Broken,
     /// The limit on states, or on orders that the times leave open, was reached.
@@ -126,7 +132,7 @@ pub(crate) fn trace(network: &Network, events: &[Communication], options: &Trace
         max_states,
     );
     let order = Order::new(events, options.skew, &automaton);
-    let (accepted, verdict) = match follow(&mut automaton, &order, events.len()) {
+    let (accepted, verdict) = match follow(&mut automaton, &order, events.len(), &options.ended) {
         Ok(found) => found,
         Err(accepted) => (accepted, TraceVerdict::TooLarge),
     };
@@ -138,6 +144,7 @@ fn follow(
     automaton: &mut Automaton<'_>,
     order: &Order,
     count: usize,
+    ended: &[usize],
 ) -> Result<(usize, TraceVerdict), usize> {
     let Some(first) = automaton.first().map_err(|TooMany| 0_usize)? else {
         return Ok((0, TraceVerdict::Broken));
@@ -172,7 +179,14 @@ fn follow(
         }
         now = next;
     }
-    Ok((count, TraceVerdict::Accepted))
+    let alive = automaton.cannot_end(now.iter().map(|(_, set)| *set), ended);
+    Ok((
+        count,
+        match alive.is_empty() {
+            true => TraceVerdict::Accepted,
+            false => TraceVerdict::Unended(alive),
+        },
+    ))
 }
 
 fn rejected(automaton: &mut Automaton<'_>, order: &Order, cut: &Cut, set: u32) -> Option<Rejected> {

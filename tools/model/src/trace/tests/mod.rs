@@ -141,3 +141,27 @@ fn a_model_that_breaks_a_rule_at_once_has_no_trace() {
     let traced = model.trace(&[event(1, 0, 0, 1)], &options());
     assert_eq!(traced.verdict, TraceVerdict::Broken);
 }
+
+#[test]
+fn what_ended_must_be_able_to_end() {
+    let text = RELAY.replace("loop { to! }", "for k in 0..2 { to! }; say");
+    let model = Model::parse("ends.toml", &text).unwrap_or_else(|problem| panic!("{problem}"));
+    let (a, b) = (event(1, 0, 0, 1), event(2, 1, 1, 2));
+    let verdict = |events: &[Communication], ended: &[usize]| {
+        let options = TraceOptions {
+            ended: ended.to_vec(),
+            ..options()
+        };
+        model.trace(events, &options).verdict
+    };
+    // The others end because their channels are closed.
+    assert_eq!(verdict(&[a, b, a, b], &[0, 1, 2]), TraceVerdict::Accepted);
+    assert_eq!(verdict(&[a, b, a, b], &[2]), TraceVerdict::Accepted);
+    // The source is not done, so nothing is closed.
+    let none = TraceVerdict::Unended(vec![0, 2]);
+    assert_eq!(verdict(&[a, b, a], &[]), TraceVerdict::Accepted);
+    assert_eq!(verdict(&[a, b], &[0, 2]), none);
+    // The relay still has a value for the sink, which waits.
+    let relay = TraceVerdict::Unended(vec![1, 2]);
+    assert_eq!(verdict(&[a, b, a], &[0, 1, 2]), relay);
+}
