@@ -286,17 +286,27 @@ impl<'a> Automaton<'a> {
     }
 
     /// Whether a recording may be without it.
-    fn is_hidden(&self, state: &State, step: Move) -> bool {
+    pub(super) fn is_hidden(&self, state: &State, step: Move) -> bool {
         let Some(edge) = self.semantics.edge(state, step) else {
             return false;
         };
         let Some((channel, _)) = edge.action.end() else {
             return true;
         };
-        let partner = step.partner.map(|(agent, _)| self.process(agent));
-        self.hidden[channel]
-            || self.unrecorded[self.process(step.agent)]
-            || partner.is_some_and(|process| self.unrecorded[process])
+        if self.hidden[channel] {
+            return true;
+        }
+        match step.partner {
+            Some((partner, _)) => [step.agent, partner]
+                .iter()
+                .any(|&agent| self.unrecorded[self.process(agent)]),
+            // What is outside may have received from a waiting sender, or sent to a waiting receiver.
+            None => {
+                let channel = &self.network().channels[channel];
+                let mut ends = channel.senders.iter().chain(&channel.receivers);
+                ends.any(|&process| self.unrecorded[process])
+            }
+        }
     }
 
     fn state(&mut self, state: State) -> Result<u32, TooMany> {

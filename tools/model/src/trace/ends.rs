@@ -76,9 +76,8 @@ impl Automaton<'_> {
             }
             self.semantics.moves(&state, &mut moves);
             for &step in &moves {
-                let edge = self.semantics.edge(&state, step);
-                let communicates = edge.is_some_and(|edge| edge.action.end().is_some());
-                if self.process(step.agent) != process || (communicates && !step.is_closed) {
+                let is_own = step.is_closed || step.is_end || self.is_hidden(&state, step);
+                if self.process(step.agent) != process || !is_own {
                     continue;
                 }
                 let (next, broken) = self.semantics.after(&state, step);

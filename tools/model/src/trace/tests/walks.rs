@@ -213,6 +213,43 @@ fn join(network: &Network, random: &mut Random, events: &mut Vec<Communication>)
     stamp(events);
 }
 
+/// Now and then a channel is not recorded, or a process is outside of the system.
+fn leave_out(
+    network: &Network,
+    random: &mut Random,
+    events: &mut Vec<Communication>,
+    options: &mut TraceOptions,
+) {
+    if random.below(3) == 0 {
+        let hidden = random.below(network.channels.len());
+        events.retain(|event| event.channel != hidden);
+        options.hidden.push(hidden);
+    }
+    if random.below(3) == 0 {
+        let outside = random.below(network.processes.len());
+        let is_outside = |party: Party| party == Party::Process(outside);
+        events.retain_mut(|event| {
+            let channel = &network.channels[event.channel];
+            let mut ends = channel.senders.iter().chain(&channel.receivers);
+            let is_buffer = channel.kind != Kind::Rendezvous;
+            let takes_part = is_outside(event.sender) || is_outside(event.receiver);
+            // Whether its partner recorded it.
+            if (takes_part || is_buffer && ends.any(|&end| end == outside)) && random.below(2) == 0
+            {
+                return false;
+            }
+            for party in [&mut event.sender, &mut event.receiver] {
+                if is_outside(*party) {
+                    *party = Party::None;
+                }
+            }
+            event.sender != Party::None || event.receiver != Party::None
+        });
+        options.unrecorded.push(outside);
+        options.ended.retain(|&process| process != outside);
+    }
+}
+
 #[test]
 fn random_walks_are_traces_whatever_their_threads_leave_open() {
     let (mut longest, mut ends) = (0, 0);
@@ -224,13 +261,14 @@ fn random_walks_are_traces_whatever_their_threads_leave_open() {
         }
         longest = longest.max(events.len());
         join(&model.network, &mut random, &mut events);
-        let events = on_threads(&model.network, &mut random, &events);
-        let options = TraceOptions { ended, ..options() };
+        let mut events = on_threads(&model.network, &mut random, &events);
+        let mut options = TraceOptions { ended, ..options() };
+        leave_out(&model.network, &mut random, &mut events, &mut options);
         let traced = model.trace(&events, &options);
         assert_eq!(
             (traced.accepted, &traced.verdict),
             (events.len(), &TraceVerdict::Accepted),
-            "LUNA_SEED={seed} {events:#?}"
+            "LUNA_SEED={seed} {options:?} {events:#?}"
         );
     }
     assert!(longest == 60 && ends > 50, "{longest} {ends}");
