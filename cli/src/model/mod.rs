@@ -3,6 +3,7 @@
 mod check;
 mod draw;
 mod from;
+mod names;
 mod new;
 mod recording;
 mod trace;
