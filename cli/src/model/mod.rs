@@ -2,8 +2,12 @@
 
 mod check;
 mod draw;
+mod from;
+mod names;
 mod new;
+mod recording;
 mod schedule;
+mod trace;
 
 use crate::failure::Failure;
 use clap::Subcommand;
@@ -23,6 +27,10 @@ pub(crate) enum Command {
     Draw(draw::Arguments),
     /// Bounds when each cycle is over, and says whether that is in time
     Schedule(schedule::Arguments),
+    /// Compares a recording with a model: are its communications a trace of the model?
+    Trace(trace::Arguments),
+    /// Writes a model of what a recording has: its processes and channels, to be refined
+    From(from::Arguments),
 }
 
 /// Does it.
@@ -32,6 +40,8 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::Check(arguments) => check::run(arguments),
         Command::Draw(arguments) => draw::run(arguments),
         Command::Schedule(arguments) => schedule::run(arguments),
+        Command::Trace(arguments) => trace::run(arguments),
+        Command::From(arguments) => from::run(arguments),
     }
 }
 

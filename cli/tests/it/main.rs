@@ -10,6 +10,8 @@ mod foxglove;
 mod listing;
 mod merge;
 mod model;
+mod model_from;
+mod model_trace;
 #[cfg(target_os = "linux")]
 mod production_cell;
 #[cfg(target_os = "linux")]

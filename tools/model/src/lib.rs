@@ -21,7 +21,8 @@
 //! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
 //! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
 //! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
-//! `spin` translates it to Promela, and `draw` shows it.
+//! `spin` translates it to Promela, and `draw` shows it. `trace` compares it with what ran, and
+//! `recorded` makes a file of that.
 //!
 //! # The meaning
 //!
@@ -50,12 +51,17 @@ mod language;
 mod model;
 mod network;
 mod properties;
+mod recorded;
 pub mod schedule;
 mod spin;
 mod text;
+mod trace;
 
+pub use explore::words::communication;
 pub use explore::{DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Unreached};
 pub use model::{Model, TEMPLATE};
+pub use recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 pub use spin::SpinCheck;
 pub use spin::run::SpinError;
 pub use text::Problem;
+pub use trace::{Communication, Party, Rejected, TraceOptions, TraceVerdict, Traced};

@@ -10,6 +10,7 @@ use crate::spin::promela::promela;
 use crate::spin::run::SpinError;
 use crate::spin::{self, SpinCheck};
 use crate::text::{Problem, Source};
+use crate::trace::{self, Communication, TraceOptions, Traced};
 
 /// A model: its processes and channels with all arrays and compositions laid out.
 #[derive(Debug)]
@@ -51,6 +52,16 @@ impl Model {
         self.network.channels.len()
     }
 
+    /// The names of its processes, with the parts that they are in.
+    pub fn process_names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.network.processes.iter().map(|one| one.name.as_str())
+    }
+
+    /// The names of its channels, with the parts that they are in.
+    pub fn channel_names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.network.channels.iter().map(|one| one.name.as_str())
+    }
+
     /// The titles of the properties of `check.ltl`.
     pub fn ltl(&self) -> impl Iterator<Item = &str> {
         self.network.ltl.iter().map(|(title, _)| title.as_str())
@@ -70,6 +81,42 @@ impl Model {
     #[must_use]
     pub fn explore(&self, max_states: usize) -> Exploration {
         explore(&self.network, max_states.min(u32::MAX as usize))
+    }
+
+    /// Whether communications are a trace of the model: whether one of its runs has them, and no
+    /// others, in an order that their threads and times leave open. All else in the model may happen
+    /// in between. Those of one thread come in the order in which it recorded them. Values are not
+    /// recorded: a send or receive matches with any.
+    ///
+    /// Not real-time. It takes some memory for each state that the model may be in on the way, and
+    /// O(1) for a communication that comes again in the same states.
+    ///
+    /// ```
+    /// use luna_model::{Communication, Model, Party, TraceOptions, TraceVerdict};
+    ///
+    /// let model = Model::parse("first.toml", luna_model::TEMPLATE)?;
+    /// let [producer, consumer] = [0, 1].map(Party::Process);
+    /// let on_values = |time, sender, receiver| Communication {
+    ///     thread: 0,
+    ///     time,
+    ///     channel: 0,
+    ///     sender,
+    ///     receiver,
+    /// };
+    /// let sent = on_values(5, producer, Party::None);
+    /// let received = on_values(9, Party::None, consumer);
+    /// let options = TraceOptions::default();
+    /// let traced = model.trace(&[sent, received], &options);
+    /// assert_eq!(traced.verdict, TraceVerdict::Accepted);
+    /// let traced = model.trace(&[sent, received, received], &options);
+    /// let TraceVerdict::Rejected(rejected) = traced.verdict else { panic!() };
+    /// assert_eq!((traced.accepted, rejected.event), (2, 2));
+    /// assert_eq!(rejected.allowed, ["producer -> values"]);
+    /// # Ok::<(), luna_model::Problem>(())
+    /// ```
+    #[must_use]
+    pub fn trace(&self, events: &[Communication], options: &TraceOptions) -> Traced {
+        trace::trace(&self.network, events, options)
     }
 
     /// The model in Promela, the language of SPIN.

@@ -293,8 +293,13 @@ impl<'a> Semantics<'a> {
         self.ended(state, agent)
     }
 
-    pub(super) fn has_ended(&self, state: &State, process: usize) -> bool {
+    pub(crate) fn has_ended(&self, state: &State, process: usize) -> bool {
         state[self.network.processes[process].agent] == ENDED
+    }
+
+    /// Lets a process end, wherever it is.
+    pub(crate) fn end(&self, state: &mut State, process: usize) {
+        state[self.network.processes[process].agent] = ENDED;
     }
 
     /// Whether a process is at its end, and still has its ends.

@@ -52,16 +52,35 @@ impl Said<'_> {
         let channel = end.map_or("", |(channel, _)| network.channels[channel].name.as_str());
         match (&edge.action, self.partner) {
             _ if self.is_closed => format!("{name} cannot go on with {channel}, and ends"),
-            (Action::Send(..), Some(other)) => {
-                format!("{name} -> {}: {channel}{with}", network.agents[other].name)
+            (Action::Send(..), other) => {
+                let other = other.map(|other| network.agents[other].name.as_str());
+                communication(channel, Some(name), other) + &with
             }
-            (Action::Send(..), None) => format!("{name} -> {channel}{with}"),
-            (Action::Receive(..), _) => format!("{channel} -> {name}{with}"),
+            (Action::Receive(..), _) => communication(channel, None, Some(name)) + &with,
             (Action::Own(action), _) => format!("{name}: {action}"),
             (Action::Choice, _) => format!("{name} chooses the branch of line {}", edge.line),
             (Action::Skip, _) => format!("{name} skips, line {}", edge.line),
             (Action::After, _) => format!("{name} has waited long enough, line {}", edge.line),
         }
+    }
+}
+
+/// A communication; without a receiver or a sender it is one with the channel's buffer.
+///
+/// ```
+/// use luna_model::communication;
+///
+/// assert_eq!(communication("left", Some("a"), Some("b")), "a -> b: left");
+/// assert_eq!(communication("left", Some("a"), None), "a -> left");
+/// assert_eq!(communication("left", None, Some("b")), "left -> b");
+/// ```
+#[must_use]
+pub fn communication(channel: &str, sender: Option<&str>, receiver: Option<&str>) -> String {
+    match (sender, receiver) {
+        (Some(sender), Some(receiver)) => format!("{sender} -> {receiver}: {channel}"),
+        (Some(sender), None) => format!("{sender} -> {channel}"),
+        (None, Some(receiver)) => format!("{channel} -> {receiver}"),
+        (None, None) => channel.to_owned(),
     }
 }
 
@@ -90,38 +109,10 @@ pub(crate) fn kind(network: &Network, edge: &Edge) -> String {
 /// Where all processes are that have not ended.
 pub(crate) fn places(semantics: &Semantics<'_>, state: &State) -> Vec<String> {
     let network = semantics.network;
-    let mut lines = Vec::new();
-    for (number, agent) in network.agents.iter().enumerate() {
-        let Ok(at) = usize::try_from(state[number]) else {
-            continue;
-        };
-        let place = &agent.code[at];
-        let name = &agent.name;
-        let Step::Wait(edges) = &place.step else {
-            continue;
-        };
-        if edges.is_empty() {
-            lines.push(format!("{name} has stopped, line {}", place.line));
-            continue;
-        }
-        let open = edges.iter().filter(|edge| semantics.is_open(state, edge));
-        let offers: Vec<String> = open
-            .map(|edge| match &edge.action {
-                Action::Send(channel, _) => format!("send on {}", network.channels[*channel].name),
-                Action::Receive(channel, _) => {
-                    format!("receive from {}", network.channels[*channel].name)
-                }
-                Action::Own(name) => name.clone(),
-                Action::Choice => "choose".to_owned(),
-                Action::Skip => "skip".to_owned(),
-                Action::After => "wait for a time".to_owned(),
-            })
-            .collect();
-        lines.push(match &offers[..] {
-            [] => format!("{name} has no open guard, line {}", place.line),
-            _ => format!("{name} is to {}, line {}", offers.join(" or "), place.line),
-        });
-    }
+    let agents = 0..network.agents.len();
+    let mut lines: Vec<String> = agents
+        .filter_map(|agent| place(semantics, state, agent))
+        .collect();
     let first = network
         .variables
         .iter()
@@ -134,6 +125,38 @@ pub(crate) fn places(semantics: &Semantics<'_>, state: &State) -> Vec<String> {
     let values: Vec<String> = first.collect();
     lines.extend(values.chunks(8).map(|chunk| chunk.join(", ")));
     lines
+}
+
+/// Where an agent is, if it waits for something.
+pub(crate) fn place(semantics: &Semantics<'_>, state: &State, agent: usize) -> Option<String> {
+    let network = semantics.network;
+    let at = usize::try_from(state[agent]).ok()?;
+    let agent = &network.agents[agent];
+    let place = &agent.code[at];
+    let name = &agent.name;
+    let Step::Wait(edges) = &place.step else {
+        return None;
+    };
+    if edges.is_empty() {
+        return Some(format!("{name} has stopped, line {}", place.line));
+    }
+    let open = edges.iter().filter(|edge| semantics.is_open(state, edge));
+    let offers: Vec<String> = open
+        .map(|edge| match &edge.action {
+            Action::Send(channel, _) => format!("send on {}", network.channels[*channel].name),
+            Action::Receive(channel, _) => {
+                format!("receive from {}", network.channels[*channel].name)
+            }
+            Action::Own(name) => name.clone(),
+            Action::Choice => "choose".to_owned(),
+            Action::Skip => "skip".to_owned(),
+            Action::After => "wait for a time".to_owned(),
+        })
+        .collect();
+    Some(match &offers[..] {
+        [] => format!("{name} has no open guard, line {}", place.line),
+        _ => format!("{name} is to {}, line {}", offers.join(" or "), place.line),
+    })
 }
 
 /// A deadlock: where all are, and a circle of processes if there is one.

@@ -1,0 +1,231 @@
+//! A model file of what was recorded: which processes and channels there are, and what uses what.
+
+#[cfg(test)]
+mod tests;
+mod text;
+
+use crate::language::body::RESERVED;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+use std::time::Duration;
+use text::{Part, buffer, definition, instance, key, quoted, run};
+
+/// What a recording says of a system.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Recorded {
+    /// The system's name.
+    pub system: String,
+    /// Its processes; several of one name are one.
+    pub processes: Vec<RecordedProcess>,
+    /// Its channels; several of one name are one.
+    pub channels: Vec<RecordedChannel>,
+    /// Its executors and threads; several of one name are one.
+    pub executors: Vec<RecordedExecutor>,
+}
+
+/// A process of a recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RecordedProcess {
+    /// Its name.
+    pub name: String,
+    /// Its level on its executor.
+    pub priority: Option<u8>,
+    /// The period of its loop.
+    pub period: Option<Duration>,
+    /// The name of its executor or thread.
+    pub executor: Option<String>,
+}
+
+/// A channel of a recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RecordedChannel {
+    /// Its name.
+    pub name: String,
+    /// How many values it held at most, if it overwrites none. 0: senders and receivers met.
+    pub held: usize,
+    /// How many values a buffer that overwrites must hold, so that all that was received was there.
+    pub least: usize,
+    /// What sent, by the places of the processes. None: what is outside of the system.
+    pub senders: BTreeSet<Option<usize>>,
+    /// What received.
+    pub receivers: BTreeSet<Option<usize>>,
+}
+
+/// An executor or thread of a recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RecordedExecutor {
+    /// Its name.
+    pub name: String,
+    /// The core on which it was seen.
+    pub core: Option<usize>,
+}
+
+/// The name that something of a program has in a model: letters, digits and `_` stay, all else
+/// becomes `_`. A digit at the begin, or a word with a meaning of its own, gets a `_`.
+///
+/// ```
+/// use luna_model::name_in_model;
+///
+/// assert_eq!(name_in_model("pan"), "pan");
+/// assert_eq!(name_in_model("philosopher[0]"), "philosopher_0");
+/// assert_eq!(name_in_model("src/main.rs:12:5"), "src_main_rs_12_5");
+/// assert_eq!((name_in_model("2nd"), name_in_model("loop")), ("_2nd".into(), "loop_".into()));
+/// ```
+#[must_use]
+pub fn name_in_model(name: &str) -> String {
+    let mut word = String::new();
+    for letter in name.chars() {
+        match letter {
+            letter if letter.is_alphanumeric() || letter == '_' => word.push(letter),
+            // No two for `].`, and none at the end.
+            _ if !word.ends_with('_') => word.push('_'),
+            _ => {}
+        }
+    }
+    if !name.ends_with('_') {
+        word.truncate(word.trim_end_matches('_').len());
+    }
+    let has_letter_first = |word: &str| {
+        let first = word.chars().next();
+        first.is_some_and(|first| first.is_alphabetic() || first == '_')
+    };
+    if !has_letter_first(&word) {
+        word.insert(0, '_');
+    }
+    if RESERVED.contains(&word.as_str()) {
+        word.push('_');
+    }
+    word
+}
+
+impl Recorded {
+    /// A model file with a process for each name. A process takes its communications in any order:
+    /// that is for the reader to refine. `source` is where it comes from, for a comment.
+    ///
+    /// ```
+    /// use luna_model::{Model, Recorded, RecordedChannel, RecordedProcess};
+    ///
+    /// let process = |name: &str| RecordedProcess { name: name.to_owned(), ..Default::default() };
+    /// let recorded = Recorded {
+    ///     system: "pair".to_owned(),
+    ///     processes: vec![process("one"), process("other")],
+    ///     channels: vec![RecordedChannel {
+    ///         name: "way".to_owned(),
+    ///         senders: [Some(0)].into(),
+    ///         receivers: [Some(1)].into(),
+    ///         ..Default::default()
+    ///     }],
+    ///     ..Default::default()
+    /// };
+    /// let model = Model::parse("pair.toml", &recorded.to_model("pair.luna"))?;
+    /// assert_eq!((model.name(), model.processes(), model.channels()), ("pair", 2, 1));
+    /// # Ok::<(), luna_model::Problem>(())
+    /// ```
+    #[must_use]
+    pub fn to_model(&self, source: &str) -> String {
+        let parts = self.parts();
+        let mut text = format!(
+            "# What ran in {}: its processes and channels.\n\
+             # A process takes its communications in any order here. Write down what it really does:\n\
+             # until then, a check of this file says nothing about the program.\n\
+             name = {}\n",
+            source.replace(char::is_control, " "),
+            quoted(&self.system),
+        );
+        for (name, part) in &parts {
+            text += &definition(name, part);
+        }
+        text += &self.executors();
+        for (name, [held, least]) in self.channels() {
+            let _ = write!(
+                text,
+                "\n[system.channel.{}]\n{}",
+                key(&name),
+                buffer(held, least)
+            );
+        }
+        for (name, part) in &parts {
+            text += &instance(name, part);
+        }
+        text
+    }
+
+    /// By their names in the model.
+    fn parts(&self) -> BTreeMap<String, Part> {
+        let mut parts: BTreeMap<String, Part> = BTreeMap::new();
+        let names: Vec<String> = self
+            .processes
+            .iter()
+            .map(|process| name_in_model(&process.name))
+            .collect();
+        for (name, process) in names.iter().zip(&self.processes) {
+            let part = parts.entry(name.clone()).or_default();
+            part.run = run(process);
+        }
+        // No process of the recording has this name.
+        let mut outside = "outside".to_owned();
+        while names.contains(&outside) {
+            outside.push('_');
+        }
+        let outside = Some(&outside);
+        let name_of = |user: &Option<usize>| match user {
+            Some(process) => names.get(*process),
+            None => outside,
+        };
+        for channel in &self.channels {
+            let name = name_in_model(&channel.name);
+            let none = BTreeSet::from([None]);
+            let or_none = |users: &BTreeSet<Option<usize>>| match users.is_empty() {
+                true => none.clone(),
+                false => users.clone(),
+            };
+            for user in or_none(&channel.senders).iter().filter_map(name_of) {
+                let part = parts.entry(user.clone()).or_default();
+                part.sends.insert(name.clone());
+            }
+            for user in or_none(&channel.receivers).iter().filter_map(name_of) {
+                let part = parts.entry(user.clone()).or_default();
+                part.receives.insert(name.clone());
+            }
+        }
+        parts
+    }
+
+    /// By their names in the model, with what they held, and must hold. Buffers of one name hold
+    /// together what each of them holds.
+    fn channels(&self) -> BTreeMap<String, [usize; 2]> {
+        let mut channels: BTreeMap<String, [usize; 2]> = BTreeMap::new();
+        for channel in &self.channels {
+            let [held, least] = channels.entry(name_in_model(&channel.name)).or_default();
+            *held = held.saturating_add(channel.held);
+            *least = least.saturating_add(channel.least);
+        }
+        channels
+    }
+
+    fn executors(&self) -> String {
+        let used = self
+            .processes
+            .iter()
+            .filter_map(|one| one.executor.as_ref());
+        let mut executors: BTreeMap<String, Option<usize>> =
+            used.map(|name| (name_in_model(name), None)).collect();
+        for executor in &self.executors {
+            if let Some(core) = executors.get_mut(&name_in_model(&executor.name)) {
+                *core = executor.core.or(*core);
+            }
+        }
+        let mut text = String::new();
+        for (name, core) in executors {
+            let _ = write!(
+                text,
+                "\n[executor.{}] # its policy is not recorded\n",
+                key(&name)
+            );
+            if let Some(core) = core {
+                let _ = writeln!(text, "core = {core} # where it ran when a cycle was late");
+            }
+        }
+        text
+    }
+}
