@@ -20,6 +20,7 @@ pub use crate::csp::composition::{
     ChannelKind, ChannelPart, Composition, EndUser, ProcessKind, ProcessPart, ThreadKind,
     ThreadPart, WaitingPart,
 };
+pub use crate::system::Observer;
 pub use crate::system::announcement::{
     AnnouncedSystem, AnnouncedSystems, AnnouncedThread, announced_systems,
 };

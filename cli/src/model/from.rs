@@ -101,6 +101,7 @@ fn recorded(recording: &Recording) -> Recorded {
                 RecordedExecutor {
                     name: name.clone(),
                     core,
+                    ..Default::default()
                 }
             })
             .collect(),

@@ -1,5 +1,6 @@
-//! Models of LUNA systems: read from a file, checked, [scheduled](schedule), drawn. The page
-//! `docs/model.md` describes the file for those that write it; `luna model` is the command.
+//! Models of LUNA systems: read from a file, checked, [scheduled](schedule), drawn, compared with
+//! what runs. The page `docs/model.md` describes the file for those that write it; `luna model` is
+//! the command.
 //!
 //! ```
 //! let model = luna_model::Model::parse("first.toml", luna_model::TEMPLATE)?;
@@ -21,8 +22,8 @@
 //! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
 //! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
 //! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
-//! `spin` translates it to Promela, and `draw` shows it. `trace` compares it with what ran, and
-//! `recorded` makes a file of that.
+//! `spin` translates it to Promela, and `draw` shows it. `schedule` bounds response times. `trace`
+//! compares it with a recording, `running` with a system, and `recorded` makes a file of either.
 //!
 //! # The meaning
 //!
@@ -52,6 +53,7 @@ mod model;
 mod network;
 mod properties;
 mod recorded;
+mod running;
 pub mod schedule;
 mod spin;
 mod text;
@@ -61,6 +63,7 @@ pub use explore::words::communication;
 pub use explore::{DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Unreached};
 pub use model::{Model, TEMPLATE};
 pub use recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
+pub use running::{Difference, SystemModel, Wiring};
 pub use spin::SpinCheck;
 pub use spin::run::SpinError;
 pub use text::Problem;

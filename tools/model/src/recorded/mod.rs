@@ -8,7 +8,7 @@ use crate::language::body::RESERVED;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::time::Duration;
-use text::{Part, buffer, definition, instance, key, quoted, run};
+use text::{Part, buffer, definition, executor, instance, key, quoted, run};
 
 /// What a recording says of a system.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -56,7 +56,11 @@ pub struct RecordedChannel {
 pub struct RecordedExecutor {
     /// Its name.
     pub name: String,
-    /// The core on which it was seen.
+    /// Whether it has one process alone.
+    pub is_thread: bool,
+    /// Its policy, as in `fifo:80`; none if it is not known.
+    pub policy: Option<String>,
+    /// Its core; if its policy is not known, the core on which it was seen.
     pub core: Option<usize>,
 }
 
@@ -208,24 +212,21 @@ impl Recorded {
             .processes
             .iter()
             .filter_map(|one| one.executor.as_ref());
-        let mut executors: BTreeMap<String, Option<usize>> =
-            used.map(|name| (name_in_model(name), None)).collect();
+        let mut executors: BTreeMap<String, RecordedExecutor> = used
+            .map(|name| (name_in_model(name), RecordedExecutor::default()))
+            .collect();
         for executor in &self.executors {
-            if let Some(core) = executors.get_mut(&name_in_model(&executor.name)) {
-                *core = executor.core.or(*core);
+            if let Some(known) = executors.get_mut(&name_in_model(&executor.name)) {
+                let core = executor.core.or(known.core);
+                *known = RecordedExecutor {
+                    core,
+                    ..executor.clone()
+                };
             }
         }
-        let mut text = String::new();
-        for (name, core) in executors {
-            let _ = write!(
-                text,
-                "\n[executor.{}] # its policy is not recorded\n",
-                key(&name)
-            );
-            if let Some(core) = core {
-                let _ = writeln!(text, "core = {core} # where it ran when a cycle was late");
-            }
-        }
-        text
+        executors
+            .iter()
+            .map(|(name, one)| executor(name, one))
+            .collect()
     }
 }

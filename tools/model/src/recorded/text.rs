@@ -1,6 +1,6 @@
 //! The texts of processes, parts and buffers.
 
-use super::{RecordedProcess, name_in_model};
+use super::{RecordedExecutor, RecordedProcess, name_in_model};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -50,6 +50,28 @@ pub(super) fn run(process: &RecordedProcess) -> Vec<String> {
         lines.push(format!("on = {}", quoted(&name_in_model(executor))));
     }
     lines
+}
+
+pub(super) fn executor(name: &str, executor: &RecordedExecutor) -> String {
+    let mut text = format!("\n[executor.{}]", key(name));
+    let mut line = |line: std::fmt::Arguments<'_>| {
+        let _ = writeln!(text, "{line}");
+    };
+    match &executor.policy {
+        Some(policy) => line(format_args!("\npolicy = {}", quoted(policy))),
+        None => line(format_args!(" # its policy is not recorded")),
+    }
+    if executor.is_thread {
+        line(format_args!("kind = \"thread\""));
+    }
+    match (executor.core, &executor.policy) {
+        (Some(core), Some(_)) => line(format_args!("core = {core}")),
+        (Some(core), None) => line(format_args!(
+            "core = {core} # where it ran when a cycle was late"
+        )),
+        (None, _) => {}
+    }
+    text
 }
 
 /// The ports of a part, each with its channel: first those that receive, then those that send.

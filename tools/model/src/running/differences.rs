@@ -1,0 +1,202 @@
+//! What of a system is not as its model says.
+
+use super::read::{capacity, users};
+use crate::network::{Channel, Executor, Network, Process};
+use crate::recorded::name_in_model;
+use luna::Policy;
+use luna::inspect::{ChannelPart, Composition, EndUser, ProcessPart, ThreadKind, ThreadPart};
+use rustc_hash::FxHashMap;
+use std::fmt;
+
+/// One difference between a system and its model.
+///
+/// Its text names the part, and what it is here and there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Difference {
+    /// `process`, `thread` (also an executor's) or `channel`.
+    pub part: &'static str,
+    /// The name of that.
+    pub name: String,
+    /// What it is in the system; none if it is not there, `there` if it is in the system alone.
+    pub system: Option<String>,
+    /// What it is in the model; none if it is not there, `there` if it is in the model alone.
+    pub model: Option<String>,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} `{}`", self.part, self.name)?;
+        match (&self.system, &self.model) {
+            (Some(system), Some(model)) => write!(f, ": {system}, in the model {model}"),
+            (Some(_), None) => f.write_str(" is not in the model"),
+            (None, _) => f.write_str(" is in the model alone"),
+        }
+    }
+}
+
+/// A system is not as its model says.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Wiring {
+    /// The name of the model.
+    pub model: String,
+    /// All that differs: processes, executors, channels.
+    pub differences: Vec<Difference>,
+}
+
+impl fmt::Display for Wiring {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the system is not as its model {} says:", self.model)?;
+        let mut differences = self.differences.iter();
+        differences.try_for_each(|difference| write!(f, "\n  {difference}"))
+    }
+}
+
+impl std::error::Error for Wiring {}
+
+/// A process of this name in a model stands for what is not in the system.
+const OUTSIDE: &str = "outside";
+
+/// The parts of one kind by their names.
+fn by_name<T>(parts: impl Iterator<Item = T>, name: impl Fn(&T) -> &str) -> FxHashMap<String, T> {
+    parts
+        .map(|part| (name_in_model(name(&part)), part))
+        .collect()
+}
+
+pub(super) fn between(network: &Network, parts: &Composition) -> Vec<Difference> {
+    let mut found = Found::default();
+    let running = parts.threads.iter().flat_map(|thread| {
+        let processes = thread.processes.iter();
+        processes.map(move |process| (process, thread))
+    });
+    let running: Vec<(&ProcessPart, &ThreadPart)> = running.collect();
+    let model = by_name(network.processes.iter(), |process| &process.name);
+    let system = by_name(running.iter().copied(), |(process, _)| &process.name);
+    for process in &network.processes {
+        match system.get(&name_in_model(&process.name)) {
+            Some((part, thread)) => found.process(process, part, thread),
+            None if process.name == OUTSIDE => {}
+            None => found.add("process", &process.name, None, Some("there")),
+        }
+    }
+    for (process, _) in &running {
+        if !model.contains_key(&name_in_model(&process.name)) {
+            found.add("process", &process.name, Some("there"), None);
+        }
+    }
+    let threads = by_name(parts.threads.iter(), |thread| &thread.name);
+    for executor in &network.executors {
+        // Processes that are to be there and are not were named before.
+        if let Some(thread) = threads.get(&name_in_model(&executor.name)) {
+            found.executor(executor, thread);
+        }
+    }
+    let channels = by_name(network.channels.iter(), |channel| &channel.name);
+    for channel in &parts.channels {
+        let Some(capacity) = capacity(channel) else {
+            continue;
+        };
+        let name = channel.name.as_ref().unwrap_or(&channel.made_at);
+        match channels.get(&name_in_model(name)) {
+            Some(known) => found.channel(network, known, channel, capacity),
+            None => found.add("channel", name, Some("there"), None),
+        }
+    }
+    found.0
+}
+
+#[derive(Default)]
+struct Found(Vec<Difference>);
+
+impl Found {
+    fn add(&mut self, part: &'static str, name: &str, system: Option<&str>, model: Option<&str>) {
+        self.0.push(Difference {
+            part,
+            name: name.to_owned(),
+            system: system.map(str::to_owned),
+            model: model.map(str::to_owned),
+        });
+    }
+
+    /// `what` may say what the values are.
+    fn unless_equal<T: PartialEq>(
+        &mut self,
+        (part, name): (&'static str, &str),
+        what: &str,
+        [system, model]: [T; 2],
+        text: impl Fn(&T) -> String,
+    ) {
+        if system != model {
+            let here = format!("{what}{}", text(&system));
+            self.add(part, name, Some(&here), Some(&text(&model)));
+        }
+    }
+
+    fn process(&mut self, process: &Process, part: &ProcessPart, thread: &ThreadPart) {
+        let this = ("process", part.name.as_str());
+        if let (Some(priority), ThreadKind::Executor) = (process.priority, thread.kind) {
+            let both = [part.priority, priority];
+            self.unless_equal(this, "priority ", both, u8::to_string);
+        }
+        if let Some(on) = &process.on {
+            let both = [&thread.name, on].map(|name| name_in_model(name));
+            self.unless_equal(this, "on ", both, String::clone);
+        }
+    }
+
+    fn executor(&mut self, executor: &Executor, thread: &ThreadPart) {
+        let is_thread = thread.kind == ThreadKind::OsThread;
+        let kind = |is_thread: &bool| match is_thread {
+            true => "a thread",
+            false => "an executor",
+        };
+        let this = ("thread", thread.name.as_str());
+        let both = [is_thread, executor.is_thread];
+        self.unless_equal(this, "", both, |is_thread| kind(is_thread).to_owned());
+        if let Some(core) = executor.core {
+            let both = [thread.core, Some(usize::from(core))];
+            let text =
+                |core: &Option<usize>| core.map_or("any".to_owned(), |core| core.to_string());
+            self.unless_equal(this, "core ", both, text);
+        }
+        let asked = executor.policy.as_ref();
+        if let Some(policy) = asked.and_then(|policy| policy.parse::<Policy>().ok()) {
+            let both = [thread.policy, policy];
+            self.unless_equal(this, "policy ", both, Policy::to_string);
+        }
+    }
+
+    fn channel(&mut self, network: &Network, known: &Channel, part: &ChannelPart, capacity: usize) {
+        let this = ("channel", known.name.as_str());
+        let both = [capacity, known.kind.capacity()];
+        self.unless_equal(this, "", both, |capacity| match capacity {
+            0 => "a rendezvous".to_owned(),
+            values => format!("a buffer of {values}"),
+        });
+        for (sends, of_model) in [(true, &known.senders), (false, &known.receivers)] {
+            let of_model = || {
+                of_model
+                    .iter()
+                    .map(|one| network.processes[*one].name.as_str())
+            };
+            for user in users(part, sends) {
+                let user = match user {
+                    EndUser::Process(name) => name.as_str(),
+                    _ => OUTSIDE,
+                };
+                let is_known = of_model().any(|one| name_in_model(one) == name_in_model(user));
+                let what = match sends {
+                    true => "sent to by",
+                    false => "received from by",
+                };
+                if !is_known {
+                    let there: Vec<&str> = of_model().collect();
+                    let here = format!("{what} {user}");
+                    self.add(this.0, this.1, Some(&here), Some(&there.join(", ")));
+                }
+            }
+        }
+    }
+}
