@@ -23,7 +23,8 @@ pub use differences::{Difference, Wiring};
 /// # fn build(priority: u8) -> luna::Result<System> {
 /// let mut system = System::new("pair");
 /// let main = system.executor("main").build()?;
-/// let (output, input) = luna::named_channel::<u32>("values");
+/// let (output, input) = luna::channel::<u32>();
+/// let output = output.named("values");
 /// main.process("producer").priority(priority).spawn(async move {
 ///     Ok(output.send(1).await?)
 /// })?;
