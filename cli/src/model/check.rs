@@ -28,6 +28,9 @@ pub(crate) struct Arguments {
     /// `spin` and a C compiler
     #[arg(long)]
     spin: bool,
+    /// Draw the first of what is found, with the way to it, as a sequence of messages (SVG)
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PathBuf>,
     /// Write the model in Promela, the language of SPIN
     #[arg(long, value_name = "FILE")]
     promela: Option<PathBuf>,
@@ -45,13 +48,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut out = io::stdout().lock();
     let shown = print(&mut out, &arguments.file, &model, &explored);
     shown.map_err(Failure::Output)?;
-    let mut is_wrong = !explored.findings.is_empty();
+    let mut first = explored.findings.first().cloned();
     let mut is_whole = explored.is_complete;
     let properties = model.ltl().count();
     if arguments.spin {
         match model.check_with_spin() {
             Ok(found) => {
-                is_wrong |= !found.findings.is_empty();
+                first = first.or_else(|| found.findings.first().cloned());
                 is_whole &= found.incomplete.is_empty();
                 print_spin(&mut out, &model, &found).map_err(Failure::Output)?;
             }
@@ -64,7 +67,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let note = "not checked: LTL properties; add --spin";
         writeln!(out, "{note} ({properties})").map_err(Failure::Output)?;
     }
-    Ok(match (is_wrong, is_whole) {
+    if let (Some(path), Some(finding)) = (&arguments.picture, &first) {
+        write(path, &finding.to_svg())?;
+    }
+    Ok(match (first.is_some(), is_whole) {
         (true, _) => ExitCode::from(1),
         (false, true) => ExitCode::SUCCESS,
         (false, false) => ExitCode::from(UNKNOWN),
@@ -112,14 +118,7 @@ fn print(
 
 fn print_finding(out: &mut impl Write, finding: &Finding) -> io::Result<()> {
     let steps = finding.trace.len();
-    match &finding.kind {
-        FindingKind::Deadlock => write!(out, "deadlock")?,
-        FindingKind::Livelock => write!(out, "livelock")?,
-        FindingKind::Assertion => write!(out, "broken assertion")?,
-        FindingKind::Always(title) => write!(out, "not always: {title}")?,
-        FindingKind::Ltl(title) => write!(out, "property {title} does not hold")?,
-    }
-    writeln!(out, ", after {steps} steps:")?;
+    writeln!(out, "{}, after {steps} steps:", finding.kind)?;
     for (number, line) in finding.trace.iter().enumerate() {
         writeln!(out, "{:>5}  {line}", number + 1)?;
     }

@@ -60,7 +60,9 @@ mod text;
 mod trace;
 
 pub use explore::words::communication;
-pub use explore::{DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Unreached};
+pub use explore::{
+    DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, StepParts, TraceStep, Unreached,
+};
 pub use model::{Model, TEMPLATE};
 pub use recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 pub use running::{Difference, SystemModel, Wiring};

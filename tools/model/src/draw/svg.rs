@@ -121,7 +121,7 @@ fn rectangle(area: &Area) -> String {
 }
 
 /// Control characters may not stand in XML in any form.
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     let mut escaped = String::new();
     for letter in text.chars().filter(|letter| !letter.is_control()) {
         match letter {

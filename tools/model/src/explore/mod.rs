@@ -7,10 +7,12 @@ pub(crate) mod state;
 pub(crate) mod unreached;
 pub(crate) mod words;
 
+use crate::draw::sequence;
 use crate::network::Network;
 use indexmap::IndexSet;
 use rustc_hash::FxBuildHasher;
 use state::{Move, Semantics, State};
+use std::fmt;
 
 /// A limit on states that needs at most a few GB and some minutes.
 pub const DEFAULT_MAX_STATES: usize = 2_000_000;
@@ -33,10 +35,57 @@ pub struct Exploration {
 pub struct Finding {
     /// Of what kind.
     pub kind: FindingKind,
-    /// What happens up to there, a line a step.
-    pub trace: Vec<String>,
+    /// What happens up to there.
+    pub trace: Vec<TraceStep>,
     /// What is the case there, a line each.
     pub there: Vec<String>,
+}
+
+impl Finding {
+    /// An SVG file: a column for each process that does something, and a message for each
+    /// communication, from the first one on; below, what is the case there.
+    #[must_use]
+    pub fn to_svg(&self) -> String {
+        sequence(self)
+    }
+}
+
+/// One step of what happens. Its text says all of it in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TraceStep {
+    /// In words.
+    pub text: String,
+    /// The same in parts.
+    pub parts: StepParts,
+}
+
+/// The parts of a step.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum StepParts {
+    /// A communication.
+    Communication {
+        /// The process that sends; none if the value comes from a buffer.
+        sender: Option<String>,
+        /// The process that receives; none if the value goes into a buffer.
+        receiver: Option<String>,
+        /// The channel, with the value.
+        what: String,
+    },
+    /// What a process does by itself.
+    Act {
+        /// The process.
+        process: String,
+        /// Its action.
+        what: String,
+    },
+    /// A note between two steps.
+    Note,
+}
+
+impl fmt::Display for TraceStep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
 }
 
 /// Kinds of findings.
@@ -52,6 +101,18 @@ pub enum FindingKind {
     Always(String),
     /// A property of `check.ltl` does not hold: found by SPIN.
     Ltl(String),
+}
+
+impl fmt::Display for FindingKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Deadlock => f.write_str("deadlock"),
+            Self::Livelock => f.write_str("livelock"),
+            Self::Assertion => f.write_str("broken assertion"),
+            Self::Always(title) => write!(f, "not always: {title}"),
+            Self::Ltl(title) => write!(f, "property {title} does not hold"),
+        }
+    }
 }
 
 /// A branch that no run takes.
@@ -176,7 +237,7 @@ impl Search {
         !self.findings.iter().any(|found| found.kind == *kind)
     }
 
-    fn add(&mut self, kind: FindingKind, trace: Vec<String>, there: Vec<String>) {
+    fn add(&mut self, kind: FindingKind, trace: Vec<TraceStep>, there: Vec<String>) {
         self.findings.push(Finding { kind, trace, there });
     }
 
@@ -218,7 +279,7 @@ impl Search {
         let both: Vec<Move> = way.iter().chain(&cycle).copied().collect();
         let mut trace = words::trace(semantics.network, &both);
         let mut there = vec!["for ever:".to_owned()];
-        there.extend(trace.drain(way.len()..));
+        there.extend(trace.drain(way.len()..).map(|step| step.text));
         self.add(FindingKind::Livelock, trace, there);
     }
 }

@@ -2,24 +2,32 @@
 
 use super::circle::circle;
 use super::state::{Broken, Move, Semantics, State};
+use super::{StepParts, TraceStep};
+use crate::file::Side;
 use crate::network::{Action, Edge, Network, Step};
 
-/// The moves from the first state on, a line each.
-pub(crate) fn trace(network: &Network, way: &[Move]) -> Vec<String> {
+/// The moves from the first state on.
+pub(crate) fn trace(network: &Network, way: &[Move]) -> Vec<TraceStep> {
     let mut semantics = Semantics::new(network);
     let (mut state, _) = semantics.first();
-    let mut lines = Vec::new();
+    let mut steps = Vec::new();
     for &step in way {
-        lines.push(line(&semantics, &state, step));
+        steps.push(trace_step(&semantics, &state, step));
         state = semantics.after(&state, step).0;
     }
-    lines
+    steps
 }
 
-fn line(semantics: &Semantics<'_>, state: &State, step: Move) -> String {
+fn trace_step(semantics: &Semantics<'_>, state: &State, step: Move) -> TraceStep {
     let Some(edge) = semantics.edge(state, step) else {
         let name = &semantics.network.agents[step.agent].name;
-        return format!("{name} ends");
+        return TraceStep {
+            text: format!("{name} ends"),
+            parts: StepParts::Act {
+                process: name.clone(),
+                what: "ends".to_owned(),
+            },
+        };
     };
     let said = Said {
         agent: step.agent,
@@ -28,7 +36,7 @@ fn line(semantics: &Semantics<'_>, state: &State, step: Move) -> String {
         value: semantics.carried(state, step),
         is_closed: step.is_closed,
     };
-    said.line(semantics.network)
+    said.step(semantics.network)
 }
 
 /// A move, as far as it is to be told.
@@ -41,7 +49,38 @@ pub(crate) struct Said<'a> {
 }
 
 impl Said<'_> {
-    pub(crate) fn line(&self, network: &Network) -> String {
+    pub(crate) fn step(&self, network: &Network) -> TraceStep {
+        let name = |agent: usize| network.agents[agent].name.clone();
+        let end = self.edge.action.end().filter(|_| !self.is_closed);
+        let parts = if let Some((channel, side)) = end {
+            let value = self.value.map(|value| format!(" = {value}"));
+            let (sender, receiver) = match side {
+                Side::Send => (Some(name(self.agent)), self.partner.map(name)),
+                Side::Receive => (None, Some(name(self.agent))),
+            };
+            StepParts::Communication {
+                sender,
+                receiver,
+                what: network.channels[channel].name.clone() + &value.unwrap_or_default(),
+            }
+        } else {
+            let what = match &self.edge.action {
+                Action::Own(action) => action.clone(),
+                Action::Choice => format!("branch of line {}", self.edge.line),
+                Action::Skip => "skip".to_owned(),
+                Action::After => "after".to_owned(),
+                Action::Send(..) | Action::Receive(..) => "ends".to_owned(),
+            };
+            let process = name(self.agent);
+            StepParts::Act { process, what }
+        };
+        TraceStep {
+            text: self.line(network),
+            parts,
+        }
+    }
+
+    fn line(&self, network: &Network) -> String {
         let name = &network.agents[self.agent].name;
         let edge = self.edge;
         let with = match self.value {

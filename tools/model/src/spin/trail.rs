@@ -2,17 +2,21 @@
 
 use super::promela::{Mark, Promela};
 use crate::explore::words::Said;
+use crate::explore::{StepParts, TraceStep};
 use crate::network::{Action, Edge, Kind, Network, Step};
 
-/// The moves of a trail, a line each; of an endless run the part that is repeated comes after a
+/// The moves of a trail; of an endless run the part that is repeated comes after a
 /// line that says so.
-pub(crate) fn words(network: &Network, promela: &Promela, trail: &str) -> Vec<String> {
+pub(crate) fn words(network: &Network, promela: &Promela, trail: &str) -> Vec<TraceStep> {
     let mut lines = Vec::new();
     let mut last = None;
     let mut sender: Option<Mark> = None;
     for line in trail.lines() {
         if line.contains("START OF CYCLE") {
-            lines.push("for ever:".to_owned());
+            lines.push(TraceStep {
+                text: "for ever:".to_owned(),
+                parts: StepParts::Note,
+            });
             continue;
         }
         let Some((step, at)) = place(line) else {
@@ -36,7 +40,7 @@ pub(crate) fn words(network: &Network, promela: &Promela, trail: &str) -> Vec<St
                 value: None,
                 is_closed: mark.is_closed,
             };
-            said.line(network)
+            said.step(network)
         };
         let is_rendezvous = edge.action.end().is_some_and(|(channel, _)| {
             network.channels[channel].kind == Kind::Rendezvous && !mark.is_closed

@@ -39,6 +39,12 @@ fn philosophers_deadlock_in_a_circle() {
                   -> fork[2] -> philosopher[2] -> fork[3] -> philosopher[3] -> fork[4] -> \
                   philosopher[4] -> fork[0] -> philosopher[0]";
     assert_eq!(deadlock.there.last().map(String::as_str), Some(circle));
+    let svg = deadlock.to_svg();
+    for (class, count) in [("n", 10), ("l", 10), ("a", 5), ("d", 5)] {
+        let found = svg.matches(&format!("class=\"{class}\"")).count();
+        assert_eq!(found, count, "{class} in {svg}");
+    }
+    assert!(svg.contains(&circle.replace('>', "&gt;")), "{svg}");
 }
 
 #[test]
@@ -111,8 +117,11 @@ fn spin_shows_in_the_words_of_the_model_why_a_property_does_not_hold() {
         panic!("{found:#?}");
     };
     assert_eq!(only.kind, FindingKind::Ltl("both".to_owned()));
-    let cycle = only.trace.iter().skip_while(|line| *line != "for ever:");
-    let cycle: Vec<&str> = cycle.map(String::as_str).collect();
+    let cycle = only
+        .trace
+        .iter()
+        .skip_while(|step| step.text != "for ever:");
+    let cycle: Vec<&str> = cycle.map(|step| step.text.as_str()).collect();
     let has = |wanted: &str| cycle.contains(&wanted);
     assert!(has("sink: left") != has("sink: right"), "{cycle:#?}");
     assert!(
