@@ -1,9 +1,9 @@
 //! Runs SPIN: `spin -a`, a C compiler, and the verifier that they make.
 
 use super::promela::Promela;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
-use std::sync::atomic::{AtomicU32, Ordering};
+use tempfile::TempDir;
 
 /// What an error of the model is called.
 const REASONS: [&str; 5] = [
@@ -69,21 +69,10 @@ pub(crate) enum Verdict {
     Incomplete,
 }
 
-/// A folder that is removed.
-#[derive(Debug)]
-struct Folder(PathBuf);
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // What cannot be removed stays in the folder of temporary files.
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
 /// A verifier that is ready to run.
 #[derive(Debug)]
 pub(crate) struct Verifier {
-    folder: Folder,
+    folder: TempDir,
 }
 
 const FILE: &str = "model.pml";
@@ -91,20 +80,16 @@ const FILE: &str = "model.pml";
 impl Verifier {
     /// `claims`: for properties; else for deadlocks and assertions.
     pub(crate) fn make(promela: &Promela, agents: usize, claims: bool) -> Result<Self, SpinError> {
-        static NUMBER: AtomicU32 = AtomicU32::new(0);
         if agents > MAX_AGENTS {
             return Err(SpinError::TooLarge(agents));
         }
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        let name = format!("luna-model-{}-{number}", std::process::id());
-        let path = std::env::temp_dir().join(name);
         let io = |what: &Path| {
             let what = what.display().to_string();
             move |error| SpinError::Io { what, error }
         };
-        std::fs::create_dir(&path).map_err(io(&path))?;
-        let folder = Folder(path);
-        let file = folder.0.join(FILE);
+        let folder = tempfile::Builder::new().prefix("luna-model-").tempdir();
+        let folder = folder.map_err(io(&std::env::temp_dir()))?;
+        let file = folder.path().join(FILE);
         std::fs::write(&file, &promela.text).map_err(io(&file))?;
         let made = Self { folder };
         made.run("spin", "spin", &["-a", FILE])?;
@@ -125,7 +110,7 @@ impl Verifier {
     pub(crate) fn verify(&self, options: &[&str]) -> Result<Verdict, SpinError> {
         let mut text = String::new();
         for size in SIZES {
-            let pan = self.folder.0.join("pan");
+            let pan = self.folder.path().join("pan");
             let mut command = Command::new(pan);
             command.args(size).arg(MINUTES).args(options);
             let output = self.output(&mut command, "pan")?;
@@ -191,7 +176,7 @@ impl Verifier {
     }
 
     fn output(&self, command: &mut Command, what: &str) -> Result<Output, SpinError> {
-        let output = command.current_dir(&self.folder.0).output();
+        let output = command.current_dir(self.folder.path()).output();
         output.map_err(|error| SpinError::Io {
             what: what.to_owned(),
             error,
