@@ -1,7 +1,8 @@
 //! From a file to a network: arrays and compositions are laid out, names are resolved.
 
 use crate::compile::Compiler;
-use crate::file::{Composition, Content, Definition, Document, Part, Range, Run, Side};
+use crate::draw::layout;
+use crate::file::{self, Composition, Content, Definition, Document, Part, Range, Run, Side};
 use crate::language::body::{Named, Span};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
@@ -69,6 +70,8 @@ pub(crate) struct Elaborator<'a> {
 struct At<'a> {
     name: String,
     group: usize,
+    /// Where it is drawn.
+    drawn: Option<file::At>,
     run: &'a Run,
     depth: usize,
 }
@@ -85,7 +88,11 @@ pub(crate) fn elaborate(source: Source<'_>, document: &Document) -> Result<Netwo
         document,
         network: Network {
             name: name.clone(),
-            groups: vec![Group { name, parent: None }],
+            groups: vec![Group {
+                name,
+                parent: None,
+                at: None,
+            }],
             max_states: document.max_states,
             executors: crate::deployment::executors(document),
             latency: document.latency,
@@ -95,6 +102,7 @@ pub(crate) fn elaborate(source: Source<'_>, document: &Document) -> Result<Netwo
     let at = At {
         name: String::new(),
         group: 0,
+        drawn: None,
         run: &Run::default(),
         depth: 0,
     };
@@ -248,6 +256,7 @@ impl Elaborator<'_> {
             let at = At {
                 name,
                 group: at.group,
+                drawn: part.at.map(|at| layout::of_element(at, number)),
                 run: &run,
                 depth: at.depth + 1,
             };
@@ -273,6 +282,7 @@ impl Elaborator<'_> {
                 self.network.groups.push(Group {
                     name: at.name.clone(),
                     parent: Some(at.group),
+                    at: at.drawn,
                 });
                 return self.composition(composition, scope, &At { group, ..at });
             }
@@ -305,6 +315,7 @@ impl Elaborator<'_> {
             name: at.name.clone(),
             definition: definition.name.0.clone(),
             group: at.group,
+            at: at.drawn,
             agent: self.network.agents.len(),
             priority: at.run.priority,
             period: at.run.period,

@@ -24,6 +24,7 @@
 //! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
 //! `spin` translates it to Promela, and `draw` shows it. `schedule` bounds response times. `trace`
 //! compares it with a recording, `running` with a system, and `recorded` makes a file of either.
+//! [`edit`] changes the text of a file.
 //!
 //! # The meaning
 //!
@@ -45,6 +46,7 @@ mod bind;
 mod compile;
 mod deployment;
 mod draw;
+pub mod edit;
 mod elaborate;
 mod explore;
 mod file;

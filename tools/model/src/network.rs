@@ -1,6 +1,6 @@
 //! A model with all its arrays and compositions laid out: what is explored, exported and drawn.
 
-use crate::file::Side;
+use crate::file::{At, Side};
 use crate::language::expr::Expr;
 use crate::language::temporal::Formula;
 use std::time::Duration;
@@ -58,6 +58,7 @@ pub(crate) struct Executor {
 pub(crate) struct Group {
     pub(crate) name: String,
     pub(crate) parent: Option<usize>,
+    pub(crate) at: Option<At>,
 }
 
 #[derive(Debug)]
@@ -90,6 +91,7 @@ pub(crate) struct Process {
     pub(crate) name: String,
     pub(crate) definition: String,
     pub(crate) group: usize,
+    pub(crate) at: Option<At>,
     /// The agent that is its body; its branches have the same process.
     pub(crate) agent: usize,
     pub(crate) priority: Option<u8>,

@@ -2,8 +2,11 @@
 //!
 //! `rust-sugiyama` takes graphs without circles and double edges. An arrow that would close a circle
 //! is left out of the layout, and drawn all the same.
+//!
+//! What the file places is where it says; what it does not place is laid out as if nothing were.
 
 use super::picture::{Arrow, Item, contents, details, short};
+use crate::file::At;
 use crate::network::Network;
 use rust_sugiyama::configure::Config;
 use std::collections::{BTreeMap, BTreeSet};
@@ -39,15 +42,14 @@ pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
         processes: vec![Area::default(); network.processes.len()],
     };
     for (number, process) in network.processes.iter().enumerate() {
-        let letters = short(&process.name).chars().count();
-        let letters = letters.max(details(network, number).chars().count());
-        found.processes[number].width = letters as f64 * LETTER + MARGIN;
-        found.processes[number].height = HEIGHT;
+        let area = &mut found.processes[number];
+        (area.width, area.height) = size(short(&process.name), &details(network, number));
     }
     // A group stands behind the one that it is in.
     for number in (0..network.groups.len()).rev() {
         let title = short(&network.groups[number].name).chars().count() as f64 * LETTER + MARGIN;
-        let (width, height) = arrange(&mut found, &contents[number], &edges[number]);
+        let size = arrange(&mut found, &contents[number], &edges[number]);
+        let (width, height) = place(network, &mut found, &contents[number], size);
         let group = &mut found.groups[number];
         group.width = (width + 2.0 * MARGIN).max(title);
         group.height = height + 2.0 * MARGIN + TITLE;
@@ -62,6 +64,67 @@ pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
         }
     }
     found
+}
+
+/// Where an element of an array is, if the array is placed: below the one before.
+pub(crate) fn of_element((x, y): At, number: usize) -> At {
+    (
+        x,
+        y.saturating_add(number as i32 * (HEIGHT + MARGIN) as i32),
+    )
+}
+
+/// Boxes of these sizes, with arrows between them: their upper left corners.
+pub(crate) fn corners(sizes: &[(f64, f64)], arrows: &[(usize, usize)]) -> Vec<(f64, f64)> {
+    let areas = sizes.iter().map(|&(width, height)| Area {
+        width,
+        height,
+        ..Area::default()
+    });
+    let mut found = Layout {
+        groups: Vec::new(),
+        processes: areas.collect(),
+    };
+    let items: Vec<Item> = (0..sizes.len()).map(Item::Process).collect();
+    let edges = arrows.iter().filter(|(from, to)| from != to);
+    let edges = edges.map(|&(from, to)| (Item::Process(from), Item::Process(to)));
+    arrange(&mut found, &items, &edges.collect());
+    found
+        .processes
+        .iter()
+        .map(|area| (area.x, area.y))
+        .collect()
+}
+
+/// The size of a box with these two lines of text.
+pub(crate) fn size(first: &str, second: &str) -> (f64, f64) {
+    let letters = first.chars().count().max(second.chars().count());
+    (letters as f64 * LETTER + MARGIN, HEIGHT)
+}
+
+/// Puts what the file places where it says, and all of it into the group; returns its size.
+fn place(network: &Network, found: &mut Layout, items: &[Item], size: (f64, f64)) -> (f64, f64) {
+    let at = |item: Item| match item {
+        Item::Group(number) => network.groups[number].at,
+        Item::Process(number) => network.processes[number].at,
+    };
+    if items.iter().all(|&item| at(item).is_none()) {
+        return size;
+    }
+    for &item in items {
+        if let Some((x, y)) = at(item) {
+            let area = found.area(item);
+            (area.x, area.y) = (x.into(), y.into());
+        }
+    }
+    let areas: Vec<(usize, Area)> = items.iter().map(|&item| (0, *found.area(item))).collect();
+    let bounds = bounds(&areas);
+    for &item in items {
+        let area = found.area(item);
+        area.x -= bounds.x;
+        area.y -= bounds.y;
+    }
+    (bounds.width, bounds.height)
 }
 
 impl Layout {

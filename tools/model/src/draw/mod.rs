@@ -1,7 +1,7 @@
 //! Drawings of composition and communication.
 
 mod dot;
-mod layout;
+pub(crate) mod layout;
 mod mermaid;
 mod picture;
 mod sequence;

@@ -39,6 +39,9 @@ pub struct Finding {
     pub trace: Vec<TraceStep>,
     /// What is the case there, a line each.
     pub there: Vec<String>,
+    /// Processes of which each waits for the next, and the last for the first; empty if there is no
+    /// such circle.
+    pub circle: Vec<String>,
 }
 
 impl Finding {
@@ -238,7 +241,12 @@ impl Search {
     }
 
     fn add(&mut self, kind: FindingKind, trace: Vec<TraceStep>, there: Vec<String>) {
-        self.findings.push(Finding { kind, trace, there });
+        self.findings.push(Finding {
+            kind,
+            trace,
+            there,
+            circle: Vec::new(),
+        });
     }
 
     /// What can be seen in a state by itself.
@@ -264,7 +272,13 @@ impl Search {
     fn deadlock(&mut self, semantics: &Semantics<'_>, space: &Space, at: usize, state: &State) {
         if self.is_new(&FindingKind::Deadlock) {
             let trace = words::trace(semantics.network, &space.way_to(at));
-            self.add(FindingKind::Deadlock, trace, words::stuck(semantics, state));
+            let (there, circle) = words::stuck(semantics, state);
+            self.findings.push(Finding {
+                kind: FindingKind::Deadlock,
+                trace,
+                there,
+                circle,
+            });
         }
     }
 

@@ -198,19 +198,18 @@ pub(crate) fn place(semantics: &Semantics<'_>, state: &State, agent: usize) -> O
     })
 }
 
-/// A deadlock: where all are, and a circle of processes if there is one.
-pub(crate) fn stuck(semantics: &Semantics<'_>, state: &State) -> Vec<String> {
+/// A deadlock: where all are, and a circle of processes if there is one; the circle also alone.
+pub(crate) fn stuck(semantics: &Semantics<'_>, state: &State) -> (Vec<String>, Vec<String>) {
     let mut lines = places(semantics, state);
-    if let Some(circle) = circle(semantics, state) {
-        let names = circle
-            .iter()
-            .map(|&process| &semantics.network.processes[process].name);
-        let mut names: Vec<&str> = names.map(String::as_str).collect();
-        names.extend(names.first().copied());
+    let circle = circle(semantics, state).unwrap_or_default();
+    let circle = circle.into_iter();
+    let names = circle.map(|process| semantics.network.processes[process].name.clone());
+    let names: Vec<String> = names.collect();
+    if let Some(first) = names.first() {
+        let around = names.join(" -> ");
         lines.push(format!(
-            "circle, each waits for the next: {}",
-            names.join(" -> ")
+            "circle, each waits for the next: {around} -> {first}"
         ));
     }
-    lines
+    (lines, names)
 }

@@ -69,7 +69,12 @@ pub(crate) struct Part {
     pub(crate) bind: Vec<(Named, Path)>,
     pub(crate) set: Vec<(Named, Expr<Path>)>,
     pub(crate) run: Run,
+    /// Where it is drawn.
+    pub(crate) at: Option<At>,
 }
+
+/// Where the upper left corner of a box is within what the part is in, in pixels.
+pub(crate) type At = (i32, i32);
 
 /// How a part runs. What is not stated is that of the part around it.
 #[derive(Debug, Clone, Default)]

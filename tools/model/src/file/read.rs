@@ -216,7 +216,7 @@ fn channel(entry: &Entry<'_>) -> Result<Channel, Problem> {
 fn part(entry: &Entry<'_>) -> Result<Part, Problem> {
     let name = entry.name(&RESERVED)?;
     let (mut process, mut array, mut run) = (None, None, Run::default());
-    let (mut bind, mut set) = (Vec::new(), Vec::new());
+    let (mut bind, mut set, mut at) = (Vec::new(), Vec::new(), None);
     for entry in entry.table()? {
         match entry.key {
             "process" => process = Some(reference(&entry)?),
@@ -237,6 +237,7 @@ fn part(entry: &Entry<'_>) -> Result<Part, Problem> {
             "cost" => run.cost = Some(values::time(&entry)?),
             "longest_poll" => run.longest_poll = Some(values::time(&entry)?),
             "deadline" => run.deadline = Some(values::time(&entry)?),
+            "at" => at = Some(values::at(&entry)?),
             _ => {
                 let known = [
                     "process",
@@ -249,6 +250,7 @@ fn part(entry: &Entry<'_>) -> Result<Part, Problem> {
                     "cost",
                     "longest_poll",
                     "deadline",
+                    "at",
                 ];
                 return Err(entry.unknown(&known));
             }
@@ -266,6 +268,7 @@ fn part(entry: &Entry<'_>) -> Result<Part, Problem> {
         bind,
         set,
         run,
+        at,
     })
 }
 

@@ -82,6 +82,17 @@ impl<'t> Entry<'t> {
         Ok(Piece::new(self.source, self.text()?, self.span()))
     }
 
+    pub(crate) fn numbers(
+        &self,
+        range: std::ops::RangeInclusive<i64>,
+    ) -> Result<Vec<i64>, Problem> {
+        let Some(values) = self.value.get_ref().as_array() else {
+            return Err(self.problem("a list of numbers is expected", "write `[120, 40]`"));
+        };
+        let entries = values.iter().map(|value| Entry { value, ..*self });
+        entries.map(|entry| entry.number(range.clone())).collect()
+    }
+
     pub(crate) fn number(&self, range: std::ops::RangeInclusive<i64>) -> Result<i64, Problem> {
         let integer = self.value.get_ref().as_integer();
         let number = integer

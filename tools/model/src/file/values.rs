@@ -1,7 +1,7 @@
 //! Values that are short texts: buffers, types, times, policies.
 
-use super::Range;
 use super::table::Entry;
+use super::{At, Range};
 use crate::language::Piece;
 use crate::language::expr::Expr;
 use crate::language::parser::{Parser, Path};
@@ -67,6 +67,17 @@ fn range(piece: Piece<'_>) -> Result<Range, Problem> {
     let first = parser.take("=").then(|| parser.expr()).transpose()?;
     parser.end()?;
     Ok(Range { low, high, first })
+}
+
+/// Further away than any screen reaches.
+const FARTHEST: i64 = 100_000;
+
+/// `[120, 40]`.
+pub(super) fn at(entry: &Entry<'_>) -> Result<At, Problem> {
+    match entry.numbers(-FARTHEST..=FARTHEST)?[..] {
+        [x, y] => Ok((x as i32, y as i32)),
+        _ => Err(entry.problem("a place has two numbers", "write `[120, 40]`")),
+    }
 }
 
 /// `250 us`, `1 ms`, `2 s`.

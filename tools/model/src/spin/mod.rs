@@ -79,6 +79,7 @@ impl SpinCheck {
                 kind,
                 trace: trail::words(network, promela, &trail),
                 there: vec![format!("SPIN: {reason}")],
+                circle: Vec::new(),
             }),
         }
         false
