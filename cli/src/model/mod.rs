@@ -2,6 +2,7 @@
 
 mod check;
 mod draw;
+mod edit;
 mod from;
 mod names;
 mod new;
@@ -25,6 +26,8 @@ pub(crate) enum Command {
     Check(check::Arguments),
     /// Draws the composition and the communication of a model
     Draw(draw::Arguments),
+    /// Edits a model in the browser: processes, channels, properties, findings, times
+    Edit(edit::Arguments),
     /// Bounds when each cycle is over, and says whether that is in time
     Schedule(schedule::Arguments),
     /// Compares a recording with a model: are its communications a trace of the model?
@@ -39,6 +42,7 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::New(arguments) => new::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Draw(arguments) => draw::run(arguments),
+        Command::Edit(arguments) => edit::run(arguments),
         Command::Schedule(arguments) => schedule::run(arguments),
         Command::Trace(arguments) => trace::run(arguments),
         Command::From(arguments) => from::run(arguments),

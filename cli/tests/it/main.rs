@@ -10,6 +10,7 @@ mod foxglove;
 mod listing;
 mod merge;
 mod model;
+mod model_editor;
 mod model_from;
 mod model_trace;
 #[cfg(target_os = "linux")]

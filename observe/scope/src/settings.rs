@@ -1,6 +1,7 @@
 //! The settings of a scope.
 
 use crate::parameters::Parameters;
+use crate::site::{Shown, Site};
 use crate::token::Token;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -31,6 +32,7 @@ pub struct Settings {
     pub(crate) parameters: Option<Arc<dyn Parameters>>,
     pub(crate) picture: Option<Arc<str>>,
     pub(crate) is_together: bool,
+    pub(crate) site: Option<Shown>,
 }
 
 impl Default for Settings {
@@ -45,6 +47,7 @@ impl Default for Settings {
             parameters: None,
             picture: None,
             is_together: false,
+            site: None,
         }
     }
 }
@@ -140,6 +143,17 @@ impl Settings {
         Ok(self)
     }
 
+    /// Serves this page in place of the scope's. Makes a token, with which the page may talk with
+    /// the program: other users of the machine have none.
+    ///
+    /// # Errors
+    ///
+    /// The system has no random numbers.
+    pub fn site(mut self, site: Arc<dyn Site>) -> std::io::Result<Self> {
+        self.site = Some(Shown(site));
+        self.allow_setting()
+    }
+
     /// Where it will listen.
     pub fn listens_on(&self) -> SocketAddr {
         self.address
@@ -156,6 +170,7 @@ impl fmt::Debug for Settings {
             .field("has_token", &self.token.is_some())
             .field("has_parameters", &self.parameters.is_some())
             .field("is_together", &self.is_together)
+            .field("site", &self.site)
             .field("has_picture", &self.picture.is_some())
             .finish()
     }

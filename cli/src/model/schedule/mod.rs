@@ -47,17 +47,7 @@ pub(crate) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let model = read(&arguments.file)?;
-    let (costs, lost_events) = match &arguments.costs {
-        None => (Costs::new(), 0),
-        Some(path)
-            if path
-                .extension()
-                .is_some_and(|extension| extension == "toml") =>
-        {
-            (stated(&model, path)?, 0)
-        }
-        Some(path) => measured::read(path)?,
-    };
+    let (costs, lost_events) = costs(&model, arguments.costs.as_deref())?;
     let schedule = model.schedule(&costs);
     let shown = Shown::of(&model, &schedule, lost_events);
     let mut out = io::stdout().lock();
@@ -67,6 +57,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     .map_err(Failure::Output)?;
     Ok(exit_code(&schedule, &shown))
+}
+
+/// The costs of a file, and how many events it has lost.
+fn costs(model: &Model, path: Option<&Path>) -> Result<(Costs, u64), Failure> {
+    let Some(path) = path else {
+        return Ok((Costs::new(), 0));
+    };
+    let is_stated = path.extension().is_some_and(|found| found == "toml");
+    match is_stated {
+        true => Ok((stated(model, path)?, 0)),
+        false => measured::read(path),
+    }
+}
+
+/// What `--json` prints.
+pub(super) fn table(model: &Model, costs_of: Option<&Path>) -> Result<serde_json::Value, Failure> {
+    let (costs, lost_events) = costs(model, costs_of)?;
+    let schedule = model.schedule(&costs);
+    Ok(serde_json::json!(Shown::of(model, &schedule, lost_events)))
 }
 
 fn stated(model: &Model, path: &Path) -> Result<Costs, Failure> {

@@ -6,6 +6,7 @@
 
 mod places;
 mod request;
+mod talk;
 mod viewer;
 
 use crate::page;
@@ -102,18 +103,24 @@ fn serve(stream: Arc<TcpStream>, reading: Place, shared: &Shared) -> io::Result<
                 return Ok(());
             };
             welcome(&stream, &request)?;
-            viewer::show(stream, shared)
+            match &shared.settings.site {
+                Some(site) => talk::serve(stream, &*site.0, shared),
+                None => viewer::show(stream, shared),
+            }
         }
         other => {
             let _answering = shared.answering.enter(&stream);
             drop(reading);
             let asset = other.and_then(|(request, _)| {
-                let asset = page::asset(&request.path).ok_or(Refusal::NoSuchPath)?;
-                Ok((asset, request.wants_body))
+                let site = shared.settings.site.as_ref();
+                let own = || page::asset(&request.path).map(|found| (found.kind, found.content));
+                let found = site.and_then(|site| site.0.file(&request.path));
+                let found = found.or_else(own).ok_or(Refusal::NoSuchPath)?;
+                Ok((found, request.wants_body))
             });
             match asset {
-                Ok((asset, with_body)) => {
-                    answer(&stream, "200 OK", asset.kind, asset.content, with_body)
+                Ok(((kind, content), with_body)) => {
+                    answer(&stream, "200 OK", kind, content, with_body)
                 }
                 Err(refusal) => refuse(&stream, &refusal),
             }

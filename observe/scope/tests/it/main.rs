@@ -6,3 +6,4 @@ mod support;
 mod browser;
 mod many_connections;
 mod server;
+mod site;

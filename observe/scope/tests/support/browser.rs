@@ -248,7 +248,7 @@ impl Browser {
         self.mouse("mouseReleased", to);
     }
 
-    fn mouse(&self, kind: &str, (x, y): (f64, f64)) {
+    pub fn mouse(&self, kind: &str, (x, y): (f64, f64)) {
         self.call::<input::DispatchMouseEventParams>(
             json!({"type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1}),
         );
