@@ -82,3 +82,32 @@ fn boxes_do_not_overlap() {
         assert!(a[1] + a[3] <= all[1] + all[3] + 0.2, "{a:?} {all:?}");
     }
 }
+
+#[test]
+fn a_part_is_where_the_file_places_it() {
+    let placed = |at: &str| {
+        let text = format!(
+            "[process.P]\nbody = \"loop {{ act }}\"\n[system.part]\n\
+             one = {{ process = \"P\", at = [0, 0] }}\n\
+             many = {{ process = \"P\", array = 3, at = {at} }}\n"
+        );
+        Model::parse("placed.toml", &text)
+    };
+    let svg = placed("[300, -40]").unwrap().to_svg();
+    let [one, first, second, third] = boxes(&svg, "p")[..] else {
+        panic!("{svg}");
+    };
+    assert_eq!((first[0] - one[0], first[1] - one[1]), (300.0, -40.0));
+    assert!(second[1] > first[1] + first[3] && third[1] - second[1] == second[1] - first[1]);
+    let [group] = boxes(&svg, "g")[..] else {
+        panic!("{svg}");
+    };
+    for [x, y, width, height] in [one, first, third] {
+        assert!(x > group[0] && x + width < group[0] + group[2], "{svg}");
+        assert!(y > group[1] && y + height < group[1] + group[3], "{svg}");
+    }
+    for wrong in ["3", "[1]", "[1, 2, 3]", "[\"a\", 2]", "[1, 100001]"] {
+        let problem = placed(wrong).unwrap_err();
+        assert_eq!(problem.line, 5, "{problem}");
+    }
+}

@@ -38,7 +38,7 @@ export class Canvas {
     svg.addEventListener("dblclick", (event) => event.target.closest(".box") && this.on.open());
     svg.addEventListener("focusin", (event) => {
       const id = event.target.closest("[data-id]")?.dataset.id;
-      if (id && id !== this.chosen) this.on.choose(id);
+      if (id && id !== this.chosen && !this.isDrawing) this.on.choose(id);
     });
   }
 
@@ -53,9 +53,13 @@ export class Canvas {
     for (const part of scope.parts) this.part(part, known.get(part.process));
     this.terminals(scope);
     for (const wire of connected(scope, processes)) this.wire(wire);
+    this.spread();
     for (const wire of this.wires.values()) this.place(wire);
     this.choose(this.chosen);
+    // The focus comes back, and chooses nothing.
+    this.isDrawing = true;
     if (focused) this.svg.querySelector(`[data-id="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+    this.isDrawing = false;
   }
 
   part(part, process) {
@@ -133,6 +137,18 @@ export class Canvas {
     });
   }
 
+  /** Labels of lines between the same boxes are beside each other. */
+  spread() {
+    const groups = new Map();
+    for (const wire of this.wires.values()) {
+      const key = `${wire.from?.box} ${wire.to?.box}`;
+      groups.set(key, [...(groups.get(key) ?? []), wire]);
+    }
+    for (const group of groups.values()) {
+      group.forEach((wire, number) => { wire.share = (number + 1) / (group.length + 1); });
+    }
+  }
+
   /** Where a port is. */
   spot({ box, port }) {
     const found = this.boxes.get(box);
@@ -140,10 +156,10 @@ export class Canvas {
     return found ? [found.x + at.x, found.y + at.y] : [0, 0];
   }
 
-  place({ path, text, from, to }) {
+  place({ path, text, from, to, share }) {
     const start = from ? this.spot(from) : null;
     const end = to ? this.spot(to) : null;
-    const { d, x, y } = line(start ?? [end[0], end[1] - 34], end ?? [start[0], start[1] + 34]);
+    const { d, x, y } = line(start ?? [end[0], end[1] - 34], end ?? [start[0], start[1] + 34], share);
     path.setAttribute("d", d);
     text.setAttribute("x", x);
     text.setAttribute("y", y);

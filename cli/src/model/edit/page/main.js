@@ -196,8 +196,10 @@ class Editor {
     if (answer.type !== "checked") return this.panel.refuse(answer.error);
     if (version !== this.state.version) return this.say("The model was changed while it was checked: check it again.", "note");
     this.checked = answer;
+    const wasHidden = find("findings").hidden;
     this.findings.show(this.checked, this.times);
     this.mark();
+    if (wasHidden) this.canvas.whole();
   }
 
   async askTimes() {
@@ -219,11 +221,11 @@ class Editor {
 
   buttons() {
     const step = async (type) => this.take(await this.talk.ask({ type }));
-    const on = { "add-process": () => this.addProcess(), "add-part": () => this.addPart(), undo: () => step("undo"), redo: () => step("redo"), whole: () => this.canvas.whole(), check: () => this.check(), times: () => this.toggleTimes() };
+    const on = { "add-process": () => this.addProcess(), "add-part": () => this.addPart(), undo: () => step("undo"), redo: () => step("redo"), fit: () => this.canvas.whole(), check: () => this.check(), times: () => this.toggleTimes() };
     for (const [id, act] of Object.entries(on)) find(id).onclick = act;
     find("scope").onchange = (event) => this.enter(event.target.value || null);
     document.addEventListener("keydown", (event) => {
-      const isText = event.target.matches("input, textarea");
+      const isText = event.target.matches?.("input, textarea");
       if (!event.ctrlKey || isText || !"zy".includes(event.key)) return;
       event.preventDefault();
       step(event.key === "y" ? "redo" : "undo");
