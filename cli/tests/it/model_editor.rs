@@ -266,6 +266,44 @@ fn bounds_and_measured_times_stand_at_their_parts() {
     assert_eq!(page.browser.complaints(), [""; 0]);
 }
 
+#[test]
+fn a_process_made_of_parts_is_edited_inside() {
+    let model = "[process.Relay]\nports = { a = \"receive\", b = \"send\" }\n\
+                 body = \"loop { a?; b! }\"\n[process.Two]\n\
+                 ports = { a = \"receive\", b = \"send\" }\nchannel.c = {}\n\
+                 [process.Two.part]\nfirst = { process = \"Relay\", bind = { a = \"a\", b = \"c\" } }\n\
+                 second = { process = \"Relay\", bind = { a = \"c\", b = \"b\" } }\n\
+                 [system.channel]\nring = {}\n[system.part.two]\nprocess = \"Two\"\n\
+                 bind = { a = \"ring\", b = \"ring\" }\n";
+    let Some(page) = open("inside", model, &[]) else {
+        return;
+    };
+    let browser = &page.browser;
+    browser.run("editor.enter('Two')");
+    page.wait("document.querySelectorAll('.box.terminal').length === 2");
+    assert_eq!(browser.run("document.querySelectorAll('.wire').length"), 3);
+
+    // An unbound port comes back by a drag to the process' own port.
+    page.choose("part second");
+    page.fill("bind.b", "");
+    page.wait("editor.state.problem !== null && !editor.state.is_saved");
+    browser.run("editor.canvas.whole()");
+    browser.frames(2);
+    let from = page.port("second", "b");
+    let to = browser.middle("[data-box='port b'][data-port='b']");
+    browser.drag(from, to);
+    page.wait("editor.state.problem === null && editor.state.is_saved");
+    assert_eq!(page.text(), model);
+
+    // A channel's name changes where it is bound.
+    page.choose("channel c");
+    page.fill("name", "between");
+    page.wait("editor.chosen === 'channel between' && editor.state.is_saved");
+    let meant = model.replace("channel.c", "channel.between");
+    assert_eq!(page.text(), meant.replace("\"c\"", "\"between\""));
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
 /// A ring of so many processes.
 fn ring(count: usize) -> String {
     let mut text = String::from(

@@ -84,14 +84,14 @@ export class Panel {
   field(label, key, value, save, { hint = "", options = null } = {}) {
     const input = make("input", { value: value ?? "", placeholder: hint });
     input.dataset.key = key;
+    const row = make("label", { className: "row" }, label, input);
     if (options) {
       const list = make("datalist", { id: `list-${this.lists++}` }, ...options.map((value) => make("option", { value })));
       input.setAttribute("list", list.id);
-      input.after(list);
-      this.element.append(list);
+      row.append(list);
     }
     input.onchange = () => save(input.value.trim());
-    return make("label", { className: "row" }, label, input);
+    return row;
   }
 
   set(thing, key, number = false) {
