@@ -2,19 +2,19 @@
 //!
 //! # Why it is built so
 //!
-//! The page is served by the scope's server, as a `Site` of it: its checks of hosts and origins, its
-//! limits and its token hold here too, and there is no second server. The token keeps other users
-//! of the machine from the file.
+//! The page is served by the scope's server, as a `Site` of it: its checks of hosts and origins,
+//! its limits and its token hold here too, and there is no second server. The token keeps other
+//! users of the machine from the file.
 //!
-//! The page has no model of its own. It shows the `View` that the program sends, and sends the edits
-//! of `luna_model::edit`. The program changes the text, and sends a new view. So the file is all
-//! there is: what the page shows is what the file says, comments and order are those of its authors,
-//! and undoing gives back the text to the byte.
+//! The page has no model of its own. It shows the `View` that the program sends, and sends the
+//! edits of `luna_model::edit`. The program changes the text, and sends a new view. So the file is
+//! all there is: what the page shows is what the file says, comments and order are those of its
+//! authors, and undoing gives back the text to the byte.
 //!
 //! An edit whose values cannot be read is refused. One that leaves something open (a port that is
 //! not bound yet) makes a draft, which the page shows with what is missing. The file is written as
 //! soon as the draft is a whole model, and not before: other programs never find a file there that
-//! `luna model check` refuses.
+//! cannot be read as a model.
 //!
 //! `file` is the file on the disk, `desk` what the page asks for, `findings` the checks.
 

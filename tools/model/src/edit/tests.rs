@@ -72,7 +72,7 @@ fn does(edit: Edit, replacements: &[(&str, &str)]) {
         assert!(expected.contains(from), "{from}");
         expected = expected.replace(from, to);
     }
-    assert_eq!(after(FILE, &[edit.clone()]).unwrap(), expected);
+    assert_eq!(after(FILE, std::slice::from_ref(&edit)).unwrap(), expected);
     let windows = after(&FILE.replace('\n', "\r\n"), &[edit]).unwrap();
     assert_eq!(windows, expected.replace('\n', "\r\n"));
 }
