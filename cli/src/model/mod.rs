@@ -2,6 +2,7 @@
 
 mod check;
 mod draw;
+mod generate;
 mod new;
 
 use crate::failure::Failure;
@@ -20,6 +21,8 @@ pub(crate) enum Command {
     Check(check::Arguments),
     /// Draws the composition and the communication of a model
     Draw(draw::Arguments),
+    /// Generates a Rust package that runs a model
+    Generate(generate::Arguments),
 }
 
 /// Does it.
@@ -28,6 +31,7 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::New(arguments) => new::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Draw(arguments) => draw::run(arguments),
+        Command::Generate(arguments) => generate::run(arguments),
     }
 }
 

@@ -295,6 +295,7 @@ impl Elaborator<'_> {
             priority: at.run.priority,
             period: at.run.period,
             on: at.run.on.as_ref().map(|(name, _)| name.clone()),
+            scope: scope.clone(),
         });
         let mut compiler = Compiler {
             source: self.source,

@@ -1,5 +1,5 @@
-//! Models of LUNA systems: read from a file, checked, drawn. The page `docs/model.md` describes the
-//! file for those that write it; `luna model` is the command.
+//! Models of LUNA systems: read from a file, checked, drawn, generated as Rust. The page
+//! `docs/model.md` describes the file for those that write it; `luna model` is the command.
 //!
 //! ```
 //! let model = luna_model::Model::parse("first.toml", luna_model::TEMPLATE)?;
@@ -21,7 +21,7 @@
 //! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
 //! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
 //! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
-//! `spin` translates it to Promela, and `draw` shows it.
+//! `spin` translates it to Promela, `draw` shows it, and `generate` writes it in Rust.
 //!
 //! # The meaning
 //!
@@ -46,6 +46,7 @@ mod draw;
 mod elaborate;
 mod explore;
 mod file;
+mod generate;
 mod language;
 mod model;
 mod network;
@@ -54,6 +55,7 @@ mod spin;
 mod text;
 
 pub use explore::{DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Unreached};
+pub use generate::{File, Luna, is_luna};
 pub use model::{Model, TEMPLATE};
 pub use spin::SpinCheck;
 pub use spin::run::SpinError;

@@ -3,7 +3,8 @@
 use crate::draw;
 use crate::elaborate::elaborate;
 use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
-use crate::file::read;
+use crate::file::{Document, read};
+use crate::generate::{self, File};
 use crate::network::Network;
 use crate::spin::promela::promela;
 use crate::spin::run::SpinError;
@@ -14,6 +15,9 @@ use crate::text::{Problem, Source};
 #[derive(Debug)]
 pub struct Model {
     pub(crate) network: Network,
+    pub(crate) document: Document,
+    file: Box<str>,
+    text: Box<str>,
 }
 
 /// A small model with comments, to begin with.
@@ -29,7 +33,19 @@ impl Model {
         let document = read(file, text)?;
         let source = Source { name: file, text };
         let network = elaborate(source, &document)?;
-        Ok(Self { network })
+        Ok(Self {
+            network,
+            document,
+            file: file.into(),
+            text: text.into(),
+        })
+    }
+
+    pub(crate) fn source(&self) -> Source<'_> {
+        Source {
+            name: &self.file,
+            text: &self.text,
+        }
     }
 
     /// The model's name: that of the file, or `system`.
@@ -106,5 +122,14 @@ impl Model {
     #[must_use]
     pub fn to_mermaid(&self) -> String {
         draw::mermaid(&self.network)
+    }
+
+    /// The files of a Rust package that runs the model. `package` is what its manifest depends on.
+    ///
+    /// # Errors
+    ///
+    /// What cannot be written in Rust: names that collide there, several processes on one thread.
+    pub fn generate(&self, package: &generate::Luna) -> Result<Vec<File>, Problem> {
+        generate::generate(self, package)
     }
 }

@@ -1,0 +1,60 @@
+//! `alt!` and `pri_alt!`.
+
+use super::body::Body;
+use super::lets::site;
+use super::waiting::is_empty;
+use super::writer::Writer;
+use crate::language::body::{Guard, Offer};
+use crate::text::Problem;
+
+pub(super) fn write(
+    body: &mut Body<'_>,
+    prioritized: bool,
+    guards: &[Guard],
+    out: &mut Writer,
+) -> Result<(), Problem> {
+    let (skips, others): (Vec<&Guard>, Vec<&Guard>) =
+        guards.iter().partition(|guard| guard.offer == Offer::Skip);
+    // The macro's `skip` has no precondition. What is due now, behind all others, is the same.
+    let is_plain = matches!(
+        &skips[..],
+        [] | [Guard {
+            condition: None,
+            ..
+        }]
+    ) && !others.is_empty();
+    let name = if prioritized || !is_plain {
+        body.uses.pri_alt = true;
+        "pri_alt"
+    } else {
+        body.uses.alt = true;
+        "alt"
+    };
+    out.open(format!("{name}! {{"));
+    for guard in others.iter().chain(&skips) {
+        let is_skip = guard.offer == Offer::Skip;
+        let waits_for = match &guard.offer {
+            Offer::Skip if is_plain => "skip".to_owned(),
+            Offer::Skip => "_ = luna::after(std::time::Duration::ZERO)".to_owned(),
+            Offer::After => format!("_ = {}", body.guard(&guard.offer)?),
+            offer => format!("outcome = {}", body.guard(offer)?),
+        };
+        let condition = guard.condition.as_ref();
+        let condition = condition.map(|claim| format!(", if {}", body.precondition(claim)));
+        let head = format!("{waits_for}{}", condition.unwrap_or_default());
+        let has_outcome = !is_skip && guard.offer != Offer::After;
+        if !has_outcome && is_empty(&guard.body) {
+            out.line(format!("{head} => {{}}"));
+            continue;
+        }
+        out.open(format!("{head} => {{"));
+        if has_outcome {
+            let taken = body.outcome(&guard.offer, site::<Guard>(guard))?;
+            out.line(taken);
+        }
+        body.inner(&guard.body, out)?;
+        out.close("}");
+    }
+    out.close("}");
+    Ok(())
+}

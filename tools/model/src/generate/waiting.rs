@@ -1,0 +1,66 @@
+//! What a block surely does: wait, or never end.
+
+use super::kind::Kind;
+use super::lets::{Site, site};
+use crate::file::Side;
+use crate::language::body::{Block, Kind as Statement, Offer};
+
+/// Whether nothing is to be written for it.
+pub(super) fn is_empty(block: &Block) -> bool {
+    let mut statements = block.iter();
+    statements.all(|statement| statement.kind == Statement::Skip)
+}
+
+/// Whether what comes behind is never reached, as `rustc` sees it.
+pub(super) fn diverges(block: &[crate::language::body::Statement]) -> bool {
+    block.iter().any(|statement| match &statement.kind {
+        Statement::Loop(_) => true,
+        Statement::While(claim, _) => {
+            matches!(claim, crate::language::expr::Expr::Number(number) if *number != 0)
+        }
+        Statement::If(_, then, otherwise) => diverges(then) && diverges(otherwise),
+        Statement::Choose(blocks) => blocks.iter().all(|block| diverges(block)),
+        Statement::Alternative { guards, .. } => guards.iter().all(|guard| diverges(&guard.body)),
+        _ => false,
+    })
+}
+
+/// Whether each way through the block has an operation that may wait for others.
+pub(super) fn surely_waits(block: &Block, kind: &Kind<'_>) -> bool {
+    let offer_waits = |offer: &Offer| match offer {
+        Offer::Send(port, _) => {
+            let mut ports = kind.ports.iter();
+            ports.any(|one| one.name == port.0 && one.side == Side::Send && one.waits)
+        }
+        Offer::Receive(..) | Offer::After => true,
+        Offer::Skip => false,
+    };
+    block.iter().any(|statement| match &statement.kind {
+        Statement::Offer(offer) => offer_waits(offer),
+        Statement::Stop => true,
+        Statement::If(_, then, otherwise) => {
+            surely_waits(then, kind) && surely_waits(otherwise, kind)
+        }
+        Statement::Loop(inner) => surely_waits(inner, kind),
+        Statement::Par(blocks) => blocks.iter().any(|block| surely_waits(block, kind)),
+        Statement::Choose(blocks) => blocks.iter().all(|block| surely_waits(block, kind)),
+        Statement::Alternative { guards, .. } => {
+            let mut guards = guards.iter();
+            guards.all(|guard| offer_waits(&guard.offer) || surely_waits(&guard.body, kind))
+        }
+        _ => false,
+    })
+}
+
+/// The first loop that is in no other.
+pub(super) fn first_loop(block: &Block) -> Option<Site> {
+    block.iter().find_map(|statement| match &statement.kind {
+        Statement::Loop(_) | Statement::While(..) | Statement::For(..) => Some(site(statement)),
+        Statement::If(_, then, otherwise) => first_loop(then).or_else(|| first_loop(otherwise)),
+        Statement::Par(blocks) | Statement::Choose(blocks) => blocks.iter().find_map(first_loop),
+        Statement::Alternative { guards, .. } => {
+            guards.iter().find_map(|guard| first_loop(&guard.body))
+        }
+        _ => None,
+    })
+}
