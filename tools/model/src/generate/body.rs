@@ -24,7 +24,6 @@ pub(super) struct Uses {
     pub(super) branch: bool,
     pub(super) stop: bool,
     pub(super) after: bool,
-    pub(super) types: bool,
     pub(super) choices: usize,
     pub(super) actions: Vec<String>,
     /// Of ports, parameters and variables.
@@ -114,11 +113,11 @@ impl<'m> Body<'m> {
             let mut tick = Writer::at(1);
             match self.kind.periodic {
                 Periodic::All => {
-                    tick.line(format!("let mut tick = luna::periodic({NAME}, {PERIOD})?;"))
+                    tick.line(format!("let mut slots = luna::periodic({NAME}, {PERIOD})?;"))
                 }
                 _ => {
                     let made = format!("{PERIOD}.map(|period| luna::periodic({NAME}, period))");
-                    tick.line(format!("let mut tick = {made}.transpose()?;"));
+                    tick.line(format!("let mut slots = {made}.transpose()?;"));
                 }
             }
             tick.append(before);
@@ -140,9 +139,9 @@ impl<'m> Body<'m> {
     fn tick(&self, out: &mut Writer) {
         match self.kind.periodic {
             Periodic::None => {}
-            Periodic::All => out.line("tick.next().await;"),
-            Periodic::Some => out.block("if let Some(tick) = &mut tick {", |out| {
-                out.line("tick.next().await;");
+            Periodic::All => out.line("slots.next().await;"),
+            Periodic::Some => out.block("if let Some(slots) = &mut slots {", |out| {
+                out.line("slots.next().await;");
             }),
         }
     }
@@ -187,10 +186,7 @@ impl<'m> Body<'m> {
                         self.note(value);
                         int(value, self)
                     }
-                    (holds, None) => {
-                        self.uses.types |= matches!(holds, Type::Defined(_));
-                        holds.any()
-                    }
+                    (holds, None) => holds.any().to_owned(),
                 };
                 format!("{}.send({value})", port.rust)
             }

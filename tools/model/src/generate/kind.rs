@@ -18,7 +18,7 @@ const OWN: [(&str, &str); 12] = [
     ("ports", "the ports of the process"),
     (NAME, "the name of the process"),
     (PERIOD, "the period of the process"),
-    ("tick", "the tick of its period"),
+    ("slots", "the slots of its period"),
     ("outcome", "the outcome of a guard"),
     ("choice", "the branch that is chosen"),
     ("luna", "the library"),

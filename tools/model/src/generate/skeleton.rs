@@ -24,9 +24,6 @@ pub(super) fn skeleton(model: &Model, kind: &Kind<'_>) -> Result<String, Problem
     support.extend(used.branch.then_some("branch"));
     support.extend(used.stop.then_some("stop"));
     imports(&mut out, "crate::generated::support", &support);
-    if used.types {
-        out.line("use crate::generated::types;");
-    }
     let mut macros = Vec::new();
     macros.extend(used.alt.then_some("alt"));
     macros.extend(used.branch.then_some("par"));

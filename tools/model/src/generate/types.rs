@@ -45,13 +45,12 @@ impl Type {
     }
 
     /// A value of it, if the model states none.
-    pub(super) fn any(&self) -> String {
+    pub(super) fn any(&self) -> &'static str {
         match self {
-            Self::Unit => "()".to_owned(),
-            Self::Bool => "false".to_owned(),
-            Self::Int => "0".to_owned(),
-            Self::OfRust(name) => format!("{name}::default()"),
-            Self::Defined(name) => format!("types::{name}::default()"),
+            Self::Unit => "()",
+            Self::Bool => "false",
+            Self::Int => "0",
+            Self::OfRust(_) | Self::Defined(_) => "Default::default()",
         }
     }
 }
