@@ -112,9 +112,9 @@ impl<'m> Body<'m> {
         if is_periodic {
             let mut tick = Writer::at(1);
             match self.kind.periodic {
-                Periodic::All => {
-                    tick.line(format!("let mut slots = luna::periodic({NAME}, {PERIOD})?;"))
-                }
+                Periodic::All => tick.line(format!(
+                    "let mut slots = luna::periodic({NAME}, {PERIOD})?;"
+                )),
                 _ => {
                     let made = format!("{PERIOD}.map(|period| luna::periodic({NAME}, period))");
                     tick.line(format!("let mut slots = {made}.transpose()?;"));
