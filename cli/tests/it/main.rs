@@ -7,6 +7,7 @@ mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 #[cfg(target_os = "linux")]
+mod generate;
 mod listing;
 mod merge;
 mod model;
