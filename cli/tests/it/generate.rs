@@ -160,6 +160,7 @@ fn each_example_compiles_and_runs() {
         (example("commstime.toml"), "0.2"),
         (example("sorting-pump.toml"), "60"),
         (example("sieve.toml"), "60"),
+        (example("production-cell.toml"), "0.2"),
         (everything, "0.2"),
     ] {
         let folder = folder(

@@ -406,7 +406,9 @@ impl<'m> Body<'m> {
                 true => ("!=", second, first),
                 false => ("==", first, second),
             };
-            out.open(format!("if {turn} {sign} 0 {{"));
+            // Not within the condition: an `if` around would be merged with it.
+            out.line(format!("let chosen = {turn};"));
+            out.open(format!("if chosen {sign} 0 {{"));
             self.block(then, out)?;
             if !is_empty(otherwise) {
                 out.turn("} else {");

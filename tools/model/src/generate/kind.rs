@@ -13,14 +13,15 @@ pub(super) const NAME: &str = "process_name";
 pub(super) const PERIOD: &str = "period";
 
 /// Names of a skeleton that are its own.
-const OWN: [(&str, &str); 12] = [
+const OWN: [(&str, &str); 13] = [
     ("process", "the body of the process"),
     ("ports", "the ports of the process"),
     (NAME, "the name of the process"),
     (PERIOD, "the period of the process"),
     ("slots", "the slots of its period"),
     ("outcome", "the outcome of a guard"),
-    ("choice", "the branch that is chosen"),
+    ("choice", "the turn of a `choose`"),
+    ("chosen", "the branch that is chosen"),
     ("luna", "the library"),
     ("std", "the standard library"),
     ("support", "the generated support"),

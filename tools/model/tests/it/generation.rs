@@ -90,7 +90,7 @@ fn each_statement_has_its_rust() {
         "            n = i32::from(outcome?);\n",
         "    while n < limit {\n        n += 1;\n",
         "    n = 2 * n % 9;\n",
-        "    for k in 0..limit {\n        if choice.of(2) == 0 {\n",
+        "    for k in 0..limit {\n        let chosen = choice_3.of(2);\n        if chosen == 0 {\n",
         "            truth.send(k == 1).await?;\n",
         "        branch(async {\n            b = truths.recv().await?;\n            Ok(())\n        }),\n",
         "    assert!(!(b && n == 1) || k2 >= 0);\n",
