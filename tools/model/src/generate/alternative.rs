@@ -2,7 +2,6 @@
 
 use super::body::Body;
 use super::lets::site;
-use super::waiting::is_empty;
 use super::writer::Writer;
 use crate::language::body::{Guard, Offer};
 use crate::text::Problem;
@@ -43,7 +42,7 @@ pub(super) fn write(
         let condition = condition.map(|claim| format!(", if {}", body.precondition(claim)));
         let head = format!("{waits_for}{}", condition.unwrap_or_default());
         let has_outcome = !is_skip && guard.offer != Offer::After;
-        if !has_outcome && is_empty(&guard.body) {
+        if !has_outcome && guard.body.is_empty() {
             out.line(format!("{head} => {{}}"));
             continue;
         }

@@ -6,7 +6,7 @@ use super::lets::{self, Declares, Site, site};
 use super::liveness::live_at_start;
 use super::names::snake;
 use super::types::Type;
-use super::waiting::{diverges, is_empty, surely_waits};
+use super::waiting::{diverges, surely_waits};
 use super::writer::Writer;
 use crate::language::body::{Block, Kind as Statement, Named, Offer};
 use crate::language::expr::{Expr, Unary};
@@ -77,7 +77,8 @@ impl<'m> Body<'m> {
 
     /// What comes before the body, and the body.
     pub(super) fn write(&mut self) -> Result<(Writer, Writer), Problem> {
-        let block = self.kind.body;
+        let kind = self.kind;
+        let block = &kind.body;
         let mut before = Writer::at(1);
         let is_periodic = self.kind.periodic != Periodic::None;
         let first_loop = super::waiting::first_loop(block);
@@ -233,16 +234,13 @@ impl<'m> Body<'m> {
     fn block(&mut self, block: &Block, out: &mut Writer) -> Result<(), Problem> {
         for statement in block {
             self.statement(&statement.kind, site(statement), out)?;
-            if diverges(std::slice::from_ref(statement)) {
-                // What comes behind is never reached.
-                break;
-            }
         }
         Ok(())
     }
 
     fn statement(&mut self, kind: &Statement, at: Site, out: &mut Writer) -> Result<(), Problem> {
         match kind {
+            // Taken out before.
             Statement::Skip => {}
             Statement::Stop => {
                 self.uses.stop = true;
@@ -342,17 +340,17 @@ impl<'m> Body<'m> {
         otherwise: &Block,
         out: &mut Writer,
     ) -> Result<(), Problem> {
-        if is_empty(then) && !is_empty(otherwise) && before.is_empty() {
+        if then.is_empty() && !otherwise.is_empty() && before.is_empty() {
             let opposite = Expr::Unary(Unary::Not, Box::new(claim.clone()));
             return self.conditional(before, &opposite, otherwise, &Vec::new(), out);
         }
         let mut claims = vec![claim];
         let mut then = then;
         // As Clippy wants it: one `if` for one within another.
-        while is_empty(otherwise)
+        while otherwise.is_empty()
             && let [only] = &then[..]
             && let Statement::If(inner, block, none) = &only.kind
-            && is_empty(none)
+            && none.is_empty()
         {
             claims.push(inner);
             then = block;
@@ -371,7 +369,7 @@ impl<'m> Body<'m> {
         {
             return self.conditional("} else ", claim, then, otherwise, out);
         }
-        if !is_empty(otherwise) {
+        if !otherwise.is_empty() {
             out.turn("} else {");
             self.block(otherwise, out)?;
         }
@@ -402,7 +400,7 @@ impl<'m> Body<'m> {
         self.uses.choices += 1;
         let turn = format!("{}.of({})", choice(self.uses.choices), blocks.len());
         if let [first, second] = blocks {
-            let (sign, then, otherwise) = match is_empty(first) {
+            let (sign, then, otherwise) = match first.is_empty() {
                 true => ("!=", second, first),
                 false => ("==", first, second),
             };
@@ -410,7 +408,7 @@ impl<'m> Body<'m> {
             out.line(format!("let chosen = {turn};"));
             out.open(format!("if chosen {sign} 0 {{"));
             self.block(then, out)?;
-            if !is_empty(otherwise) {
+            if !otherwise.is_empty() {
                 out.turn("} else {");
                 self.block(otherwise, out)?;
             }
@@ -423,7 +421,7 @@ impl<'m> Body<'m> {
                 true => "_".to_owned(),
                 false => number.to_string(),
             };
-            if is_empty(block) {
+            if block.is_empty() {
                 out.line(format!("{pattern} => {{}}"));
                 continue;
             }

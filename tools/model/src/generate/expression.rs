@@ -126,6 +126,9 @@ fn as_bool(expr: &Expr<Path>, names: &impl Lookup) -> Text {
         Expr::Number(number) => ((*number != 0).to_string(), ATOM),
         Expr::Name(path) if natural(expr, names) == Natural::Bool => (name_of(path, names), ATOM),
         Expr::Unary(Unary::Not, of) => negated(of, names),
+        Expr::Binary(Binary::And, left, right) if let Some(found) = range(left, right, names) => {
+            found
+        }
         Expr::Binary(operator @ (Binary::And | Binary::Or), left, right) => {
             let binding = operator.binding();
             let left = within(as_bool(left, names), binding);
@@ -173,6 +176,61 @@ fn comparison(
             (format!("{left} {} {right}", operator.sign()), COMPARISON)
         }
     }
+}
+
+/// `0 <= x && x < 9` as Clippy wants it; nothing if it is no range between two numbers.
+fn range(left: &Expr<Path>, right: &Expr<Path>, names: &impl Lookup) -> Option<Text> {
+    let (one, other) = (bound(left)?, bound(right)?);
+    let (low, (high, is_included)) = match (one.bound, other.bound) {
+        (Bound::Low(low), Bound::High(high, is_included))
+        | (Bound::High(high, is_included), Bound::Low(low)) => (low, (high, is_included)),
+        _ => return None,
+    };
+    if one.name.word() != other.name.word() || names.is_bool(one.name.word()?) || low > high {
+        return None;
+    }
+    let sign = if is_included { "..=" } else { ".." };
+    let name = name_of(one.name, names);
+    Some((format!("({low}{sign}{high}).contains(&{name})"), ATOM))
+}
+
+struct Bounded<'e> {
+    name: &'e Path,
+    bound: Bound,
+}
+
+enum Bound {
+    Low(i32),
+    /// And whether it belongs to the range.
+    High(i32, bool),
+}
+
+/// `x >= 0` or `0 <= x`, `x < 9` or `9 > x`.
+fn bound(expr: &Expr<Path>) -> Option<Bounded<'_>> {
+    let Expr::Binary(operator, left, right) = expr else {
+        return None;
+    };
+    let (operator, name, number) = match (&**left, &**right) {
+        (Expr::Name(name), Expr::Number(number)) => (*operator, name, *number),
+        (Expr::Number(number), Expr::Name(name)) => {
+            let turned = match operator {
+                Binary::Less => Binary::Greater,
+                Binary::LessEqual => Binary::GreaterEqual,
+                Binary::Greater => Binary::Less,
+                Binary::GreaterEqual => Binary::LessEqual,
+                other => *other,
+            };
+            (turned, name, *number)
+        }
+        _ => return None,
+    };
+    let bound = match operator {
+        Binary::GreaterEqual => Bound::Low(number),
+        Binary::Less => Bound::High(number, false),
+        Binary::LessEqual => Bound::High(number, true),
+        _ => return None,
+    };
+    Some(Bounded { name, bound })
 }
 
 /// The opposite of a condition; of a comparison, the opposite comparison.
@@ -253,6 +311,10 @@ mod tests {
             ("a && (b || x)", "a && (b || x != 0)"),
             ("x % 3", "x % 3 != 0"),
             ("true", "true"),
+            ("0 <= x && x < 9", "(0..9).contains(&x)"),
+            ("x <= 9 && x >= -1 && a", "(-1..=9).contains(&x) && a"),
+            ("0 <= x && y < 9", "0 <= x && y < 9"),
+            ("0 < x && x < y", "0 < x && x < y"),
         ] {
             assert_eq!(condition(&parsed(model), &Two), rust, "{model}");
         }

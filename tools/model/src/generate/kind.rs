@@ -2,6 +2,7 @@
 
 use super::names::{Names, camel, snake};
 use super::types::{Type, type_of};
+use super::waiting::reachable;
 use crate::file::{Content, Definition, Side};
 use crate::language::body::Block;
 use crate::model::Model;
@@ -13,7 +14,7 @@ pub(super) const NAME: &str = "process_name";
 pub(super) const PERIOD: &str = "period";
 
 /// Names of a skeleton that are its own.
-const OWN: [(&str, &str); 13] = [
+const OWN: [(&str, &str); 14] = [
     ("process", "the body of the process"),
     ("ports", "the ports of the process"),
     (NAME, "the name of the process"),
@@ -25,15 +26,42 @@ const OWN: [(&str, &str); 13] = [
     ("luna", "the library"),
     ("std", "the standard library"),
     ("support", "the generated support"),
+    ("branch", "a branch of `par!`"),
     ("alt", "a macro"),
     ("par", "a macro"),
+];
+
+/// Modules that generated code names beside those of processes.
+const MODULES: [(&str, &str); 6] = [
+    ("ports", "a module of its own"),
+    ("support", "a module of its own"),
+    ("system", "a module of its own"),
+    ("types", "a module of its own"),
+    ("luna", "the library"),
+    ("std", "the standard library"),
+];
+
+/// Names that generated code uses in the sense of Rust or of its own.
+const TYPES: [(&str, &str); 11] = [
+    ("Ok", "a name of Rust"),
+    ("Err", "a name of Rust"),
+    ("Some", "a name of Rust"),
+    ("None", "a name of Rust"),
+    ("Option", "a name of Rust"),
+    ("Result", "a name of Rust"),
+    ("Default", "a name of Rust"),
+    ("String", "a name of Rust"),
+    ("Duration", "a name of Rust"),
+    ("InTurn", "a type of its own"),
+    ("Self", "a name of Rust"),
 ];
 
 /// A process of the model with a body, of which the system has parts.
 #[derive(Debug)]
 pub(super) struct Kind<'m> {
     pub(super) definition: &'m Definition,
-    pub(super) body: &'m Block,
+    /// Without what is never reached or does nothing.
+    pub(super) body: Block,
     /// Of its file.
     pub(super) module: String,
     /// Of the struct of its ports.
@@ -73,8 +101,8 @@ pub(super) struct Kinds<'m> {
 impl<'m> Kinds<'m> {
     pub(super) fn new(model: &'m Model) -> Result<Self, Problem> {
         let (mut all, mut types) = (Vec::new(), Vec::new());
-        let mut modules = Names::new(model.source(), &[]);
-        let mut names = Names::new(model.source(), &[]);
+        let mut modules = Names::new(model.source(), &MODULES);
+        let mut names = Names::new(model.source(), &TYPES);
         for definition in &model.document.definitions {
             let Content::Body(body) = &definition.content else {
                 continue;
@@ -111,7 +139,7 @@ impl<'m> Kinds<'m> {
 fn kind<'m>(
     model: &'m Model,
     definition: &'m Definition,
-    body: &'m Block,
+    body: &Block,
     parts: &[&Process],
 ) -> Result<Kind<'m>, Problem> {
     let mut names = Names::new(model.source(), &OWN);
@@ -166,7 +194,7 @@ fn kind<'m>(
     let periods = parts.iter().filter(|part| part.period.is_some()).count();
     Ok(Kind {
         definition,
-        body,
+        body: reachable(body),
         module: snake(&definition.name.0),
         name: camel(&definition.name.0),
         ports,

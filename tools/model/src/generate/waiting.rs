@@ -5,10 +5,45 @@ use super::lets::{Site, site};
 use crate::file::Side;
 use crate::language::body::{Block, Kind as Statement, Offer};
 
-/// Whether nothing is to be written for it.
-pub(super) fn is_empty(block: &Block) -> bool {
-    let mut statements = block.iter();
-    statements.all(|statement| statement.kind == Statement::Skip)
+/// The block without statements that do nothing or are never reached.
+pub(super) fn reachable(block: &Block) -> Block {
+    let mut found = Block::new();
+    for statement in block {
+        let kind = match &statement.kind {
+            Statement::Skip => continue,
+            Statement::If(claim, then, otherwise) => {
+                Statement::If(claim.clone(), reachable(then), reachable(otherwise))
+            }
+            Statement::While(claim, inner) => Statement::While(claim.clone(), reachable(inner)),
+            Statement::Loop(inner) => Statement::Loop(reachable(inner)),
+            Statement::For(variable, from, to, inner) => {
+                let inner = reachable(inner);
+                Statement::For(variable.clone(), from.clone(), to.clone(), inner)
+            }
+            Statement::Par(blocks) => Statement::Par(blocks.iter().map(reachable).collect()),
+            Statement::Choose(blocks) => Statement::Choose(blocks.iter().map(reachable).collect()),
+            Statement::Alternative {
+                prioritized,
+                guards,
+            } => {
+                let mut guards = guards.clone();
+                for guard in &mut guards {
+                    guard.body = reachable(&guard.body);
+                }
+                Statement::Alternative {
+                    prioritized: *prioritized,
+                    guards,
+                }
+            }
+            other => other.clone(),
+        };
+        let span = statement.span.clone();
+        found.push(crate::language::body::Statement { kind, span });
+        if diverges(&found) {
+            break;
+        }
+    }
+    found
 }
 
 /// Whether what comes behind is never reached, as `rustc` sees it.

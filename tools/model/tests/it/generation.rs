@@ -96,9 +96,11 @@ fn each_statement_has_its_rust() {
         "    assert!(!(b && n == 1) || k2 >= 0);\n",
         "            stop().await;\n",
         "fn think() {\n    // What `think` does.\n}\n",
+        "    assert!((0..=9).contains(&k2));\n",
     ] {
         assert!(body.contains(part), "{part} in {body}");
     }
+    assert!(!body.contains("unseen"), "behind a loop without an end");
 }
 
 #[test]
@@ -145,6 +147,13 @@ fn what_rust_cannot_have_is_refused_with_its_place() {
             "[process.everything]\nbody = \"skip\"\n[system.part.other]\nprocess = \
              \"everything\"\n[process.Idle]",
             "in Rust this is `everything`, as the process `Everything` is: `everything`",
+        ),
+        (
+            EVERYTHING,
+            "[process.Idle]",
+            "[process.Result]\nbody = \"skip\"\n[system.part.other]\nprocess = \
+             \"Result\"\n[process.Idle]",
+            "in Rust this is `Result`, as a name of Rust is: `Result`",
         ),
         (
             EVERYTHING,
