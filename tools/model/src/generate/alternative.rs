@@ -35,11 +35,11 @@ pub(super) fn write(
         let waits_for = match &guard.offer {
             Offer::Skip if is_plain => "skip".to_owned(),
             Offer::Skip => "_ = luna::after(std::time::Duration::ZERO)".to_owned(),
-            Offer::After => format!("_ = {}", body.guard(&guard.offer)?),
-            offer => format!("outcome = {}", body.guard(offer)?),
+            Offer::After => format!("_ = {}", body.operation(&guard.offer)?),
+            offer => format!("outcome = {}", body.operation(offer)?),
         };
         let condition = guard.condition.as_ref();
-        let condition = condition.map(|claim| format!(", if {}", body.precondition(claim)));
+        let condition = condition.map(|claim| format!(", if {}", body.condition(claim)));
         let head = format!("{waits_for}{}", condition.unwrap_or_default());
         let has_outcome = !is_skip && guard.offer != Offer::After;
         if !has_outcome && guard.body.is_empty() {
@@ -48,10 +48,10 @@ pub(super) fn write(
         }
         out.open(format!("{head} => {{"));
         if has_outcome {
-            let taken = body.outcome(&guard.offer, site::<Guard>(guard))?;
+            let taken = body.take(&guard.offer, site::<Guard>(guard), "outcome")?;
             out.line(taken);
         }
-        body.inner(&guard.body, out)?;
+        body.block(&guard.body, out)?;
         out.close("}");
     }
     out.close("}");

@@ -1,6 +1,7 @@
 //! The body of a process in Rust.
 
-use super::expression::{self, Lookup, compound, condition, int};
+use super::branches::choice;
+use super::expression::{Lookup, compound, condition, int};
 use super::kind::{Kind, NAME, PERIOD, Periodic, Port};
 use super::lets::{self, Declares, Site, site};
 use super::liveness::live_at_start;
@@ -9,7 +10,7 @@ use super::types::Type;
 use super::waiting::{diverges, surely_waits};
 use super::writer::Writer;
 use crate::language::body::{Block, Kind as Statement, Named, Offer};
-use crate::language::expr::{Expr, Unary};
+use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use crate::model::Model;
 use crate::text::Problem;
@@ -147,7 +148,7 @@ impl<'m> Body<'m> {
         }
     }
 
-    fn note(&mut self, expr: &Expr<Path>) {
+    pub(super) fn note(&mut self, expr: &Expr<Path>) {
         let names = &mut self.uses.names;
         expr.each(&mut |path| names.extend(path.word().map(str::to_owned)));
     }
@@ -161,7 +162,7 @@ impl<'m> Body<'m> {
         }
     }
 
-    fn condition(&mut self, expr: &Expr<Path>) -> String {
+    pub(super) fn condition(&mut self, expr: &Expr<Path>) -> String {
         self.note(expr);
         condition(expr, self)
     }
@@ -177,7 +178,7 @@ impl<'m> Body<'m> {
     }
 
     /// `port.send(value)` or `port.recv()`.
-    fn operation(&mut self, offer: &Offer) -> Result<String, Problem> {
+    pub(super) fn operation(&mut self, offer: &Offer) -> Result<String, Problem> {
         Ok(match offer {
             Offer::Send(port, value) => {
                 let port = self.port(port)?;
@@ -200,7 +201,12 @@ impl<'m> Body<'m> {
     }
 
     /// A statement that takes the outcome of an operation, which is the text `outcome`.
-    fn take(&mut self, offer: &Offer, at: Site, outcome: &str) -> Result<String, Problem> {
+    pub(super) fn take(
+        &mut self,
+        offer: &Offer,
+        at: Site,
+        outcome: &str,
+    ) -> Result<String, Problem> {
         let Offer::Receive(port, variable) = offer else {
             return Ok(format!("{outcome}?;"));
         };
@@ -231,7 +237,7 @@ impl<'m> Body<'m> {
         }
     }
 
-    fn block(&mut self, block: &Block, out: &mut Writer) -> Result<(), Problem> {
+    pub(super) fn block(&mut self, block: &Block, out: &mut Writer) -> Result<(), Problem> {
         for statement in block {
             self.statement(&statement.kind, site(statement), out)?;
         }
@@ -329,134 +335,5 @@ impl<'m> Body<'m> {
         }
         out.close("}");
         Ok(())
-    }
-
-    /// `if`, with what stands before it.
-    fn conditional(
-        &mut self,
-        before: &str,
-        claim: &Expr<Path>,
-        then: &Block,
-        otherwise: &Block,
-        out: &mut Writer,
-    ) -> Result<(), Problem> {
-        if then.is_empty() && !otherwise.is_empty() && before.is_empty() {
-            let opposite = Expr::Unary(Unary::Not, Box::new(claim.clone()));
-            return self.conditional(before, &opposite, otherwise, &Vec::new(), out);
-        }
-        let mut claims = vec![claim];
-        let mut then = then;
-        // As Clippy wants it: one `if` for one within another.
-        while otherwise.is_empty()
-            && let [only] = &then[..]
-            && let Statement::If(inner, block, none) = &only.kind
-            && none.is_empty()
-        {
-            claims.push(inner);
-            then = block;
-        }
-        for claim in &claims {
-            self.note(claim);
-        }
-        let claim = expression::all_of(&claims, self);
-        match before {
-            "" => out.open(format!("if {claim} {{")),
-            _ => out.turn(&format!("{before}if {claim} {{")),
-        }
-        self.block(then, out)?;
-        if let [only] = &otherwise[..]
-            && let Statement::If(claim, then, otherwise) = &only.kind
-        {
-            return self.conditional("} else ", claim, then, otherwise, out);
-        }
-        if !otherwise.is_empty() {
-            out.turn("} else {");
-            self.block(otherwise, out)?;
-        }
-        out.close("}");
-        Ok(())
-    }
-
-    fn par(&mut self, blocks: &[Block], out: &mut Writer) -> Result<(), Problem> {
-        self.uses.branch = true;
-        out.open("par!(");
-        for block in blocks {
-            out.open("branch(async {");
-            self.block(block, out)?;
-            if !diverges(block) {
-                out.line("Ok(())");
-            }
-            out.close("}),");
-        }
-        out.close(")");
-        out.line(".await?;");
-        Ok(())
-    }
-
-    fn choose(&mut self, blocks: &[Block], out: &mut Writer) -> Result<(), Problem> {
-        if let [only] = blocks {
-            return self.block(only, out);
-        }
-        self.uses.choices += 1;
-        let turn = format!("{}.of({})", choice(self.uses.choices), blocks.len());
-        if let [first, second] = blocks {
-            let (sign, then, otherwise) = match first.is_empty() {
-                true => ("!=", second, first),
-                false => ("==", first, second),
-            };
-            // Not within the condition: an `if` around would be merged with it.
-            out.line(format!("let chosen = {turn};"));
-            out.open(format!("if chosen {sign} 0 {{"));
-            self.block(then, out)?;
-            if !otherwise.is_empty() {
-                out.turn("} else {");
-                self.block(otherwise, out)?;
-            }
-            out.close("}");
-            return Ok(());
-        }
-        out.open(format!("match {turn} {{"));
-        for (number, block) in blocks.iter().enumerate() {
-            let pattern = match number + 1 == blocks.len() {
-                true => "_".to_owned(),
-                false => number.to_string(),
-            };
-            if block.is_empty() {
-                out.line(format!("{pattern} => {{}}"));
-                continue;
-            }
-            out.open(format!("{pattern} => {{"));
-            self.block(block, out)?;
-            out.close("}");
-        }
-        out.close("}");
-        Ok(())
-    }
-}
-
-/// The counter of a `choose`.
-fn choice(number: usize) -> String {
-    match number {
-        1 => "choice".to_owned(),
-        _ => format!("choice_{number}"),
-    }
-}
-
-/// What an alternative needs of the body that it is in.
-impl Body<'_> {
-    pub(super) fn guard(&mut self, offer: &Offer) -> Result<String, Problem> {
-        self.operation(offer)
-    }
-
-    pub(super) fn outcome(&mut self, offer: &Offer, at: Site) -> Result<String, Problem> {
-        self.take(offer, at, "outcome")
-    }
-
-    pub(super) fn precondition(&mut self, claim: &Expr<Path>) -> String {
-        self.condition(claim)
-    }
-
-    pub(super) fn inner(&mut self, block: &Block, out: &mut Writer) -> Result<(), Problem> {
-        self.block(block, out)
     }
 }

@@ -47,7 +47,11 @@ fn of_statement(statement: &Statement, after: Live, is_dead: &mut bool) -> Live 
         Kind::Offer(offer) => of_offer(offer, &mut live, is_dead),
         Kind::Assign((name, _), value) => {
             set(&mut live, name, is_dead);
+            // What `x += 1` reads is no use of `x` to `rustc`.
             read(&mut live, value);
+            if !after.contains(name) {
+                live.remove(name);
+            }
         }
         Kind::Assert(condition) => read(&mut live, condition),
         Kind::If(condition, then, otherwise) => {

@@ -16,6 +16,7 @@
 
 mod alternative;
 mod body;
+mod branches;
 mod expression;
 mod kind;
 mod lets;

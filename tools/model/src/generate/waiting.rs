@@ -1,9 +1,10 @@
 //! What a block surely does: wait, or never end.
 
 use super::kind::Kind;
-use super::lets::{Site, site};
+use super::lets::{Site, of_block, site};
 use crate::file::Side;
 use crate::language::body::{Block, Kind as Statement, Offer};
+use crate::language::expr::{Binary, Expr};
 
 /// The block without statements that do nothing or are never reached.
 pub(super) fn reachable(block: &Block) -> Block {
@@ -14,11 +15,32 @@ pub(super) fn reachable(block: &Block) -> Block {
             Statement::If(claim, then, otherwise) => {
                 Statement::If(claim.clone(), reachable(then), reachable(otherwise))
             }
-            Statement::While(claim, inner) => Statement::While(claim.clone(), reachable(inner)),
-            Statement::Loop(inner) => Statement::Loop(reachable(inner)),
+            Statement::While(claim, inner) => {
+                let inner = reachable(inner);
+                match diverges(&inner) {
+                    // Its turn never ends.
+                    true => Statement::If(claim.clone(), inner, Block::new()),
+                    false => Statement::While(claim.clone(), inner),
+                }
+            }
+            Statement::Loop(inner) => {
+                let inner = reachable(inner);
+                if diverges(&inner) {
+                    found.extend(inner);
+                    break;
+                }
+                Statement::Loop(inner)
+            }
             Statement::For(variable, from, to, inner) => {
                 let inner = reachable(inner);
-                Statement::For(variable.clone(), from.clone(), to.clone(), inner)
+                let is_read = of_block(&inner, &variable.0).reads > 0;
+                if diverges(&inner) && !is_read {
+                    let ends = (Box::new(from.clone()), Box::new(to.clone()));
+                    let claim = Expr::Binary(Binary::Less, ends.0, ends.1);
+                    Statement::If(claim, inner, Block::new())
+                } else {
+                    Statement::For(variable.clone(), from.clone(), to.clone(), inner)
+                }
             }
             Statement::Par(blocks) => Statement::Par(blocks.iter().map(reachable).collect()),
             Statement::Choose(blocks) => Statement::Choose(blocks.iter().map(reachable).collect()),
@@ -51,7 +73,7 @@ pub(super) fn diverges(block: &[crate::language::body::Statement]) -> bool {
     block.iter().any(|statement| match &statement.kind {
         Statement::Loop(_) => true,
         Statement::While(claim, _) => {
-            matches!(claim, crate::language::expr::Expr::Number(number) if *number != 0)
+            matches!(claim, Expr::Number(number) if *number != 0)
         }
         Statement::If(_, then, otherwise) => diverges(then) && diverges(otherwise),
         Statement::Choose(blocks) => blocks.iter().all(|block| diverges(block)),
