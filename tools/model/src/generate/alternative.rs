@@ -6,12 +6,21 @@ use super::writer::Writer;
 use crate::language::body::{Guard, Offer};
 use crate::text::Problem;
 
+/// What the library takes.
+const GUARDS: usize = 32;
+
 pub(super) fn write(
     body: &mut Body<'_>,
     prioritized: bool,
     guards: &[Guard],
     out: &mut Writer,
 ) -> Result<(), Problem> {
+    if let Some(too_many) = guards.get(GUARDS) {
+        let message = format!("an alternative of LUNA has {GUARDS} guards at most");
+        let advice = "use several processes, or channels that are shared";
+        let span = too_many.span.clone();
+        return Err(body.model.source().problem(span, message, advice));
+    }
     let (skips, others): (Vec<&Guard>, Vec<&Guard>) =
         guards.iter().partition(|guard| guard.offer == Offer::Skip);
     // The macro's `skip` has no precondition. What is due now, behind all others, is the same.

@@ -41,7 +41,7 @@ struct Variable {
 #[derive(Debug)]
 pub(super) struct Body<'m> {
     pub(super) kind: &'m Kind<'m>,
-    model: &'m Model,
+    pub(super) model: &'m Model,
     pub(super) uses: Uses,
     /// `rustc` would warn of a value that is never read.
     pub(super) sets_in_vain: bool,
@@ -84,8 +84,10 @@ impl<'m> Body<'m> {
         let is_periodic = self.kind.periodic != Periodic::None;
         let first_loop = super::waiting::first_loop(block);
         self.ticking = first_loop.filter(|_| is_periodic);
-        let (live, sets_in_vain) = live_at_start(block);
-        self.sets_in_vain = sets_in_vain;
+        let (live, in_vain) = live_at_start(block);
+        // What is never read at all has a name that `rustc` expects no use of.
+        let mut in_vain = in_vain.iter();
+        self.sets_in_vain = in_vain.any(|name| lets::of_block(block, name).reads > 0);
         let mut at_start = Vec::new();
         for ((name, _), range) in &self.kind.definition.variables {
             let mentions = lets::of_block(block, name);

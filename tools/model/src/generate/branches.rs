@@ -9,6 +9,9 @@ use crate::language::expr::{Expr, Unary};
 use crate::language::parser::Path;
 use crate::text::Problem;
 
+/// The branches that `par!` takes at most.
+const BRANCHES: usize = 12;
+
 impl Body<'_> {
     /// `if`, with what stands before it.
     pub(super) fn conditional(
@@ -59,10 +62,20 @@ impl Body<'_> {
     pub(super) fn par(&mut self, blocks: &[Block], out: &mut Writer) -> Result<(), Problem> {
         self.uses.branch = true;
         out.open("par!(");
-        for block in blocks {
+        // More than that are groups of branches.
+        for group in blocks.chunks(blocks.len().div_ceil(BRANCHES).max(1)) {
             out.open("branch(async {");
-            self.block(block, out)?;
-            if !diverges(block) {
+            let is_over = match group {
+                [only] => {
+                    self.block(only, out)?;
+                    !diverges(only)
+                }
+                _ => {
+                    self.par(group, out)?;
+                    true
+                }
+            };
+            if is_over {
                 out.line("Ok(())");
             }
             out.close("}),");

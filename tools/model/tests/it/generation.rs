@@ -157,6 +157,12 @@ fn what_rust_cannot_have_is_refused_with_its_place() {
         ),
         (
             EVERYTHING,
+            "alt { out? | truth?",
+            &format!("alt {{ {} out? | truth?", "out? | ".repeat(29)),
+            "an alternative of LUNA has 32 guards at most: `spun?`",
+        ),
+        (
+            EVERYTHING,
             "image_of_2",
             "Vec<u8>",
             "the type `Vec<u8>` of this channel is no name: `images`",
