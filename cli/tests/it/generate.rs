@@ -6,6 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+#[path = "../../../tools/model/tests/it/random.rs"]
+mod random;
+
 fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
@@ -172,6 +175,26 @@ fn each_example_compiles_and_runs() {
         generate(&model, &folder);
         build(&folder);
         run(&folder, seconds, 0);
+    }
+}
+
+/// Bodies that no person writes. With LUNA_LONG=1 a hundred of them, else two.
+#[test]
+fn random_models_compile_without_a_warning() {
+    let is_long = env::var("LUNA_LONG").is_ok_and(|long| long == "1");
+    let seed = env::var("LUNA_SEED")
+        .ok()
+        .and_then(|seed| seed.parse().ok());
+    let seed: u64 = seed.unwrap_or(20_261_121);
+    for number in 0..if is_long { 100 } else { 2 } {
+        let model = random::model(&mut random::Random(seed.wrapping_add(number)));
+        println!("LUNA_SEED={}\n{model}", seed.wrapping_add(number));
+        let folder = folder("random");
+        fs::create_dir_all(folder.parent().expect("it has one")).expect("it is made");
+        let file = folder.with_extension("toml");
+        fs::write(&file, model).expect("it is writable");
+        generate(&file, &folder);
+        build(&folder);
     }
 }
 
