@@ -17,7 +17,7 @@ What is below src/generated is written anew each time: channels, processes, wher
 
 The package runs at once: cargo run --manifest-path DIR/Cargo.toml -- --seconds 5
 
-Exit codes: 0 generated, 2 bad arguments or files.")]
+Exit codes: 0 generated, 1 standard output is closed, 2 bad arguments or files.")]
 pub(crate) struct Arguments {
     /// The model (.toml)
     file: PathBuf,
@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let path = folder.join(&file.path);
         let done = write(&path, file)?;
         writeln!(out, "{done:<9} {}", path.display()).map_err(Failure::Output)?;
-        if done == KEPT {
+        if done == KEPT && !file.defines.is_empty() {
             note_missing(&mut out, &path, file)?;
         }
     }

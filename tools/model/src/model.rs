@@ -124,12 +124,13 @@ impl Model {
         draw::mermaid(&self.network)
     }
 
-    /// The files of a Rust package that runs the model. `package` is what its manifest depends on.
+    /// The files of a Rust package that runs the model; its manifest depends on `luna`. Not
+    /// real-time.
     ///
     /// # Errors
     ///
     /// What cannot be written in Rust: names that collide there, several processes on one thread.
-    pub fn generate(&self, package: &generate::Luna) -> Result<Vec<File>, Problem> {
-        generate::generate(self, package)
+    pub fn generate(&self, luna: &generate::Luna) -> Result<Vec<File>, Problem> {
+        generate::generate(self, luna)
     }
 }

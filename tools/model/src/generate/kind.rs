@@ -11,7 +11,7 @@ use crate::text::Problem;
 
 /// What `ports` has beside the ports and parameters of the model.
 pub(super) const NAME: &str = "process_name";
-pub(super) const PERIOD: &str = "period";
+pub(super) const PERIOD: &str = "process_period";
 
 /// Names of a skeleton that are its own.
 const OWN: [(&str, &str); 14] = [

@@ -61,7 +61,7 @@ fn deployment_is_that_of_the_model() {
         "network.executor(\"control\", Some(1), Policy::fifo(80))?",
         "network.executor(\"operator\", None, Policy::Other)?",
         "control.process(\"tilt.gate\").priority(11)",
-        "period: Duration::from_millis(1),",
+        "process_period: Duration::from_millis(1),",
         "channel::<types::Duty>(\"pan.safe\", None)",
         "channel::<f64>(\"pan_stick\", Some(Buffer::overwrite_oldest(1)))",
     ] {
