@@ -3,6 +3,7 @@
 mod check;
 mod draw;
 mod from;
+mod generate;
 mod names;
 mod new;
 mod recording;
@@ -31,6 +32,8 @@ pub(crate) enum Command {
     Trace(trace::Arguments),
     /// Writes a model of what a recording has: its processes and channels, to be refined
     From(from::Arguments),
+    /// Generates a Rust package that runs a model
+    Generate(generate::Arguments),
 }
 
 /// Does it.
@@ -42,6 +45,7 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::Schedule(arguments) => schedule::run(arguments),
         Command::Trace(arguments) => trace::run(arguments),
         Command::From(arguments) => from::run(arguments),
+        Command::Generate(arguments) => generate::run(arguments),
     }
 }
 

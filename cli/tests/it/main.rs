@@ -7,11 +7,13 @@ mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 #[cfg(target_os = "linux")]
+mod generate;
 mod listing;
 mod merge;
 mod model;
 mod model_from;
 mod model_trace;
+mod model_tutorial;
 #[cfg(target_os = "linux")]
 mod production_cell;
 #[cfg(target_os = "linux")]

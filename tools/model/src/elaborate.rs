@@ -312,6 +312,7 @@ impl Elaborator<'_> {
             cost: at.run.cost,
             longest_poll: at.run.longest_poll,
             deadline: at.run.deadline,
+            scope: scope.clone(),
         });
         let mut compiler = Compiler {
             source: self.source,

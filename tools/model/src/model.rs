@@ -3,7 +3,8 @@
 use crate::draw;
 use crate::elaborate::elaborate;
 use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
-use crate::file::read;
+use crate::file::{Document, read};
+use crate::generate::{self, File};
 use crate::network::Network;
 use crate::schedule::{self, Costs, Schedule};
 use crate::spin::promela::promela;
@@ -16,6 +17,9 @@ use crate::trace::{self, Communication, TraceOptions, Traced};
 #[derive(Debug)]
 pub struct Model {
     pub(crate) network: Network,
+    pub(crate) document: Document,
+    file: Box<str>,
+    text: Box<str>,
 }
 
 /// A small model with comments, to begin with.
@@ -31,7 +35,19 @@ impl Model {
         let document = read(file, text)?;
         let source = Source { name: file, text };
         let network = elaborate(source, &document)?;
-        Ok(Self { network })
+        Ok(Self {
+            network,
+            document,
+            file: file.into(),
+            text: text.into(),
+        })
+    }
+
+    pub(crate) fn source(&self) -> Source<'_> {
+        Source {
+            name: &self.file,
+            text: &self.text,
+        }
     }
 
     /// The model's name: that of the file, or `system`.
@@ -173,5 +189,15 @@ impl Model {
     #[must_use]
     pub fn to_mermaid(&self) -> String {
         draw::mermaid(&self.network)
+    }
+
+    /// The files of a Rust package that runs the model; its manifest depends on `luna`. Not
+    /// real-time.
+    ///
+    /// # Errors
+    ///
+    /// What cannot be written in Rust: names that collide there, several processes on one thread.
+    pub fn generate(&self, luna: &generate::Luna) -> Result<Vec<File>, Problem> {
+        generate::generate(self, luna)
     }
 }

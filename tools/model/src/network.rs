@@ -1,5 +1,6 @@
 //! A model with all its arrays and compositions laid out: what is explored, exported and drawn.
 
+use crate::elaborate::Scope;
 use crate::file::Side;
 use crate::language::expr::Expr;
 use crate::language::temporal::Formula;
@@ -99,6 +100,8 @@ pub(crate) struct Process {
     pub(crate) cost: Option<Duration>,
     pub(crate) longest_poll: Option<Duration>,
     pub(crate) deadline: Option<Duration>,
+    /// Its parameters, and the channels behind its ports.
+    pub(crate) scope: Scope,
 }
 
 /// The body of a process, or a branch of `par` in it.

@@ -56,6 +56,7 @@ fn boolean() -> Range {
         low: Expr::Number(0),
         high: Expr::Number(1),
         first: None,
+        is_bool: true,
     }
 }
 
@@ -66,7 +67,12 @@ fn range(piece: Piece<'_>) -> Result<Range, Problem> {
     let high = parser.expr()?;
     let first = parser.take("=").then(|| parser.expr()).transpose()?;
     parser.end()?;
-    Ok(Range { low, high, first })
+    Ok(Range {
+        low,
+        high,
+        first,
+        is_bool: false,
+    })
 }
 
 /// `250 us`, `1 ms`, `2 s`.

@@ -3,6 +3,7 @@
 mod drawing;
 mod errors;
 mod examples;
+mod generation;
 mod random;
 mod random_networks;
 mod schedule;
