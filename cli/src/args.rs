@@ -94,7 +94,7 @@ pub(crate) struct Demos {
 #[cfg(target_os = "linux")]
 #[derive(Debug, Clone, Subcommand)]
 pub(crate) enum Machine {
-    /// Six units in a circle, on one executor, on six threads or as six programs
+    /// Six units in a circle, on one executor, on six threads, as six programs or on six hosts
     ProductionCell(crate::production_cell::Arguments),
     /// One unit of the Production Cell as a program of its own, started by `--deploy programs`
     #[command(hide = true)]
