@@ -22,7 +22,7 @@
 //! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
 //! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
 //! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
-//! `spin` translates it to Promela, and `draw` shows it. `schedule` bounds response times. `trace`
+//! `spin` translates it to Promela, `cspm` to CSPm, and `draw` shows it. `schedule` bounds response times. `trace`
 //! compares it with a recording, `running` with a system, and `recorded` makes a file of either.
 //!
 //! # The meaning
@@ -43,6 +43,7 @@
 
 mod bind;
 mod compile;
+mod cspm;
 mod deployment;
 mod draw;
 mod elaborate;
@@ -59,6 +60,7 @@ mod spin;
 mod text;
 mod trace;
 
+pub use cspm::CspmError;
 pub use explore::words::communication;
 pub use explore::{DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Unreached};
 pub use model::{Model, TEMPLATE};
