@@ -110,16 +110,16 @@ impl Graph {
                     let mut open = vec![state.clone()];
                     open[0][number] = to;
                     for &party in &parties[event][1..] {
-                        let with = |before: &Box<[usize]>| {
+                        let with = |before: &[usize]| {
                             let its = steps[party].iter().filter(|(offered, _)| *offered == event);
                             let after = |&(_, to): &(usize, usize)| {
-                                let mut after = before.clone();
+                                let mut after: Box<[usize]> = before.into();
                                 after[party] = to;
                                 after
                             };
                             its.map(after).collect::<Vec<_>>()
                         };
-                        open = open.iter().flat_map(with).collect();
+                        open = open.iter().flat_map(|before| with(before)).collect();
                     }
                     found.extend(open.into_iter().map(|after| (event, after)));
                 }

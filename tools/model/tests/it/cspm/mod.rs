@@ -7,6 +7,7 @@ mod explore;
 mod lexer;
 mod names;
 mod parser;
+mod rules;
 mod syntax;
 mod value;
 
