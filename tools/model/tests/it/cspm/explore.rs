@@ -42,6 +42,29 @@ pub(super) fn verdict(script: &Script, most: usize) -> Option<Verdict> {
     Some(verdict)
 }
 
+/// Whether a trace of a small system has an event of the one channel, and later one of the other.
+pub(super) fn comes_after(script: &Script, first: &str, then: &str) -> bool {
+    let world = World::new(script);
+    let system = system(&world);
+    let graph = Graph::explore(&world, system, 10_000).expect("a small system");
+    let is_on = |event: usize, channel: &str| graph.events[event].0 == channel;
+    let moves = graph.moves.iter().flatten();
+    let firsts = moves.filter(|(event, _)| is_on(*event, first));
+    let mut open: Vec<usize> = firsts.map(|(_, to)| *to).collect();
+    let mut seen = vec![false; graph.moves.len()];
+    while let Some(state) = open.pop() {
+        if std::mem::replace(&mut seen[state], true) {
+            continue;
+        }
+        let moves = &graph.moves[state];
+        if moves.iter().any(|(event, _)| is_on(*event, then)) {
+            return true;
+        }
+        open.extend(moves.iter().map(|(_, to)| *to));
+    }
+    false
+}
+
 /// Which events of the system are hidden in `System \ events`.
 fn hidden<'a>(world: &World<'a>, of: &'a Expr) -> impl Fn(&Event) -> bool + use<'a> {
     let Expr::Binary("\\", system, events) = of else {

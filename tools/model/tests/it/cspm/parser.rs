@@ -1,5 +1,6 @@
-//! A parser of CSPm by recursive descent, with the binding strengths of FDR's manual: from `\` and
-//! `[]`, which bind least, over `&` and `->`, to arithmetic and application.
+//! A parser of CSPm by recursive descent, with the binding strengths of the grammar that FDR uses:
+//! `if` and replicated operators bind least, then `\`, `[]`, `&` and `->`, fields, `.`, `or`, `and`,
+//! `not`, comparisons, sums, products, `#`, `^`, and application.
 
 use super::lexer::{Token, tokens};
 use super::syntax::{Assertion, Definition, Expr, Field, Script};
@@ -180,7 +181,7 @@ impl Parser {
                 process,
             };
         }
-        let left = self.or();
+        let left = self.dot();
         if self.sign("&") {
             return Expr::Binary("&", Box::new(left), Box::new(self.prefix()));
         }
@@ -201,6 +202,19 @@ impl Parser {
         }
         assert!(fields.is_empty(), "{:?}", self.tokens[self.at]);
         left
+    }
+
+    /// Binds less than `or`: what stands between dots in exported models is a name each.
+    fn dot(&mut self) -> Expr {
+        let first = self.or();
+        if self.peek() != &Token::Sign(".") {
+            return first;
+        }
+        let mut parts = vec![first];
+        while self.sign(".") {
+            parts.push(self.or());
+        }
+        Expr::Dot(parts)
     }
 
     fn or(&mut self) -> Expr {
@@ -228,6 +242,10 @@ impl Parser {
 
     /// Not associative.
     fn comparison(&mut self) -> Expr {
+        // `-` takes a whole product: exported models have brackets around what it takes.
+        if self.sign("-") {
+            return Expr::Unary("-", Box::new(self.binary(1)));
+        }
         let left = self.binary(0);
         for sign in ["==", "!=", "<=", ">=", "<", ">"] {
             if self.peek() == &Token::Sign(sign) {
@@ -239,7 +257,7 @@ impl Parser {
     }
 
     fn binary(&mut self, level: usize) -> Expr {
-        const LEVELS: [&[&str]; 3] = [&["^"], &["+", "-"], &["*", "/", "%"]];
+        const LEVELS: [&[&str]; 2] = [&["+", "-"], &["*", "/", "%"]];
         let Some(signs) = LEVELS.get(level) else {
             return self.unary();
         };
@@ -252,20 +270,14 @@ impl Parser {
     }
 
     fn unary(&mut self) -> Expr {
-        for sign in ["-", "#"] {
-            if self.sign(sign) {
-                return Expr::Unary(sign, Box::new(self.unary()));
-            }
+        if self.sign("#") {
+            return Expr::Unary("#", Box::new(self.unary()));
         }
-        let first = self.application();
-        if self.peek() != &Token::Sign(".") {
-            return first;
+        let mut left = self.application();
+        while self.sign("^") {
+            left = Expr::Binary("^", Box::new(left), Box::new(self.application()));
         }
-        let mut parts = vec![first];
-        while self.sign(".") {
-            parts.push(self.application());
-        }
-        Expr::Dot(parts)
+        left
     }
 
     /// What is one thing by its form: a name, a call, a number, or what is in brackets.
@@ -302,7 +314,7 @@ impl Parser {
                         Expr::Sequence(items)
                     }
                     "{|" => {
-                        let events = self.list(",", Self::or);
+                        let events = self.list(",", Self::dot);
                         self.expect(&Token::Sign("|}"));
                         Expr::Productions(events)
                     }

@@ -1,15 +1,16 @@
 //! Exported models, each for one rule of the meaning or of the translation.
 
-use super::compare;
+use super::explore::comes_after;
+use super::{compare, parser};
 use luna_model::Model;
 use std::collections::BTreeMap;
 
 /// Two processes with a channel `c` from the first to the second.
 fn pair(channel: &str, sender: &str, receiver: &str) -> Model {
     let text = format!(
-        "[process.A]\nports.c = \"send\"\nvariables = {{ x = \"-9..9\", y = \"-9..9\" }}\n\
+        "[process.A]\nports.c = \"send\"\nvariables = {{ x = \"-9..9 = 0\", y = \"-9..9 = 0\" }}\n\
          body = \"{sender}\"\n\
-         [process.B]\nports.c = \"receive\"\nvariables = {{ x = \"-9..9\", y = \"-9..9\" }}\n\
+         [process.B]\nports.c = \"receive\"\nvariables = {{ x = \"-9..9 = 0\", y = \"-9..9 = 0\" }}\n\
          body = \"{receiver}\"\n\
          [system.channel]\nc = {{ {channel} }}\n[system.part]\n\
          a = {{ process = \"A\", bind.c = \"c\" }}\nb = {{ process = \"B\", bind.c = \"c\" }}\n"
@@ -151,7 +152,7 @@ fn exported_rules_have_the_verdicts_of_the_exploration() {
         *verdicts.entry(format!("{found:?}")).or_insert(0) += 1;
     }
     println!("{verdicts:#?}");
-    assert_eq!(verdicts.len(), 4, "{verdicts:#?}");
+    assert_eq!(verdicts.len(), 5, "{verdicts:#?}");
 }
 
 /// Division rounds as in Rust: the numbers are given to the model, which asserts Rust's results.
@@ -207,4 +208,47 @@ fn exported_names_are_those_of_one_thing() {
     "#;
     let model = Model::parse("names.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
     assert!(compare(&model, 1000, text).is_some());
+}
+
+/// A buffer says that it has no sender only when it is empty. If `b` ended before it has sent, `d` and
+/// `e` would wait for each other: `e` holds a sending end of `d`'s channel.
+#[test]
+fn an_exported_buffer_gives_what_it_holds_before_it_is_closed() {
+    let text = r#"
+        [process.A]
+        ports = { c = "send" }
+        body = "c!; c!"
+        [process.B]
+        ports = { c = "receive", d = "send" }
+        body = "c?; c?; d!"
+        [process.D]
+        ports = { d = "receive", e = "send" }
+        body = "d?; e!"
+        [process.E]
+        ports = { d = "send", e = "receive" }
+        body = "e?"
+        [system.channel]
+        c = { buffer = "fifo 2" }
+        d = {}
+        e = {}
+        [system.part]
+        a = { process = "A", bind.c = "c" }
+        b = { process = "B", bind = { c = "c", d = "d" } }
+        d = { process = "D", bind = { d = "d", e = "e" } }
+        e = { process = "E", bind = { d = "d", e = "e" } }
+    "#;
+    let model = Model::parse("closed.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    let found = compare(&model, 1000, text).expect("a few states");
+    assert!(found.is_deadlock_free);
+}
+
+#[test]
+fn an_exported_buffer_without_a_receiver_takes_no_more() {
+    let model = pair("buffer = 'overwrite_oldest 1'", "loop { c! }", "c?");
+    let script = parser::parse(&model.to_cspm().expect("small numbers"));
+    assert!(comes_after(&script, "c_get", "c_put"));
+    assert!(comes_after(&script, "c_put", "ends"));
+    // `b` ends first: `a` finds that out.
+    assert!(!comes_after(&script, "ends", "c_put"));
+    assert!(comes_after(&script, "ends", "c_no_receiver"));
 }
