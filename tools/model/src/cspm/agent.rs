@@ -90,10 +90,14 @@ impl Writer<'_> {
 
     /// From a place to the next one, without a wait. A circle of such steps has an event.
     fn go(&self, agent: usize, at: usize, next: usize) -> String {
-        let text = self.call(agent, next);
+        self.go_by(agent, at, next, self.call(agent, next))
+    }
+
+    /// The same, where `call` is the next place with other values.
+    fn go_by(&self, agent: usize, at: usize, next: usize, call: String) -> String {
         match next >= at && is_circle(&self.network.agents[agent], at, next) {
-            true => format!("step.{} -> {text}", self.names.agents[agent]),
-            false => text,
+            true => format!("step.{} -> {call}", self.names.agents[agent]),
+            false => call,
         }
     }
 
@@ -123,11 +127,7 @@ impl Writer<'_> {
                 });
                 let name = &self.names.places[agent][*next];
                 let call = self.call_with(name, arguments.collect());
-                let is_circle = *next >= at && is_circle(&network.agents[agent], at, *next);
-                let then = match is_circle {
-                    true => format!("step.{} -> {call}", self.names.agents[agent]),
-                    false => call,
-                };
+                let then = self.go_by(agent, at, *next, call);
                 self.unless(&conditions, &broken, then)
             }
             Step::Branch(condition, then, otherwise) => {

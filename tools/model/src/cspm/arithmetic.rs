@@ -88,8 +88,8 @@ impl Writer<'_> {
         })
     }
 
-    /// The conditions under which an expression divides by zero. Each has a value if those before it
-    /// do not hold.
+    /// The conditions under which an expression divides by zero. Each has a value if those
+    /// before it do not hold.
     pub(super) fn faults(&self, expr: &Expr<usize>) -> Vec<String> {
         let mut divisors = Vec::new();
         expr.divisors(&mut divisors);

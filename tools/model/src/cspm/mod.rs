@@ -14,8 +14,8 @@
 //!   own, with events `channel_put` and `channel_get`.
 //! - A branch of `par` waits for `start`, gets the variables that it uses by `give` events, and at
 //!   its end gives back by `take` events those that it has set. One event for each variable: an
-//!   event with all of them would have the product of their ranges. Until the branch has ended it is
-//!   the only one that uses what it sets, so nothing sees that this takes several steps.
+//!   event with all of them would have the product of their ranges. Until the branch has ended it
+//!   is the only one that uses what it sets, so nothing sees that this takes several steps.
 //! - A process that has ended does `ends`, and offers `channel_no_sender.process` and
 //!   `channel_no_receiver.process` for ever. Such an event needs all processes on the other side,
 //!   and the buffer, so it happens when all have ended and the buffer is empty. A branch that has

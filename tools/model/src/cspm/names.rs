@@ -5,17 +5,19 @@ use crate::network::{Network, Step};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Keywords, what is defined already, and what this translation defines.
-const TAKEN: &str = "and or not if then else let within channel assert datatype subtype nametype \
-    external transparent include print module instance exports endmodule timed Timed true false \
-    True False STOP SKIP CHAOS RUN DIV WAIT TSTOP TSKIP Int Bool Char Proc Events Event Set Seq Map \
-    Union Inter union inter diff member empty card seq set concat head tail length elem null show \
-    error extensions productions prioritise prioritisepo chase chase_nocache normal sbisim wbisim \
-    dbisim drbisim sbdia lazyenumerate diamond tau_loop_factor model_compress explicate mapFromList \
-    mapLookup mapMember mapToList mapUpdate mapUpdateMultiple mapDelete emptyMap mtransclose \
-    relational_image relational_inverse_image transpose loop attribute embed deadlock free \
-    deterministic divergence livelock tau tock trace has refines Agent A P System Silent BROKEN \
-    quotient remainder without_newest after ends start done failed step called_off choose broken \
-    over a b i q live line value sender receiver other process who n has_failed";
+const TAKEN: &str = "\
+    and or not if then else let within channel assert datatype subtype nametype external \
+    transparent include print module instance exports endmodule timed Timed true false True \
+    False STOP SKIP CHAOS RUN DIV WAIT TSTOP TSKIP Int Bool Char Proc Events Event Set Seq Map \
+    Union Inter union inter diff member empty card seq set concat head tail length elem null \
+    show error extensions productions prioritise prioritisepo chase chase_nocache normal \
+    sbisim wbisim dbisim drbisim sbdia lazyenumerate diamond tau_loop_factor model_compress \
+    explicate mapFromList mapLookup mapMember mapToList mapUpdate mapUpdateMultiple mapDelete \
+    emptyMap mtransclose relational_image relational_inverse_image transpose loop attribute \
+    embed deadlock free deterministic divergence livelock tau tock trace has refines Agent A P \
+    System Silent BROKEN quotient remainder without_newest after ends start done failed step \
+    called_off choose broken over a b i q live line value sender receiver other process who n \
+    has_failed";
 
 #[derive(Debug)]
 pub(super) struct ChannelNames {

@@ -1,13 +1,13 @@
 //! A parser of CSPm by recursive descent, with the binding strengths of the grammar that FDR uses:
-//! `if` and replicated operators bind least, then `\`, `[]`, `&` and `->`, fields, `.`, `or`, `and`,
-//! `not`, comparisons, sums, products, `#`, `^`, and application.
+//! `if` and replicated operators bind least, then `\`, `[]`, `&` and `->`, fields, `.`, `or`,
+//! `and`, `not`, comparisons, sums, products, `#`, `^`, and application.
 
 use super::lexer::{Token, tokens};
 use super::syntax::{Assertion, Definition, Expr, Field, Script};
 
 /// Words that name nothing.
-const KEYWORDS: &str = " and or not if then else let within channel assert datatype subtype nametype \
-    external transparent include print module instance exports endmodule ";
+const KEYWORDS: &str = " and or not if then else let within channel assert datatype subtype \
+    nametype external transparent include print module instance exports endmodule ";
 
 pub(super) fn parse(text: &str) -> Script {
     let mut parser = Parser {

@@ -10,7 +10,8 @@ fn pair(channel: &str, sender: &str, receiver: &str) -> Model {
     let text = format!(
         "[process.A]\nports.c = \"send\"\nvariables = {{ x = \"-9..9 = 0\", y = \"-9..9 = 0\" }}\n\
          body = \"{sender}\"\n\
-         [process.B]\nports.c = \"receive\"\nvariables = {{ x = \"-9..9 = 0\", y = \"-9..9 = 0\" }}\n\
+         [process.B]\nports.c = \"receive\"\n\
+         variables = {{ x = \"-9..9 = 0\", y = \"-9..9 = 0\" }}\n\
          body = \"{receiver}\"\n\
          [system.channel]\nc = {{ {channel} }}\n[system.part]\n\
          a = {{ process = \"A\", bind.c = \"c\" }}\nb = {{ process = \"B\", bind.c = \"c\" }}\n"
@@ -163,7 +164,8 @@ fn exported_division_rounds_towards_zero() {
             let (quotient, remainder) = (a / b, a % b);
             for (wrong, is_unbroken) in [(0, true), (1, false)] {
                 let body = format!(
-                    "x = {a}; y = {b}; assert x / y == ({quotient}) && x % y == ({remainder}) + {wrong}; c!"
+                    "x = {a}; y = {b}; \
+                     assert x / y == ({quotient}) && x % y == ({remainder}) + {wrong}; c!"
                 );
                 let found = compare(&pair("", &body, "c?"), 100, &body);
                 let found = found.expect("a few states");
@@ -175,7 +177,8 @@ fn exported_division_rounds_towards_zero() {
 
 #[test]
 fn what_may_overflow_is_not_exported() {
-    let text = "[process.A]\nvariables.x = \"0..2147483647\"\nbody = \"\"\"\nstep;\nx = x + 1\n\"\"\"\n\
+    let text = "[process.A]\nvariables.x = \"0..2147483647\"\n\
+                body = \"\"\"\nstep;\nx = x + 1\n\"\"\"\n\
                 [system.part]\na = { process = \"A\" }\n";
     let model = Model::parse("large.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
     let error = model.to_cspm().expect_err("x + 1 may overflow");
@@ -194,7 +197,11 @@ fn exported_names_are_those_of_one_thing() {
         [process.Agent]
         ports = { within = "send", "höhe" = "send" }
         variables = { value = "0..1", q = "0..1", other = "0..1", a_b = "0..1" }
-        body = "within!value; höhe!a_b; STOP; over; for k in 0..2 { head }; for k in 0..2 { tail }; par { other = 1 | q = 0 }"
+        body = """
+        within!value; höhe!a_b; STOP;
+        for k in 0..2 { head }; for k in 0..2 { over };
+        par { other = 1 | q = 0 }
+        """
         [process.P]
         ports = { union = "receive", out = "receive" }
         variables = { System = "0..1", broken = "0..1" }
@@ -210,8 +217,8 @@ fn exported_names_are_those_of_one_thing() {
     assert!(compare(&model, 1000, text).is_some());
 }
 
-/// A buffer says that it has no sender only when it is empty. If `b` ended before it has sent, `d` and
-/// `e` would wait for each other: `e` holds a sending end of `d`'s channel.
+/// A buffer says that it has no sender only when it is empty. If `b` ended before it has sent, `d`
+/// and `e` would wait for each other: `e` holds a sending end of `d`'s channel.
 #[test]
 fn an_exported_buffer_gives_what_it_holds_before_it_is_closed() {
     let text = r#"
