@@ -78,6 +78,14 @@ pub(crate) enum Failure {
         /// What is wrong, and what to do.
         why: &'static str,
     },
+    /// A model cannot be exported to CSPm.
+    #[error("{}: {error}", .path.display())]
+    Cspm {
+        /// Of the model.
+        path: PathBuf,
+        /// Why.
+        error: luna_model::CspmError,
+    },
     /// Options that do not go together.
     #[error("{0}")]
     Options(&'static str),
@@ -164,6 +172,7 @@ impl Failure {
             | Self::ModelFile { .. }
             | Self::Model(_)
             | Self::Package { .. }
+            | Self::Cspm { .. }
             | Self::Options(_)
             | Self::Converted { .. }
             | Self::Listen { .. }

@@ -34,12 +34,22 @@ pub(crate) struct Arguments {
     /// Write the model in Promela, the language of SPIN
     #[arg(long, value_name = "FILE")]
     promela: Option<PathBuf>,
+    /// Write the model in CSPm, the input language of FDR
+    #[arg(long, value_name = "FILE")]
+    cspm: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let model = read(&arguments.file)?;
     if let Some(path) = &arguments.promela {
         write(path, &model.to_promela())?;
+    }
+    if let Some(path) = &arguments.cspm {
+        let text = model.to_cspm().map_err(|error| Failure::Cspm {
+            path: arguments.file.clone(),
+            error,
+        })?;
+        write(path, &text)?;
     }
     let limit = arguments
         .max_states

@@ -7,7 +7,6 @@ use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use crate::network::{Action, Agent, END, Edge, Network, Place, Step, Variable};
 use crate::text::{Problem, Source, nearest};
-use std::collections::BTreeSet;
 
 pub(crate) struct Compiler<'a> {
     pub(crate) source: Source<'a>,
@@ -213,14 +212,14 @@ impl Compiler<'_> {
             self.network.agents[branch].siblings.clone_from(&branches);
         }
         for (at, &branch) in branches.iter().enumerate() {
-            let assigned = self.uses(branch).1;
+            let assigned = self.network.uses(branch).1;
             for &other in branches
                 .iter()
                 .enumerate()
                 .filter(|(i, _)| *i != at)
                 .map(|(_, b)| b)
             {
-                if let Some(&slot) = self.uses(other).0.intersection(&assigned).next() {
+                if let Some(&slot) = self.network.uses(other).0.intersection(&assigned).next() {
                     let name = &self.network.variables[slot].name;
                     let message = format!("`{name}` is set by one branch and used by another");
                     let advice = "send it on a channel, or use two variables";
@@ -231,46 +230,6 @@ impl Compiler<'_> {
         let line = self.source.position(span.start).0;
         let join = add(code, Step::Join(branches.clone(), next), line);
         Ok(Step::Fork(branches, join))
-    }
-
-    /// The variables that an agent and its branches use, and those that they set.
-    fn uses(&self, agent: usize) -> (BTreeSet<usize>, BTreeSet<usize>) {
-        let (mut used, mut set) = (BTreeSet::new(), BTreeSet::new());
-        for place in &self.network.agents[agent].code {
-            match &place.step {
-                Step::Assign(slot, value, _) => {
-                    value.each(&mut |slot| used.extend([*slot]));
-                    set.insert(*slot);
-                }
-                Step::Branch(condition, ..) | Step::Assert(condition, _) => {
-                    condition.each(&mut |slot| used.extend([*slot]));
-                }
-                Step::Fork(branches, _) => {
-                    for &branch in branches {
-                        let (inner_used, inner_set) = self.uses(branch);
-                        used.extend(inner_used);
-                        set.extend(inner_set);
-                    }
-                }
-                Step::Wait(edges) => {
-                    for edge in edges {
-                        if let Some(condition) = &edge.condition {
-                            condition.each(&mut |slot| used.extend([*slot]));
-                        }
-                        match &edge.action {
-                            Action::Send(_, Some(value)) => {
-                                value.each(&mut |slot| used.extend([*slot]));
-                            }
-                            Action::Receive(_, Some(slot)) => set.extend([*slot]),
-                            _ => {}
-                        }
-                    }
-                }
-                Step::End | Step::Goto(_) | Step::Join(..) => {}
-            }
-        }
-        used.extend(&set);
-        (used, set)
     }
 
     fn action(&self, offer: &Offer) -> Result<Action, Problem> {

@@ -21,10 +21,10 @@
 //!
 //! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
 //! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
-//! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
-//! `spin` translates it to Promela, `draw` shows it, and `generate` writes it in Rust. `schedule`
-//! bounds response times. `trace` compares it with a recording, `running` with a system, and
-//! `recorded` makes a file of either.
+//! bodies. The result is a `network`, which most else works on: `explore` gives it its meaning,
+//! `spin` translates it to Promela, `cspm` to CSPm, and `draw` shows it. `schedule` bounds response
+//! times. `trace` compares it with a recording, `running` with a system, and `recorded` makes a file
+//! of either. `generate` writes it in Rust: the wiring from the network, the bodies from their text.
 //!
 //! # The meaning
 //!
@@ -44,6 +44,7 @@
 
 mod bind;
 mod compile;
+mod cspm;
 mod deployment;
 mod draw;
 mod elaborate;
@@ -61,6 +62,7 @@ mod spin;
 mod text;
 mod trace;
 
+pub use cspm::CspmError;
 pub use explore::words::communication;
 pub use explore::{
     DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, StepParts, TraceStep, Unreached,

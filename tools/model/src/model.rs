@@ -1,5 +1,6 @@
 //! A model that has been read.
 
+use crate::cspm::{CspmError, cspm};
 use crate::draw;
 use crate::elaborate::elaborate;
 use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
@@ -139,6 +140,16 @@ impl Model {
     #[must_use]
     pub fn to_promela(&self) -> String {
         promela(&self.network).text
+    }
+
+    /// The model in CSPm, the input language of FDR, with assertions for deadlocks, livelocks and
+    /// broken assertions. The properties of `check.always` and `check.ltl` are not among them.
+    ///
+    /// # Errors
+    ///
+    /// An expression may have a value beyond 32 bits.
+    pub fn to_cspm(&self) -> Result<String, CspmError> {
+        cspm(&self.network)
     }
 
     /// Lets SPIN look for deadlocks and assertions, and for the properties of `check.ltl`, under

@@ -169,6 +169,10 @@ proptest! {
                 prop_assert!(model.explore(200).states <= 200);
                 prop_assert!(model.to_svg().ends_with("</svg>\n"));
                 prop_assert!(!model.to_promela().is_empty());
+                // A number may have become too large for that.
+                let lines = text.split('\n').count();
+                let line = model.to_cspm().map_or_else(|error| error.line, |_| 1);
+                prop_assert!((1..=lines).contains(&line), "{}", line);
             }
             Err(problem) => {
                 let lines = text.split('\n').count();

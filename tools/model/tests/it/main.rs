@@ -1,5 +1,6 @@
 //! Tests of models. One program; a module a subject.
 
+mod cspm;
 mod drawing;
 mod errors;
 mod examples;
