@@ -339,7 +339,12 @@ pub(crate) struct Record {
     #[arg(long, value_name = "FILE", requires = "scope")]
     pub(crate) picture: Option<PathBuf>,
     /// The drawing of a model (.toml) in the scope, as of `luna scope`
-    #[arg(long, value_name = "FILE", requires = "scope", conflicts_with = "picture")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "scope",
+        conflicts_with = "picture"
+    )]
     pub(crate) model: Option<PathBuf>,
 }
 

@@ -5,6 +5,7 @@ import { Drawing } from "./drawing.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const MOST_ELEMENTS = 5000, DEEPEST = 64;
+const LEAST_SCALE = 0.75; // of a drawing
 const ELEMENTS = new Set(["svg", "g", "path", "rect", "circle", "ellipse", "line", "polyline", "polygon", "text", "tspan", "title", "desc"]);
 const PRESENTATION = new Set(["fill", "fill-opacity", "fill-rule", "stroke", "stroke-width", "stroke-opacity", "stroke-linecap", "stroke-linejoin", "stroke-dasharray", "stroke-dashoffset", "opacity", "font-size", "font-style", "font-weight", "text-anchor", "dominant-baseline", "display", "paint-order"]);
 const GEOMETRY = new Set(["viewBox", "preserveAspectRatio", "transform", "x", "y", "dx", "dy", "x1", "y1", "x2", "y2", "cx", "cy", "r", "rx", "ry", "width", "height", "d", "points"]);
@@ -146,6 +147,8 @@ export class Picture {
     const [width, height] = ["width", "height"].map((name) => parseFloat(svg.getAttribute(name)));
     if (!svg.hasAttribute("viewBox") && width > 0 && height > 0) svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     for (const name of ["width", "height"]) svg.removeAttribute(name);
+    // The text of a large drawing stays readable: it is scrolled then.
+    if (this.drawing.followers.length > 0 && width > 0 && height > 0) Object.assign(svg.style, { minWidth: `${width * LEAST_SCALE}px`, minHeight: `${height * LEAST_SCALE}px` });
     svg.setAttribute("role", "img");
     this.place.append(svg);
     if (this.dropped.size > 0) this.problems.push(`Left out of the picture: ${[...this.dropped].join(", ")}.`);

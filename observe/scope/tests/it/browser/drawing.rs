@@ -167,5 +167,15 @@ fn a_drawing_follows_the_events_of_a_recording() {
     }
     let note = browser.run("document.querySelector('#picture .note').textContent");
     assert_eq!(note, "Not seen in the recording: process outside.");
+
+    // Its text can be read in a small window, too.
+    browser.look((500, 300), "light");
+    browser.frames(2);
+    let scales = browser.run(
+        "(() => { const svg = document.querySelector('#picture svg'), box = svg.getBoundingClientRect(), { width, height } = svg.viewBox.baseVal; return [box.width / width, box.height / height]; })()",
+    );
+    for axis in [0, 1] {
+        assert!(scales[axis].as_f64().unwrap() >= 0.74, "{scales}");
+    }
     is_content(&browser);
 }
