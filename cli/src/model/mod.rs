@@ -49,6 +49,11 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
     }
 }
 
+/// The drawing of the model in a file, as SVG.
+pub(crate) fn drawing(path: &Path) -> Result<String, Failure> {
+    Ok(read(path)?.to_svg())
+}
+
 fn read(path: &Path) -> Result<Model, Failure> {
     let text = fs::read_to_string(path).map_err(|error| Failure::ModelFile {
         path: path.to_owned(),

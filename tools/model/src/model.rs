@@ -184,7 +184,8 @@ impl Model {
         schedule::schedule(&self.network, costs)
     }
 
-    /// The composition and the communication as an SVG file.
+    /// The composition and the communication as an SVG file. LUNA's scope animates it by the events
+    /// of a run (`docs/scope.md`).
     #[must_use]
     pub fn to_svg(&self) -> String {
         draw::svg(&self.network)

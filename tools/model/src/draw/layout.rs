@@ -14,6 +14,9 @@ pub(super) const TITLE: f64 = 22.0;
 const HEIGHT: f64 = 44.0;
 const LETTER: f64 = 7.2;
 const SPACING: f64 = 64.0;
+/// Room for `waits for` before the name of a channel, in letters of a name. It is written smaller.
+const WAITS: f64 = 7.0;
+const SMALLER: f64 = 0.8;
 
 /// A rectangle, by its upper left corner.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -38,10 +41,11 @@ pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
         groups: vec![Area::default(); network.groups.len()],
         processes: vec![Area::default(); network.processes.len()],
     };
+    let waits = waits(network);
     for (number, process) in network.processes.iter().enumerate() {
         let letters = short(&process.name).chars().count();
         let letters = letters.max(details(network, number).chars().count());
-        found.processes[number].width = letters as f64 * LETTER + MARGIN;
+        found.processes[number].width = (letters as f64).max(waits[number]) * LETTER + MARGIN;
         found.processes[number].height = HEIGHT;
     }
     // A group stands behind the one that it is in.
@@ -62,6 +66,18 @@ pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
         }
     }
     found
+}
+
+/// How long the text is that says for which channel a process waits, in letters.
+fn waits(network: &Network) -> Vec<f64> {
+    let mut waits = vec![0.0; network.processes.len()];
+    for channel in &network.channels {
+        let letters = WAITS + channel.name.chars().count() as f64 * SMALLER;
+        for &process in channel.senders.iter().chain(&channel.receivers) {
+            waits[process] = letters.max(waits[process]);
+        }
+    }
+    waits
 }
 
 impl Layout {
