@@ -6,6 +6,7 @@ use clap::Args;
 use luna_model::{File, Luna, is_luna};
 use std::ffi::OsStr;
 use std::io::{self, ErrorKind, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 use std::{env, fs};
@@ -41,17 +42,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let files = model.generate(&luna);
     let files = files.map_err(|problem| Failure::Model(Box::new(problem)))?;
     check(folder, &files)?;
-    let mut out = io::stdout().lock();
+    // All of them before anything is printed: standard output may be closed.
+    let mut done = Vec::new();
     for file in &files {
         let path = folder.join(&file.path);
-        let done = write(&path, file)?;
+        done.push((write(&path, file)?, path, file));
+    }
+    let superfluous = superfluous(folder, &files)?;
+    let mut out = io::stdout().lock();
+    for (done, path, file) in done {
         writeln!(out, "{done:<9} {}", path.display()).map_err(Failure::Output)?;
         if done == KEPT && !file.defines.is_empty() {
             note_missing(&mut out, &path, file)?;
         }
     }
-    for path in superfluous(folder, &files)? {
-        let why = "the model has no such process any more";
+    for path in superfluous {
+        let why = "no process of the model has this file: remove it if nothing else uses it";
         writeln!(out, "{KEPT:<9} {}: {why}", path.display()).map_err(Failure::Output)?;
     }
     Ok(ExitCode::SUCCESS)
@@ -105,7 +111,11 @@ fn check(folder: &Path, files: &[File]) -> Result<(), Failure> {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(failed(folder)(error)),
     };
-    if entries.next().is_some() && !folder.join(GENERATED).is_dir() {
+    // What begins with a dot is of other tools, such as git.
+    let is_visible = |entry: &fs::DirEntry| !entry.file_name().as_encoded_bytes().starts_with(b".");
+    if entries.any(|entry| entry.is_ok_and(|entry| is_visible(&entry)))
+        && !folder.join(GENERATED).is_dir()
+    {
         let why =
             "the folder holds something else: give one that is new, empty, or was generated before";
         return refused(folder, why);
@@ -145,8 +155,22 @@ fn write(path: &Path, file: &File) -> Result<&'static str, Failure> {
     if let Some(parent) = path.parent() {
         fs::create_dir_all(parent).map_err(failed(parent))?;
     }
-    fs::write(path, text).map_err(failed(path))?;
+    replace(path, text).map_err(failed(path))?;
     Ok("written")
+}
+
+/// Writes a whole file or none of it.
+fn replace(path: &Path, text: &str) -> io::Result<()> {
+    // A link stays one.
+    let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut file = tempfile::Builder::new()
+        .permissions(fs::Permissions::from_mode(0o666))
+        .tempfile_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().sync_all()?;
+    file.persist(&path).map_err(|error| error.error)?;
+    Ok(())
 }
 
 /// As `rustfmt` lays it out; nothing if that is not installed, or does not take it.

@@ -138,7 +138,7 @@ fn jiwy_runs_and_keeps_what_is_written_by_hand() {
     let said = generate(&file, &folder);
     assert!(says(&said, "written", "src/generated/system.rs"), "{said}");
     assert!(says(&said, "written", "src/processes/bounds.rs"), "{said}");
-    let gone = "src/processes/limits.rs: the model has no such process any more";
+    let gone = "src/processes/limits.rs: no process of the model has this file";
     assert!(says(&said, "kept", gone), "{said}");
     assert!(
         said.contains("src/types.rs: `Safe`: define it there"),
@@ -268,4 +268,32 @@ fn the_library_is_found_or_stated() {
     );
     let manifest = fs::read_to_string(folder.join("Cargo.toml")).expect("it was written");
     assert!(manifest.contains("luna-rt = { path = "), "{manifest}");
+}
+
+#[test]
+fn a_closed_output_and_hidden_files_are_no_obstacle() {
+    let folder = folder("hidden");
+    fs::create_dir_all(folder.join(".git")).expect("the folder is made");
+    let luna = workspace().display().to_string();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(["model", "generate", "--luna", &luna, "-o"])
+        .arg(&folder)
+        .arg(example("commstime.toml"))
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    drop(child.stdout.take());
+    child.wait().expect("the program ends");
+    // All was written before the first line was printed.
+    for file in [
+        "Cargo.toml",
+        "src/main.rs",
+        "src/generated/system.rs",
+        "src/processes/delta.rs",
+    ] {
+        assert!(folder.join(file).is_file(), "{file}");
+    }
+    let temporary = fs::read_dir(folder.join("src")).expect("it can be read");
+    let mut names = temporary.map(|entry| entry.expect("it can be read").file_name());
+    assert!(names.all(|name| !name.as_encoded_bytes().starts_with(b".")));
 }

@@ -16,6 +16,8 @@ pub(crate) struct Compiler<'a> {
     pub(crate) name: &'a str,
     /// The variables of the process, and those of `for` around.
     pub(crate) variables: Vec<(String, usize)>,
+    /// Those of `for` around.
+    pub(crate) counters: Vec<usize>,
 }
 
 impl Compiler<'_> {
@@ -87,7 +89,7 @@ impl Compiler<'_> {
                 Step::Wait(vec![edge(Action::Own(name.clone()), next, line)])
             }
             Kind::Assign(variable, value) => {
-                Step::Assign(self.variable(variable)?, self.expr(value)?, next)
+                Step::Assign(self.set(variable)?, self.expr(value)?, next)
             }
             Kind::Assert(condition) => Step::Assert(self.expr(condition)?, next),
             Kind::If(condition, then, otherwise) => {
@@ -177,6 +179,7 @@ impl Compiler<'_> {
             return Err(self.source.problem(variable.1.clone(), message, advice));
         }
         self.variables.push((variable.0.clone(), slot));
+        self.counters.push(slot);
         let reset = add(code, Step::Assign(slot, Expr::Number(from), next), line);
         let head = add(code, Step::Goto(END), line);
         let one_more = Expr::Binary(
@@ -193,6 +196,7 @@ impl Compiler<'_> {
         );
         code[head].step = Step::Branch(is_below, start, reset);
         self.variables.pop();
+        self.counters.pop();
         Ok(head)
     }
 
@@ -243,10 +247,7 @@ impl Compiler<'_> {
             }
             Offer::Receive(port, variable) => {
                 let channel = self.channel(port, Side::Receive, variable.is_some())?;
-                let variable = variable
-                    .as_ref()
-                    .map(|name| self.variable(name))
-                    .transpose()?;
+                let variable = variable.as_ref().map(|name| self.set(name)).transpose()?;
                 Action::Receive(channel, variable)
             }
         })
@@ -281,6 +282,17 @@ impl Compiler<'_> {
             }
             _ => Ok(channel),
         }
+    }
+
+    /// A variable that the body sets: not that of a loop, which counts.
+    fn set(&self, name: &Named) -> Result<usize, Problem> {
+        let slot = self.variable(name)?;
+        if self.counters.contains(&slot) {
+            let message = "the variable of a `for` cannot be set";
+            let advice = "use a variable of the process and `while`";
+            return Err(self.source.problem(name.1.clone(), message, advice));
+        }
+        Ok(slot)
     }
 
     fn variable(&self, name: &Named) -> Result<usize, Problem> {

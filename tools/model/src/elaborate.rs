@@ -321,6 +321,7 @@ impl Elaborator<'_> {
             process,
             name: &at.name,
             variables,
+            counters: Vec::new(),
         };
         compiler.agent(body, None)?;
         Ok(())

@@ -215,7 +215,7 @@ impl<'m> Body<'m> {
         let holds = &self.port(port)?.holds;
         let Some((variable, _)) = variable else {
             return Ok(match holds {
-                Type::OfRust(_) | Type::Defined(_) => format!("let _value = {outcome}?;"),
+                Type::OfRust(_) | Type::Defined(_) => format!("let _ = {outcome}?;"),
                 _ => format!("{outcome}?;"),
             });
         };

@@ -43,17 +43,17 @@ const MODULES: [(&str, &str); 6] = [
 
 /// Names that generated code uses in the sense of Rust or of its own.
 const TYPES: [(&str, &str); 11] = [
-    ("Ok", "a name of Rust"),
-    ("Err", "a name of Rust"),
-    ("Some", "a name of Rust"),
-    ("None", "a name of Rust"),
-    ("Option", "a name of Rust"),
-    ("Result", "a name of Rust"),
-    ("Default", "a name of Rust"),
-    ("String", "a name of Rust"),
-    ("Duration", "a name of Rust"),
+    ("Ok", "a type of Rust"),
+    ("Err", "a type of Rust"),
+    ("Some", "a type of Rust"),
+    ("None", "a type of Rust"),
+    ("Option", "a type of Rust"),
+    ("Result", "a type of Rust"),
+    ("Default", "a type of Rust"),
+    ("String", "a type of Rust"),
+    ("Duration", "a type of Rust"),
     ("InTurn", "a type of its own"),
-    ("Self", "a name of Rust"),
+    ("Self", "a type of Rust"),
 ];
 
 /// A process of the model with a body, of which the system has parts.

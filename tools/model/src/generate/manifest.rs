@@ -36,8 +36,12 @@ fn package_name(name: &str) -> String {
         }
     }
     let found = found.trim_end_matches('-');
-    // Names of Rust itself, and numbers, with a word before.
+    // Names of Rust and Cargo themselves, and numbers, with a word before.
     let is_taken = [
+        "build",
+        "deps",
+        "examples",
+        "incremental",
         "test",
         "core",
         "std",
@@ -80,6 +84,10 @@ luna-rt = {{ {luna}, features = [\"events\"] }}
 
 [profile.dev]
 debug = \"line-tables-only\"
+
+# In the model an overflow is an error.
+[profile.release]
+overflow-checks = true
 "
     )
 }

@@ -73,13 +73,21 @@ impl<'a> Names<'a> {
         let is_name = rust.starts_with(|c: char| c.is_ascii_alphabetic())
             && rust.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
         if !is_name {
-            return problem("Rust has no name for this in plain letters".to_owned());
+            let message = "generated names have letters from a to z, digits and `_`";
+            return problem(message.to_owned());
         }
         if KEYWORDS.contains(&rust.as_str()) {
             return problem(format!("`{rust}` is a word of Rust"));
         }
         if let Some((_, other)) = self.taken.iter().find(|(known, _)| *known == rust) {
-            return problem(format!("in Rust this is `{rust}`, as {other} is"));
+            return problem(format!("in Rust this is `{rust}`: {other} has that name"));
+        }
+        // Further ones of a body are numbered: see `branches::choice`.
+        let number = rust.strip_prefix("choice_");
+        if number.is_some_and(|number| number.parse::<usize>().is_ok()) {
+            return problem(format!(
+                "in Rust this is `{rust}`: the turn of a `choose` has that name"
+            ));
         }
         self.taken.push((rust, format!("{what} `{}`", named.0)));
         Ok(())

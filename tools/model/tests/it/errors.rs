@@ -31,6 +31,13 @@ fn errors_name_the_place_the_value_and_what_to_do() {
             "m.toml:13:3: the process has no such port: `lft_back`; is `left_back` meant?",
         ),
         (
+            PUMP,
+            "from?x;\n  if x < kept",
+            "from?k;\n  if x < kept",
+            "m.toml:19:8: the variable of a `for` cannot be set: `k`; use a variable of the \
+             process and `while`",
+        ),
+        (
             PHILOSOPHERS,
             "think;",
             "think $",

@@ -130,30 +130,36 @@ fn what_rust_cannot_have_is_refused_with_its_place() {
             "`type` is a word of Rust: `type`; use another name in the model",
         ),
         (
+            &with_port("choice_2"),
+            "",
+            "",
+            "in Rust this is `choice_2`: the turn of a `choose` has that name: `choice_2`",
+        ),
+        (
             &with_port("is_last"),
             "",
             "",
-            "in Rust this is `is_last`, as the port `is_last` is: `isLast`",
+            "in Rust this is `is_last`: the port `is_last` has that name: `isLast`",
         ),
         (
             EVERYTHING,
             "n = (n + 1) % 4 }\"",
             "n_ }\"",
-            "in Rust this is `n`, as the variable `n` is: `n_`",
+            "in Rust this is `n`: the variable `n` has that name: `n_`",
         ),
         (
             EVERYTHING,
             "[process.Idle]",
             "[process.everything]\nbody = \"skip\"\n[system.part.other]\nprocess = \
              \"everything\"\n[process.Idle]",
-            "in Rust this is `everything`, as the process `Everything` is: `everything`",
+            "in Rust this is `everything`: the process `Everything` has that name: `everything`",
         ),
         (
             EVERYTHING,
             "[process.Idle]",
             "[process.Result]\nbody = \"skip\"\n[system.part.other]\nprocess = \
              \"Result\"\n[process.Idle]",
-            "in Rust this is `Result`, as a name of Rust is: `Result`",
+            "in Rust this is `Result`: a type of Rust has that name: `Result`",
         ),
         (
             EVERYTHING,
