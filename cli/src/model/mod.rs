@@ -49,6 +49,9 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
     }
 }
 
+/// The exit code if nothing is wrong as far as is known, but that is not all.
+const UNKNOWN: u8 = 4;
+
 fn read(path: &Path) -> Result<Model, Failure> {
     let text = fs::read_to_string(path).map_err(|error| Failure::ModelFile {
         path: path.to_owned(),

@@ -1,12 +1,11 @@
 //! What a recording says of communications, and of what communicates.
 
+use crate::convert::open;
 use crate::failure::Failure;
 use luna_core::events::code;
-use luna_logger::format::{ClockBase, Event, Losing, ReadError, Reader, Record, Subject};
+use luna_logger::format::{ClockBase, Event, Losing, ReadError, Record, Subject};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
 /// A recording, up to where it is whole.
@@ -95,9 +94,7 @@ impl Recording {
             path: path.to_owned(),
             error,
         };
-        let file = File::open(path).map_err(|error| failed(error.to_string()))?;
-        let reader = BufReader::with_capacity(1 << 16, file);
-        let mut reader = Reader::new(reader).map_err(|error| failed(error.to_string()))?;
+        let mut reader = open(path)?;
         let mut recording = Self::default();
         let mut has_start = false;
         let mut sessions = 0;

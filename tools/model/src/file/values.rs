@@ -96,17 +96,12 @@ pub(super) fn time(entry: &Entry<'_>) -> Result<Duration, Problem> {
     found.ok_or_else(|| entry.problem("this is no time", advice))
 }
 
-/// `other`, `fifo:80`, `rr:80`.
+/// `other`, `fifo:80`, `rr:80`, `deadline:200000/500000/1000000`.
 pub(super) fn policy(entry: &Entry<'_>) -> Result<String, Problem> {
     let text = entry.text()?;
-    let is_policy = text == "other"
-        || text
-            .strip_prefix("fifo:")
-            .or_else(|| text.strip_prefix("rr:"))
-            .and_then(|level| level.parse::<u8>().ok())
-            .is_some_and(|level| (1..=99).contains(&level));
-    if !is_policy {
-        let advice = "write `other`, `fifo:1` to `fifo:99`, or `rr:1` to `rr:99`";
+    if text.parse::<luna::Policy>().is_err() {
+        let advice = "write `other`, `fifo:1` to `fifo:99`, `rr:1` to `rr:99`, or \
+                      `deadline:200000/500000/1000000`: runtime, deadline and period in ns";
         return Err(entry.problem("this is no policy", advice));
     }
     Ok(text.to_owned())

@@ -53,6 +53,7 @@ fn what_ran_becomes_a_model_with_all_that_is_known() {
         ],
         executors: vec![RecordedExecutor {
             name: "main thread".to_owned(),
+            policy: Some("deadline:200000/500000/1000000".to_owned()),
             core: Some(1),
             ..Default::default()
         }],
