@@ -66,6 +66,8 @@ pub(super) enum Cut {
     Blocks(u64),
     /// The recorder had to start again.
     Again,
+    /// The program was killed: what was lost just before is not recorded.
+    Killed,
     /// It is damaged.
     Damaged(ReadError),
 }
@@ -82,6 +84,10 @@ impl fmt::Display for Cut {
                 write!(f, "{blocks} blocks were lost on the way to the recorder")
             }
             Self::Again => write!(f, "the recorder had to start again"),
+            Self::Killed => write!(
+                f,
+                "the recording has no end: what was lost just before is not known"
+            ),
             Self::Damaged(error) => write!(f, "{error}"),
         }
     }
@@ -102,7 +108,7 @@ impl Recording {
             let record = match reader.next() {
                 Ok(Some(record)) => record,
                 Ok(None) => break,
-                // What a killed program leaves: what is there is whole.
+                // What a killed program leaves.
                 Err(error) if error.is_truncated() => break,
                 Err(error) => {
                     recording.cut(Cut::Damaged(error), true);
@@ -165,10 +171,14 @@ impl Recording {
                 _ => {}
             }
         }
+        if recording.cut.is_none() && !reader.has_ended() {
+            recording.cut(Cut::Killed, false);
+        }
         if recording.cut.is_none() {
             recording.certain = recording.communications.len();
         }
-        if recording.communications.is_empty() && recording.cut.is_none() {
+        if recording.communications.is_empty() && matches!(recording.cut, None | Some(Cut::Killed))
+        {
             return Err(failed(
                 "it has no communications: record it with events (`Logging::events`, or \
                  LUNA_LOG_EVENTS in its environment)"

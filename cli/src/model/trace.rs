@@ -196,7 +196,7 @@ impl<W: Write> Report<'_, W> {
                 Ok(code)
             }
             // Up to here, what was lost may explain it.
-            TraceVerdict::Rejected(rejected) if self.seen[rejected.event] >= recording.certain => {
+            TraceVerdict::Rejected(rejected) if self.seen[rejected.latest] >= recording.certain => {
                 let accepted = Count(accepted as u64, "communication");
                 writeln!(
                     self.out,

@@ -58,7 +58,13 @@ impl Recording {
         self.event(to, code::WAITING, 1, waits);
     }
 
-    fn write(self, name: &str) -> String {
+    fn write(mut self, name: &str) -> String {
+        self.put(&Record::End { time: 1 << 50 });
+        self.cut_off(name)
+    }
+
+    /// As a killed program leaves it.
+    fn cut_off(self, name: &str) -> String {
         let path = file(name);
         fs::write(&path, self.0.finish().unwrap()).unwrap();
         path.to_str().expect("a path of this test").to_owned()
@@ -205,12 +211,10 @@ fn what_a_recording_lacks_or_has_alone_exits_with_4() {
     let (unknown, said) = code("stranger", stranger);
     assert_eq!(unknown, Some(4), "{said}");
     assert!(said.contains("has no such part: event"), "{said}");
-    // Killed.
-    let path = turns().write("cut.luna");
-    let whole = fs::read(&path).unwrap();
-    fs::write(&path, &whole[..whole.len() - 1]).unwrap();
-    let output = schedule("cut", MODEL, &["--costs", &path]);
-    assert_ne!(output.status.code(), Some(0), "{}", out(&output));
+    let path = turns().cut_off("killed.luna");
+    let output = schedule("killed", MODEL, &["--costs", &path]);
+    assert_eq!(output.status.code(), Some(4), "{}", out(&output));
+    assert!(flat(&output).contains("has no end"), "{}", out(&output));
 }
 
 #[test]

@@ -6,11 +6,9 @@ use crate::language::Piece;
 use crate::language::expr::Expr;
 use crate::language::parser::{Parser, Path};
 use crate::network::Kind;
+use crate::recorded::MAX_BUFFER;
 use crate::text::Problem;
 use std::time::Duration;
-
-/// Larger buffers have too many states to be checked.
-const MAX_BUFFER: usize = 255;
 
 /// `rendezvous`, `fifo 2`, `overwrite_oldest 1`, `overwrite_newest 1`.
 pub(super) fn buffer(entry: &Entry<'_>) -> Result<Kind, Problem> {

@@ -97,3 +97,21 @@ fn any_name_is_one_of_a_model() {
         assert_eq!(model.channel_names().next(), Some(word.as_str()));
     }
 }
+
+#[test]
+fn what_is_known_of_one_process_stays_with_another_of_its_name() {
+    let known = RecordedProcess {
+        priority: Some(7),
+        ..process("worker")
+    };
+    for processes in [
+        vec![known.clone(), process("worker")],
+        vec![process("worker"), known],
+    ] {
+        let recorded = Recorded {
+            processes,
+            ..Recorded::default()
+        };
+        assert_eq!(parse(&recorded).network.processes[0].priority, Some(7));
+    }
+}

@@ -62,7 +62,7 @@ pub struct Row {
 }
 
 /// A core of the model.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Core {
     /// Its host; empty if the model names none.
     pub host: String,

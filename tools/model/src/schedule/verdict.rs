@@ -97,7 +97,8 @@ impl Found<'_> {
         let measured = self.row.measured.filter(|measured| *measured > bound)?;
         Some(format!(
             "it took {measured:?} in the recording: the timer was later than `latency`, a job \
-             waited for other processes, or something ran on its core that the model does not have"
+             waited for other processes, or something ran on its core that the model does not have: raise `latency`, or \
+             look at the recording with `luna convert`"
         ))
     }
 
