@@ -1,6 +1,6 @@
 //! `luna model check`: whether a model does what it must not.
 
-use super::{read, write};
+use super::{UNKNOWN, read, write};
 use crate::failure::Failure;
 use crate::text::Count;
 use clap::Args;
@@ -8,9 +8,6 @@ use luna_model::{Exploration, Finding, FindingKind, Model, SpinCheck};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-
-/// Not all was looked at, and nothing was found: as of the doctor.
-const UNKNOWN: u8 = 4;
 
 /// The options of `luna model check`.
 #[derive(Debug, Clone, Args)]

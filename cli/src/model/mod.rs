@@ -17,6 +17,9 @@ use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
 
+/// The exit code if nothing is wrong as far as is known, but that is not all.
+const UNKNOWN: u8 = 4;
+
 /// What can be done with a model.
 #[derive(Debug, Clone, Subcommand)]
 pub(crate) enum Command {

@@ -21,6 +21,7 @@ mod programs;
 mod record;
 mod recordings;
 mod schedule;
+mod schedule_recorded;
 mod scope;
 mod trace;
 mod verdict;

@@ -131,6 +131,11 @@ impl Model {
     /// assert_eq!(rejected.allowed, ["producer -> values"]);
     /// # Ok::<(), luna_model::Problem>(())
     /// ```
+    ///
+    /// # Panics
+    ///
+    /// The channel of a communication, or a process of
+    /// [`ended`](crate::TraceOptions::ended), is none of the model.
     #[must_use]
     pub fn trace(&self, events: &[Communication], options: &TraceOptions) -> Traced {
         trace::trace(&self.network, events, options)

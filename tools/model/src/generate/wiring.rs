@@ -9,6 +9,7 @@ use crate::file::{Executor, Side};
 use crate::model::Model;
 use crate::network::{Kind as Buffering, Process};
 use crate::text::Problem;
+use luna::Policy;
 use std::time::Duration;
 
 /// Loops that a system has room for, if it asks for no more.
@@ -320,10 +321,11 @@ fn attributes(executor: &Executor) -> (String, String) {
     let core = executor.core;
     let core = core.map_or("None".to_owned(), |core| format!("Some({core})"));
     let policy = executor.policy.as_deref().unwrap_or("other");
-    let policy = match policy.split_once(':') {
-        Some(("rr", level)) => format!("Policy::round_robin({level})"),
-        Some((_, level)) => format!("Policy::fifo({level})"),
-        None => "Policy::Other".to_owned(),
+    // What was read from a file is one.
+    let policy = match policy.parse().unwrap_or_default() {
+        Policy::Fifo(level) => format!("Policy::fifo({level})"),
+        Policy::RoundRobin(level) => format!("Policy::round_robin({level})"),
+        other => format!("Policy::{other:?}"),
     };
     (core, policy)
 }

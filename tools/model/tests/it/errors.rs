@@ -80,7 +80,8 @@ fn errors_name_the_place_the_value_and_what_to_do() {
             "fifo:80",
             "fifo:100",
             "m.toml:39:10: this is no policy: `\"fifo:100\"`; write `other`, `fifo:1` to \
-             `fifo:99`, or `rr:1` to `rr:99`",
+             `fifo:99`, `rr:1` to `rr:99`, or `deadline:200000/500000/1000000`: runtime, deadline \
+             and period in ns",
         ),
         (
             COMMSTIME,
