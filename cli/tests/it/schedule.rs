@@ -191,6 +191,7 @@ fn a_part_that_may_wait_for_another_is_named() {
         said.contains("leave out waits for other processes and for a time: servo, logger"),
         "{said}"
     );
+    assert!(said.contains("560.0 holds* logger"), "{said}");
 }
 
 #[test]

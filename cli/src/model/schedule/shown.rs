@@ -127,7 +127,7 @@ impl<'a> Shown<'a> {
             let waiting: Vec<&str> = waiting.map(|part| part.name).collect();
             if !waiting.is_empty() {
                 notes.push(format!(
-                    "these bounds leave out waits for other processes and for a time: {}",
+                    "* these bounds leave out waits for other processes and for a time: {}",
                     waiting.join(", ")
                 ));
             }
@@ -210,7 +210,10 @@ impl<'a> Part<'a> {
             micros(self.deadline_ns),
             self.slack_ns
                 .map_or("-".to_owned(), |slack| tenths(slack.div_euclid(100))),
-            self.verdict.to_owned(),
+            match (self.verdict, self.may_wait) {
+                ("holds", true) => "holds*".to_owned(),
+                (verdict, _) => verdict.to_owned(),
+            },
         ]
     }
 }
