@@ -94,7 +94,7 @@ pub(crate) struct Demos {
 #[cfg(target_os = "linux")]
 #[derive(Debug, Clone, Subcommand)]
 pub(crate) enum Machine {
-    /// Six units in a circle, on one executor, on six threads or as six programs
+    /// Six units in a circle, on one executor, on six threads, as six programs or on six hosts
     ProductionCell(crate::production_cell::Arguments),
     /// One unit of the Production Cell as a program of its own, started by `--deploy programs`
     #[command(hide = true)]
@@ -338,6 +338,14 @@ pub(crate) struct Record {
     /// A picture of the machine in the scope, as of `luna scope`
     #[arg(long, value_name = "FILE", requires = "scope")]
     pub(crate) picture: Option<PathBuf>,
+    /// The drawing of a model (.toml) in the scope, as of `luna scope`
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "scope",
+        conflicts_with = "picture"
+    )]
+    pub(crate) model: Option<PathBuf>,
 }
 
 /// Which messages are shown.
@@ -381,6 +389,10 @@ pub(crate) struct Scope {
     /// Show this picture of the machine, too: an SVG whose elements are bound to signals (docs/scope.md)
     #[arg(long, value_name = "FILE")]
     pub(crate) picture: Option<PathBuf>,
+    /// Show the drawing of this model (.toml), animated by the recorded events: what each process does
+    /// and waits for, and how often each channel communicates
+    #[arg(long, value_name = "FILE", conflicts_with = "picture")]
+    pub(crate) model: Option<PathBuf>,
     /// End with the recording, instead of showing its end until Ctrl-C
     #[arg(long)]
     pub(crate) once: bool,

@@ -70,6 +70,22 @@ pub(crate) enum Failure {
     /// A model is wrong: with its file, line and column.
     #[error(transparent)]
     Model(Box<luna_model::Problem>),
+    /// A package cannot be generated there.
+    #[error("{}: {why}", .path.display())]
+    Package {
+        /// A folder, or a file in it.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        why: &'static str,
+    },
+    /// A model cannot be exported to CSPm.
+    #[error("{}: {error}", .path.display())]
+    Cspm {
+        /// Of the model.
+        path: PathBuf,
+        /// Why.
+        error: luna_model::CspmError,
+    },
     /// Options that do not go together.
     #[error("{0}")]
     Options(&'static str),
@@ -155,6 +171,8 @@ impl Failure {
             | Self::Log { .. }
             | Self::ModelFile { .. }
             | Self::Model(_)
+            | Self::Package { .. }
+            | Self::Cspm { .. }
             | Self::Options(_)
             | Self::Converted { .. }
             | Self::Listen { .. }

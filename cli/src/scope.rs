@@ -35,7 +35,11 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
         .address(arguments.listen)
         .viewers(arguments.viewers.into());
     let settings = arguments.host.iter().fold(settings, Settings::host);
-    let settings = with_picture(settings, arguments.picture.as_deref())?;
+    let shown = Shown {
+        picture: arguments.picture.as_deref(),
+        model: arguments.model.as_deref(),
+    };
+    let settings = shown.add_to(settings)?;
     let scope = open(settings)?;
     let speed = arguments.speed;
     let played = match &mut source {
@@ -124,22 +128,32 @@ fn merged(paths: &[PathBuf]) -> Result<(Source, bool), Failure> {
 }
 
 /// The scope of received recordings.
-pub(crate) fn at(address: SocketAddr, picture: Option<&Path>) -> Result<Scope, Failure> {
+pub(crate) fn at(address: SocketAddr, shown: Shown<'_>) -> Result<Scope, Failure> {
     let settings = Settings::default().address(address).together();
-    open(with_picture(settings, picture)?)
+    open(shown.add_to(settings)?)
 }
 
-/// Adds the picture in a file, if there is one.
-fn with_picture(settings: Settings, picture: Option<&Path>) -> Result<Settings, Failure> {
-    let Some(path) = picture else {
-        return Ok(settings);
-    };
-    match std::fs::read_to_string(path) {
-        Ok(svg) => Ok(settings.picture(svg)),
-        Err(error) => Err(Failure::Picture {
-            path: path.to_owned(),
-            error,
-        }),
+/// The files of what a scope shows beside the recording.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shown<'a> {
+    pub(crate) picture: Option<&'a Path>,
+    /// Its drawing is the picture, if there is no other.
+    pub(crate) model: Option<&'a Path>,
+}
+
+impl Shown<'_> {
+    fn add_to(self, settings: Settings) -> Result<Settings, Failure> {
+        if let Some(path) = self.picture {
+            let svg = std::fs::read_to_string(path).map_err(|error| Failure::Picture {
+                path: path.to_owned(),
+                error,
+            })?;
+            return Ok(settings.picture(svg));
+        }
+        match self.model {
+            None => Ok(settings),
+            Some(path) => Ok(settings.picture(crate::model::drawing(path)?)),
+        }
     }
 }
 

@@ -223,7 +223,7 @@ impl<T> Waiter<T> {
     ) -> Option<(NonNull<SelectState>, u32)> {
         // SAFETY: the node was begun, and no other thread changes these two fields: the lock is
         // held, or the node belongs to the caller, or they never change. The select state was
-        // written if the node was begun in full or as a guard, which `begun` tells.
+        // written if the node was begun in full or as a guard, as `begun` says.
         unsafe {
             let link = Self::link(node);
             match (*link).begun {
@@ -366,7 +366,7 @@ impl<T> Waiter<T> {
     #[inline]
     pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
         // SAFETY: no other thread changes the node. `make` was written if it was begun in full,
-        // which `begun` tells. By the type's invariant a sender without `make` holds its value, and
+        // as `begun` says. By the type's invariant a sender without `make` holds its value, and
         // a `make` can be called once: the caller takes each sender once.
         unsafe {
             let make = match (*Self::link(node)).begun {
@@ -388,7 +388,7 @@ impl<T> Waiter<T> {
     /// `node` is a sender's that was begun, and no other thread accesses it.
     pub(crate) unsafe fn makes(node: NonNull<Waiter<T>>) -> bool {
         // SAFETY: no other thread changes the node, and it was begun: `make` was written if that
-        // was in full, which `begun` tells.
+        // was in full, as `begun` says.
         unsafe {
             match (*Self::link(node)).begun {
                 Begun::InFull => (*node.as_ptr()).seldom.make.assume_init().is_some(),

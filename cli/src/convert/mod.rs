@@ -14,6 +14,8 @@ mod protobuf;
 mod recording;
 mod selection;
 
+pub(crate) use recording::open;
+
 use crate::args::{Convert, Format};
 use crate::failure::Failure;
 use crate::text::Count;

@@ -3,7 +3,7 @@
 use super::Converted;
 use super::selection::Filter;
 use crate::failure::Failure;
-use luna_logger::format::{Losing, ReadError, Reader, Record};
+use luna_logger::format::{Losing, Reader, Record};
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::BufReader;
@@ -13,16 +13,14 @@ use std::path::Path;
 const MAX_SAID: usize = 5;
 
 /// A recording that can be opened.
-fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
-    let failed = |error: ReadError| Failure::Log {
+pub(crate) fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
+    let failed = |error: String| Failure::Log {
         path: path.to_owned(),
-        error: error.to_string(),
+        error,
     };
-    let file = File::open(path).map_err(|error| Failure::Log {
-        path: path.to_owned(),
-        error: error.to_string(),
-    })?;
-    Reader::new(BufReader::with_capacity(1 << 16, file)).map_err(failed)
+    let file = File::open(path).map_err(|error| failed(error.to_string()))?;
+    let reader = Reader::new(BufReader::with_capacity(1 << 16, file));
+    reader.map_err(|error| failed(error.to_string()))
 }
 
 /// Calls `take` with each record that can be read and that the filter takes, and counts them.

@@ -1,6 +1,6 @@
 //! `luna model check`: whether a model does what it must not.
 
-use super::{read, write};
+use super::{UNKNOWN, read, write};
 use crate::failure::Failure;
 use crate::text::Count;
 use clap::Args;
@@ -8,9 +8,6 @@ use luna_model::{Exploration, Finding, FindingKind, Model, SpinCheck};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-
-/// Not all was looked at, and nothing was found: as of the doctor.
-const UNKNOWN: u8 = 4;
 
 /// The options of `luna model check`.
 #[derive(Debug, Clone, Args)]
@@ -34,12 +31,22 @@ pub(crate) struct Arguments {
     /// Write the model in Promela, the language of SPIN
     #[arg(long, value_name = "FILE")]
     promela: Option<PathBuf>,
+    /// Write the model in CSPm, the input language of FDR
+    #[arg(long, value_name = "FILE")]
+    cspm: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let model = read(&arguments.file)?;
     if let Some(path) = &arguments.promela {
         write(path, &model.to_promela())?;
+    }
+    if let Some(path) = &arguments.cspm {
+        let text = model.to_cspm().map_err(|error| Failure::Cspm {
+            path: arguments.file.clone(),
+            error,
+        })?;
+        write(path, &text)?;
     }
     let limit = arguments
         .max_states

@@ -69,12 +69,11 @@ fn recorded(recording: &Recording) -> Recorded {
     let processes = numbers.iter().map(|&number| RecordedProcess {
         name: recording.process(number).unwrap_or_default(),
         priority: runs_on(recording, number).map(|(_, level)| level),
-        period: period(
-            recording
-                .loops
-                .values()
-                .find(|slots| slots.process == number),
-        ),
+        period: {
+            let mut loops = recording.loops.values().filter(|one| one.process == number);
+            // One that has several has no period of its own.
+            period(loops.next().filter(|_| loops.next().is_none()))
+        },
         executor: runs_on(recording, number).map(|(executor, _)| recording.thread(executor)),
     });
     let places: BTreeMap<u32, usize> = numbers.iter().copied().zip(0..).collect();
@@ -151,7 +150,7 @@ fn channel(
     let is_received = |one: &Seen| one.sender == 0;
     let has = |what: &dyn Fn(&Seen) -> bool| seen.iter().any(what);
     // Else what is not known is outside of the system.
-    let is_buffer = has(&is_sent) && (has(&is_received) || has(&|one| one.receiver != 0));
+    let is_buffer = has(&is_sent) && has(&is_received);
     let user = |process: u32| places.get(&process).copied();
     let mut senders: BTreeSet<Option<usize>> = BTreeSet::new();
     let mut receivers: BTreeSet<Option<usize>> = BTreeSet::new();
@@ -179,13 +178,10 @@ fn channel(
             // More was received than was sent by processes that are recorded.
             senders.insert(None);
         }
-        let sizes = (0..8).map(|power| 1 << power).chain([MOST]);
+        let mut sizes = (0..8).map(|power| 1 << power).chain([MOST]);
         let enough = |size: &usize| fill(&seen, *size).is_some();
         held = filled.unwrap_or(MOST).max(1);
-        least = sizes
-            .filter(|size| *size <= MOST)
-            .find(enough)
-            .unwrap_or(MOST);
+        least = sizes.find(enough).unwrap_or(MOST);
     }
     RecordedChannel {
         name,
@@ -210,4 +206,30 @@ fn fill(seen: &[Seen], size: usize) -> Option<usize> {
         }
     }
     Some(most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_main_thread_receives_makes_no_buffer() {
+        let seen = |sender, receiver| Seen {
+            thread: 0,
+            time: 0,
+            channel: 1,
+            sender,
+            receiver,
+        };
+        let places = BTreeMap::from([(1, 0), (2, 1)]);
+        let of = |seen| channel("c".to_owned(), seen, &places, 0);
+        let met = of(vec![seen(1, 2), seen(1, 0)]);
+        assert_eq!(met.held, 0);
+        assert_eq!(met.receivers, BTreeSet::from([None, Some(1)]));
+        let buffer = of(vec![seen(1, 0), seen(0, 2)]);
+        assert_eq!(
+            (buffer.held, buffer.receivers),
+            (1, BTreeSet::from([Some(1)]))
+        );
+    }
 }

@@ -4,6 +4,7 @@ mod check;
 mod draw;
 mod edit;
 mod from;
+mod generate;
 mod names;
 mod new;
 mod recording;
@@ -16,6 +17,9 @@ use luna_model::Model;
 use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
+
+/// The exit code if nothing is wrong as far as is known, but that is not all.
+const UNKNOWN: u8 = 4;
 
 /// What can be done with a model.
 #[derive(Debug, Clone, Subcommand)]
@@ -34,6 +38,8 @@ pub(crate) enum Command {
     Trace(trace::Arguments),
     /// Writes a model of what a recording has: its processes and channels, to be refined
     From(from::Arguments),
+    /// Generates a Rust package that runs a model
+    Generate(generate::Arguments),
 }
 
 /// Does it.
@@ -46,7 +52,13 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::Schedule(arguments) => schedule::run(arguments),
         Command::Trace(arguments) => trace::run(arguments),
         Command::From(arguments) => from::run(arguments),
+        Command::Generate(arguments) => generate::run(arguments),
     }
+}
+
+/// The drawing of the model in a file, as SVG.
+pub(crate) fn drawing(path: &Path) -> Result<String, Failure> {
+    Ok(read(path)?.to_svg())
 }
 
 fn read(path: &Path) -> Result<Model, Failure> {

@@ -13,24 +13,28 @@ pub(super) struct Names<'a> {
     /// Names that one of the two has alone.
     pub(super) only_recorded: [Vec<&'a str>; 2],
     pub(super) only_modelled: [Vec<&'a str>; 2],
-    /// Names that several recorded channels have.
-    pub(super) shared: Vec<&'a str>,
+    /// Names that several recorded processes, and channels, have or get in the model.
+    pub(super) shared: [Vec<&'a str>; 2],
+}
+
+/// Names with their places.
+pub(super) fn numbered<'a>(names: impl Iterator<Item = &'a str>) -> BTreeMap<&'a str, usize> {
+    names.zip(0..).collect()
+}
+
+/// The name of a model that a recorded name is, and its place.
+pub(super) fn find<'a>(known: &BTreeMap<&'a str, usize>, name: &str) -> Option<(&'a str, usize)> {
+    let found = known.get_key_value(name);
+    let found = found.or_else(|| known.get_key_value(&*name_in_model(name)));
+    found.map(|(name, place)| (*name, *place))
 }
 
 impl<'a> Names<'a> {
     pub(super) fn of(model: &'a Model, recording: &'a Recording) -> Self {
-        let number = |names: Vec<&'a str>| -> BTreeMap<&'a str, usize> {
-            names
-                .into_iter()
-                .enumerate()
-                .map(|(i, name)| (name, i))
-                .collect()
-        };
-        let channels = number(model.channel_names().collect());
-        let processes = number(model.process_names().collect());
-        let find = |known: &BTreeMap<&str, usize>, name: &str| {
-            let found = known.get(name).or_else(|| known.get(&*name_in_model(name)));
-            found.copied()
+        let channels = numbered(model.channel_names());
+        let processes = numbered(model.process_names());
+        let find = |known: &BTreeMap<&'a str, usize>, name: &str| {
+            find(known, name).map(|(_, place)| place)
         };
         let mut names = Names {
             channels: BTreeMap::new(),
@@ -38,15 +42,21 @@ impl<'a> Names<'a> {
             unrecorded: Vec::new(),
             only_recorded: [Vec::new(), Vec::new()],
             only_modelled: [Vec::new(), Vec::new()],
-            shared: Vec::new(),
+            shared: [Vec::new(), Vec::new()],
         };
         let all = recording.communications.iter();
         let used: BTreeSet<u32> = all.clone().map(|seen| seen.channel).collect();
         let active: BTreeSet<u32> = all.flat_map(|seen| [seen.sender, seen.receiver]).collect();
         // Whatever has not communicated may as well be missing in the model.
+        let mut seen = BTreeSet::new();
         for (number, process) in &recording.processes {
             match find(&processes, &process.name) {
-                Some(found) => drop(names.processes.insert(*number, found)),
+                Some(found) => {
+                    names.processes.insert(*number, found);
+                    if active.contains(number) && !seen.insert(found) {
+                        names.shared[0].push(&process.name);
+                    }
+                }
                 None if active.contains(number) => names.only_recorded[0].push(&process.name),
                 None => {}
             }
@@ -57,14 +67,14 @@ impl<'a> Names<'a> {
                 (Some(found), is_used) => {
                     names.channels.insert(*number, found);
                     if is_used && !seen.insert(found) {
-                        names.shared.push(name);
+                        names.shared[1].push(name);
                     }
                 }
                 (None, true) => names.only_recorded[1].push(name),
                 (None, false) => {}
             }
         }
-        for names in names.only_recorded.iter_mut().chain([&mut names.shared]) {
+        for names in names.only_recorded.iter_mut().chain(&mut names.shared) {
             names.sort_unstable();
             names.dedup();
         }

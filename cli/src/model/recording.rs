@@ -1,12 +1,11 @@
 //! What a recording says of communications, and of what communicates.
 
+use crate::convert::open;
 use crate::failure::Failure;
 use luna_core::events::code;
-use luna_logger::format::{ClockBase, Event, Losing, ReadError, Reader, Record, Subject};
+use luna_logger::format::{ClockBase, Event, Losing, ReadError, Record, Subject};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
 /// A recording, up to where it is whole.
@@ -67,6 +66,8 @@ pub(super) enum Cut {
     Blocks(u64),
     /// The recorder had to start again.
     Again,
+    /// The program was killed: what was lost just before is not recorded.
+    Killed,
     /// It is damaged.
     Damaged(ReadError),
 }
@@ -83,6 +84,10 @@ impl fmt::Display for Cut {
                 write!(f, "{blocks} blocks were lost on the way to the recorder")
             }
             Self::Again => write!(f, "the recorder had to start again"),
+            Self::Killed => write!(
+                f,
+                "the recording has no end: what was lost just before is not known"
+            ),
             Self::Damaged(error) => write!(f, "{error}"),
         }
     }
@@ -95,9 +100,7 @@ impl Recording {
             path: path.to_owned(),
             error,
         };
-        let file = File::open(path).map_err(|error| failed(error.to_string()))?;
-        let reader = BufReader::with_capacity(1 << 16, file);
-        let mut reader = Reader::new(reader).map_err(|error| failed(error.to_string()))?;
+        let mut reader = open(path)?;
         let mut recording = Self::default();
         let mut has_start = false;
         let mut sessions = 0;
@@ -105,7 +108,7 @@ impl Recording {
             let record = match reader.next() {
                 Ok(Some(record)) => record,
                 Ok(None) => break,
-                // What a killed program leaves: what is there is whole.
+                // What a killed program leaves.
                 Err(error) if error.is_truncated() => break,
                 Err(error) => {
                     recording.cut(Cut::Damaged(error), true);
@@ -168,10 +171,14 @@ impl Recording {
                 _ => {}
             }
         }
+        if recording.cut.is_none() && !reader.has_ended() {
+            recording.cut(Cut::Killed, false);
+        }
         if recording.cut.is_none() {
             recording.certain = recording.communications.len();
         }
-        if recording.communications.is_empty() && recording.cut.is_none() {
+        if recording.communications.is_empty() && matches!(recording.cut, None | Some(Cut::Killed))
+        {
             return Err(failed(
                 "it has no communications: record it with events (`Logging::events`, or \
                  LUNA_LOG_EVENTS in its environment)"

@@ -1,8 +1,8 @@
 //! `luna model trace`: whether what was recorded is what a model allows.
 
 use super::names::Names;
-use super::read;
 use super::recording::Recording;
+use super::{UNKNOWN, read};
 use crate::failure::Failure;
 use crate::text::Count;
 use clap::Args;
@@ -12,8 +12,6 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Nothing is wrong as far as is known, but that is not all: as of `luna model check`.
-const UNKNOWN: u8 = 4;
 /// So many names or alternatives are printed at most.
 const MAX_PRINTED: usize = 12;
 
@@ -144,9 +142,14 @@ impl<W: Write> Report<'_, W> {
                 " (never used, unless they are recorded by another name: see --hide)",
             ),
             (
-                "names that several recorded channels have",
-                &names.shared,
-                " (taken for one each)",
+                "names that several recorded processes have in the model",
+                &names.shared[0],
+                " (all of one name are compared as one process)",
+            ),
+            (
+                "names that several recorded channels have in the model",
+                &names.shared[1],
+                " (all of one name are compared as one channel)",
             ),
         ] {
             if !names.is_empty() {
@@ -193,7 +196,7 @@ impl<W: Write> Report<'_, W> {
                 Ok(code)
             }
             // Up to here, what was lost may explain it.
-            TraceVerdict::Rejected(rejected) if self.seen[rejected.event] >= recording.certain => {
+            TraceVerdict::Rejected(rejected) if self.seen[rejected.latest] >= recording.certain => {
                 let accepted = Count(accepted as u64, "communication");
                 writeln!(
                     self.out,

@@ -10,6 +10,7 @@ pub(crate) mod signals;
 
 use crate::args::{Messages, Record};
 use crate::failure::Failure;
+use crate::scope::Shown;
 use crate::text::Count;
 use file::File;
 use luna_logger::{Departure, FileSink, Handler, Peer, PeerError, Receiver, Sink};
@@ -40,7 +41,11 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
     let (end, ends) = channel();
     // Before any thread is made: all threads then leave the signals to the one that waits for them.
     signals::notify(end.clone());
-    let at = |address| crate::scope::at(address, arguments.picture.as_deref());
+    let shown = Shown {
+        picture: arguments.picture.as_deref(),
+        model: arguments.model.as_deref(),
+    };
+    let at = |address| crate::scope::at(address, shown);
     let scope = arguments.scope.map(at).transpose()?;
     let receiver = match arguments.udp {
         true => Receiver::udp(&*arguments.listen),

@@ -112,4 +112,11 @@ fn new_writes_a_model_once_and_draw_draws_it() {
             .unwrap()
             .contains("active proctype p0()")
     );
+    let cspm = file("begun.csp");
+    luna(&["check", &name, "--cspm", &cspm.display().to_string()]);
+    let cspm = fs::read_to_string(cspm).unwrap();
+    assert!(
+        cspm.contains("assert System :[deadlock free [F]]"),
+        "{cspm}"
+    );
 }

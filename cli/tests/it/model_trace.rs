@@ -275,8 +275,8 @@ fn ends_are_compared_on_request() {
     assert!(said.contains("not allowed:"), "{said}");
 }
 
-/// A recording by hand: `a` sends to `b` so many times, and events are lost before the last time.
-fn lossy(file: &Path, losses: &[Record<'_>]) {
+/// A recording by hand: `a` sends to `b` three times, and events are lost before the last time.
+fn lossy(file: &Path, losses: &[Record<'_>], is_killed: bool) {
     let mut writer = Writer::new(Vec::new()).unwrap();
     let name = |subject, number, name| Record::Name {
         subject,
@@ -308,6 +308,9 @@ fn lossy(file: &Path, losses: &[Record<'_>]) {
         writer.put(loss).unwrap();
     }
     writer.put(&event(30)).unwrap();
+    if !is_killed {
+        writer.put(&Record::End { time: 40 }).unwrap();
+    }
     fs::write(file, writer.finish().unwrap()).unwrap();
 }
 
@@ -329,7 +332,7 @@ fn what_was_lost_is_not_judged() {
         );
         fs::write(&model, text).unwrap();
     };
-    lossy(&recording, &lost);
+    lossy(&recording, &lost, false);
     with("loop { c! }");
     let (code, said) = traced(path(&model), &recording, &[]);
     assert_eq!(code, Some(4), "{said}");
@@ -351,9 +354,14 @@ fn what_was_lost_is_not_judged() {
     with("stop");
     let (code, said) = traced(path(&model), &recording, &[]);
     assert_eq!(code, Some(1), "{said}");
-    // The same without a loss.
-    lossy(&recording, &[]);
+    // What was lost before it was killed is not recorded.
+    lossy(&recording, &[], true);
     with("c!");
+    let (code, said) = traced(path(&model), &recording, &[]);
+    assert_eq!(code, Some(4), "{said}");
+    assert!(said.contains("the recording has no end"), "{said}");
+    // The same without a loss.
+    lossy(&recording, &[], false);
     let (code, said) = traced(path(&model), &recording, &[]);
     assert_eq!(code, Some(1), "{said}");
     with("for k in 0..3 { c! }");

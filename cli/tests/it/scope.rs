@@ -165,6 +165,40 @@ fn a_picture_is_read_from_a_file() {
     assert!(said.contains("picture missing.svg: "), "{said}");
 }
 
+#[test]
+fn a_model_is_drawn_as_the_picture() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let [recording, broken] = ["drawn.luna", "broken.toml"].map(|name| folder.join(name));
+    let file = luna_logger::format::Writer::new(Vec::new()).expect("a head");
+    std::fs::write(&recording, file.finish().expect("an end")).expect("a place");
+    std::fs::write(&broken, "name = 1").expect("a place");
+    let [recording, broken] = [&recording, &broken].map(|path| path.to_str().expect("text"));
+    let model = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../examples/models/commstime.toml"
+    );
+    let options = ["scope", recording, "--listen", ANYWHERE, "--model"];
+    let (child, address) = served(&[&options[..], &[model]].concat());
+    look_for(&address, br#"data-process=\"successor\""#);
+    look_for(&address, br#"data-channel=\"to_successor\""#);
+    end(child);
+    let record = ["record", "--listen", ANYWHERE, "--scope", ANYWHERE];
+    let (child, address) = served(&[&record[..], &["--model", model]].concat());
+    look_for(&address, br#"data-channel=\"out\""#);
+    end(child);
+    let said = |more: &[&str]| {
+        let ended = luna(&[&options[..], more].concat()).output();
+        let ended = ended.expect("it starts");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(2), "{said}");
+        said
+    };
+    assert!(said(&["missing.toml"]).contains("missing.toml"));
+    assert!(said(&[broken]).contains("broken.toml:1:"));
+    // One picture at a time.
+    assert!(said(&[model, "--picture", "axis.svg"]).contains("cannot be used with"));
+}
+
 type Viewer = WebSocket<TcpStream>;
 
 /// The next of the scope's words of this type.

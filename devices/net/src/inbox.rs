@@ -7,11 +7,12 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
 
-/// Whether there was room for a value.
+/// Whether a value was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Accepted {
     Yes,
-    Full,
+    /// There was no room, or it is not the next one.
+    No,
 }
 
 /// Takes the values that arrive.
@@ -103,7 +104,7 @@ impl<T: DeserializeOwned + Send> Inbox for Decoder<T> {
     ) -> Result<Accepted, String> {
         // One that finds no room is sent again.
         if self.waiting.load(SeqCst) + self.values.len() as u64 >= self.window {
-            return Ok(Accepted::Full);
+            return Ok(Accepted::No);
         }
         let value = postcard::from_bytes(bytes).map_err(|error| error.to_string())?;
         self.values.push_back(Arrived {

@@ -249,13 +249,13 @@ impl Peering {
                 // will be sent again.
                 Some(_) => {
                     self.owes_beat = true;
-                    Ok(Accepted::Full)
+                    Ok(Accepted::No)
                 }
                 None => Err("the message is cut off".to_owned()),
             };
             match decoded {
                 Ok(Accepted::Yes) => *arrived = number,
-                Ok(Accepted::Full) => {}
+                Ok(Accepted::No) => {}
                 Err(why) => {
                     let peer = self.partner.as_ref().map(|partner| partner.peer.clone());
                     let error = NetError::Decode {

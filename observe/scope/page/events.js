@@ -1,4 +1,4 @@
-// The last events, in bounded memory, and the states of processes that follow from them.
+// The last events, in bounded memory, and what follows from them: the states of processes, the counts of channels.
 
 const FIRST = 1 << 14, MOST = 1 << 20;
 const BETWEEN = 1 << 12, CHECKPOINTS = MOST / BETWEEN; // events from one checkpoint of all states to the next
@@ -20,6 +20,7 @@ export class Events {
     this.begin = 0;
     this.end = 0;
     this.current = new Map();
+    this.counted = new Map();
     this.checkpoints = [];
     this.allocate(FIRST);
   }
@@ -55,10 +56,11 @@ export class Events {
     this.a[at] = a;
     this.b[at] = b;
     this.apply(this.current, at);
+    this.add(this.counted, at);
     this.end++;
     if (this.end % BETWEEN === 0) {
-      const states = [...this.current].map(([subject, state]) => [subject, { ...state }]);
-      this.checkpoints[(this.end / BETWEEN) % CHECKPOINTS] = { end: this.end, states };
+      const [states, counts] = [this.current, this.counted].map((all) => [...all].map(([subject, one]) => [subject, { ...one }]));
+      this.checkpoints[(this.end / BETWEEN) % CHECKPOINTS] = { end: this.end, states, counts };
     }
   }
 
@@ -74,14 +76,30 @@ export class Events {
     return low;
   }
 
-  // The state of each process after the events before `index`: by number { state, time, a, b }. O(processes + events between two checkpoints).
-  statesAt(index) {
+  // The last checkpoint before `index`, if it is in memory.
+  checkpoint(index) {
     let best = null;
     for (const one of this.checkpoints) if (one && one.end <= index && one.end >= this.begin && (!best || one.end > best.end)) best = one;
+    return best;
+  }
+
+  // The state of each process after the events before `index`: by number { state, time, a, b, turns }. O(processes + events between two checkpoints).
+  statesAt(index) {
+    const best = this.checkpoint(index);
     const states = new Map();
     if (best) for (const [subject, state] of best.states) states.set(subject, { ...state });
     for (let at = best ? best.end : this.begin; at < index; at++) this.apply(states, at & this.mask);
     return states;
+  }
+
+  // The communications of each channel among all events before `index`, also those that were dropped: by number { all, sent, received, time }. What was sent into a buffer is in `sent`, what came out of one in `received`. Null if it is not known any more.
+  countsAt(index) {
+    const best = this.checkpoint(index);
+    if (!best && this.begin > 0) return null;
+    const counts = new Map();
+    if (best) for (const [channel, one] of best.counts) counts.set(channel, { ...one });
+    for (let at = best ? best.end : 0; at < index; at++) this.add(counts, at & this.mask);
+    return counts;
   }
 
   // For how long each process ran on a thread between two instants, by number.
@@ -107,11 +125,23 @@ export class Events {
     if (state === 0) return;
     const subject = this.subject[slot];
     let known = states.get(subject);
-    if (!known) states.set(subject, (known = {}));
+    if (!known) states.set(subject, (known = { turns: 0 }));
+    if (state === 2) known.turns++;
     known.state = state;
     known.time = this.time[slot];
     known.thread = this.thread[slot];
     known.a = this.a[slot];
     known.b = this.b[slot];
+  }
+
+  add(counts, slot) {
+    if (this.code[slot] !== CODE.communication) return;
+    const channel = this.subject[slot], from = this.a[slot] !== 0, to = this.b[slot] !== 0;
+    let known = counts.get(channel);
+    if (!known) counts.set(channel, (known = { all: 0, sent: 0, received: 0, time: 0 }));
+    known.all++;
+    if (from && !to) known.sent++;
+    if (to && !from) known.received++;
+    known.time = this.time[slot];
   }
 }

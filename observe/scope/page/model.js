@@ -136,7 +136,7 @@ export class Model {
         break;
       }
       case SUBJECT.executor: this.executors.set(number, { name, awake: true }); break;
-      case SUBJECT.channel: this.channel(number).name = place(name); break;
+      case SUBJECT.channel: Object.assign(this.channel(number), { name: place(name), recorded: name }); break;
       case SUBJECT.loop: this.loops.set(number, { number, name, parent }); break;
       case SUBJECT.subProcess: break; // not shown, and there may be ever new ones
       default: this.others.set(subject * 4294967296 + number, place(name));
@@ -146,7 +146,7 @@ export class Model {
   channel(number) {
     let channel = this.channels.get(number);
     if (!channel) {
-      channel = { number, name: `channel ${number}`, communications: 0, from: new Set(), to: new Set() };
+      channel = { number, name: `channel ${number}`, recorded: "", communications: 0, from: new Set(), to: new Set() };
       this.channels.set(number, channel);
       this.version++;
     }

@@ -1,11 +1,13 @@
-// A picture of the machine: an SVG of the program, in which elements follow signals (docs/scope.md). Of the SVG only elements and attributes that are listed here are taken, so that nothing in it runs or loads anything.
+// A picture of the machine: an SVG of the program, in which elements follow signals, processes and channels (docs/scope.md). Of the SVG only elements and attributes that are listed here are taken, so that nothing in it runs or loads anything.
 
 import { $, make, put, number } from "./text.js";
+import { Drawing } from "./drawing.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const MOST_ELEMENTS = 5000, DEEPEST = 64;
+const LEAST_SCALE = 0.75; // of a drawing
 const ELEMENTS = new Set(["svg", "g", "path", "rect", "circle", "ellipse", "line", "polyline", "polygon", "text", "tspan", "title", "desc"]);
-const PRESENTATION = new Set(["fill", "fill-opacity", "fill-rule", "stroke", "stroke-width", "stroke-opacity", "stroke-linecap", "stroke-linejoin", "stroke-dasharray", "stroke-dashoffset", "opacity", "font-size", "font-style", "font-weight", "text-anchor", "dominant-baseline", "display"]);
+const PRESENTATION = new Set(["fill", "fill-opacity", "fill-rule", "stroke", "stroke-width", "stroke-opacity", "stroke-linecap", "stroke-linejoin", "stroke-dasharray", "stroke-dashoffset", "opacity", "font-size", "font-style", "font-weight", "text-anchor", "dominant-baseline", "display", "paint-order"]);
 const GEOMETRY = new Set(["viewBox", "preserveAspectRatio", "transform", "x", "y", "dx", "dy", "x1", "y1", "x2", "y2", "cx", "cy", "r", "rx", "ry", "width", "height", "d", "points"]);
 // No quotes, slashes, colons or escapes, and no reference.
 const isPlain = (value) => /^[-\w\s.,;#%()+]*$/.test(value) && !/url/i.test(value);
@@ -117,7 +119,8 @@ export class Picture {
     this.root = $("#picture");
     this.notes = make("p", { class: "note", role: "status", hidden: true });
     this.place = make("div", { class: "machine" });
-    this.root.append(this.place, this.notes);
+    this.drawing = new Drawing(model, clock);
+    this.root.append(this.drawing.tools, this.place, this.notes);
     this.parts = [];
     this.problems = [];
   }
@@ -127,6 +130,7 @@ export class Picture {
     if (text === this.text) return Boolean(text);
     this.text = text;
     this.parts = [];
+    this.drawing.reset();
     this.problems = [];
     this.version = -1;
     this.place.replaceChildren();
@@ -143,6 +147,8 @@ export class Picture {
     const [width, height] = ["width", "height"].map((name) => parseFloat(svg.getAttribute(name)));
     if (!svg.hasAttribute("viewBox") && width > 0 && height > 0) svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     for (const name of ["width", "height"]) svg.removeAttribute(name);
+    // The text of a large drawing stays readable: it is scrolled then.
+    if (this.drawing.followers.length > 0 && width > 0 && height > 0) Object.assign(svg.style, { minWidth: `${width * LEAST_SCALE}px`, minHeight: `${height * LEAST_SCALE}px` });
     svg.setAttribute("role", "img");
     this.place.append(svg);
     if (this.dropped.size > 0) this.problems.push(`Left out of the picture: ${[...this.dropped].join(", ")}.`);
@@ -178,7 +184,7 @@ export class Picture {
         if (!(error instanceof Problem)) throw error;
         this.problems.push(`Not understood: ${error.message}.`);
       }
-    }
+    } else this.drawing.bind(element, data);
     return element;
   }
 
@@ -197,14 +203,20 @@ export class Picture {
       this.curves.set(name, found[0][1]);
       missing.delete(name);
     }
-    const notes = [...this.problems];
+    const notes = [...this.problems, ...this.drawing.declare()];
     if (missing.size > 0 && this.curves.size > 0) notes.push(`Not recorded: ${[...missing].join(", ")}.`);
     put(this.notes, notes.join(" "));
     this.notes.hidden = notes.length === 0;
   }
 
-  frame() {
+  frame(now) {
     if (this.version !== this.model.version) this.declare();
     for (const part of this.parts) part.draw(this.curves.get(part.signal), this.clock.now);
+    this.drawing.frame(now);
+  }
+
+  key(key) {
+    if (key === "ArrowLeft") this.drawing.step(-1);
+    if (key === "ArrowRight") this.drawing.step(1);
   }
 }

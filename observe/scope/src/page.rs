@@ -36,6 +36,7 @@ const ASSETS: &[Asset] = assets![
     "/draw.js" SCRIPT "draw.js",
     "/gestures.js" SCRIPT "gestures.js",
     "/picture.js" SCRIPT "picture.js",
+    "/drawing.js" SCRIPT "drawing.js",
     "/signals.js" SCRIPT "signals.js",
     "/cursors.js" SCRIPT "cursors.js",
     "/export.js" SCRIPT "export.js",

@@ -7,7 +7,6 @@ use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use crate::network::{Action, Agent, END, Edge, Network, Place, Step, Variable};
 use crate::text::{Problem, Source, nearest};
-use std::collections::BTreeSet;
 
 pub(crate) struct Compiler<'a> {
     pub(crate) source: Source<'a>,
@@ -17,6 +16,8 @@ pub(crate) struct Compiler<'a> {
     pub(crate) name: &'a str,
     /// The variables of the process, and those of `for` around.
     pub(crate) variables: Vec<(String, usize)>,
+    /// Those of `for` around.
+    pub(crate) counters: Vec<usize>,
 }
 
 impl Compiler<'_> {
@@ -88,7 +89,7 @@ impl Compiler<'_> {
                 Step::Wait(vec![edge(Action::Own(name.clone()), next, line)])
             }
             Kind::Assign(variable, value) => {
-                Step::Assign(self.variable(variable)?, self.expr(value)?, next)
+                Step::Assign(self.set(variable)?, self.expr(value)?, next)
             }
             Kind::Assert(condition) => Step::Assert(self.expr(condition)?, next),
             Kind::If(condition, then, otherwise) => {
@@ -178,6 +179,7 @@ impl Compiler<'_> {
             return Err(self.source.problem(variable.1.clone(), message, advice));
         }
         self.variables.push((variable.0.clone(), slot));
+        self.counters.push(slot);
         let reset = add(code, Step::Assign(slot, Expr::Number(from), next), line);
         let head = add(code, Step::Goto(END), line);
         let one_more = Expr::Binary(
@@ -194,6 +196,7 @@ impl Compiler<'_> {
         );
         code[head].step = Step::Branch(is_below, start, reset);
         self.variables.pop();
+        self.counters.pop();
         Ok(head)
     }
 
@@ -213,14 +216,14 @@ impl Compiler<'_> {
             self.network.agents[branch].siblings.clone_from(&branches);
         }
         for (at, &branch) in branches.iter().enumerate() {
-            let assigned = self.uses(branch).1;
+            let assigned = self.network.uses(branch).1;
             for &other in branches
                 .iter()
                 .enumerate()
                 .filter(|(i, _)| *i != at)
                 .map(|(_, b)| b)
             {
-                if let Some(&slot) = self.uses(other).0.intersection(&assigned).next() {
+                if let Some(&slot) = self.network.uses(other).0.intersection(&assigned).next() {
                     let name = &self.network.variables[slot].name;
                     let message = format!("`{name}` is set by one branch and used by another");
                     let advice = "send it on a channel, or use two variables";
@@ -231,46 +234,6 @@ impl Compiler<'_> {
         let line = self.source.position(span.start).0;
         let join = add(code, Step::Join(branches.clone(), next), line);
         Ok(Step::Fork(branches, join))
-    }
-
-    /// The variables that an agent and its branches use, and those that they set.
-    fn uses(&self, agent: usize) -> (BTreeSet<usize>, BTreeSet<usize>) {
-        let (mut used, mut set) = (BTreeSet::new(), BTreeSet::new());
-        for place in &self.network.agents[agent].code {
-            match &place.step {
-                Step::Assign(slot, value, _) => {
-                    value.each(&mut |slot| used.extend([*slot]));
-                    set.insert(*slot);
-                }
-                Step::Branch(condition, ..) | Step::Assert(condition, _) => {
-                    condition.each(&mut |slot| used.extend([*slot]));
-                }
-                Step::Fork(branches, _) => {
-                    for &branch in branches {
-                        let (inner_used, inner_set) = self.uses(branch);
-                        used.extend(inner_used);
-                        set.extend(inner_set);
-                    }
-                }
-                Step::Wait(edges) => {
-                    for edge in edges {
-                        if let Some(condition) = &edge.condition {
-                            condition.each(&mut |slot| used.extend([*slot]));
-                        }
-                        match &edge.action {
-                            Action::Send(_, Some(value)) => {
-                                value.each(&mut |slot| used.extend([*slot]));
-                            }
-                            Action::Receive(_, Some(slot)) => set.extend([*slot]),
-                            _ => {}
-                        }
-                    }
-                }
-                Step::End | Step::Goto(_) | Step::Join(..) => {}
-            }
-        }
-        used.extend(&set);
-        (used, set)
     }
 
     fn action(&self, offer: &Offer) -> Result<Action, Problem> {
@@ -284,10 +247,7 @@ impl Compiler<'_> {
             }
             Offer::Receive(port, variable) => {
                 let channel = self.channel(port, Side::Receive, variable.is_some())?;
-                let variable = variable
-                    .as_ref()
-                    .map(|name| self.variable(name))
-                    .transpose()?;
+                let variable = variable.as_ref().map(|name| self.set(name)).transpose()?;
                 Action::Receive(channel, variable)
             }
         })
@@ -322,6 +282,17 @@ impl Compiler<'_> {
             }
             _ => Ok(channel),
         }
+    }
+
+    /// A variable that the body sets: not that of a loop, which counts.
+    fn set(&self, name: &Named) -> Result<usize, Problem> {
+        let slot = self.variable(name)?;
+        if self.counters.contains(&slot) {
+            let message = "the variable of a `for` cannot be set";
+            let advice = "use a variable of the process and `while`";
+            return Err(self.source.problem(name.1.clone(), message, advice));
+        }
+        Ok(slot)
     }
 
     fn variable(&self, name: &Named) -> Result<usize, Problem> {

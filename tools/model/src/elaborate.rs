@@ -323,6 +323,7 @@ impl Elaborator<'_> {
             cost: at.run.cost,
             longest_poll: at.run.longest_poll,
             deadline: at.run.deadline,
+            scope: scope.clone(),
         });
         let mut compiler = Compiler {
             source: self.source,
@@ -331,6 +332,7 @@ impl Elaborator<'_> {
             process,
             name: &at.name,
             variables,
+            counters: Vec::new(),
         };
         compiler.agent(body, None)?;
         Ok(())

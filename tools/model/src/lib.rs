@@ -1,6 +1,6 @@
-//! Models of LUNA systems: read from a file, checked, [scheduled](schedule), drawn, compared with
-//! what runs. The page `docs/model.md` describes the file for those that write it; `luna model` is
-//! the command.
+//! Models of LUNA systems: read from a file, checked, drawn, [scheduled](schedule), generated as
+//! Rust, compared with what runs. The page `docs/model.md` describes the file for those that write
+//! it; `luna model` is the command.
 //!
 //! ```
 //! let model = luna_model::Model::parse("first.toml", luna_model::TEMPLATE)?;
@@ -21,9 +21,10 @@
 //!
 //! `file` reads tables, `language` the texts in them. `elaborate` lays out arrays and compositions
 //! and resolves names (`bind`, `properties`, `deployment`); `compile` makes places and steps of
-//! bodies. The result is a `network`, which all else works on: `explore` gives it its meaning,
-//! `spin` translates it to Promela, and `draw` shows it. `schedule` bounds response times. `trace`
-//! compares it with a recording, `running` with a system, and `recorded` makes a file of either.
+//! bodies. The result is a `network`, which most else works on: `explore` gives it its meaning,
+//! `spin` translates it to Promela, `cspm` to CSPm, and `draw` shows it. `schedule` bounds response
+//! times. `trace` compares it with a recording, `running` with a system, and `recorded` makes a file
+//! of either. `generate` writes it in Rust: the wiring from the network, the bodies from their text.
 //! [`edit`] changes the text of a file.
 //!
 //! # The meaning
@@ -44,12 +45,14 @@
 
 mod bind;
 mod compile;
+mod cspm;
 mod deployment;
 mod draw;
 pub mod edit;
 mod elaborate;
 mod explore;
 mod file;
+mod generate;
 mod language;
 mod model;
 mod network;
@@ -61,10 +64,12 @@ mod spin;
 mod text;
 mod trace;
 
+pub use cspm::CspmError;
 pub use explore::words::communication;
 pub use explore::{
     DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, StepParts, TraceStep, Unreached,
 };
+pub use generate::{File, Luna, is_luna};
 pub use model::{Model, TEMPLATE};
 pub use recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 pub use running::{Difference, SystemModel, Wiring};

@@ -1,9 +1,11 @@
 //! A model that has been read.
 
+use crate::cspm::{CspmError, cspm};
 use crate::draw;
 use crate::elaborate::elaborate;
 use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
-use crate::file::read;
+use crate::file::{Document, read};
+use crate::generate::{self, File};
 use crate::network::Network;
 use crate::schedule::{self, Costs, Schedule};
 use crate::spin::promela::promela;
@@ -16,6 +18,9 @@ use crate::trace::{self, Communication, TraceOptions, Traced};
 #[derive(Debug)]
 pub struct Model {
     pub(crate) network: Network,
+    pub(crate) document: Document,
+    file: Box<str>,
+    text: Box<str>,
 }
 
 /// A small model with comments, to begin with.
@@ -31,7 +36,19 @@ impl Model {
         let document = read(file, text)?;
         let source = Source { name: file, text };
         let network = elaborate(source, &document)?;
-        Ok(Self { network })
+        Ok(Self {
+            network,
+            document,
+            file: file.into(),
+            text: text.into(),
+        })
+    }
+
+    pub(crate) fn source(&self) -> Source<'_> {
+        Source {
+            name: &self.file,
+            text: &self.text,
+        }
     }
 
     /// The model's name: that of the file, or `system`.
@@ -114,6 +131,11 @@ impl Model {
     /// assert_eq!(rejected.allowed, ["producer -> values"]);
     /// # Ok::<(), luna_model::Problem>(())
     /// ```
+    ///
+    /// # Panics
+    ///
+    /// The channel of a communication, or a process of
+    /// [`ended`](crate::TraceOptions::ended), is none of the model.
     #[must_use]
     pub fn trace(&self, events: &[Communication], options: &TraceOptions) -> Traced {
         trace::trace(&self.network, events, options)
@@ -123,6 +145,16 @@ impl Model {
     #[must_use]
     pub fn to_promela(&self) -> String {
         promela(&self.network).text
+    }
+
+    /// The model in CSPm, the input language of FDR, with assertions for deadlocks, livelocks and
+    /// broken assertions. The properties of `check.always` and `check.ltl` are not among them.
+    ///
+    /// # Errors
+    ///
+    /// An expression may have a value beyond 32 bits.
+    pub fn to_cspm(&self) -> Result<String, CspmError> {
+        cspm(&self.network)
     }
 
     /// Lets SPIN look for deadlocks and assertions, and for the properties of `check.ltl`, under
@@ -157,7 +189,8 @@ impl Model {
         schedule::schedule(&self.network, costs)
     }
 
-    /// The composition and the communication as an SVG file.
+    /// The composition and the communication as an SVG file. LUNA's scope animates it by the events
+    /// of a run (`docs/scope.md`).
     #[must_use]
     pub fn to_svg(&self) -> String {
         draw::svg(&self.network)
@@ -173,5 +206,15 @@ impl Model {
     #[must_use]
     pub fn to_mermaid(&self) -> String {
         draw::mermaid(&self.network)
+    }
+
+    /// The files of a Rust package that runs the model; its manifest depends on `luna`. Not
+    /// real-time.
+    ///
+    /// # Errors
+    ///
+    /// What cannot be written in Rust: names that collide there, several processes on one thread.
+    pub fn generate(&self, luna: &generate::Luna) -> Result<Vec<File>, Problem> {
+        generate::generate(self, luna)
     }
 }

@@ -1,8 +1,10 @@
 //! A model with all its arrays and compositions laid out: what is explored, exported and drawn.
 
+use crate::elaborate::Scope;
 use crate::file::{At, Side};
 use crate::language::expr::Expr;
 use crate::language::temporal::Formula;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// What a channel holds.
@@ -40,6 +42,48 @@ pub(crate) struct Network {
     pub(crate) executors: Vec<Executor>,
     /// By so much a release may be late.
     pub(crate) latency: Option<Duration>,
+}
+
+impl Network {
+    /// The variables that an agent and its branches use, and those that they set.
+    pub(crate) fn uses(&self, agent: usize) -> (BTreeSet<usize>, BTreeSet<usize>) {
+        let (mut used, mut set) = (BTreeSet::new(), BTreeSet::new());
+        for place in &self.agents[agent].code {
+            match &place.step {
+                Step::Assign(slot, value, _) => {
+                    value.each(&mut |slot| used.extend([*slot]));
+                    set.insert(*slot);
+                }
+                Step::Branch(condition, ..) | Step::Assert(condition, _) => {
+                    condition.each(&mut |slot| used.extend([*slot]));
+                }
+                Step::Fork(branches, _) => {
+                    for &branch in branches {
+                        let (inner_used, inner_set) = self.uses(branch);
+                        used.extend(inner_used);
+                        set.extend(inner_set);
+                    }
+                }
+                Step::Wait(edges) => {
+                    for edge in edges {
+                        if let Some(condition) = &edge.condition {
+                            condition.each(&mut |slot| used.extend([*slot]));
+                        }
+                        match &edge.action {
+                            Action::Send(_, Some(value)) => {
+                                value.each(&mut |slot| used.extend([*slot]));
+                            }
+                            Action::Receive(_, Some(slot)) => set.extend([*slot]),
+                            _ => {}
+                        }
+                    }
+                }
+                Step::End | Step::Goto(_) | Step::Join(..) => {}
+            }
+        }
+        used.extend(&set);
+        (used, set)
+    }
 }
 
 /// An executor or a thread, and where it is.
@@ -101,6 +145,8 @@ pub(crate) struct Process {
     pub(crate) cost: Option<Duration>,
     pub(crate) longest_poll: Option<Duration>,
     pub(crate) deadline: Option<Duration>,
+    /// Its parameters, and the channels behind its ports.
+    pub(crate) scope: Scope,
 }
 
 /// The body of a process, or a branch of `par` in it.

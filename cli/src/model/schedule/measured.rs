@@ -4,32 +4,38 @@
 //! one. A job of another process is what it does from when it is woken until it waits again. The
 //! time of a turn is that of the clock: what has preempted it is in it.
 
+use crate::convert::open;
 use crate::failure::Failure;
+use crate::model::names;
 use luna_core::events::code;
-use luna_logger::format::{ClockBase, Event, Losing, Names, ReadError, Reader, Record, Subject};
-use luna_model::schedule::{Costs, Known, Seen};
+use luna_logger::format::{ClockBase, Event, Losing, Names, Record, Subject};
+use luna_model::Model;
+use luna_model::schedule::{Costs, Known, Releases};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
 /// So many events are held back to put those of all threads in order.
 const WINDOW: usize = 1 << 20;
-/// So many releases of each process are kept, the first ones.
-const RELEASES: usize = 100_000;
 
-/// What was measured, and how many events were lost.
-pub(super) fn read(path: &Path) -> Result<(Costs, u64), Failure> {
+/// What of a recording is missing.
+#[derive(Debug, Default)]
+pub(super) struct Missing {
+    pub(super) events: u64,
+    /// Some of it cannot be read, or it has no end.
+    pub(super) is_damaged: bool,
+}
+
+/// What was measured, by the names of the model, and what is missing.
+pub(super) fn read(path: &Path, model: &Model) -> Result<(Costs, Missing), Failure> {
     let failed = |error: String| Failure::Log {
         path: path.to_owned(),
         error,
     };
-    let file = File::open(path).map_err(|error| failed(error.to_string()))?;
-    let reader = Reader::new(BufReader::with_capacity(1 << 16, file));
-    let mut reader = reader.map_err(|error: ReadError| failed(error.to_string()))?;
+    let mut reader = open(path)?;
     let mut measured = Measured::default();
+    let mut missing = Missing::default();
     loop {
         match reader.next() {
             Ok(None) => break,
@@ -44,6 +50,7 @@ pub(super) fn read(path: &Path) -> Result<(Costs, u64), Failure> {
             Ok(Some(record)) => measured.take(&record),
             Err(error) => {
                 eprintln!("luna: {}: {error}", path.display());
+                missing.is_damaged = true;
                 // The blocks after the damage are as good as those before.
                 if !matches!(reader.resume(), Ok(Some(_))) {
                     break;
@@ -51,13 +58,14 @@ pub(super) fn read(path: &Path) -> Result<(Costs, u64), Failure> {
             }
         }
     }
-    let lost = measured.lost.values().sum::<u64>() + reader.missing_blocks();
-    let costs = measured.end().ok_or_else(|| {
+    missing.events = measured.lost.values().sum::<u64>() + reader.missing_blocks();
+    missing.is_damaged |= !reader.has_ended();
+    let costs = measured.end(model).ok_or_else(|| {
         let error = "it has no turns: it was recorded without events (`Logging::events`, or \
                      LUNA_LOG_EVENTS in its environment)";
         failed(error.to_owned())
     })?;
-    Ok((costs, lost))
+    Ok((costs, missing))
 }
 
 /// Time, place in the recording, code, subject, arguments.
@@ -120,19 +128,20 @@ impl Measured {
         match code {
             code::READY => process.ready(time),
             code::RUNNING => process.running(time),
-            code::WAITING if a == code::STILL_READY => process.turn_ends(time),
+            code::WAITING if a == code::STILL_READY => process.yields(time),
             code::WAITING => process.waits(time, a == Subject::Loop as u64),
-            code::DONE => *process = std::mem::take(process).done(),
-            code::SLOT => process.slot(subject, time.saturating_sub(b)),
+            code::DONE => *process = std::mem::take(process).done(time),
+            code::SLOT => process.slot(subject, time, b),
             _ => {}
         }
     }
 
     /// None if there was no turn.
-    fn end(mut self) -> Option<Costs> {
+    fn end(mut self, model: &Model) -> Option<Costs> {
         while let Some(Reverse(entry)) = self.waiting.pop() {
             self.event(entry);
         }
+        let modelled = names::numbered(model.process_names());
         let mut all: BTreeMap<String, Known> = BTreeMap::new();
         for (number, process) in self.processes {
             // A loop whose process is not known.
@@ -141,6 +150,7 @@ impl Measured {
             }
             let known = process.known();
             let name = self.names.process(number.into());
+            let name = names::find(&modelled, &name).map_or(name, |(known, _)| known.to_owned());
             match all.get_mut(&name) {
                 None => {
                     all.insert(name, known);
@@ -176,7 +186,7 @@ struct Process {
     next_release: Option<u64>,
     cost: u64,
     longest: Job,
-    releases: Vec<Duration>,
+    releases: Releases,
     /// The last of its loops that began a cycle, and whether others did.
     loop_number: Option<u32>,
     has_several_loops: bool,
@@ -184,7 +194,18 @@ struct Process {
     slot: Option<u64>,
     cycle_cost: u64,
     last_end: u64,
+    /// How its last turn since the slot ended; none if that is the present one.
+    turn_end: Option<TurnEnd>,
+    /// So much of the present turn was of the former cycle.
+    counted: u64,
     longest_cycle: Job,
+}
+
+/// How a turn ends.
+#[derive(Debug)]
+enum TurnEnd {
+    Yields,
+    Waits,
 }
 
 /// The longest of each, of all jobs.
@@ -215,15 +236,14 @@ impl Process {
 
     fn released(&mut self, time: u64) {
         self.release = Some(time);
-        if self.releases.len() < RELEASES {
-            // What came too late to be put in order counts as the last.
-            let at =
-                Duration::from_nanos(time).max(self.releases.last().copied().unwrap_or_default());
-            self.releases.push(at);
-        }
+        self.releases.add(Duration::from_nanos(time));
     }
 
     fn running(&mut self, time: u64) {
+        if !self.has_run {
+            // Until the system starts, what is ready waits.
+            (self.release, self.releases) = (None, Releases::new());
+        }
         self.has_run = true;
         self.begun = Some(time);
         if self.release.is_none() {
@@ -241,12 +261,20 @@ impl Process {
             self.longest_poll = self.longest_poll.max(length);
         }
         self.cost += length;
-        self.cycle_cost += length;
+        self.cycle_cost += length.saturating_sub(std::mem::take(&mut self.counted));
         self.last_end = time;
+    }
+
+    /// A turn that is not the last one of its job; what has woken it meanwhile is in that, too.
+    fn yields(&mut self, time: u64) {
+        self.turn_ends(time);
+        self.next_release = None;
+        self.turn_end = Some(TurnEnd::Yields);
     }
 
     fn waits(&mut self, time: u64, for_slot: bool) {
         self.turn_ends(time);
+        self.turn_end = Some(TurnEnd::Waits);
         if let Some(release) = self.release.take() {
             self.longest.take(self.cost, time.saturating_sub(release));
         }
@@ -267,8 +295,8 @@ impl Process {
         self.cycle_cost = 0;
     }
 
-    /// A cycle begins, in a turn that counts to it from its begin.
-    fn slot(&mut self, number: u32, slot: u64) {
+    /// A cycle begins, in a turn that counts to it from its begin; so late.
+    fn slot(&mut self, number: u32, time: u64, late: u64) {
         let former = self.loop_number.replace(number);
         if former.is_none() {
             // The turns until here were of no cycle.
@@ -276,14 +304,30 @@ impl Process {
             self.cycle_cost = 0;
         }
         self.has_several_loops |= former.is_some_and(|former| former != number);
-        if self.slot.is_some() {
-            self.cycle_ends();
+        match (self.slot, self.turn_end.take()) {
+            (None, _) => {}
+            (Some(_), Some(TurnEnd::Yields)) => self.cycle_ends(),
+            // The former cycle is of the same turn, and over here.
+            (Some(_), None) => {
+                let length = time.saturating_sub(self.begun.unwrap_or(time));
+                self.cycle_cost += length.saturating_sub(self.counted);
+                (self.counted, self.last_end) = (length, time);
+                self.cycle_ends();
+            }
+            // It has waited for something else too: when the cycle was over is not known.
+            (Some(_), Some(TurnEnd::Waits)) => {
+                self.longest_cycle.take(self.cycle_cost, 0);
+                self.cycle_cost = 0;
+            }
         }
-        self.slot = Some(slot);
+        self.slot = Some(time.saturating_sub(late));
     }
 
-    /// What was seen, without what it has not ended.
-    fn done(self) -> Self {
+    /// What was seen, without what it has not ended. Its last turn has no other end.
+    fn done(mut self, time: u64) -> Self {
+        if self.begun.is_some() {
+            self.waits(time, true);
+        }
         Self {
             begun: None,
             release: None,
@@ -299,7 +343,7 @@ impl Process {
         let time = |nanos: u64| (nanos > 0).then(|| Duration::from_nanos(nanos));
         let poll = time(self.longest_poll);
         let (job, arrivals) = match (self.loop_number, self.has_several_loops) {
-            (None, _) => (self.longest, Seen::of(&self.releases)),
+            (None, _) => (self.longest, self.releases.seen()),
             (Some(_), false) => (self.longest_cycle, None),
             // Cycles of several loops are not told apart.
             (Some(_), true) => (Job::default(), None),

@@ -5,20 +5,18 @@
 mod measured;
 mod shown;
 
-use super::read;
+use super::{UNKNOWN, read};
 use crate::demo::print_json;
 use crate::failure::Failure;
 use clap::Args;
 use luna_model::Model;
 use luna_model::schedule::{Costs, Schedule, Verdict};
+use measured::Missing;
 use shown::Shown;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-
-/// Nothing is wrong, but not all could be bounded.
-const UNKNOWN: u8 = 4;
 
 /// The options of `luna model schedule`.
 #[derive(Debug, Clone, Args)]
@@ -29,11 +27,11 @@ A recording needs events (`Logging::events`, or LUNA_LOG_EVENTS); processes are 
 have, the larger one counts.
 
 Exit codes: 0 all bounds are within their deadlines, 1 one is not or does not exist, 2 bad arguments or files, 4 unknown (some parts
-could not be analysed, and nothing else is wrong).
+could not be analysed, or the recording lacks something or has what the model does not; nothing else is wrong).
 
 JSON: model, latency_ns, parts (name, executor, host, core, policy, priority, period_ns, is_seen, cost_ns, longest_poll_ns, bound_ns,
 measured_ns, deadline_ns, slack_ns, may_wait, verdict, advice), cores (host, core, utilization, is_more), not_counted, strangers,
-lost_events.")]
+lost_events, is_damaged.")]
 pub(crate) struct Arguments {
     /// The model (.toml)
     file: PathBuf,
@@ -47,9 +45,9 @@ pub(crate) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let model = read(&arguments.file)?;
-    let (costs, lost_events) = costs(&model, arguments.costs.as_deref())?;
+    let (costs, missing) = costs(&model, arguments.costs.as_deref())?;
     let schedule = model.schedule(&costs);
-    let shown = Shown::of(&model, &schedule, lost_events);
+    let shown = Shown::of(&model, &schedule, &missing);
     let mut out = io::stdout().lock();
     match arguments.json {
         true => print_json(&mut out, &shown),
@@ -60,22 +58,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 }
 
 /// The costs of a file, and how many events it has lost.
-fn costs(model: &Model, path: Option<&Path>) -> Result<(Costs, u64), Failure> {
+fn costs(model: &Model, path: Option<&Path>) -> Result<(Costs, Missing), Failure> {
     let Some(path) = path else {
-        return Ok((Costs::new(), 0));
+        return Ok((Costs::new(), Missing::default()));
     };
     let is_stated = path.extension().is_some_and(|found| found == "toml");
     match is_stated {
-        true => Ok((stated(model, path)?, 0)),
-        false => measured::read(path),
+        true => Ok((stated(model, path)?, Missing::default())),
+        false => measured::read(path, model),
     }
 }
 
 /// What `--json` prints.
 pub(super) fn table(model: &Model, costs_of: Option<&Path>) -> Result<serde_json::Value, Failure> {
-    let (costs, lost_events) = costs(model, costs_of)?;
+    let (costs, missing) = costs(model, costs_of)?;
     let schedule = model.schedule(&costs);
-    Ok(serde_json::json!(Shown::of(model, &schedule, lost_events)))
+    Ok(serde_json::json!(Shown::of(model, &schedule, &missing)))
 }
 
 fn stated(model: &Model, path: &Path) -> Result<Costs, Failure> {
@@ -93,7 +91,7 @@ fn exit_code(schedule: &Schedule, shown: &Shown<'_>) -> ExitCode {
         return ExitCode::from(1);
     }
     let is_open = rows.iter().any(|row| row.verdict == Verdict::Unknown);
-    match is_open || shown.is_empty() || !shown.not_counted.is_empty() {
+    match is_open || shown.is_incomplete() {
         true => ExitCode::from(UNKNOWN),
         false => ExitCode::SUCCESS,
     }

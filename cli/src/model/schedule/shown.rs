@@ -1,5 +1,6 @@
 //! Bounds as text for people, and as JSON.
 
+use super::measured::Missing;
 use crate::columns::{of_rows, of_texts};
 use crate::text::Count;
 use luna_model::Model;
@@ -15,10 +16,12 @@ pub(super) struct Shown<'a> {
     parts: Vec<Part<'a>>,
     cores: Vec<Load<'a>>,
     /// Parts without an executor: they may run before any other.
-    pub(super) not_counted: Vec<&'a str>,
+    not_counted: Vec<&'a str>,
     /// In the recording, and not in the model.
     strangers: &'a [String],
     lost_events: u64,
+    /// Of the recording.
+    is_damaged: bool,
 }
 
 #[derive(Debug, Serialize)]
@@ -55,7 +58,7 @@ fn nanos(time: Option<Duration>) -> Option<u64> {
 }
 
 impl<'a> Shown<'a> {
-    pub(super) fn of(model: &'a Model, schedule: &'a Schedule, lost_events: u64) -> Self {
+    pub(super) fn of(model: &'a Model, schedule: &'a Schedule, missing: &Missing) -> Self {
         let is_lost = |row: &&Row| row.executor.is_none() && row.verdict == Verdict::Nothing;
         let lost = schedule.rows.iter().filter(is_lost);
         Self {
@@ -65,12 +68,19 @@ impl<'a> Shown<'a> {
             cores: schedule.cores.iter().map(Load::of).collect(),
             not_counted: lost.map(|row| row.name.as_str()).collect(),
             strangers: &schedule.strangers,
-            lost_events,
+            lost_events: missing.events,
+            is_damaged: missing.is_damaged,
         }
     }
 
+    /// Whether something was not counted, or nothing was asked.
+    pub(super) fn is_incomplete(&self) -> bool {
+        let lists = [self.not_counted.len(), self.strangers.len()];
+        self.is_empty() || self.lost_events > 0 || self.is_damaged || lists != [0, 0]
+    }
+
     /// Whether nothing was asked.
-    pub(super) fn is_empty(&self) -> bool {
+    fn is_empty(&self) -> bool {
         self.parts.iter().all(|part| part.deadline_ns.is_none())
     }
 
@@ -117,8 +127,7 @@ impl<'a> Shown<'a> {
             let waiting: Vec<&str> = waiting.map(|part| part.name).collect();
             if !waiting.is_empty() {
                 notes.push(format!(
-                    "taken to find their partners ready, since a wait for another process is in \
-                     no bound: {}",
+                    "* these bounds leave out waits for other processes and for a time: {}",
                     waiting.join(", ")
                 ));
             }
@@ -141,6 +150,12 @@ impl<'a> Shown<'a> {
                  room (LUNA_LOG_EVENTS)",
                 Count(self.lost_events, "event")
             ));
+        }
+        if self.is_damaged {
+            notes.push(
+                "the recording is damaged or has no end: what was measured may be too little"
+                    .to_owned(),
+            );
         }
         notes
     }
@@ -195,7 +210,10 @@ impl<'a> Part<'a> {
             micros(self.deadline_ns),
             self.slack_ns
                 .map_or("-".to_owned(), |slack| tenths(slack.div_euclid(100))),
-            self.verdict.to_owned(),
+            match (self.verdict, self.may_wait) {
+                ("holds", true) => "holds*".to_owned(),
+                (verdict, _) => verdict.to_owned(),
+            },
         ]
     }
 }

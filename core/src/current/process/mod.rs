@@ -117,8 +117,8 @@ const _: () = assert!(std::mem::offset_of!(Process, methods) <= 96);
 // SAFETY: the fields that are neither constant nor atomic:
 // - `kind`, `methods`: the thread that makes the process writes them, before any other thread knows
 //   the process. Other threads only read them.
-// - `waker`: by the invariant it is written before the first poll, and taken out after the end, when
-//   there is no reference any more. In between it is only read.
+// - `waker`: by the invariant it is written before the first poll, and taken out after the end,
+//   when there is no reference any more. In between it is only read.
 // - `link`: the executor's thread alone reads and writes it.
 // - `references`: the executor's thread alone accesses its `Cell`; the other count is atomic.
 // - `inheritance`: `counts` and `waits` are accessed under the lock of its `thread` alone.

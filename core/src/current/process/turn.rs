@@ -292,7 +292,8 @@ impl Process {
         }
     }
 
-    /// Readies the process without its waker, if possible, `lowered` levels below its own.
+    /// Readies the process without its waker, `lowered` levels below its own. A process without
+    /// methods stays as it is.
     ///
     /// # Safety
     ///

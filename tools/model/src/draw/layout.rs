@@ -17,6 +17,9 @@ pub(super) const TITLE: f64 = 22.0;
 const HEIGHT: f64 = 44.0;
 const LETTER: f64 = 7.2;
 const SPACING: f64 = 64.0;
+/// Room for `waits for` before the name of a channel, in letters of a name. It is written smaller.
+const WAITS: f64 = 7.0;
+const SMALLER: f64 = 0.8;
 
 /// A rectangle, by its upper left corner.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -41,9 +44,11 @@ pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
         groups: vec![Area::default(); network.groups.len()],
         processes: vec![Area::default(); network.processes.len()],
     };
+    let waits = waits(network);
     for (number, process) in network.processes.iter().enumerate() {
         let area = &mut found.processes[number];
         (area.width, area.height) = size(short(&process.name), &details(network, number));
+        area.width = area.width.max(waits[number] * LETTER + MARGIN);
     }
     // A group stands behind the one that it is in.
     for number in (0..network.groups.len()).rev() {
@@ -125,6 +130,18 @@ fn place(network: &Network, found: &mut Layout, items: &[Item], size: (f64, f64)
         area.y -= bounds.y;
     }
     (bounds.width, bounds.height)
+}
+
+/// How long the text is that says for which channel a process waits, in letters.
+fn waits(network: &Network) -> Vec<f64> {
+    let mut waits = vec![0.0; network.processes.len()];
+    for channel in &network.channels {
+        let letters = WAITS + channel.name.chars().count() as f64 * SMALLER;
+        for &process in channel.senders.iter().chain(&channel.receivers) {
+            waits[process] = letters.max(waits[process]);
+        }
+    }
+    waits
 }
 
 impl Layout {

@@ -15,6 +15,7 @@ pub(super) enum Item {
 pub(super) struct Arrow {
     pub(super) from: usize,
     pub(super) to: usize,
+    pub(super) channels: Vec<usize>,
     /// The channels' names without the parts that they are in, and what they hold.
     pub(super) label: String,
 }
@@ -23,8 +24,8 @@ pub(super) struct Arrow {
 const MAX_NAMED: usize = 3;
 
 pub(super) fn arrows(network: &Network) -> Vec<Arrow> {
-    let mut found: BTreeMap<(usize, usize), Vec<String>> = BTreeMap::new();
-    for channel in &network.channels {
+    let mut found: BTreeMap<(usize, usize), (Vec<usize>, Vec<String>)> = BTreeMap::new();
+    for (number, channel) in network.channels.iter().enumerate() {
         let mut label = short(&channel.name).to_owned();
         match channel.kind {
             Kind::Rendezvous => {}
@@ -34,17 +35,24 @@ pub(super) fn arrows(network: &Network) -> Vec<Arrow> {
         }
         for &from in &channel.senders {
             for &to in &channel.receivers {
-                found.entry((from, to)).or_default().push(label.clone());
+                let (channels, labels) = found.entry((from, to)).or_default();
+                channels.push(number);
+                labels.push(label.clone());
             }
         }
     }
-    let arrows = found.into_iter().map(|((from, to), labels)| {
+    let arrows = found.into_iter().map(|((from, to), (channels, labels))| {
         let more = labels.len().saturating_sub(MAX_NAMED);
         let mut label = labels[..labels.len() - more].join(", ");
         if more > 0 {
             label.push_str(&format!(", {more} more"));
         }
-        Arrow { from, to, label }
+        Arrow {
+            from,
+            to,
+            channels,
+            label,
+        }
     });
     arrows.collect()
 }

@@ -101,6 +101,8 @@ pub(crate) struct Range {
     pub(crate) low: Expr<Path>,
     pub(crate) high: Expr<Path>,
     pub(crate) first: Option<Expr<Path>>,
+    /// It is `bool`, and not `0..1`.
+    pub(crate) is_bool: bool,
 }
 
 /// Where processes run.

@@ -6,11 +6,9 @@ use crate::language::Piece;
 use crate::language::expr::Expr;
 use crate::language::parser::{Parser, Path};
 use crate::network::Kind;
+use crate::recorded::MAX_BUFFER;
 use crate::text::Problem;
 use std::time::Duration;
-
-/// Larger buffers have too many states to be checked.
-const MAX_BUFFER: usize = 255;
 
 /// `rendezvous`, `fifo 2`, `overwrite_oldest 1`, `overwrite_newest 1`.
 pub(super) fn buffer(entry: &Entry<'_>) -> Result<Kind, Problem> {
@@ -56,6 +54,7 @@ fn boolean() -> Range {
         low: Expr::Number(0),
         high: Expr::Number(1),
         first: None,
+        is_bool: true,
     }
 }
 
@@ -66,7 +65,12 @@ fn range(piece: Piece<'_>) -> Result<Range, Problem> {
     let high = parser.expr()?;
     let first = parser.take("=").then(|| parser.expr()).transpose()?;
     parser.end()?;
-    Ok(Range { low, high, first })
+    Ok(Range {
+        low,
+        high,
+        first,
+        is_bool: false,
+    })
 }
 
 /// Further away than any screen reaches.
@@ -101,17 +105,12 @@ pub(super) fn time(entry: &Entry<'_>) -> Result<Duration, Problem> {
     found.ok_or_else(|| entry.problem("this is no time", advice))
 }
 
-/// `other`, `fifo:80`, `rr:80`.
+/// `other`, `fifo:80`, `rr:80`, `deadline:200000/500000/1000000`.
 pub(super) fn policy(entry: &Entry<'_>) -> Result<String, Problem> {
     let text = entry.text()?;
-    let is_policy = text == "other"
-        || text
-            .strip_prefix("fifo:")
-            .or_else(|| text.strip_prefix("rr:"))
-            .and_then(|level| level.parse::<u8>().ok())
-            .is_some_and(|level| (1..=99).contains(&level));
-    if !is_policy {
-        let advice = "write `other`, `fifo:1` to `fifo:99`, or `rr:1` to `rr:99`";
+    if text.parse::<luna::Policy>().is_err() {
+        let advice = "write `other`, `fifo:1` to `fifo:99`, `rr:1` to `rr:99`, or \
+                      `deadline:200000/500000/1000000`: runtime, deadline and period in ns";
         return Err(entry.problem("this is no policy", advice));
     }
     Ok(text.to_owned())

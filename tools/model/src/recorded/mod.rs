@@ -8,6 +8,7 @@ use crate::language::body::RESERVED;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::time::Duration;
+pub(crate) use text::MAX_BUFFER;
 use text::{Part, buffer, definition, executor, instance, key, quoted, run};
 
 /// What a recording says of a system.
@@ -43,7 +44,8 @@ pub struct RecordedChannel {
     pub name: String,
     /// How many values it held at most, if it overwrites none. 0: senders and receivers met.
     pub held: usize,
-    /// How many values a buffer that overwrites must hold, so that all that was received was there.
+    /// The least size of an overwriting buffer with which all receives find a value. 0 if that is not
+    /// known: then `held` is the capacity.
     pub least: usize,
     /// What sent, by the places of the processes. None: what is outside of the system.
     pub senders: BTreeSet<Option<usize>>,
@@ -100,6 +102,15 @@ pub fn name_in_model(name: &str) -> String {
         word.push('_');
     }
     word
+}
+
+/// The name of what is outside of a system, in a model of it: no process of it has this name.
+pub(crate) fn outside(is_taken: impl Fn(&str) -> bool) -> String {
+    let mut outside = "outside".to_owned();
+    while is_taken(&outside) {
+        outside.push('_');
+    }
+    outside
 }
 
 impl Recorded {
@@ -164,13 +175,12 @@ impl Recorded {
             .collect();
         for (name, process) in names.iter().zip(&self.processes) {
             let part = parts.entry(name.clone()).or_default();
-            part.run = run(process);
+            let run = run(process);
+            if run.len() > part.run.len() {
+                part.run = run;
+            }
         }
-        // No process of the recording has this name.
-        let mut outside = "outside".to_owned();
-        while names.contains(&outside) {
-            outside.push('_');
-        }
+        let outside = outside(|name| names.iter().any(|known| known == name));
         let outside = Some(&outside);
         let name_of = |user: &Option<usize>| match user {
             Some(process) => names.get(*process),

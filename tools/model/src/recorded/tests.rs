@@ -53,6 +53,7 @@ fn what_ran_becomes_a_model_with_all_that_is_known() {
         ],
         executors: vec![RecordedExecutor {
             name: "main thread".to_owned(),
+            policy: Some("deadline:200000/500000/1000000".to_owned()),
             core: Some(1),
             ..Default::default()
         }],
@@ -94,5 +95,23 @@ fn any_name_is_one_of_a_model() {
         let word = name_in_model(name);
         assert!(model.process_names().any(|found| found == word), "{name}");
         assert_eq!(model.channel_names().next(), Some(word.as_str()));
+    }
+}
+
+#[test]
+fn what_is_known_of_one_process_stays_with_another_of_its_name() {
+    let known = RecordedProcess {
+        priority: Some(7),
+        ..process("worker")
+    };
+    for processes in [
+        vec![known.clone(), process("worker")],
+        vec![process("worker"), known],
+    ] {
+        let recorded = Recorded {
+            processes,
+            ..Recorded::default()
+        };
+        assert_eq!(parse(&recorded).network.processes[0].priority, Some(7));
     }
 }

@@ -4,8 +4,8 @@ use super::{RecordedExecutor, RecordedProcess, name_in_model};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Larger buffers are no part of a model.
-pub(super) const MAX_BUFFER: usize = 255;
+/// Larger buffers have too many states to be checked.
+pub(crate) const MAX_BUFFER: usize = 255;
 /// A buffer that would have held more values, and need not, is taken for one that overwrites.
 const MAX_HELD: usize = 16;
 
@@ -20,6 +20,10 @@ pub(super) struct Part {
 pub(super) fn buffer(held: usize, least: usize) -> String {
     match held {
         0 => String::new(),
+        _ if least == 0 && held > MAX_BUFFER => {
+            format!("buffer = \"fifo {MAX_BUFFER}\" # of {held}\n")
+        }
+        _ if least == 0 => format!("buffer = \"fifo {held}\"\n"),
         _ if held <= MAX_HELD || (held <= least && held <= MAX_BUFFER) => {
             format!("buffer = \"fifo {held}\" # it held no more\n")
         }

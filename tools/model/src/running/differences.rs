@@ -2,7 +2,7 @@
 
 use super::read::{capacity, users};
 use crate::network::{Channel, Executor, Network, Process};
-use crate::recorded::name_in_model;
+use crate::recorded::{MAX_BUFFER, name_in_model, outside};
 use luna::Policy;
 use luna::inspect::{ChannelPart, Composition, EndUser, ProcessPart, ThreadKind, ThreadPart};
 use rustc_hash::FxHashMap;
@@ -55,18 +55,22 @@ impl fmt::Display for Wiring {
 
 impl std::error::Error for Wiring {}
 
-/// A process of this name in a model stands for what is not in the system.
-const OUTSIDE: &str = "outside";
-
 /// The parts of one kind by their names.
-fn by_name<T>(parts: impl Iterator<Item = T>, name: impl Fn(&T) -> &str) -> FxHashMap<String, T> {
-    parts
-        .map(|part| (name_in_model(name(&part)), part))
-        .collect()
+fn by_name<T>(
+    parts: impl Iterator<Item = T>,
+    name: impl Fn(&T) -> &str,
+) -> FxHashMap<String, Vec<T>> {
+    let mut found: FxHashMap<String, Vec<T>> = FxHashMap::default();
+    for part in parts {
+        found
+            .entry(name_in_model(name(&part)))
+            .or_default()
+            .push(part);
+    }
+    found
 }
 
 pub(super) fn between(network: &Network, parts: &Composition) -> Vec<Difference> {
-    let mut found = Found::default();
     let running = parts.threads.iter().flat_map(|thread| {
         let processes = thread.processes.iter();
         processes.map(move |process| (process, thread))
@@ -74,10 +78,19 @@ pub(super) fn between(network: &Network, parts: &Composition) -> Vec<Difference>
     let running: Vec<(&ProcessPart, &ThreadPart)> = running.collect();
     let model = by_name(network.processes.iter(), |process| &process.name);
     let system = by_name(running.iter().copied(), |(process, _)| &process.name);
+    let mut found = Found {
+        all: Vec::new(),
+        outside: outside(|name| system.contains_key(name)),
+    };
+    found.same_names("process", model.values(), |process| &process.name);
     for process in &network.processes {
         match system.get(&name_in_model(&process.name)) {
-            Some((part, thread)) => found.process(process, part, thread),
-            None if process.name == OUTSIDE => {}
+            Some(parts) => {
+                for (part, thread) in parts {
+                    found.process(process, part, thread);
+                }
+            }
+            None if process.name == found.outside => {}
             None => found.add("process", &process.name, None, Some("there")),
         }
     }
@@ -89,35 +102,64 @@ pub(super) fn between(network: &Network, parts: &Composition) -> Vec<Difference>
     let threads = by_name(parts.threads.iter(), |thread| &thread.name);
     for executor in &network.executors {
         // Processes that are to be there and are not were named before.
-        if let Some(thread) = threads.get(&name_in_model(&executor.name)) {
+        for thread in threads
+            .get(&name_in_model(&executor.name))
+            .into_iter()
+            .flatten()
+        {
             found.executor(executor, thread);
         }
     }
     let channels = by_name(network.channels.iter(), |channel| &channel.name);
+    found.same_names("channel", channels.values(), |channel| &channel.name);
     for channel in &parts.channels {
         let Some(capacity) = capacity(channel) else {
             continue;
         };
         let name = channel.name.as_ref().unwrap_or(&channel.made_at);
         match channels.get(&name_in_model(name)) {
-            Some(known) => found.channel(network, known, channel, capacity),
+            Some(known) => found.channel(network, known[0], channel, capacity),
             None => found.add("channel", name, Some("there"), None),
         }
     }
-    found.0
+    found.all
 }
 
-#[derive(Default)]
-struct Found(Vec<Difference>);
+struct Found {
+    all: Vec<Difference>,
+    /// A process of this name in a model stands for what is not in the system.
+    outside: String,
+}
 
 impl Found {
     fn add(&mut self, part: &'static str, name: &str, system: Option<&str>, model: Option<&str>) {
-        self.0.push(Difference {
+        self.all.push(Difference {
             part,
             name: name.to_owned(),
             system: system.map(str::to_owned),
             model: model.map(str::to_owned),
         });
+    }
+
+    /// Parts of the model whose names cannot be told apart in the system.
+    fn same_names<'a, T: 'a>(
+        &mut self,
+        part: &'static str,
+        names: impl Iterator<Item = &'a Vec<T>>,
+        name: impl Fn(&T) -> &str,
+    ) {
+        let mut same: Vec<[&str; 2]> = names
+            .flat_map(|same| {
+                same.iter()
+                    .skip(1)
+                    .map(|other| [&same[0], other].map(&name))
+            })
+            .collect();
+        same.sort_unstable();
+        for [first, other] in same {
+            let here = format!("the same name as `{first}`");
+            self.add(part, other, Some(&here), Some("another one"));
+        }
     }
 
     /// `what` may say what the values are.
@@ -170,7 +212,8 @@ impl Found {
 
     fn channel(&mut self, network: &Network, known: &Channel, part: &ChannelPart, capacity: usize) {
         let this = ("channel", known.name.as_str());
-        let both = [capacity, known.kind.capacity()];
+        // The largest one of a model stands for all that are larger.
+        let both = [capacity.min(MAX_BUFFER), known.kind.capacity()];
         self.unless_equal(this, "", both, |capacity| match capacity {
             0 => "a rendezvous".to_owned(),
             values => format!("a buffer of {values}"),
@@ -183,10 +226,10 @@ impl Found {
             };
             for user in users(part, sends) {
                 let user = match user {
-                    EndUser::Process(name) => name.as_str(),
-                    _ => OUTSIDE,
+                    EndUser::Process(name) => name.clone(),
+                    _ => self.outside.clone(),
                 };
-                let is_known = of_model().any(|one| name_in_model(one) == name_in_model(user));
+                let is_known = of_model().any(|one| name_in_model(one) == name_in_model(&user));
                 let what = match sends {
                     true => "sent to by",
                     false => "received from by",

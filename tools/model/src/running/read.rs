@@ -69,7 +69,7 @@ fn recorded(processes: &[RecordedProcess], channel: &ChannelPart) -> Option<Reco
     Some(RecordedChannel {
         name: channel.name.as_ref().unwrap_or(&channel.made_at).clone(),
         held,
-        least: held,
+        least: 0,
         senders: users(channel, true).map(place).collect(),
         receivers: users(channel, false).map(place).collect(),
     })

@@ -144,3 +144,63 @@ fn channels_are_compared_while_the_system_runs() {
         .unwrap();
     system.run().unwrap();
 }
+
+/// A system with these processes of one level each, which do nothing.
+fn idle(processes: &[(&str, u8)]) -> System {
+    let mut system = System::new("pair");
+    let main = system.executor("main").build().unwrap();
+    for (name, priority) in processes {
+        let process = main.process(*name).priority(*priority);
+        process.spawn(async { Ok(()) }).unwrap();
+    }
+    system
+}
+
+#[test]
+fn each_of_several_processes_of_one_name_is_compared() {
+    let text = "[process.W]\nbody = \"loop { work }\"\n[executor.main]\n\
+                [system.part.pool]\nprocess = \"W\"\npriority = 9\non = \"main\"\n";
+    let model = Model::parse("m.toml", text).unwrap();
+    for order in [[("pool", 3), ("pool ", 9)], [("pool ", 9), ("pool", 3)]] {
+        let system = idle(&order);
+        let wiring = system.check_wiring(&model).unwrap_err();
+        let [difference] = &wiring.differences[..] else {
+            panic!("{wiring}");
+        };
+        let expected = "process `pool`: priority 3, in the model 9";
+        assert_eq!(difference.to_string(), expected);
+    }
+}
+
+#[test]
+fn names_of_a_model_that_are_one_in_a_system_are_named() {
+    let text = "[process.W]\nbody = \"loop { work }\"\n[executor.main]\n\
+                [system.part.a]\nprocess = \"W\"\narray = 1\n\
+                [system.part.a_0]\nprocess = \"W\"\n";
+    let model = Model::parse("m.toml", text).unwrap();
+    let wiring = idle(&[("a[0]", 3)]).check_wiring(&model).unwrap_err();
+    let expected = "process `a_0`: the same name as `a[0]`, in the model another one";
+    assert_eq!(wiring.differences[0].to_string(), expected, "{wiring}");
+}
+
+#[test]
+fn a_large_buffer_and_a_process_outside_are_as_their_own_model_says() {
+    let mut system = System::new("pair");
+    let observer = system.observer();
+    let main = system.executor("main").build().unwrap();
+    let (sender, receiver) = luna::buffered::<u32>(Buffer::fifo(1000));
+    sender.try_send(1).unwrap();
+    let outside = main.process("outside").priority(2);
+    outside
+        .spawn(async move {
+            receiver.recv().await?;
+            let text = observer.model();
+            assert!(text.contains("buffer = \"fifo 255\" # of 1000\n"), "{text}");
+            let model = Model::parse("ran.toml", &text).unwrap();
+            assert_eq!(observer.check_wiring(&model), Ok(()));
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+    drop(sender);
+}

@@ -1,13 +1,14 @@
 //! The bound of a job's response.
 
 use super::around::{Gap, around, demands};
-use super::{Demand, Task, Thread, nanos};
+use super::{Arrivals, Demand, Task, Thread, nanos};
 use response_time_analysis::arrival::ArrivalBound;
 use response_time_analysis::demand::{RBF, RequestBound, step_offsets};
-use response_time_analysis::fixed_point::{SearchResult, max_response_time, search};
+use response_time_analysis::fixed_point::{SearchResult, search};
 use response_time_analysis::supply::Dedicated;
 use response_time_analysis::time::{self, Offset, Service};
 use response_time_analysis::wcet::Scalar;
+use std::cell::Cell;
 use std::time::Duration;
 
 /// Why a task has no bound.
@@ -47,6 +48,12 @@ const ROUNDING: f64 = 1e-9;
 
 /// Busy times are followed so far.
 const LIMIT: Duration = Duration::from_secs(10);
+
+/// A bound is searched for in so many steps.
+const MAX_STEPS: usize = 1_000_000;
+
+/// In ns, more than any limit.
+const BEYOND: u64 = 1_000_000_000_000_000_000;
 
 /// For each task the time from when a job ought to be released to its end, at most.
 ///
@@ -100,7 +107,14 @@ fn bound(threads: &[Thread], tasks: &[Task], number: usize) -> Result<Duration, 
     }
     // So the sums of times stay far below what their type holds.
     let mut times = all.iter().flat_map(|demand| [demand.cost, demand.jitter()]);
-    if times.any(|time| time > LIMIT) || blocking > Some(LIMIT) {
+    // The first steps of a task are as many as it may be periods late.
+    let is_dense = all.iter().any(|demand| match demand.arrivals {
+        Arrivals::Periodic { period, jitter } => {
+            jitter.as_nanos() / period.as_nanos().max(1) > MAX_STEPS as u128
+        }
+        Arrivals::Seen(_) => false,
+    });
+    if is_dense || times.any(|time| time > LIMIT) || blocking > Some(LIMIT) {
         return Err(NoBound::TooLong { limit: LIMIT });
     }
     let delays = Delays {
@@ -124,10 +138,17 @@ impl Delays<'_> {
     fn response(&self, last_poll: u64) -> SearchResult {
         let processor = Dedicated::new();
         let limit = nanos(LIMIT).into();
+        // After too many steps it asks for more time than any limit.
+        let steps = Cell::new(0);
+        let above = |length| {
+            steps.set(steps.get() + 1);
+            let too_many = if steps.get() > MAX_STEPS { BEYOND } else { 0 };
+            sum(&self.above, length) + too_many.into()
+        };
         let busy = search(&processor, limit, |length| {
             self.blocking
                 + sum(&self.beside, length)
-                + sum(&self.above, length)
+                + above(length)
                 + self.own.service_needed(length)
         })?;
         // What is left when only threads above can still delay it.
@@ -135,15 +156,18 @@ impl Delays<'_> {
         let of = |offset: Offset| {
             let jobs = self.own.service_needed(offset.closed_since_time_zero());
             let begun = search(&processor, limit, |length| {
-                self.blocking + (jobs - rest) + sum(&self.beside, length) + sum(&self.above, length)
+                self.blocking + (jobs - rest) + sum(&self.beside, length) + above(length)
             })?;
             let beside = sum(&self.beside, begun);
             let ended = search(&processor, limit, |length| {
-                self.blocking + jobs + beside + sum(&self.above, length)
+                self.blocking + jobs + beside + above(length)
             })?;
             Ok(ended - offset.since_time_zero())
         };
         let within = |offset: &Offset| *offset < Offset::from_time_zero(busy);
-        max_response_time(step_offsets(&self.own).take_while(within).map(of))
+        // The first failure ends it: `max_response_time` would go on.
+        let mut all = step_offsets(&self.own).take_while(within).map(of);
+        let zero = time::Duration::from(0);
+        all.try_fold(zero, |longest, found| Ok(longest.max(found?)))
     }
 }

@@ -30,7 +30,11 @@
 mod around;
 mod bound;
 mod costs;
+#[cfg(test)]
+mod models;
+mod placed;
 mod plan;
+mod seen;
 #[cfg(test)]
 mod simulated;
 #[cfg(test)]
@@ -41,13 +45,13 @@ pub use around::Gap;
 pub use bound::{NoBound, bounds};
 pub use costs::{Costs, Known};
 pub use plan::{Core, Row, Schedule};
+pub use seen::{Releases, Seen};
 pub use verdict::Verdict;
 
 pub(crate) use costs::read as read_costs;
 pub(crate) use plan::schedule;
 
-use response_time_analysis::arrival::{ArrivalBound, Curve, Sporadic};
-use response_time_analysis::time;
+use response_time_analysis::arrival::{ArrivalBound, Sporadic};
 use std::time::Duration;
 
 /// A thread that runs tasks: an executor, or an OS-thread process.
@@ -97,36 +101,15 @@ pub enum Arrivals {
     Seen(Seen),
 }
 
-/// How close releases came in a recording: no interval has more of them than the worst one of its
-/// length had there.
-#[derive(Debug, Clone)]
-pub struct Seen(Curve);
-
-/// Distances between so many releases are kept. Beyond, the curve repeats itself.
-const PREFIX: usize = 64;
-
-impl Seen {
-    /// Of the instants of the releases since any origin, in order. None if they say nothing of how
-    /// close others may come: there are fewer than two, or too many came at one instant.
-    ///
-    /// # Panics
-    ///
-    /// The instants are not in order.
-    #[must_use]
-    pub fn of(releases: &[Duration]) -> Option<Self> {
-        let offsets = releases.iter().map(|at| time::Offset::from(nanos(*at)));
-        let curve = (releases.len() >= 2).then(|| Curve::from_trace(offsets, PREFIX))?;
-        // The distance of the most that it knows.
-        let longest = curve.min_distance(usize::MAX);
-        longest.is_non_zero().then_some(Self(curve))
-    }
-}
+/// In ns; longer ones count as this.
+const LONGEST_PERIOD: u64 = 1_000_000_000_000_000_000;
 
 impl Demand {
     fn curve(&self) -> Box<dyn ArrivalBound + '_> {
         match &self.arrivals {
             Arrivals::Periodic { period, jitter } => Box::new(Sporadic::new(
-                nanos(*period).max(1).into(),
+                // The crate multiplies it.
+                nanos(*period).clamp(1, LONGEST_PERIOD).into(),
                 nanos(*jitter).into(),
             )),
             Arrivals::Seen(Seen(curve)) => Box::new(curve),
@@ -147,7 +130,7 @@ impl Demand {
         const LONG: u64 = 3_600_000_000_000;
         let rate = match &self.arrivals {
             Arrivals::Periodic { period, .. } => 1.0 / nanos(*period).max(1) as f64,
-            Arrivals::Seen(Seen(curve)) => curve.number_arrivals(LONG.into()) as f64 / LONG as f64,
+            Arrivals::Seen(seen) => seen.count(LONG) as f64 / LONG as f64,
         };
         nanos(self.cost) as f64 * rate
     }

@@ -2,9 +2,10 @@
 
 use super::around::around;
 use super::bound::bounds;
+use super::placed::{executor, may_be_besides, open, rank};
 use super::verdict::{Found, Verdict};
 use super::{Arrivals, Costs, Demand, Known, NoBound, Task, Thread};
-use crate::network::{Action, Executor, Kind, Network, Process, Step};
+use crate::network::{Action, Edge, Executor, Kind, Network, Step};
 use std::collections::BTreeMap;
 use std::ops::Add;
 use std::time::Duration;
@@ -61,7 +62,7 @@ pub struct Row {
 }
 
 /// A core of the model.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Core {
     /// Its host; empty if the model names none.
     pub host: String,
@@ -76,13 +77,7 @@ pub struct Core {
 /// The level of a process that states none.
 const DEFAULT_PRIORITY: u8 = 16;
 
-/// Of a policy: 0 for one that is not real-time.
-fn rank(policy: Option<&str>) -> u8 {
-    let level = policy.and_then(|policy| policy.split_once(':'));
-    level.and_then(|(_, level)| level.parse().ok()).unwrap_or(0)
-}
-
-/// The tasks of a model. Processes without a core are none.
+/// The tasks of a model. Processes without a core, or without a rank, are none.
 #[derive(Default)]
 struct Set<'n> {
     threads: Vec<Thread>,
@@ -104,10 +99,10 @@ pub(crate) fn schedule(network: &Network, costs: &Costs) -> Schedule {
             let executor = executor(network, process);
             let known = costs.of.get(&process.name);
             let row = row(network, number, executor, known);
-            if let Some((executor, core)) =
-                executor.and_then(|executor| Some((executor, executor.core?)))
+            if let Some((executor, core, rank)) =
+                executor.and_then(|executor| Some((executor, executor.core?, rank(executor)?)))
             {
-                set.add(network, number, executor, core, &row, known);
+                set.add(network, number, (executor, core, rank), &row, known);
             }
             row
         })
@@ -117,28 +112,16 @@ pub(crate) fn schedule(network: &Network, costs: &Costs) -> Schedule {
     for (process, bound) in set.processes.iter().zip(found) {
         bounds[*process] = Some(bound);
     }
-    // A real-time thread that is on no core may be on any.
-    let roaming: Vec<(usize, &Executor)> = network
-        .processes
-        .iter()
-        .enumerate()
-        .filter_map(|(number, process)| Some((number, executor(network, process)?)))
-        .filter(|(_, executor)| executor.core.is_none() && rank(executor.policy.as_deref()) > 0)
-        .collect();
     for (number, bound) in bounds.into_iter().enumerate() {
         let task = set.processes.iter().position(|process| *process == number);
         let around = task.and_then(|task| around(&set.threads, &set.tasks, task).ok());
-        let own = rank(rows[number].policy.as_deref());
-        let roams = roaming.iter().find(|(_, executor)| {
-            executor.host == rows[number].host && rank(executor.policy.as_deref()) >= own
-        });
         let found = Found {
             row: &rows[number],
             bound,
             around: around.as_ref(),
             tasks: &set.tasks,
             names: &|task: usize| network.processes[set.processes[task]].name.as_str(),
-            roams: roams.map(|(other, _)| network.processes[*other].name.as_str()),
+            open: open(network, &network.processes[number]),
         };
         let (bound, verdict, advice) = found.judge();
         let row = &mut rows[number];
@@ -152,18 +135,10 @@ pub(crate) fn schedule(network: &Network, costs: &Costs) -> Schedule {
     };
     Schedule {
         rows,
-        cores: set.loads(),
+        cores: set.loads(network),
         latency: network.latency,
         strangers: costs.of.keys().filter(|name| !has(name)).cloned().collect(),
     }
-}
-
-fn executor<'n>(network: &'n Network, process: &Process) -> Option<&'n Executor> {
-    let on = process.on.as_ref()?;
-    network
-        .executors
-        .iter()
-        .find(|executor| executor.name == *on)
 }
 
 fn row(
@@ -175,10 +150,10 @@ fn row(
     let process = &network.processes[number];
     // What was measured may be more than what is stated.
     let cost = process.cost.max(known.and_then(|known| known.cost));
-    let poll = process
-        .longest_poll
-        .max(known.and_then(|known| known.longest_poll));
+    let measured = known.and_then(|known| known.longest_poll);
+    let poll = process.longest_poll.or(process.cost).max(measured);
     let cost = cost.map(|cost| cost.max(poll.unwrap_or_default()));
+    let has_poll = process.longest_poll.or(measured).is_some();
     Row {
         name: process.name.clone(),
         executor: process.on.clone(),
@@ -189,7 +164,7 @@ fn row(
         period: process.period,
         is_seen: process.period.is_none() && known.is_some_and(|known| known.arrivals.is_some()),
         cost,
-        longest_poll: poll.or(cost),
+        longest_poll: if has_poll { poll } else { cost },
         bound: None,
         measured: known.and_then(|known| known.response),
         deadline: process.deadline.or(process.period),
@@ -204,15 +179,14 @@ impl<'n> Set<'n> {
         &mut self,
         network: &'n Network,
         process: usize,
-        executor: &'n Executor,
-        core: u16,
+        (executor, core, rank): (&'n Executor, u16, u8),
         row: &Row,
         known: Option<&Known>,
     ) {
         let shared = self.executors.get(executor.name.as_str()).copied();
         // A process on a thread has it alone.
         let shared = shared.filter(|_| !executor.is_thread);
-        let thread = shared.unwrap_or_else(|| self.thread(executor, core));
+        let thread = shared.unwrap_or_else(|| self.thread(executor, core, rank));
         let arrivals = match (row.period, known.and_then(|known| known.arrivals.clone())) {
             (Some(period), _) => Some(Arrivals::Periodic {
                 period,
@@ -227,26 +201,29 @@ impl<'n> Set<'n> {
             priority: row.priority,
             demand: demand.map(|(arrivals, cost)| Demand { arrivals, cost }),
             longest_poll: row.longest_poll,
-            // A poll that is shorter than the job says that there are several.
-            is_one_poll: row.longest_poll == row.cost && is_one_poll(network, process),
+            // Actions may give way: that a cycle is one poll has to be stated.
+            is_one_poll: network.processes[process].longest_poll.is_some()
+                && row.longest_poll == row.cost
+                && is_one_poll(network, process),
         });
     }
 
-    fn thread(&mut self, executor: &'n Executor, number: u16) -> usize {
+    fn thread(&mut self, executor: &'n Executor, number: u16, rank: u8) -> usize {
         let of = (executor.host.as_str(), number);
         let core = self.cores.iter().position(|known| *known == of);
         let core = core.unwrap_or_else(|| {
             self.cores.push(of);
             self.cores.len() - 1
         });
-        let rank = rank(executor.policy.as_deref());
         self.threads.push(Thread { core, rank });
         self.executors
             .insert(&executor.name, self.threads.len() - 1);
         self.threads.len() - 1
     }
 
-    fn loads(&self) -> Vec<Core> {
+    fn loads(&self, network: &Network) -> Vec<Core> {
+        let executors = network.processes.iter();
+        let executors = executors.filter_map(|process| executor(network, process));
         let mut cores: Vec<Core> = self
             .cores
             .iter()
@@ -262,7 +239,10 @@ impl<'n> Set<'n> {
                     host: (*host).to_owned(),
                     number: *number,
                     utilization: demands.map(Demand::utilization).fold(0.0, f64::add),
-                    is_more: tasks.clone().any(|task| task.demand.is_none()),
+                    is_more: executors
+                        .clone()
+                        .any(|one| may_be_besides(one, host, *number))
+                        || tasks.clone().any(|task| task.demand.is_none()),
                 }
             })
             .collect();
@@ -278,7 +258,7 @@ fn steps(network: &Network, process: usize) -> impl Iterator<Item = &Step> {
     own.flat_map(|agent| agent.code.iter().map(|place| &place.step))
 }
 
-/// Whether it may wait for a partner.
+/// Whether it may wait for a partner, or for a time to pass.
 fn may_wait(network: &Network, process: usize) -> bool {
     steps(network, process).any(|step| {
         let Step::Wait(edges) = step else {
@@ -289,10 +269,11 @@ fn may_wait(network: &Network, process: usize) -> bool {
                 network.channels[*channel].kind,
                 Kind::OverwriteOldest(_) | Kind::OverwriteNewest(_)
             ),
-            Action::Receive(..) => true,
+            Action::Receive(..) | Action::After => true,
             _ => false,
         };
-        let goes_on = edges.iter().any(|edge| matches!(edge.action, Action::Skip));
+        let skips = |edge: &Edge| matches!(edge.action, Action::Skip) && edge.condition.is_none();
+        let goes_on = edges.iter().any(skips);
         !goes_on && edges.iter().any(|edge| waits(&edge.action))
     })
 }

@@ -1,5 +1,6 @@
 //! The worked examples of the literature, and what is refused.
 
+use super::seen::PREFIX;
 use super::*;
 
 fn thread(rank: u8) -> Thread {
@@ -158,6 +159,28 @@ fn what_has_no_bound_says_why() {
         panic!("{found:?}");
     };
     assert!((utilization - 1.2).abs() < 1e-9, "{utilization}");
+}
+
+#[test]
+fn what_would_take_too_many_steps_has_no_bound() {
+    let task = |period: Duration, jitter: Duration| Task {
+        demand: Some(Demand {
+            arrivals: Arrivals::Periodic { period, jitter },
+            cost: Duration::from_nanos(1),
+        }),
+        ..task(0, 0, 1.0, 1.0)
+    };
+    let (ns, day) = (Duration::from_nanos(1), Duration::from_secs(86_400));
+    for task in [task(ns, ns), task(ns * 2, day / 86_400)] {
+        let found = bounds(&[thread(80)], &[task]);
+        assert!(
+            matches!(found[..], [Err(NoBound::TooLong { .. })]),
+            "{found:?}"
+        );
+    }
+    // Far apart.
+    let far = task(Duration::MAX, Duration::ZERO);
+    assert_eq!(found(&[thread(80)], &[far]), [ns]);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Verdict {
-    /// It has no period and no deadline that were to be kept.
+    /// It has no deadline.
     Nothing,
     /// Its bound is within its deadline.
     Holds,
@@ -53,8 +53,8 @@ pub(super) struct Found<'a> {
     pub(super) tasks: &'a [Task],
     /// The name of a task.
     pub(super) names: &'a dyn Fn(usize) -> &'a str,
-    /// A process that may run before it on any core.
-    pub(super) roams: Option<&'a str>,
+    /// What may run before it besides, and what to state.
+    pub(super) open: Option<String>,
 }
 
 type Judged = (Option<Duration>, Verdict, Option<String>);
@@ -97,7 +97,8 @@ impl Found<'_> {
         let measured = self.row.measured.filter(|measured| *measured > bound)?;
         Some(format!(
             "it took {measured:?} in the recording: the timer was later than `latency`, a job \
-             waited for other processes, or something ran on its core that the model does not have"
+             waited for other processes, or something ran on its core that the model does not have: raise `latency`, or \
+             look at the recording with `luna convert`"
         ))
     }
 
@@ -109,6 +110,13 @@ impl Found<'_> {
             (Some(executor), None) => {
                 format!("`{executor}` is on no core: write `core = …` in its table")
             }
+            (Some(executor), Some(_)) if self.bound.is_none() => match &row.policy {
+                Some(policy) => format!("no bound covers `{policy}` of `{executor}`"),
+                None => format!(
+                    "the policy of `{executor}` is not known: write `policy = \"fifo:80\"` in its \
+                     table"
+                ),
+            },
             _ if matches!(self.bound, Some(Err(NoBound::Ordinary))) => return None,
             _ if row.period.is_none() && !row.is_seen => {
                 "it has a deadline and no period: write `period = \"…\"`, or give a recording"
@@ -117,10 +125,7 @@ impl Found<'_> {
             _ if row.cost.is_none() => {
                 "its cost is not known: write `cost = \"…\"` in its part, or use --costs".to_owned()
             }
-            _ => {
-                let other = self.roams?;
-                format!("`{other}` may run before it: state the core of its executor")
-            }
+            _ => self.open.clone()?,
         };
         Some(text)
     }

@@ -48,7 +48,7 @@ pub(super) struct Automaton<'a> {
     /// How many numbers of states the sets hold.
     members: usize,
     known: FxHashMap<(u32, Symbol), Option<u32>>,
-    max_states: usize,
+    pub(super) max_states: usize,
 }
 
 impl<'a> Automaton<'a> {
@@ -91,15 +91,7 @@ impl<'a> Automaton<'a> {
         let from = self.sets[set as usize].to_vec();
         let next = match self.network().channels[symbol.channel].kind {
             Kind::Rendezvous => self.meet(&from, symbol, &mut |_| ())?,
-            _ => {
-                let mut at = from;
-                for party in [(symbol.sender, true), (symbol.receiver, false)] {
-                    if party.0 != Party::None {
-                        at = self.use_buffer(&at, symbol.channel, party, &mut |_| ())?;
-                    }
-                }
-                at
-            }
+            _ => self.buffered(from, symbol, &mut |_| ())?,
         };
         let next = match next.is_empty() {
             true => None,
@@ -142,10 +134,7 @@ impl<'a> Automaton<'a> {
         // Only the broken rules are wanted: these are all known if the limit is reached.
         let _ = match network.channels[symbol.channel].kind {
             Kind::Rendezvous => self.meet(&from, symbol, &mut breaks),
-            _ => {
-                let party = (symbol.sender, true);
-                self.use_buffer(&from, symbol.channel, party, &mut breaks)
-            }
+            _ => self.buffered(from, symbol, &mut breaks),
         };
         lines.into_iter().collect()
     }
@@ -212,6 +201,22 @@ impl<'a> Automaton<'a> {
                 && this.is(symbol.sender, this.process(step.agent))
                 && this.is(symbol.receiver, this.process(partner))
         })
+    }
+
+    /// The states after what is known of a communication of a buffer.
+    fn buffered(
+        &mut self,
+        from: Vec<u32>,
+        symbol: Symbol,
+        breaks: &mut dyn FnMut(String),
+    ) -> Result<Vec<u32>, TooMany> {
+        let mut at = from;
+        for party in [(symbol.sender, true), (symbol.receiver, false)] {
+            if party.0 != Party::None {
+                at = self.use_buffer(&at, symbol.channel, party, breaks)?;
+            }
+        }
+        Ok(at)
     }
 
     /// The states after a send into a buffer, or a receive from it.

@@ -4,7 +4,7 @@
 //! closed. What another process does makes a difference to it only by its end. So each process is
 //! looked at by itself, again when others have ended.
 
-use super::automaton::Automaton;
+use super::automaton::{Automaton, TooMany};
 use crate::explore::state::State;
 use indexmap::IndexSet;
 use rustc_hash::FxBuildHasher;
@@ -19,60 +19,84 @@ impl Automaton<'_> {
         &mut self,
         sets: impl Iterator<Item = u32>,
         ended: &[usize],
-    ) -> Vec<usize> {
+    ) -> Result<Vec<usize>, TooMany> {
         let mut best: Option<Vec<usize>> = None;
+        if ended.is_empty() {
+            return Ok(Vec::new());
+        }
+        let connected: Vec<usize> = (0..self.groups.len())
+            .filter(|&one| {
+                let mut others = self.groups.iter().enumerate();
+                others.any(|(other, group)| other != one && *group == self.groups[one])
+            })
+            .collect();
+        let mut looked_at = 0;
         for set in sets {
             for state in self.members(set) {
-                let after = self.after_ends(state);
+                let after = self.after_ends(state, &connected, &mut looked_at)?;
                 let alive = |process: &&usize| !self.semantics.has_ended(&after, **process);
                 let alive: Vec<usize> = ended.iter().filter(alive).copied().collect();
+                if alive.is_empty() {
+                    return Ok(alive);
+                }
                 if best.as_ref().is_none_or(|best| alive.len() < best.len()) {
                     best = Some(alive);
                 }
             }
         }
-        best.unwrap_or_default()
+        Ok(best.unwrap_or_default())
     }
 
     /// The state when all have ended that can.
-    fn after_ends(&mut self, mut state: State) -> State {
+    fn after_ends(
+        &mut self,
+        mut state: State,
+        connected: &[usize],
+        looked_at: &mut usize,
+    ) -> Result<State, TooMany> {
         let count = self.network().processes.len();
-        for process in 0..count {
-            let group = self.groups[process];
-            if self.groups.iter().filter(|&&other| other == group).count() > 1 {
-                self.semantics.end(&mut state, process);
-            }
+        for &process in connected {
+            self.semantics.end(&mut state, process);
         }
         loop {
             let mut is_new = false;
             for process in 0..count {
                 if !self.semantics.has_ended(&state, process)
-                    && let Some(after) = self.end_of(&state, process)
+                    && let Some(after) = self.end_of(&state, process, looked_at)?
                 {
                     state = after;
                     is_new = true;
                 }
             }
             if !is_new {
-                return state;
+                return Ok(state);
             }
         }
     }
 
     /// The state when the process has ended, if it can.
-    fn end_of(&mut self, state: &State, process: usize) -> Option<State> {
+    fn end_of(
+        &mut self,
+        state: &State,
+        process: usize,
+        looked_at: &mut usize,
+    ) -> Result<Option<State>, TooMany> {
         let mut seen: IndexSet<State, FxBuildHasher> = IndexSet::default();
         seen.insert(state.clone());
         let mut moves = Vec::new();
         let mut at = 0;
         while let Some(state) = seen.get_index(at).cloned() {
             if self.semantics.has_ended(&state, process) {
-                return Some(state);
+                return Ok(Some(state));
+            }
+            *looked_at += 1;
+            if *looked_at > self.max_states {
+                return Err(TooMany);
             }
             if seen.len() > MAX_STATES {
                 let mut state = state;
                 self.semantics.end(&mut state, process);
-                return Some(state);
+                return Ok(Some(state));
             }
             self.semantics.moves(&state, &mut moves);
             for &step in &moves {
@@ -87,6 +111,6 @@ impl Automaton<'_> {
             }
             at += 1;
         }
-        None
+        Ok(None)
     }
 }

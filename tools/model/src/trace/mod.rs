@@ -106,6 +106,8 @@ pub enum TraceVerdict {
 pub struct Rejected {
     /// Its place in the recording.
     pub event: usize,
+    /// The last place of those one of which had to come next, in any order that the times leave open.
+    pub latest: usize,
     /// The places of the last ones before it, the earliest first.
     pub before: Vec<usize>,
     /// What could have happened instead; first what its processes and its channel take part in.
@@ -169,9 +171,16 @@ fn follow(
             }
         }
         if next.is_empty() {
-            let rejected = now
+            let mut rejected = now
                 .first()
                 .and_then(|(cut, set)| rejected(automaton, order, cut, *set));
+            for (cut, _) in &now {
+                order.next(cut, &mut heads);
+                let latest = heads.iter().map(|&(_, event)| event).max();
+                if let (Some(rejected), Some(latest)) = (&mut rejected, latest) {
+                    rejected.latest = rejected.latest.max(latest);
+                }
+            }
             return Ok((
                 accepted,
                 rejected.map_or(TraceVerdict::Broken, TraceVerdict::Rejected),
@@ -180,6 +189,7 @@ fn follow(
         now = next;
     }
     let alive = automaton.cannot_end(now.iter().map(|(_, set)| *set), ended);
+    let alive = alive.map_err(|TooMany| count)?;
     Ok((
         count,
         match alive.is_empty() {
@@ -206,6 +216,7 @@ fn rejected(automaton: &mut Automaton<'_>, order: &Order, cut: &Cut, set: u32) -
     possible.sort_by_key(|one| !shares(one));
     Some(Rejected {
         event,
+        latest: event,
         before: order.before(cut, BEFORE),
         allowed: possible.iter().map(|one| automaton.words(one)).collect(),
         there: automaton.places(set, symbol),

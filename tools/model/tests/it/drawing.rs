@@ -46,6 +46,33 @@ fn names_do_not_break_the_formats() {
     assert_eq!(model.to_dot().matches(" -> ").count(), 4);
 }
 
+#[test]
+fn processes_and_channels_have_their_names_for_the_scope() {
+    let text = "name = \"pair\"\n\
+        [process.A]\nports = { a = \"send\", b = \"send\" }\nbody = \"loop { a!; b! }\"\n\
+        [process.B]\nports = { a = \"receive\", b = \"receive\" }\nbody = \"loop { a?; b? }\"\n\
+        [system.channel]\nway = { array = 2 }\nrest = { buffer = \"fifo 3\" }\n\
+        over = { buffer = \"overwrite_oldest 1\" }\n\
+        [system.part]\n\
+        first = { process = \"A\", bind = { a = \"way[0]\", b = \"rest\" } }\n\
+        then = { process = \"B\", bind = { a = \"way[0]\", b = \"rest\" } }\n\
+        other = { process = \"A\", bind = { a = \"way[1]\", b = \"over\" } }\n\
+        last = { process = \"B\", bind = { a = \"way[1]\", b = \"over\" } }\n";
+    let model = Model::parse("pair.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    let svg = model.to_svg();
+    for (found, times) in [
+        // The box and its text; the arrow and its text.
+        ("data-process=\"first\"", 2),
+        ("data-channel=\"way[0]; rest\" data-fifo=\"0; 3\"/>", 2),
+        ("data-channel=\"way[1]; over\"/>", 2),
+        // What the scope's page would leave out.
+        ("<style", 0),
+        ("marker", 0),
+    ] {
+        assert_eq!(svg.matches(found).count(), times, "{found}: {svg}");
+    }
+}
+
 /// Boxes of one part: x, y, width, height.
 fn boxes(svg: &str, class: &str) -> Vec<[f64; 4]> {
     let lines = svg

@@ -31,6 +31,13 @@ fn errors_name_the_place_the_value_and_what_to_do() {
             "m.toml:13:3: the process has no such port: `lft_back`; is `left_back` meant?",
         ),
         (
+            PUMP,
+            "from?x;\n  if x < kept",
+            "from?k;\n  if x < kept",
+            "m.toml:19:8: the variable of a `for` cannot be set: `k`; use a variable of the \
+             process and `while`",
+        ),
+        (
             PHILOSOPHERS,
             "think;",
             "think $",
@@ -73,7 +80,8 @@ fn errors_name_the_place_the_value_and_what_to_do() {
             "fifo:80",
             "fifo:100",
             "m.toml:39:10: this is no policy: `\"fifo:100\"`; write `other`, `fifo:1` to \
-             `fifo:99`, or `rr:1` to `rr:99`",
+             `fifo:99`, `rr:1` to `rr:99`, or `deadline:200000/500000/1000000`: runtime, deadline \
+             and period in ns",
         ),
         (
             COMMSTIME,
@@ -169,6 +177,10 @@ proptest! {
                 prop_assert!(model.explore(200).states <= 200);
                 prop_assert!(model.to_svg().ends_with("</svg>\n"));
                 prop_assert!(!model.to_promela().is_empty());
+                // A number may have become too large for that.
+                let lines = text.split('\n').count();
+                let line = model.to_cspm().map_or_else(|error| error.line, |_| 1);
+                prop_assert!((1..=lines).contains(&line), "{}", line);
             }
             Err(problem) => {
                 let lines = text.split('\n').count();

@@ -1,8 +1,10 @@
 //! Tests of models. One program; a module a subject.
 
+mod cspm;
 mod drawing;
 mod errors;
 mod examples;
+mod generation;
 mod random;
 mod random_networks;
 mod schedule;

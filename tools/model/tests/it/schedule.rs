@@ -97,7 +97,7 @@ fn a_real_time_executor_on_no_core_leaves_those_below_it_unknown() {
     let advice = |n: usize| rows[n].advice.as_deref();
     assert_eq!(
         advice(1),
-        Some("`c` may run before it: state the core of its executor")
+        Some("`c` may run before it: state the core of `any`")
     );
     assert_eq!(
         advice(2),
@@ -121,7 +121,7 @@ fn what_others_wake_is_counted_as_it_was_seen_and_has_no_deadline_to_keep() {
     };
     let model = model(&format!(
         "{}period = \"100 us\"\ncost = \"10 us\"\n{}{}[executor.fast]\ncore = 1\n\
-         policy = \"fifo:50\"\n[executor.slow]\n",
+         policy = \"fifo:50\"\n[executor.slow]\npolicy = \"other\"\n",
         part("a", "fast"),
         part("b", "fast"),
         part("c", "slow"),

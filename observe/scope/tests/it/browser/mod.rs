@@ -5,6 +5,8 @@
 
 mod address;
 mod axes;
+#[cfg(target_os = "linux")]
+mod drawing;
 mod ending;
 mod history;
 mod looks;

@@ -165,3 +165,70 @@ fn what_ended_must_be_able_to_end() {
     let relay = TraceVerdict::Unended(vec![1, 2]);
     assert_eq!(verdict(&[a, b, a], &[0, 1, 2]), relay);
 }
+
+#[test]
+fn a_rule_that_a_receive_from_a_buffer_breaks_is_named() {
+    let text = "[process.Gives]\nports = { c = \"send\" }\nbody = \"c! 5\"\n\
+                [process.Takes]\nports = { c = \"receive\" }\nvariables = { x = \"0..3\" }\n\
+                body = \"c?x\"\n\
+                [system.channel]\nc = { buffer = \"fifo 1\", type = \"0..9\" }\n\
+                [system.part]\ngives = { process = \"Gives\", bind.c = \"c\" }\n\
+                takes = { process = \"Takes\", bind.c = \"c\" }\n";
+    let model = Model::parse("m.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    let sent = Communication {
+        receiver: Party::None,
+        ..event(1, 0, 0, 1)
+    };
+    let received = Communication {
+        sender: Party::None,
+        ..event(2, 0, 0, 1)
+    };
+    let traced = model.trace(&[sent, received], &options());
+    let TraceVerdict::Rejected(rejected) = traced.verdict else {
+        panic!("{traced:?}");
+    };
+    assert_eq!(rejected.event, 1);
+    let names_range = |line: &String| line.contains("0..3") || line.contains("range");
+    assert!(
+        rejected.there.iter().any(names_range),
+        "{:?}",
+        rejected.there
+    );
+}
+
+/// What was lost before any of them may explain a rejection.
+#[test]
+fn a_rejection_has_the_last_of_those_that_had_to_come_next() {
+    let model = relay();
+    let on = |thread, event| Communication { thread, ..event };
+    let b = event(100, 1, 1, 2);
+    let late = on(1, event(101, 1, 1, 2));
+    let traced = model.trace(&[b, late], &options());
+    let TraceVerdict::Rejected(rejected) = traced.verdict else {
+        panic!("{traced:?}");
+    };
+    assert_eq!((rejected.event, rejected.latest), (0, 1));
+}
+
+#[test]
+fn looking_for_ends_has_a_limit() {
+    let text = RELAY.replace(
+        "loop { to! }",
+        "for k in 0..2 { to! }; for k in 0..50 { say }",
+    );
+    let model = Model::parse("ends.toml", &text).unwrap_or_else(|problem| panic!("{problem}"));
+    let (a, b) = (event(1, 0, 0, 1), event(2, 1, 1, 2));
+    let verdict = |max_states, ended: &[usize]| {
+        let options = TraceOptions {
+            ended: ended.to_vec(),
+            max_states,
+            ..options()
+        };
+        model.trace(&[a, b, a, b], &options).verdict
+    };
+    // With just enough states for the communications.
+    let enough = (1..100).find(|limit| verdict(*limit, &[]) == TraceVerdict::Accepted);
+    let enough = enough.expect("a limit that is enough");
+    assert_eq!(verdict(enough, &[0, 1, 2]), TraceVerdict::TooLarge);
+    assert_eq!(verdict(1000, &[0, 1, 2]), TraceVerdict::Accepted);
+}
