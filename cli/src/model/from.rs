@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     output: Option<PathBuf>,
 }
 
-/// More values than a model's buffer can hold are not told apart.
+/// A buffer of a model holds no more values than this.
 const MOST: usize = 255;
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {

@@ -43,7 +43,7 @@ impl Kept {
         self.content = content;
     }
 
-    /// Writes it as a whole: whoever reads it finds the former text or this one. Refused if another
+    /// Writes it as a whole: a reader finds the former text or this one. Refused if another
     /// program has written it meanwhile.
     pub(super) fn write(&mut self, text: &str) -> io::Result<()> {
         if self.foreign()?.is_some() {

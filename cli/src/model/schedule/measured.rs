@@ -144,7 +144,7 @@ impl Measured {
         let modelled = names::numbered(model.process_names());
         let mut all: BTreeMap<String, Known> = BTreeMap::new();
         for (number, process) in self.processes {
-            // A loop whose process is not known.
+            // A loop of a process that is not known.
             if number == 0 || !process.has_run {
                 continue;
             }
@@ -345,7 +345,7 @@ impl Process {
         let (job, arrivals) = match (self.loop_number, self.has_several_loops) {
             (None, _) => (self.longest, self.releases.seen()),
             (Some(_), false) => (self.longest_cycle, None),
-            // Cycles of several loops are not told apart.
+            // Which of several loops a cycle belongs to is not known.
             (Some(_), true) => (Job::default(), None),
         };
         Known {
