@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     file: PathBuf,
     /// The recording (.luna), made with events
     recording: PathBuf,
-    /// Channels of the model whose communications are not recorded: they may happen at any time
+    /// Channels of the model that are not recorded: their communications may happen at any time
     #[arg(long, value_name = "CHANNELS", value_delimiter = ',')]
     hide: Vec<String>,
     /// Communications that two threads have recorded within so many nanoseconds may have happened

@@ -21,7 +21,7 @@ use std::process::ExitCode;
 /// The options of `luna model schedule`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-A part needs an executor with a core and a policy as `fifo:80`, a period, and a cost; docs/model.md has the keys and what is assumed.
+A part needs an executor with a core and a policy as `fifo:80`, a period, and a cost; docs/model-and-program.md has the keys and what is assumed.
 A file of costs has a table for each part: [servo] with cost = \"120 us\" and longest_poll = \"40 us\".
 A recording needs events (`Logging::events`, or LUNA_LOG_EVENTS); processes are found there by their names. Of a figure that both
 have, the larger one counts.
