@@ -386,7 +386,7 @@ pub(crate) struct Scope {
     /// Play it so many times as fast as it was recorded, or max for all at once
     #[arg(long, value_name = "X", default_value = "1")]
     pub(crate) speed: luna_scope::Speed,
-    /// Show this picture of the machine, too: an SVG whose elements are bound to signals (docs/scope.md)
+    /// Show this picture of the machine, too: an SVG whose elements are bound to signals (docs/scope-pictures.md)
     #[arg(long, value_name = "FILE")]
     pub(crate) picture: Option<PathBuf>,
     /// Show the drawing of this model (.toml), animated by the recorded events: what each process does

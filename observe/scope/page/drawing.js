@@ -1,4 +1,4 @@
-// The elements of a picture that follow processes and channels, as those of a model's drawing do (docs/scope.md). A text has words; of all else the class is set, once a frame at most.
+// The elements of a picture that follow processes and channels, as those of a model's drawing do (docs/scope-pictures.md). A text has words; of all else the class is set, once a frame at most.
 
 import { make, put, count, instant } from "./text.js";
 import { CODE, STATES, SUBJECT, stateOf } from "./events.js";

@@ -1,4 +1,4 @@
-// A picture of the machine: an SVG of the program, in which elements follow signals, processes and channels (docs/scope.md). Of the SVG only elements and attributes that are listed here are taken, so that nothing in it runs or loads anything.
+// A picture of the machine: an SVG of the program, in which elements follow signals, processes and channels (docs/scope-pictures.md). Of the SVG only elements and attributes that are listed here are taken, so that nothing in it runs or loads anything.
 
 import { $, make, put, number } from "./text.js";
 import { Drawing } from "./drawing.js";

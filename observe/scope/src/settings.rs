@@ -100,7 +100,7 @@ impl Settings {
 
     /// Shows a picture of the machine: an SVG of at most 256 KiB, in which elements are bound to
     /// signals, processes and channels by attributes, as those of a model's drawing are.
-    /// `docs/scope.md` lists them.
+    /// `docs/scope-pictures.md` lists them.
     ///
     /// The page takes the elements and attributes that it knows: nothing in the SVG runs, and
     /// nothing is loaded for it. What it leaves out, and what is wrong with a binding, is written

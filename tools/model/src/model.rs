@@ -190,7 +190,7 @@ impl Model {
     }
 
     /// The composition and the communication as an SVG file. LUNA's scope animates it by the events
-    /// of a run (`docs/scope.md`).
+    /// of a run (`docs/scope-pictures.md`).
     #[must_use]
     pub fn to_svg(&self) -> String {
         draw::svg(&self.network)
