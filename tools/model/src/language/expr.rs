@@ -182,6 +182,13 @@ impl<V> Expr<V> {
         }
     }
 
+    /// Whether its value may be missing because of a division by zero.
+    pub(crate) fn divides(&self) -> bool {
+        let mut found = Vec::new();
+        self.divisors(&mut found);
+        !found.is_empty()
+    }
+
     /// As C, Promela and CSPm write it, but for the names and the signs that `sign` gives.
     pub(crate) fn text(
         &self,

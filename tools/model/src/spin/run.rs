@@ -115,15 +115,16 @@ impl Verifier {
             command.args(size).arg(MINUTES).args(options);
             let output = self.output(&mut command, "pan")?;
             text = String::from_utf8_lossy(&output.stdout).into_owned();
+            // Stopped by a signal, for one.
+            if !text.contains("errors: ") {
+                return Err(SpinError::Failed {
+                    program: "pan",
+                    output: format!("{}: {}", output.status, text.trim()),
+                });
+            }
             if !text.contains(TOO_SHALLOW) {
                 break;
             }
-        }
-        if !text.contains("errors: ") {
-            return Err(SpinError::Failed {
-                program: "pan",
-                output: text.trim().to_owned(),
-            });
         }
         if text.contains("errors: 0") {
             let is_cut = text.contains("not completed") || text.contains(TOO_SHALLOW);

@@ -73,7 +73,13 @@ impl Writer<'_> {
         let mut after = String::new();
         let statement = match &edge.action {
             Action::Send(number, value) => {
-                let value = value.as_ref().map_or("0".to_owned(), expr);
+                let value = value.as_ref().map_or("0".to_owned(), |value| {
+                    // The verifier evaluates it on `no_receiver`, too.
+                    match edge.condition.is_some() && value.divides() {
+                        true => format!("({open} -> {} : 0)", expr(value)),
+                        false => expr(value),
+                    }
+                });
                 let closed = self.when_closed(*number, Side::Send);
                 let open = match &closed {
                     None => open,

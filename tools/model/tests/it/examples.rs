@@ -168,3 +168,28 @@ fn spin_does_not_let_shut_guards_meet() {
     let kinds: Vec<FindingKind> = found.findings.iter().map(|f| f.kind.clone()).collect();
     assert_eq!(kinds, [FindingKind::Deadlock]);
 }
+
+/// The verifier offers also what a shut guard would send.
+#[test]
+fn spin_does_not_divide_in_a_shut_guard() {
+    let text = r#"
+        [process.A]
+        ports = { c = "send" }
+        variables = { x = "0..1" }
+        body = "alt { c! 2 / x if x > 0 => sent | skip if x == 0 => shut }"
+        [process.B]
+        ports = { c = "receive" }
+        body = "alt { c? => got | after => late }"
+        [system.channel]
+        c = { type = "0..2" }
+        [system.part]
+        a = { process = "A", bind.c = "c" }
+        b = { process = "B", bind.c = "c" }
+    "#;
+    let model = Model::parse("divides.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    match model.check_with_spin() {
+        Ok(found) => assert!(found.findings.is_empty(), "{:?}", found.findings),
+        Err(SpinError::Missing { program, .. }) => skip(&format!("{program} is missing")),
+        Err(error) => panic!("{error}"),
+    }
+}
