@@ -1,5 +1,5 @@
-//! The page of all benches' results: `docs/benchmarks.md`, with a table and a plot for each
-//! scenario.
+//! The pages of all benches' results: `docs/benchmarks.md` with the goals, and a page for each bench
+//! in `docs/benchmarks`, with a table and a plot for each scenario.
 
 mod svg;
 
@@ -48,31 +48,41 @@ pub fn date(time: SystemTime) -> String {
     format!("{year}-{month:02}-{day:02}")
 }
 
-/// Writes `benchmarks.md` and the folder `benchmarks` with its plots into `docs`.
+/// Writes `benchmarks.md`, and a page for each bench with its plots into the folder `benchmarks`.
 ///
 /// # Errors
 ///
 /// A file cannot be written.
 pub fn write(docs: &Path, origin: &Origin, benches: &[Found]) -> io::Result<()> {
-    let plots = docs.join("benchmarks");
-    match fs::remove_dir_all(&plots) {
+    let folder = docs.join("benchmarks");
+    match fs::remove_dir_all(&folder) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-        _ => fs::create_dir_all(&plots)?,
+        _ => fs::create_dir_all(&folder)?,
     }
     let mut page = head(origin);
     page += &goals(benches);
+    page += "\n## Benches\n\n| bench | what it times |\n| --- | --- |\n";
     for (bench, rows) in benches {
-        let _ = write!(page, "\n## {bench}\n");
+        let mut names = Vec::new();
+        let mut of_bench = format!(
+            "# {}\n\nAfter reading this page you can compare the figures of the bench `{bench}`. \
+             [benchmarks.md](../benchmarks.md) says where they come from.\n",
+            capital(bench)
+        );
         for scenario in scenarios(rows) {
             let name = &scenario[0].name;
-            let _ = write!(page, "\n### {}\n\n{}", capital(name), table(scenario));
+            let _ = write!(of_bench, "\n## {}\n\n{}", capital(name), table(scenario));
             // Two dots say no more than the table.
             if scenario.len() > 2 {
                 let file = format!("{bench}-{}.svg", slug(name));
-                fs::write(plots.join(&file), plot(scenario))?;
-                let _ = write!(page, "\n![{name}](benchmarks/{file})\n");
+                fs::write(folder.join(&file), plot(scenario))?;
+                let _ = write!(of_bench, "\n![{name}]({file})\n");
             }
+            names.push(name.as_str());
         }
+        fs::write(folder.join(format!("{bench}.md")), of_bench)?;
+        let names = names.join("; ");
+        let _ = writeln!(page, "| [{bench}](benchmarks/{bench}.md) | {names} |");
     }
     fs::write(docs.join("benchmarks.md"), page)
 }
@@ -325,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_is_written_with_its_plots() {
+    fn the_pages_are_written_with_their_plots() {
         let docs = std::env::temp_dir().join(format!("luna-page-{}", std::process::id()));
         let origin = Origin {
             facts: vec![("kernel".to_owned(), "Linux".to_owned())],
@@ -341,6 +351,7 @@ mod tests {
         fs::create_dir_all(&docs).unwrap();
         let written = write(&docs, &origin, &[("ring", rows)]);
         let page = fs::read_to_string(docs.join("benchmarks.md"));
+        let of_bench = fs::read_to_string(docs.join("benchmarks/ring.md"));
         let plot = fs::read_to_string(docs.join("benchmarks/ring-ring.svg"));
         fs::remove_dir_all(&docs).unwrap();
         written.unwrap();
@@ -349,7 +360,12 @@ mod tests {
             page.contains("short run") && page.contains("| kernel | Linux |"),
             "{page}"
         );
-        assert!(page.contains("(benchmarks/ring-ring.svg)"), "{page}");
+        assert!(page.contains("(benchmarks/ring.md)"), "{page}");
+        let of_bench = of_bench.unwrap();
+        assert!(
+            of_bench.contains("| smol |") && of_bench.contains("(ring-ring.svg)"),
+            "{of_bench}"
+        );
         assert!(plot.unwrap().ends_with("</svg>\n"));
     }
 }
