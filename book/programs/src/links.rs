@@ -1,8 +1,8 @@
 //! A preprocessor of mdBook: links to files of the repository become links of the book.
 //!
-//! A page of the book stands in `book/src`, a page of the reference in `docs`, which the book shows as
-//! `reference`. Their links lead to files as they lie in the repository. Of these, pages and pictures
-//! of both folders are in the book. All others become addresses of the public repository.
+//! A page of the book stands in `book/src`, a page of the reference in `docs`, which the book shows
+//! as `reference`. Their links lead to files as they lie in the repository. Of these, pages and
+//! pictures of both folders are in the book. All others become addresses of the public repository.
 
 use serde_json::Value;
 use std::io;

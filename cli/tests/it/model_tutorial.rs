@@ -118,7 +118,7 @@ fn the_tutorial_of_models_does_what_it_says() {
         ("tank.svg", "tank.svg"),
         ("deadlock.svg", "tank-deadlock.svg"),
     ] {
-        let drawn = fs::read_to_string(folder.join(drawn)).unwrap();
+        let drawn = fs::read_to_string(folder.join("tank-plan").join(drawn)).unwrap();
         let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures");
         assert_eq!(drawn, fs::read_to_string(pictures.join(shown)).unwrap());
     }

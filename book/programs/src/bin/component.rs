@@ -1,4 +1,4 @@
-//! A component as other frameworks have it: ports, a parameter, phases, and a fixed order in a cycle.
+//! A component as other frameworks have it: ports, a parameter, and phases.
 // ANCHOR: component
 use luna::prelude::*;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Four processes become ready at one instant. Their executors and their levels say which runs first.
+//! Four processes become ready at one instant. Executors and levels say which runs first.
 // ANCHOR: all
 use luna::prelude::*;
 use std::time::Duration;

@@ -6,8 +6,8 @@ use std::time::Duration;
 const PERIOD: Duration = Duration::from_millis(1);
 const CYCLES: u64 = 2_000;
 
-/// The control loop. Each cycle takes the newest set-point, if there is one, and moves the axis by a
-/// hundredth of the distance. On a machine it would read a sensor and set a motor here.
+/// The control loop. Each cycle takes the newest set-point, if there is one, and moves the axis by
+/// a hundredth of the distance. On a machine it would read a sensor and set a motor here.
 async fn control(setpoints: Receiver<f64>, position: Signal<f64>) -> luna::Result<()> {
     let (mut target, mut place) = (0.0, 0.0);
     let mut tick = luna::periodic("servo", PERIOD)?;

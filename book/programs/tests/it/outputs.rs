@@ -1,9 +1,9 @@
 //! What each program prints is what the book shows.
 //!
-//! `outputs/NAME.txt` is all that `src/bin/NAME.rs` prints. `outputs/NAME.measured.txt` is for a program
-//! that measures: each of its lines is printed, in this order, and figures with their units may
-//! differ. Every program has one of the two. `NAME_theirs` is the same in another framework: it prints
-//! what `NAME` does.
+//! `outputs/NAME.txt` is all that `src/bin/NAME.rs` prints. `outputs/NAME.measured.txt` is for a
+//! program that measures: each of its lines is printed, in this order, and figures with their units
+//! may differ. Every program has one of the two. `NAME_theirs` is the same in another framework: it
+//! prints what `NAME` does.
 
 use crate::files;
 use std::path::{Path, PathBuf};
@@ -63,7 +63,7 @@ fn programs_print_what_the_book_shows() {
         let shown = name.trim_end_matches("_theirs");
         let exact = outputs.join(format!("{shown}.txt"));
         let measured = outputs.join(format!("{name}.measured.txt"));
-        // Makes the files: read them before they are committed. Those of measurements are cut by hand.
+        // Makes the files: read them before they are committed. Measurements are cut by hand.
         if env::var_os("LUNA_BOOK_WRITE").is_some() && !measured.exists() {
             fs::write(&exact, &printed).unwrap();
         }
