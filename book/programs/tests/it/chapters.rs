@@ -143,7 +143,13 @@ fn links_of_all_pages_lead_somewhere() {
     let mut pages = chapters();
     pages.extend(files(&root.join("docs"), "md"));
     pages.extend(
-        ["README.md", "ARCHITECTURE.md", "book/src/SUMMARY.md"].map(|page| root.join(page)),
+        [
+            "README.md",
+            "ARCHITECTURE.md",
+            "book/README.md",
+            "book/src/SUMMARY.md",
+        ]
+        .map(|page| root.join(page)),
     );
     let mut checked = 0;
     for page in pages {
