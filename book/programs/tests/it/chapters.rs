@@ -186,13 +186,18 @@ fn every_page_is_in_the_summary() {
         let name = chapter.strip_prefix(&source).unwrap().to_str().unwrap();
         assert!(listed.contains(name), "{name}");
     }
-    for page in files(&root.join("docs"), "md") {
-        let page = page.strip_prefix(root.join("docs")).unwrap();
-        let name = Path::new("reference").join(page);
-        assert!(
-            listed.contains(name.to_str().unwrap()),
-            "{}",
-            name.display()
-        );
-    }
+    let docs = root.join("docs");
+    let pages = files(&docs, "md").into_iter().filter_map(|page| {
+        let name = Path::new("reference").join(page.strip_prefix(&docs).unwrap());
+        let text = fs::read_to_string(&page).unwrap();
+        let title = text.lines().next().unwrap().trim_start_matches("# ");
+        let line = format!("- [{title}]({})", name.display());
+        (!listed.contains(name.to_str().unwrap())).then_some(line)
+    });
+    let missing: Vec<_> = pages.collect();
+    assert!(
+        missing.is_empty(),
+        "to be put into book/src/SUMMARY.md:\n{}",
+        missing.join("\n")
+    );
 }
