@@ -22,6 +22,7 @@ use std::time::Instant;
 
 const CYCLES: u32 = 100_000;
 
+// ANCHOR: processes
 async fn prefix(first: u32, input: Receiver<u32>, output: Sender<u32>) -> luna::Result<()> {
     output.send(first).await?;
     loop {
@@ -41,6 +42,7 @@ async fn succ(input: Receiver<u32>, output: Sender<u32>) -> luna::Result<()> {
         output.send(input.recv().await? + 1).await?;
     }
 }
+// ANCHOR_END: processes
 
 async fn consume(input: Receiver<u32>) -> luna::Result<()> {
     let begin = Instant::now();
@@ -52,6 +54,7 @@ async fn consume(input: Receiver<u32>) -> luna::Result<()> {
     Ok(())
 }
 
+// ANCHOR: network
 fn main() -> luna::Result<()> {
     let (a, a_in) = luna::channel();
     let (b, b_in) = luna::channel();
@@ -69,3 +72,4 @@ fn main() -> luna::Result<()> {
     assert!(end.is_err_and(|error| error.is_poisoned()));
     Ok(())
 }
+// ANCHOR_END: network

@@ -116,7 +116,7 @@ pub use csp::par as __par;
 
 /// The programs on the pages of the documentation are tests.
 #[cfg(doctest)]
-#[doc = include_str!("../docs/guide.md")]
+#[doc = include_str!("../docs/processes-and-channels.md")]
 #[doc = include_str!("../docs/loops.md")]
 #[doc = include_str!("../docs/budgets.md")]
 #[doc = include_str!("../docs/failures.md")]

@@ -1,5 +1,6 @@
 //! Tests of the command `luna`, run as its users run it. One program; a module a subject.
 
+mod book;
 mod card;
 mod command;
 mod convert;

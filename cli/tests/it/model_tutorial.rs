@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-const PAGE: &str = include_str!("../../../docs/model-tutorial.md");
+const PAGE: &str = include_str!("../../../book/src/design.md");
 
 /// Before what a block of commands prints.
 const MARK: &str = "== block";
@@ -113,6 +113,14 @@ fn the_tutorial_of_models_does_what_it_says() {
             rest = &rest[at + line.len()..];
             compared += 1;
         }
+    }
+    for (drawn, shown) in [
+        ("tank.svg", "tank.svg"),
+        ("deadlock.svg", "tank-deadlock.svg"),
+    ] {
+        let drawn = fs::read_to_string(folder.join("tank-plan").join(drawn)).unwrap();
+        let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures");
+        assert_eq!(drawn, fs::read_to_string(pictures.join(shown)).unwrap());
     }
     assert!(compared >= 8, "{compared} lines of output are on the page");
 }

@@ -35,6 +35,7 @@ fn main() -> luna::Result<()> {
     }
 }
 
+// ANCHOR: feeder
 fn feeder(cell: &str) -> luna::Result<()> {
     let (blocks, to_press) = luna_ipc::sender::<Block>(&format!("{cell}/blocks"))?;
     let (weight, to_scales) = luna_ipc::client::<u64, f32>(&format!("{cell}/weight"))?;
@@ -64,6 +65,7 @@ fn feeder(cell: &str) -> luna::Result<()> {
     })?;
     system.run().map(drop)
 }
+// ANCHOR_END: feeder
 
 fn press(cell: &str) -> luna::Result<()> {
     let board = Blackboard::new(&format!("{cell}/state")).entry("temperature", 20.0);

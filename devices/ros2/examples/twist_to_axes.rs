@@ -37,6 +37,7 @@ luna_ros2::message! {
     }
 }
 
+// ANCHOR: drive
 /// The control loop. It waits for nothing but its tick.
 async fn drive(commands: Receiver<Received<Twist>>, joints: Sender<Wheels>) -> luna::Result<()> {
     let mut wheels = Wheels::default();
@@ -76,7 +77,9 @@ async fn drive(commands: Receiver<Received<Twist>>, joints: Sender<Wheels>) -> l
         }
     }
 }
+// ANCHOR_END: drive
 
+// ANCHOR: node
 fn main() -> luna::Result<()> {
     let options = Options::new();
     let node = Node::new("/", "base", options.clone())?;
@@ -94,6 +97,7 @@ fn main() -> luna::Result<()> {
         system.run()?;
         return Ok(());
     }
+    // ANCHOR_END: node
     // The operator's end of the loop ends all of it.
     let (over, is_over) = luna::channel::<()>();
     driven.spawn(async move {
