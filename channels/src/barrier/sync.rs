@@ -107,7 +107,7 @@ impl<'a> SyncOp<'a> {
                     return Came::Completes;
                 }
                 if let Some(wake_handle) = renewal.take() {
-                    let number = meeting.state(&lists, |round| {
+                    let number = meeting.state(&mut lists, |round, _| {
                         round.arrived += 1;
                         round.number
                     });
@@ -125,7 +125,7 @@ impl<'a> SyncOp<'a> {
                 self.phase = Phase::Over;
                 return Came::IsOver(None);
             }
-            if meeting.state(&lists, |round| round.number) == (*node).ticket {
+            if meeting.state(&mut lists, |round, _| round.number) == (*node).ticket {
                 renewal.store(Waiter::change_wake_handle(self.node()));
                 return Came::Waits;
             }
@@ -233,16 +233,17 @@ impl<'a> SyncOp<'a> {
                 _ => {}
             }
             let node = Waiter::link(self.node());
-            let number = self.meeting().state(&lists, |round| round.number);
+            let meeting = self.meeting();
+            let number = meeting.state(&mut lists, |round, _| round.number);
             let is_complete = number != (*node).ticket;
             if is_complete {
                 lists.held.remove(self.node().cast());
             } else if Waiter::select_state(self.node()).is_some() {
                 lists.receivers.remove(self.node().cast());
-                self.meeting().state(&lists, |round| round.offering -= 1);
+                meeting.state(&mut lists, |round, _| round.offering -= 1);
             } else {
                 lists.senders.remove(self.node().cast());
-                self.meeting().state(&lists, |round| round.arrived -= 1);
+                meeting.state(&mut lists, |round, _| round.arrived -= 1);
             }
             let outcome = if is_complete {
                 Outcome::Done
@@ -316,9 +317,7 @@ unsafe impl RawGuard for SyncOp<'_> {
             return Attempt::NotReady;
         };
         this.meeting().note_user();
-        // SAFETY: the lists are those of the guard's wait point, as is demanded here: this
-        // barrier's.
-        if unsafe { this.meeting().complete_with(lists, 1) } {
+        if this.meeting().complete_with(lists, 1) {
             this.phase = Phase::Completed;
             Attempt::Ready(PendingWake::NONE)
         } else {
@@ -358,7 +357,7 @@ unsafe impl RawGuard for SyncOp<'_> {
                 next = lists.receivers.after(other);
             }
             Waiter::begin(this.node(), false, Some((select_state, guard)), None);
-            (*Waiter::link(this.node())).ticket = this.meeting().state(lists, |round| {
+            (*Waiter::link(this.node())).ticket = this.meeting().state(lists, |round, _| {
                 round.offering += 1;
                 round.number
             });

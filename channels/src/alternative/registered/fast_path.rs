@@ -28,10 +28,12 @@ impl<T> Alternative<'_, T> {
         }
         if self.hub().has_news() {
             let hub = self.hub();
-            let commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
-            // SAFETY: the commit lock is held.
-            let taken = unsafe { hub.take_stack() };
-            drop(commit_lock);
+            // SAFETY: no thread holds a commit lock across a poll, and this one has not entered it
+            // yet. Then it is held.
+            let taken = unsafe {
+                let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
+                hub.take_stack()
+            };
             self.note_ready(taken);
         }
         let Some(index) = self.ready.first() else {
@@ -72,14 +74,16 @@ impl<T> Alternative<'_, T> {
         cx: &Context<'_>,
     ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
         let hub = self.hub();
-        let commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
-        if hub.has_news() {
-            return None;
-        }
-        // SAFETY: the select state is closed, and this is its owner, with the commit lock, which is
+        // SAFETY: no thread holds a commit lock across a poll, and this one has not entered it yet.
+        // Then the select state is closed, and this is its owner, with the commit lock, which is
         // biased to this executor.
-        unsafe { hub.select_state.open_plainly(turn) };
-        drop(commit_lock);
+        unsafe {
+            let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
+            if hub.has_news() {
+                return None;
+            }
+            hub.select_state.open_plainly(turn);
+        }
         self.polled_by = (cx.waker().data(), cx.waker().vtable());
         self.state = State::Open;
         Some(Poll::Pending)
