@@ -62,6 +62,7 @@ impl Deref for Listed {
 /// What the owner of a shared queue knows of a node.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Label {
+    /// Of a deadline that wakes nobody.
     pub(super) number: u32,
     pub(super) priority: Priority,
 }
