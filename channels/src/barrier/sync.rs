@@ -2,7 +2,8 @@
 
 use super::fast_path::Arrival;
 use super::{Barrier, Meeting};
-use crate::alternative::{Attempt, Guard, RawGuard, Terms};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms, own_seed};
+use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
@@ -57,6 +58,9 @@ pub struct SyncOp<'a> {
 unsafe impl Send for SyncOp<'_> {}
 // SAFETY: `&SyncOp` gives access to nothing.
 unsafe impl Sync for SyncOp<'_> {}
+
+// SAFETY: no code of this file moves the node, or the whole, behind a pin.
+unsafe impl InPlace for SyncOp<'_> {}
 
 impl<'a> SyncOp<'a> {
     #[inline]
@@ -265,8 +269,7 @@ impl Future for SyncOp<'_> {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: nothing pinned is moved: a listed node stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let mut arrival = Arrival::SlowPath;
         match this.phase {
             Phase::New => {
@@ -311,8 +314,7 @@ unsafe impl RawGuard for SyncOp<'_> {
         lists: Option<&mut WaitQueues>,
         _: &mut Context<'_>,
     ) -> Attempt {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let Some(lists) = lists else {
             return Attempt::NotReady;
         };
@@ -331,8 +333,7 @@ unsafe impl RawGuard for SyncOp<'_> {
         select_state: NonNull<SelectState>,
         guard: u32,
     ) {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         // SAFETY: the lists are those of the guard's wait point, as is demanded here: this
         // barrier's. All nodes of its alternatives lead to select states, live while they are
         // listed, as this one will be. The new node is in none of the lists, and is taken off
@@ -369,13 +370,11 @@ unsafe impl RawGuard for SyncOp<'_> {
     }
 
     unsafe fn withdraw(self: Pin<&mut Self>) {
-        // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.leave();
+        self.in_place().leave();
     }
 
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         match this.phase {
             Phase::Completed => {
                 this.phase = Phase::GaveWay;
@@ -386,29 +385,15 @@ unsafe impl RawGuard for SyncOp<'_> {
             _ => Poll::Ready(()),
         }
     }
-
-    unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        false
-    }
 }
 
 impl Guard for SyncOp<'_> {
     type Output = ();
-    type Seed = Self;
 
-    #[inline]
-    fn into_seed(self) -> Self {
-        self
-    }
-
-    #[inline]
-    fn from_seed(seed: Self) -> Self {
-        seed
-    }
+    own_seed!();
 
     unsafe fn output(self: Pin<&mut Self>) {
-        // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.phase = Phase::Over;
+        self.in_place().phase = Phase::Over;
     }
 }
 
