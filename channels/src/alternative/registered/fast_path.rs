@@ -5,7 +5,7 @@
 //! left to the slow path, with no state changed.
 
 use super::{Alternative, State};
-use crate::core::{Channel, FastPath, wake_partner};
+use crate::core::{FastPath, wake_partner};
 use crate::error::RecvError;
 use luna_core::current::PlainTurn;
 use std::task::{Context, Poll};
@@ -39,10 +39,7 @@ impl<T> Alternative<'_, T> {
         let Some(index) = self.ready.first() else {
             return self.wait_fast(turn, cx);
         };
-        let entry = self.entries[index]?.as_ptr();
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
-        // alternative lives.
-        let channel: &Channel<T> = unsafe { &*(*entry).channel.as_ptr() };
+        let entry = self.entries[index]?;
         let mut is_ready = false;
         // What became ready before the lock was taken may come before this one.
         let is_first = || !self.hub().has_news();
@@ -50,10 +47,10 @@ impl<T> Alternative<'_, T> {
             is_ready = !is_empty;
             if is_empty {
                 // SAFETY: the lock that guards it is held.
-                unsafe { (*entry).is_queued = false };
+                unsafe { (*entry.pointer().as_ptr()).is_queued = false };
             }
         };
-        let (value, ready) = channel.take_sender_if(turn, is_first, note)?;
+        let (value, ready) = entry.channel().take_sender_if(turn, is_first, note)?;
         match self.is_fair {
             true => self.ready.choose(index, is_ready),
             false if !is_ready => self.ready.clear(index),
