@@ -32,7 +32,7 @@ pub use crate::safety::report::SafetyReport;
 pub use crate::time::accounting::UsageSince;
 pub use crate::time::distribution::Distribution;
 pub use crate::time::late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstead, StolenTime};
-pub use crate::time::manager::{CallbackReport, TickReport, TimersReport};
+pub use crate::time::manager::{CallbackReport, TimersReport};
 pub use crate::time::stamp::StampReport;
 pub use crate::time::statistics::LoopReport;
 #[cfg(feature = "events")]

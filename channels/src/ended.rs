@@ -1,5 +1,6 @@
 //! Waiting for the end of a channel, without offering to communicate.
 
+use crate::in_place::InPlace;
 use crate::replay::{self, Logged, Stage};
 use crate::wait_point::{Ending, WaitPoint, WaitQueues};
 use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
@@ -115,13 +116,10 @@ impl<'a> Ended<'a> {
     fn node(&self) -> NonNull<Watcher> {
         NonNull::from(&self.watcher).cast()
     }
-
-    /// Its fields, of which no code here moves the watcher.
-    fn in_place(self: Pin<&mut Self>) -> &mut Self {
-        // SAFETY: what is pinned is the watcher, which every method leaves where it is.
-        unsafe { self.get_unchecked_mut() }
-    }
 }
+
+// SAFETY: what is pinned is the watcher, which every method leaves where it is.
+unsafe impl InPlace for Ended<'_> {}
 
 impl Future for Ended<'_> {
     type Output = ChannelEnd;

@@ -45,14 +45,23 @@ impl<S> GuardedWaitPoint<S> {
 
     /// Access to the state.
     ///
-    /// # Safety
+    /// # Panics
     ///
-    /// `lists` are those of this wait point, and `f` does not call this.
+    /// If `lists` are not those of this wait point.
     #[inline(always)]
-    pub(crate) unsafe fn state<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut S) -> R) -> R {
-        // SAFETY: the lists show that the lock is held, which guards the state, and `f` does not
-        // come here again, as is demanded here: so the state is borrowed once.
-        self.state.with_mut(|state| f(unsafe { &mut *state }))
+    pub(crate) fn state<R>(
+        &self,
+        lists: &mut WaitQueues,
+        f: impl FnOnce(&mut S, &mut WaitQueues) -> R,
+    ) -> R {
+        assert!(
+            self.wait_point.has(lists),
+            "the lists of another wait point"
+        );
+        // SAFETY: these are the lists that the lock guards: an exclusive borrow shows that it is
+        // held, and lasts as long as that of the state. So the state is borrowed once.
+        self.state
+            .with_mut(|state| f(unsafe { &mut *state }, lists))
     }
 }
 

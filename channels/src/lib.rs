@@ -49,6 +49,7 @@ mod extended;
 mod finally;
 mod guarded_wait_point;
 mod hand_off_slots;
+mod in_place;
 pub mod inspect;
 pub mod lock_sync;
 mod operation;

@@ -47,6 +47,10 @@ const CHOSEN: u32 = 3;
 /// around both. `needs_lock` is changed by the owner alone, while no listed node leads here.
 /// `entered` belongs to the thread that holds the commit lock. While a node that leads here is
 /// listed, this is live: its owner takes each node off, under its list's lock, before it goes.
+///
+/// A thread holds a commit lock for one step, in which it polls nothing, runs no user code and
+/// takes no other lock; a barrier's last party holds those of one queue together, and enters each
+/// once. So code that a poll calls, and that has not entered the commit lock, does not hold it.
 #[derive(Debug)]
 pub struct SelectState {
     state: AtomicU32,
@@ -164,22 +168,32 @@ impl SelectState {
     }
 
     /// As [`commit_lock`](Self::commit_lock), if it is biased to this executor.
+    ///
+    /// # Safety
+    ///
+    /// The calling thread does not hold the commit lock.
     #[inline(always)]
-    pub(crate) fn commit_lock_if_biased(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, ()>> {
-        // SAFETY: the executor of this turn holds a commit lock for one step alone, in which it
-        // takes no other lock. Only a barrier's last party keeps one, and polls nothing meanwhile.
+    pub(crate) unsafe fn commit_lock_if_biased(
+        &self,
+        turn: PlainTurn<'_>,
+    ) -> Option<InsideGuard<'_, ()>> {
+        // SAFETY: the calling thread does not hold the commit lock, as is demanded here: all that
+        // the lock demands.
         unsafe { self.commit_lock.try_enter(turn) }
     }
 
     /// As [`commit_lock_if_biased`](Self::commit_lock_if_biased), with the reason of a refusal.
+    ///
+    /// # Safety
+    ///
+    /// The calling thread does not hold the commit lock.
     #[inline(always)]
-    pub(crate) fn enter_commit_lock(
+    pub(crate) unsafe fn enter_commit_lock(
         &self,
         turn: PlainTurn<'_>,
     ) -> Result<InsideGuard<'_, ()>, Refused> {
-        // SAFETY: this thread does not hold the commit lock, as `commit_lock_if_biased` argues: it
-        // holds one for one step alone, or keeps it as a barrier's last party, and polls nothing
-        // meanwhile.
+        // SAFETY: the calling thread does not hold the commit lock, as is demanded here: all that
+        // the lock demands.
         unsafe { self.commit_lock.enter_trusted(turn) }
     }
 

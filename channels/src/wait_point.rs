@@ -528,6 +528,12 @@ impl WaitPoint {
         unsafe { self.lock.enter_trusted(turn) }
     }
 
+    /// Whether these are the lists that its lock guards.
+    #[inline(always)]
+    pub(crate) fn has(&self, lists: &WaitQueues) -> bool {
+        self.lock.guards(lists)
+    }
+
     /// See [`BiasedLock::after_revocation`].
     pub(crate) fn after_revocation(&self) {
         self.lock.after_revocation();

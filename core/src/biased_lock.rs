@@ -102,7 +102,9 @@ const NO_EXECUTOR: u64 = u64::MAX;
 ///
 /// Once other threads know the lock, only the holder of `shared` changes `bias`. It is granted to
 /// an executor on that executor's thread. It is revoked, and after a brief or failed revocation
-/// restored, on any thread. Two kinds of thread access `value`: the holder of `shared`,
+/// restored, on any thread. All its life the lock is biased to one executor at most: the first bias
+/// is granted only if no second executor has used the lock, and a revocation either restores that
+/// bias or sets `is_shared_for_good`, after which none is granted. Two kinds of thread access `value`: the holder of `shared`,
 /// while there is no bias and `inside` is free after the heavy fence; and the owner of the bias,
 /// while it holds `inside`.
 #[repr(C)]
@@ -361,6 +363,12 @@ impl<T> BiasedLock<T> {
             _uses: uses,
             executor,
         })
+    }
+
+    /// Whether this is the value that it guards.
+    #[inline(always)]
+    pub fn guards(&self, value: &T) -> bool {
+        self.value.with(|own| std::ptr::eq(own, value))
     }
 
     /// Whether the lock is biased.

@@ -5,6 +5,7 @@
 
 use crate::current::{self, PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use std::cell::Cell;
+use std::ops::Deref;
 use std::ptr::NonNull;
 
 /// One waiter. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a
@@ -20,17 +21,36 @@ pub struct WaitNode {
     wake_handle: Option<WakeHandle>,
 }
 
-type Link = Option<NonNull<WaitNode>>;
+/// A node that is in a list, or is put into one.
+///
+/// # Invariants
+///
+/// While this is used the node is live, and the lock of its list is held. Only in the `before` of a
+/// node that waits alone it is another pointer, which is not used as a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Listed(NonNull<WaitNode>);
+
+type Link = Option<Listed>;
+
+impl Listed {
+    /// # Safety
+    ///
+    /// Whenever this or a copy of it is used, the node is live, and the lock of the list is held.
+    #[inline(always)]
+    unsafe fn new(node: NonNull<WaitNode>) -> Self {
+        Self(node)
+    }
+}
 
 /// The fields of a node, of which others than the wake handle are cells.
-///
-/// For this module: `node` is in a list whose lock the caller has, or the caller of an unsafe
-/// method has promised that it is live and in no list.
-#[inline(always)]
-fn at<'a>(node: NonNull<WaitNode>) -> &'a WaitNode {
-    // SAFETY: the node is live by the invariant of the list, or by the promise of the caller. The
-    // reference is used within one call of a method, which drops no node.
-    unsafe { node.as_ref() }
+impl Deref for Listed {
+    type Target = WaitNode;
+    #[inline(always)]
+    fn deref(&self) -> &WaitNode {
+        // SAFETY: by the invariant the node is live, and the lock is held, so that no other thread
+        // accesses it.
+        unsafe { self.0.as_ref() }
+    }
 }
 
 impl WaitNode {
@@ -71,7 +91,7 @@ impl WaitNode {
         let process = PlainPendingWake::of_plain_turn(turn).into_pointer();
         // SAFETY: the caller promises room for a node that no other thread accesses; this field of
         // it is written, and nothing is read or dropped.
-        unsafe { (&raw mut (*place).before).write(Cell::new(Some(process.cast()))) };
+        unsafe { (&raw mut (*place).before).write(Cell::new(Some(Listed(process.cast())))) };
     }
 
     /// Takes the wake of a process that waits alone.
@@ -84,7 +104,7 @@ impl WaitNode {
     pub unsafe fn take_alone(place: *const WaitNode) -> PlainPendingWake {
         // SAFETY: the caller promises that `wait_alone` made the node, so the pointer is there, and
         // that it has the lock and takes the wake once, as `from_pointer` requires.
-        unsafe { PlainPendingWake::from_pointer((*place).before.get().unwrap_unchecked().cast()) }
+        unsafe { PlainPendingWake::from_pointer((*place).before.get().unwrap_unchecked().0.cast()) }
     }
 
     /// Writes the other fields of a node that waits alone, so that it can be listed. It gets the
@@ -154,13 +174,18 @@ impl WaitList {
     /// The next waiter.
     #[inline]
     pub fn first(&self) -> Option<NonNull<WaitNode>> {
-        self.first
+        self.first.map(|first| first.0)
     }
 
     /// The waiters, in their order. The caller has the list's lock until it is done with them.
     #[inline]
     pub fn nodes(&self) -> impl Iterator<Item = NonNull<WaitNode>> + '_ {
-        std::iter::successors(self.first, |&node| at(node).after.get())
+        self.listed().map(|node| node.0)
+    }
+
+    #[inline]
+    fn listed(&self) -> impl Iterator<Item = Listed> + '_ {
+        std::iter::successors(self.first, |node| node.after.get())
     }
 
     /// The waiter after `node`.
@@ -170,7 +195,9 @@ impl WaitList {
     /// `node` is in this list.
     #[inline]
     pub unsafe fn after(&self, node: NonNull<WaitNode>) -> Option<NonNull<WaitNode>> {
-        at(node).after.get()
+        // SAFETY: the node is in this list, as is demanded here, so it is live.
+        let after = unsafe { Listed::new(node) }.after.get();
+        after.map(|after| after.0)
     }
 
     /// Inserts `node` for the current process, behind all nodes of the same or a higher priority.
@@ -187,9 +214,9 @@ impl WaitList {
         priority: Priority,
         wake_handle: impl Into<Option<WakeHandle>>,
     ) {
-        // SAFETY: the caller promises that the node is in no list and stays valid until it is
-        // removed; `last_of` returns a node of this list.
-        unsafe { self.insert_after(self.last_of(priority), node, priority, wake_handle) };
+        // SAFETY: as is demanded here: the node is live and in no list, and stays so until it is
+        // removed.
+        unsafe { self.insert_behind(self.last_of(priority), node, priority, wake_handle) };
     }
 
     /// Inserts a [node](WaitNode::waiting) with all its fields set into an empty list. O(1).
@@ -200,7 +227,9 @@ impl WaitList {
     /// is freed. The list is empty.
     #[inline(always)]
     pub unsafe fn insert_into_empty(&mut self, node: NonNull<WaitNode>) {
-        at(node).before.set(Some(node));
+        // SAFETY: the node is live until it is removed, as is demanded here.
+        let node = unsafe { Listed::new(node) };
+        node.before.set(Some(node));
         self.first = Some(node);
     }
 
@@ -211,9 +240,11 @@ impl WaitList {
     /// `node` is the first of this list.
     #[inline(always)]
     pub unsafe fn remove_first(&mut self, node: NonNull<WaitNode>) {
-        self.first = at(node).after.get();
+        // SAFETY: the node is in this list, as is demanded here, so it is live.
+        let node = unsafe { Listed::new(node) };
+        self.first = node.after.get();
         if let Some(first) = self.first {
-            at(first).before.set(at(node).before.get());
+            first.before.set(node.before.get());
         }
     }
 
@@ -227,7 +258,9 @@ impl WaitList {
     /// is freed. It was listed before, so its fields are set.
     #[inline]
     pub unsafe fn insert_again(&mut self, node: NonNull<WaitNode>) {
-        self.link(self.last_of(at(node).priority()), node);
+        // SAFETY: the node is live until it is removed, as is demanded here.
+        let node = unsafe { Listed::new(node) };
+        self.link(self.last_of(node.priority()), node);
     }
 
     /// As [`insert_again`](Self::insert_again), at another priority than before. Cost as for
@@ -238,7 +271,9 @@ impl WaitList {
     /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
     /// is freed. It was listed before, so its fields are set.
     pub unsafe fn insert_again_at(&mut self, node: NonNull<WaitNode>, priority: Priority) {
-        at(node).priority.set(priority);
+        // SAFETY: the node is live until it is removed, as is demanded here.
+        let node = unsafe { Listed::new(node) };
+        node.priority.set(priority);
         self.link(self.last_of(priority), node);
     }
 
@@ -250,28 +285,29 @@ impl WaitList {
     /// As for `insert`: `node` is live and in no list, stays where it is, and is removed before it
     /// is freed. It was listed before, so its fields are set.
     pub unsafe fn insert_again_first(&mut self, node: NonNull<WaitNode>) {
-        let priority = at(node).priority();
-        let is_above = |node: &NonNull<WaitNode>| at(*node).priority() > priority;
-        let before = self.nodes().take_while(is_above).last();
+        // SAFETY: the node is live until it is removed, as is demanded here.
+        let node = unsafe { Listed::new(node) };
+        let is_above = |other: &Listed| other.priority() > node.priority();
+        let before = self.listed().take_while(is_above).last();
         self.link(before, node);
     }
 
     /// The last node.
     #[inline]
-    fn last(&self) -> Option<NonNull<WaitNode>> {
-        self.first.and_then(|first| at(first).before.get())
+    fn last(&self) -> Link {
+        self.first.and_then(|first| first.before.get())
     }
 
     /// The last node of this priority or higher.
     #[inline]
-    fn last_of(&self, priority: Priority) -> Option<NonNull<WaitNode>> {
+    fn last_of(&self, priority: Priority) -> Link {
         let mut last = self.last();
         while let Some(node) = last {
-            if at(node).priority() >= priority {
+            if node.priority() >= priority {
                 break;
             }
             // `before` of the first node is the last one: stop there.
-            let before = at(node).before.get();
+            let before = node.before.get();
             last = before.filter(|_| self.first != Some(node));
         }
         last
@@ -292,37 +328,60 @@ impl WaitList {
         priority: Priority,
         wake_handle: impl Into<Option<WakeHandle>>,
     ) {
-        // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
+        // SAFETY: as is demanded here: `before` is in this list, so it is live, and the node is
+        // live and in no list, and stays so until it is removed.
         unsafe {
+            let before = before.map(|before| Listed::new(before));
+            self.insert_behind(before, node, priority, wake_handle);
+        }
+    }
+
+    /// As [`insert_after`](Self::insert_after).
+    ///
+    /// # Safety
+    ///
+    /// As there: `node` is live and in no list, stays where it is, and is removed before it is
+    /// freed.
+    #[inline]
+    unsafe fn insert_behind(
+        &mut self,
+        before: Link,
+        node: NonNull<WaitNode>,
+        priority: Priority,
+        wake_handle: impl Into<Option<WakeHandle>>,
+    ) {
+        // SAFETY: the node is live and in no list, as is demanded here, so it is not shared; and it
+        // is live until it is removed.
+        let node = unsafe {
             // A drop of it may run user code, and the list's lock is held.
             debug_assert!((*node.as_ptr()).wake_handle.is_none());
             (*node.as_ptr()).wake_handle = wake_handle.into();
-        }
-        at(node).priority.set(priority);
-        at(node).user.set(current::user());
+            Listed::new(node)
+        };
+        node.priority.set(priority);
+        node.user.set(current::user());
         self.link(before, node);
     }
 
     /// Puts a node that is in no list behind `before`, which is in this one, or first.
     #[inline]
-    fn link(&mut self, before: Link, node: NonNull<WaitNode>) {
-        let fields = at(node);
+    fn link(&mut self, before: Link, node: Listed) {
         match (before, self.first) {
             (Some(before), Some(first)) => {
-                let after = at(before).after.replace(Some(node));
-                fields.before.set(Some(before));
-                fields.after.set(after);
+                let after = before.after.replace(Some(node));
+                node.before.set(Some(before));
+                node.after.set(after);
                 // Link it before its follower, or as the last one, before the first.
-                at(after.unwrap_or(first)).before.set(Some(node));
+                after.unwrap_or(first).before.set(Some(node));
             }
             (_, Some(first)) => {
-                fields.before.set(at(first).before.replace(Some(node)));
-                fields.after.set(Some(first));
+                node.before.set(first.before.replace(Some(node)));
+                node.after.set(Some(first));
                 self.first = Some(node);
             }
             (_, None) => {
-                fields.before.set(Some(node));
-                fields.after.set(None);
+                node.before.set(Some(node));
+                node.after.set(None);
                 self.first = Some(node);
             }
         }
@@ -338,11 +397,11 @@ impl WaitList {
             self.first = Some(first);
             return;
         };
-        let own_last = at(own_first).before.replace(last);
+        let own_last = own_first.before.replace(last);
         if let Some(own_last) = own_last {
-            at(own_last).after.set(Some(first));
+            own_last.after.set(Some(first));
         }
-        at(first).before.set(own_last);
+        first.before.set(own_last);
     }
 
     /// Removes `node`. O(1).
@@ -353,15 +412,17 @@ impl WaitList {
     #[inline]
     pub unsafe fn remove(&mut self, node: NonNull<WaitNode>) {
         debug_assert!(self.first.is_some(), "removed from an empty list");
-        let (before, after) = (at(node).before.take(), at(node).after.take());
+        // SAFETY: the node is in this list, as is demanded here, so it is live.
+        let node = unsafe { Listed::new(node) };
+        let (before, after) = (node.before.take(), node.after.take());
         if self.first == Some(node) {
             self.first = after;
         } else if let Some(before) = before {
-            at(before).after.set(after);
+            before.after.set(after);
         }
         // Before its follower, or before the first if it was the last.
         if let Some(follower) = after.or(self.first) {
-            at(follower).before.set(before);
+            follower.before.set(before);
         }
     }
 
@@ -370,9 +431,9 @@ impl WaitList {
     pub fn pop(&mut self) -> Option<NonNull<WaitNode>> {
         let node = self.first?;
         // SAFETY: it is the first node of this list.
-        unsafe { self.remove_first(node) };
-        at(node).after.set(None);
-        Some(node)
+        unsafe { self.remove_first(node.0) };
+        node.after.set(None);
+        Some(node.0)
     }
 }
 

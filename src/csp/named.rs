@@ -4,11 +4,10 @@
 use super::tree::{Node, Tree, label};
 use luna_core::current::{self, Process, ProcessId};
 use luna_core::events::{self, Kind, code};
-use std::cell::{Cell, RefCell, UnsafeCell};
+use pin_project_lite::pin_project;
+use std::cell::{Cell, RefCell};
 use std::future::Future;
-use std::marker::PhantomPinned;
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
@@ -52,39 +51,37 @@ pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
         tree: None,
         untold: None,
         is_reported: false,
-        node: NodeCell(UnsafeCell::new(Node::new(label(name)))),
+        node: Node::new(label(name)),
         future,
-        _pinned: PhantomPinned,
     }
 }
 
-/// A named sub-process: see [`named`].
-///
-/// # Invariants
-///
-/// `node` is in the list of `tree` exactly while there is a `tree`; it is then pinned. Its links,
-/// `id`, `parent` and `process` are written under the list's lock alone, and but for the links by
-/// this future alone. `untold` is `None`, or the process of the node, which is then listed.
-#[must_use = "a sub-process does nothing unless awaited"]
-pub struct Named<F> {
-    tree: Option<Arc<Tree>>,
-    /// The process in which it is listed while its turns are not recorded: that of almost every
-    /// poll.
-    untold: Option<ProcessId>,
-    is_reported: bool,
-    node: NodeCell,
-    future: F,
-    _pinned: PhantomPinned,
+pin_project! {
+    /// A named sub-process: see [`named`].
+    ///
+    /// # Invariants
+    ///
+    /// `node` is in the list of `tree` exactly while there is a `tree`. `untold` is `None`, or the
+    /// process of the node, which is then listed.
+    #[must_use = "a sub-process does nothing unless awaited"]
+    pub struct Named<F> {
+        tree: Option<Arc<Tree>>,
+        // The process in which it is listed while its turns are not recorded: that of almost every
+        // poll.
+        untold: Option<ProcessId>,
+        is_reported: bool,
+        #[pin]
+        node: Node,
+        #[pin]
+        future: F,
+    }
+
+    impl<F> PinnedDrop for Named<F> {
+        fn drop(this: Pin<&mut Self>) {
+            this.unlist(code::sub_ended::DROPPED);
+        }
+    }
 }
-
-/// Where a node lies.
-struct NodeCell(UnsafeCell<Node>);
-
-// SAFETY: a node's links are guarded by the list's lock, wherever the future is; all else is its
-// future's, or does not change while listed.
-unsafe impl Send for NodeCell {}
-// SAFETY: `&Named` gives access to the name alone, which does not change.
-unsafe impl Sync for NodeCell {}
 
 thread_local! {
     /// The tree of the system to which this thread belongs.
@@ -102,89 +99,59 @@ impl Tree {
 impl<F> Named<F> {
     /// The name, as it is kept.
     pub fn name(&self) -> &str {
-        // SAFETY: the name does not change, and this borrows it alone.
-        unsafe { &(*self.node.0.get()).name }.as_str()
+        self.node.name.as_str()
     }
 
     /// Ensures that the node is listed under what it is being polled in. Returns its id, 0 where
     /// there is no system.
-    ///
-    /// # Safety
-    ///
-    /// The future is pinned.
-    unsafe fn list(&mut self, process: ProcessId) -> u64 {
-        let node = NonNull::from(&self.node.0).cast::<Node>();
+    fn list(mut self: Pin<&mut Self>, process: ProcessId) -> u64 {
         let parent = WITHIN.get();
         if self.tree.is_some() {
-            // SAFETY: this future alone writes these fields, so it may read them without the lock.
-            let (of, under, id) = unsafe {
-                (
-                    (*node.as_ptr()).process,
-                    (*node.as_ptr()).parent,
-                    (*node.as_ptr()).id,
-                )
-            };
-            if of == Some(process) && under == parent {
-                return id;
+            if self.node.process() == Some(process) && self.node.parent() == parent {
+                return self.node.id();
             }
             // It was moved to another process, or to another part of this one.
-            self.unlist(code::sub_ended::DROPPED);
+            self.as_mut().unlist(code::sub_ended::DROPPED);
         }
         let Some(tree) = TREE.with_borrow(Clone::clone) else {
             return 0;
         };
-        let id = {
-            let mut list = tree.list.lock();
-            let (id, last) = (list.next_id, list.last);
-            list.next_id += 1;
-            // SAFETY: the node is in no list, so it is this future's alone; it is pinned, and
-            // unlisted before it dies.
-            unsafe {
-                (*node.as_ptr()).id = id;
-                (*node.as_ptr()).parent = parent;
-                (*node.as_ptr()).process = Some(process);
-                list.insert(node, last);
-            }
-            id
-        };
-        self.tree = Some(tree);
-        self.is_reported = events::is_on();
-        if self.is_reported {
-            events::name_in_ring(Kind::SubProcess, id as u32, self.name());
+        let this = self.project();
+        // SAFETY: without a tree the node is in no list; it is pinned, and unlisted before it dies.
+        let id = unsafe { tree.list.lock().push(&this.node, process, parent) };
+        *this.tree = Some(tree);
+        *this.is_reported = events::is_on();
+        if *this.is_reported {
+            events::name_in_ring(Kind::SubProcess, id as u32, &this.node.name);
         } else {
-            self.untold = Some(process);
+            *this.untold = Some(process);
         }
         id
     }
 
     /// `how` is one of [`code::sub_ended`].
-    fn unlist(&mut self, how: u64) {
-        self.untold = None;
-        if let Some(tree) = self.tree.take() {
-            if std::mem::take(&mut self.is_reported) {
+    fn unlist(self: Pin<&mut Self>, how: u64) {
+        let this = self.project();
+        *this.untold = None;
+        if let Some(tree) = this.tree.take() {
+            if std::mem::take(this.is_reported) {
                 // On a thread of another system its number would denote another sub-process.
                 let is_here = TREE.try_with(|here| {
                     let here = here.borrow();
                     here.as_ref().is_some_and(|here| Arc::ptr_eq(here, &tree))
                 });
                 if is_here.unwrap_or(false) {
-                    // SAFETY: this future alone writes the field.
-                    let id = unsafe { (*self.node.0.get()).id };
-                    events::report(code::SUB_DONE, id as u32, || [how, 0]);
+                    events::report(code::SUB_DONE, this.node.id() as u32, || [how, 0]);
                 }
             }
-            let node = NonNull::from(&self.node.0).cast::<Node>();
             // SAFETY: while there was a tree the node was in its list.
-            unsafe { tree.list.lock().remove(node) };
+            unsafe { tree.list.lock().remove(&this.node) };
         }
     }
 }
 
 impl<F: Future> Named<F> {
-    /// # Safety
-    ///
-    /// The future is pinned.
-    unsafe fn poll_within(&mut self, within: u64, cx: &mut Context<'_>) -> Poll<F::Output> {
+    fn poll_within(self: Pin<&mut Self>, within: u64, cx: &mut Context<'_>) -> Poll<F::Output> {
         /// Notes that it does not run any more, also when it has panicked.
         struct Ended<'a> {
             within: u64,
@@ -196,40 +163,31 @@ impl<F: Future> Named<F> {
                 self.is_running.store(false, Ordering::Relaxed);
             }
         }
-        // SAFETY: both are atomic, and may be borrowed while others look at them.
-        let (is_running, level) = unsafe {
-            let node = self.node.0.get();
-            (&(*node).is_running, &(*node).level)
-        };
-        is_running.store(true, Ordering::Relaxed);
-        level.store(current::priority().level, Ordering::Relaxed);
+        let this = self.project();
+        let node = this.node.into_ref().get_ref();
+        node.is_running.store(true, Ordering::Relaxed);
+        node.level
+            .store(current::priority().level, Ordering::Relaxed);
         let _ended = Ended {
             within: WITHIN.replace(within),
-            is_running,
+            is_running: &node.is_running,
         };
-        // SAFETY: the future is pinned with the whole.
-        unsafe { Pin::new_unchecked(&mut self.future) }.poll(cx)
+        this.future.poll(cx)
     }
 
     /// A poll that is the first one in this place, or is recorded, or is outside of any system.
-    ///
-    /// # Safety
-    ///
-    /// The future is pinned.
     #[cold]
     #[inline(never)]
-    unsafe fn poll_otherwise(
-        &mut self,
+    fn poll_otherwise(
+        mut self: Pin<&mut Self>,
         process: ProcessId,
         cx: &mut Context<'_>,
     ) -> Poll<F::Output> {
-        // SAFETY: the caller promises that the future is pinned, as `list` requires.
-        let id = unsafe { self.list(process) };
+        let id = self.as_mut().list(process);
         let around = WITHIN.get();
         let within = if id == 0 { around } else { id };
         let is_reported = self.is_reported;
-        // SAFETY: the caller promises that the future is pinned, as `poll_within` requires.
-        let mut poll = || unsafe { self.poll_within(within, cx) };
+        let poll = || self.poll_within(within, cx);
         if is_reported {
             events::sub_turn(id as u32, [process.get().into(), around], poll)
         } else {
@@ -241,34 +199,22 @@ impl<F: Future> Named<F> {
 impl<F: Future> Future for Named<F> {
     type Output = F::Output;
 
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
-        // SAFETY: nothing is moved out.
-        let this = unsafe { self.get_unchecked_mut() };
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
         let process = current::process(|process| process.map(Process::id));
         let around = WITHIN.get();
-        // SAFETY: this future alone writes these fields, so it may read them without the lock.
-        let (parent, id) = unsafe { ((*this.node.0.get()).parent, (*this.node.0.get()).id) };
         let within = match process {
             None => Some(around),
-            listed if this.untold == listed && parent == around => Some(id),
+            listed if self.untold == listed && self.node.parent() == around => Some(self.node.id()),
             _ => None,
         };
         let polled = match (within, process) {
-            // SAFETY: the future is pinned, as this value is.
-            (None, Some(process)) => unsafe { this.poll_otherwise(process, cx) },
-            // SAFETY: the future is pinned, as this value is.
-            (within, _) => unsafe { this.poll_within(within.unwrap_or(around), cx) },
+            (None, Some(process)) => self.as_mut().poll_otherwise(process, cx),
+            (within, _) => self.as_mut().poll_within(within.unwrap_or(around), cx),
         };
         if polled.is_ready() {
-            this.unlist(code::sub_ended::RETURNED);
+            self.unlist(code::sub_ended::RETURNED);
         }
         polled
-    }
-}
-
-impl<F> Drop for Named<F> {
-    fn drop(&mut self) {
-        self.unlist(code::sub_ended::DROPPED);
     }
 }
 

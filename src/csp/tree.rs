@@ -7,42 +7,64 @@
 use arrayvec::ArrayString;
 use luna_core::current::ProcessId;
 use luna_platform::lock::PiLock;
-use std::cell::UnsafeCell;
+use std::cell::Cell;
+use std::marker::PhantomPinned;
 use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
 /// One line of the tree, in the list of its system.
 ///
 /// # Invariants
 ///
-/// While it is listed it is pinned, `id`, `parent` and `process` are written under the list's lock
-/// and by its future alone, the links under the lock by any thread, and `name` not at all.
+/// While it is listed it is pinned, and its links are accessed under the list's lock alone. `id`,
+/// `parent` and `process` are written under that lock, by its future.
 pub(crate) struct Node {
-    before: Option<NonNull<Node>>,
-    after: Option<NonNull<Node>>,
+    before: Cell<Option<NonNull<Node>>>,
+    after: Cell<Option<NonNull<Node>>>,
     /// Rises along the list; 0 of a reader's mark.
-    pub(crate) id: u64,
+    id: AtomicU64,
     /// The id of the node that it runs in; 0 if it runs in the process itself.
-    pub(crate) parent: u64,
-    pub(crate) process: Option<ProcessId>,
+    parent: AtomicU64,
+    /// The number of its process; 0 of a reader's mark.
+    process: AtomicU32,
     pub(crate) name: Label,
     pub(crate) is_running: AtomicBool,
     pub(crate) level: AtomicU8,
+    _pinned: PhantomPinned,
 }
+
+// SAFETY: the links are guarded by the list's lock, wherever the node is; the rest may be sent.
+unsafe impl Send for Node {}
+// SAFETY: by the invariants the links are accessed under the list's lock alone; the rest is atomic,
+// or does not change.
+unsafe impl Sync for Node {}
 
 impl Node {
     pub(crate) fn new(name: Label) -> Self {
         Self {
-            before: None,
-            after: None,
-            id: 0,
-            parent: 0,
-            process: None,
+            before: Cell::new(None),
+            after: Cell::new(None),
+            id: AtomicU64::new(0),
+            parent: AtomicU64::new(0),
+            process: AtomicU32::new(0),
             name,
             is_running: AtomicBool::new(false),
             level: AtomicU8::new(0),
+            _pinned: PhantomPinned,
         }
+    }
+
+    pub(crate) fn id(&self) -> u64 {
+        self.id.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn parent(&self) -> u64 {
+        self.parent.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn process(&self) -> Option<ProcessId> {
+        ProcessId::from_number(self.process.load(Ordering::Relaxed))
     }
 }
 
@@ -65,8 +87,8 @@ pub(crate) struct Tree {
 /// of ids but for marks.
 pub(crate) struct List {
     first: Option<NonNull<Node>>,
-    pub(crate) last: Option<NonNull<Node>>,
-    pub(crate) next_id: u64,
+    last: Option<NonNull<Node>>,
+    next_id: u64,
 }
 
 // SAFETY: the list owns no node; the lock that guards it guards the nodes' links too, so it may go
@@ -74,27 +96,44 @@ pub(crate) struct List {
 unsafe impl Send for List {}
 
 impl List {
+    /// Puts the node of a sub-process last: it runs in `process`, and there in `parent`. Returns
+    /// its id.
+    ///
+    /// # Safety
+    ///
+    /// `node` is in no list, stays where it is, and is removed before it dies.
+    pub(crate) unsafe fn push(&mut self, node: &Node, process: ProcessId, parent: u64) -> u64 {
+        let id = self.next_id;
+        self.next_id += 1;
+        node.id.store(id, Ordering::Relaxed);
+        node.parent.store(parent, Ordering::Relaxed);
+        node.process.store(process.get(), Ordering::Relaxed);
+        // SAFETY: the node is as is demanded here, and the last one is in this list.
+        unsafe { self.insert(node, self.last) };
+        id
+    }
+
     /// Puts `node` behind `before`, or first.
     ///
     /// # Safety
     ///
     /// `node` is in no list, stays where it is, and is removed before it dies; `before` is in this
     /// one.
-    pub(crate) unsafe fn insert(&mut self, node: NonNull<Node>, before: Option<NonNull<Node>>) {
+    unsafe fn insert(&mut self, node: &Node, before: Option<NonNull<Node>>) {
+        let link = Some(NonNull::from(node));
         // SAFETY: the caller promises that `node` is in no list, so its links are the caller's, and
         // that `before` is in this one; what is listed is live by the invariant, and this borrow
-        // shows that the lock of its links is held. Fields alone are borrowed, since others look at
-        // the rest.
+        // shows that the lock of its links is held.
         unsafe {
             let after = match before {
-                Some(before) => (*before.as_ptr()).after.replace(node),
-                None => self.first.replace(node),
+                Some(before) => before.as_ref().after.replace(link),
+                None => std::mem::replace(&mut self.first, link),
             };
-            (*node.as_ptr()).before = before;
-            (*node.as_ptr()).after = after;
+            node.before.set(before);
+            node.after.set(after);
             match after {
-                Some(after) => (*after.as_ptr()).before = Some(node),
-                None => self.last = Some(node),
+                Some(after) => after.as_ref().before.set(link),
+                None => self.last = link,
             }
         }
     }
@@ -102,18 +141,17 @@ impl List {
     /// # Safety
     ///
     /// `node` is in this list.
-    pub(crate) unsafe fn remove(&mut self, node: NonNull<Node>) {
-        // SAFETY: the caller promises that `node` is in this list: by the invariant it and its
-        // neighbours are live, and this borrow shows that the lock of their links is held.
+    pub(crate) unsafe fn remove(&mut self, node: &Node) {
+        let (before, after) = (node.before.take(), node.after.take());
+        // SAFETY: the caller promises that `node` is in this list: by the invariant its neighbours
+        // are live, and this borrow shows that the lock of their links is held.
         unsafe {
-            let before = (*node.as_ptr()).before.take();
-            let after = (*node.as_ptr()).after.take();
             match before {
-                Some(before) => (*before.as_ptr()).after = after,
+                Some(before) => before.as_ref().after.set(after),
                 None => self.first = after,
             }
             match after {
-                Some(after) => (*after.as_ptr()).before = before,
+                Some(after) => after.as_ref().before.set(before),
                 None => self.last = before,
             }
         }
@@ -138,19 +176,13 @@ const AT_ONCE: usize = 16;
 struct Mark<'a> {
     tree: &'a Tree,
     /// Listed for as long as the mark lives.
-    node: &'a UnsafeCell<Node>,
-}
-
-impl Mark<'_> {
-    fn node(&self) -> NonNull<Node> {
-        NonNull::from(self.node).cast()
-    }
+    node: &'a Node,
 }
 
 impl Drop for Mark<'_> {
     fn drop(&mut self) {
         // SAFETY: it was listed when the mark was made.
-        unsafe { self.tree.list.lock().remove(self.node()) };
+        unsafe { self.tree.list.lock().remove(self.node) };
     }
 }
 
@@ -172,11 +204,11 @@ impl Tree {
     /// Not for the real-time path: it allocates, though never under the lock, which it holds for a
     /// few nodes at a time.
     pub(crate) fn read(&self) -> Vec<SubProcess> {
-        let node = UnsafeCell::new(Node::new(Label::new()));
+        let node = Node::new(Label::new());
         let end = {
             let mut list = self.list.lock();
             // SAFETY: the node is in no list, and is removed by the mark, before it dies.
-            unsafe { list.insert(NonNull::from(&node).cast(), None) };
+            unsafe { list.insert(&node, None) };
             list.next_id
         };
         let mark = Mark {
@@ -197,28 +229,29 @@ impl Tree {
     fn read_on(&self, mark: &Mark<'_>, end: u64, found: &mut Vec<SubProcess>) -> bool {
         let mut list = self.list.lock();
         for _ in 0..AT_ONCE {
-            // SAFETY: the mark is listed, so what follows it is, and is live. Fields alone are
-            // borrowed, since its future changes others.
-            unsafe {
-                let Some(next) = (*mark.node().as_ptr()).after else {
-                    return true;
-                };
-                let (id, process) = ((*next.as_ptr()).id, (*next.as_ptr()).process);
-                if id >= end {
-                    return true;
-                }
-                list.remove(mark.node());
-                list.insert(mark.node(), Some(next));
-                // Another reader's mark has no process.
-                found.extend(process.map(|process| SubProcess {
-                    id,
-                    parent: (*next.as_ptr()).parent,
-                    process,
-                    is_running: (*next.as_ptr()).is_running.load(Ordering::Relaxed),
-                    level: (*next.as_ptr()).level.load(Ordering::Relaxed),
-                    name: (*next.as_ptr()).name,
-                }));
+            let Some(behind) = mark.node.after.get() else {
+                return true;
+            };
+            // SAFETY: the mark is listed, so what follows it is, and is live while the lock is held.
+            let next = unsafe { behind.as_ref() };
+            let id = next.id();
+            if id >= end {
+                return true;
             }
+            // SAFETY: the mark is listed, and so is what followed it.
+            unsafe {
+                list.remove(mark.node);
+                list.insert(mark.node, Some(behind));
+            }
+            // Another reader's mark has no process.
+            found.extend(next.process().map(|process| SubProcess {
+                id,
+                parent: next.parent(),
+                process,
+                is_running: next.is_running.load(Ordering::Relaxed),
+                level: next.level.load(Ordering::Relaxed),
+                name: next.name,
+            }));
         }
         false
     }

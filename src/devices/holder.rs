@@ -1,4 +1,5 @@
-//! Which process has a device open, as far as the kernel shows it.
+//! Which process has a device open, as far as the kernel shows it. It stands in the error of a busy
+//! device, so that a user sees what to stop; it is looked up only then.
 
 use super::error::Holder;
 use std::fs;

@@ -160,9 +160,7 @@ fn make(name: &str, period: Duration) -> Result<Periodic> {
         // The process is not here yet; a current process, if any, is another.
         Some(_) => None,
     };
-    let timer_slot = scope
-        .manager()
-        .and_then(|manager| TimerSlot::new(manager, length));
+    let timer_slot = scope.manager().and_then(|manager| TimerSlot::new(manager));
     Ok(Periodic {
         statistics: Some(statistics),
         scope,

@@ -1,16 +1,15 @@
 //! Delays, as guards and alone.
 
-use super::guard::{Attempt, Guard, RawGuard, Terms};
+use super::guard::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::replay;
-use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use luna_core::current::PendingWake;
 use luna_core::timer_queue::{Sleep, no_timers};
 use luna_platform::clock::Instant;
+use pin_project_lite::pin_project;
 use std::future::Future;
 use std::panic::Location;
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -63,15 +62,18 @@ pub fn at(deadline: Instant) -> After {
     }
 }
 
-/// A delay: see [`after`] and [`at`].
-#[derive(Debug)]
-#[must_use = "a delay does nothing unless awaited or offered in an alternative"]
-pub struct After {
-    sleep: Sleep,
-    /// For the panic where there are no timers.
-    made_at: &'static Location<'static>,
-    /// It is awaited in a process with a replay log, and has come.
-    has_come: bool,
+pin_project! {
+    /// A delay: see [`after`] and [`at`].
+    #[derive(Debug)]
+    #[must_use = "a delay does nothing unless awaited or offered in an alternative"]
+    pub struct After {
+        #[pin]
+        sleep: Sleep,
+        // For the panic where there are no timers.
+        made_at: &'static Location<'static>,
+        // It is awaited in a process with a replay log, and has come.
+        has_come: bool,
+    }
 }
 
 impl After {
@@ -82,11 +84,9 @@ impl After {
 
     #[inline]
     fn poll_sleep(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: nothing is moved.
-        let Self { sleep, made_at, .. } = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the sleep is pinned with the whole.
-        let sleep = unsafe { Pin::new_unchecked(sleep) };
-        sleep.poll_or(cx, || {
+        let this = self.project();
+        let made_at = *this.made_at;
+        this.sleep.poll_or(cx, || {
             no_timers("the delay `luna::after` or `luna::at`", Some(made_at))
         })
     }
@@ -101,8 +101,7 @@ impl Future for After {
             let mut has_come = self.has_come;
             let poll = |cx: &mut Context<'_>| self.as_mut().poll_sleep(cx);
             let polled = replay::poll_delay(&mut has_come, poll, cx);
-            // SAFETY: nothing is moved.
-            unsafe { self.get_unchecked_mut() }.has_come = has_come;
+            *self.project().has_come = has_come;
             return polled;
         }
         self.poll_sleep(cx)
@@ -130,36 +129,15 @@ unsafe impl RawGuard for After {
         }
     }
 
-    unsafe fn list(self: Pin<&mut Self>, _: &mut WaitQueues, _: NonNull<SelectState>, _: u32) {}
-
-    unsafe fn withdraw(self: Pin<&mut Self>) {}
-
-    unsafe fn poll_chosen(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<()> {
-        Poll::Ready(())
-    }
-
     unsafe fn poll_time(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         self.poll_sleep(cx)
-    }
-
-    unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        false
     }
 }
 
 impl Guard for After {
     type Output = ();
-    type Seed = Self;
 
-    #[inline]
-    fn into_seed(self) -> Self {
-        self
-    }
-
-    #[inline]
-    fn from_seed(seed: Self) -> Self {
-        seed
-    }
+    own_seed!();
 
     unsafe fn output(self: Pin<&mut Self>) {}
 }

@@ -448,8 +448,8 @@ pub(crate) unsafe fn commit(
     turn: PlainTurn<'_>,
 ) -> Commit {
     // SAFETY: the guard waits, and its owner needs the wait point's lock, which is held, to
-    // withdraw it: so its select state is live. This is a partner, and has entered the commit lock
-    // by its bias.
+    // withdraw it: so its select state is live. No thread holds a commit lock across a poll, and
+    // this one has not entered it yet. Then this is a partner in the commit lock, by its bias.
     unsafe {
         let select_state = select_state.as_ref();
         if !select_state.is_open() {

@@ -95,6 +95,25 @@ pub enum Attempt {
     Ready(PendingWake),
 }
 
+/// The seed of a guard that is small: the guard itself.
+macro_rules! own_seed {
+    () => {
+        type Seed = Self;
+
+        #[inline]
+        fn into_seed(self) -> Self {
+            self
+        }
+
+        #[inline]
+        fn from_seed(seed: Self) -> Self {
+            seed
+        }
+    };
+}
+
+pub(crate) use own_seed;
+
 /// What an alternative considers of a guard.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Terms<'a> {
@@ -136,7 +155,8 @@ impl<'a> Terms<'a> {
 /// # Safety
 ///
 /// The wait point of its terms outlives the guard. A guard that is dropped while it is listed takes
-/// its node off the list.
+/// its node off the list. The steps that are there are those of a guard without a wait point; one
+/// that has a wait point brings its own `list`, `withdraw` and `poll_chosen`.
 pub unsafe trait RawGuard {
     /// What is to be considered. The same in all calls.
     fn terms(&self) -> Terms<'_>;
@@ -160,17 +180,18 @@ pub unsafe trait RawGuard {
     /// As for `attempt`; and `select_state` outlives the guard's being listed.
     unsafe fn list(
         self: Pin<&mut Self>,
-        lists: &mut WaitQueues,
-        select_state: NonNull<SelectState>,
-        guard: u32,
-    );
+        _lists: &mut WaitQueues,
+        _select_state: NonNull<SelectState>,
+        _guard: u32,
+    ) {
+    }
 
     /// Takes the guard off its list, if it is still there: another one was chosen, or none.
     ///
     /// # Safety
     ///
     /// Its alternative calls this, and the guard's own future was not polled.
-    unsafe fn withdraw(self: Pin<&mut Self>);
+    unsafe fn withdraw(self: Pin<&mut Self>) {}
 
     /// Whether the guard, which was chosen, is over.
     ///
@@ -178,7 +199,9 @@ pub unsafe trait RawGuard {
     ///
     /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled.
     /// The guard was chosen.
-    unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()>;
+    unsafe fn poll_chosen(self: Pin<&mut Self>, _cx: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
+    }
 
     /// Called when the lock of its wait point was released after `attempt` or `list`.
     fn released(&self) {}
@@ -208,5 +231,7 @@ pub unsafe trait RawGuard {
     ///
     /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled.
     /// The guard is listed nowhere.
-    unsafe fn fail(self: Pin<&mut Self>) -> bool;
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        false
+    }
 }

@@ -15,7 +15,7 @@ mod when;
 pub use after::{After, after, at};
 pub(crate) use fast_path::{Commit, PlainGuard, commit, take_first};
 pub use guard::Guard;
-pub(crate) use guard::{Attempt, RawGuard, Terms};
+pub(crate) use guard::{Attempt, RawGuard, Terms, own_seed};
 pub use list::{Cons, Either, Guards, Never, Nil, Seed, Seeds, Skip, guard};
 pub(crate) use registered::Entry;
 pub use registered::{Alternative, AlternativeRecv};

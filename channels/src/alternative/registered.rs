@@ -24,11 +24,10 @@ mod fast_path;
 mod recv;
 
 pub(crate) use entry::Entry;
-use entry::Hub;
+use entry::{Hub, OwnEntry};
 pub use recv::AlternativeRecv;
 
 use super::ready_set::ReadySet;
-use crate::core::Channel;
 use crate::error::RecvError;
 use crate::receiver::Receiver;
 use crate::replay;
@@ -64,7 +63,7 @@ use std::task::{Context, Poll, RawWakerVTable};
 /// # }).unwrap();
 /// ```
 pub struct Alternative<'a, T> {
-    entries: Vec<Option<NonNull<Entry<T>>>>,
+    entries: Vec<Option<OwnEntry<'a, T>>>,
     hub: NonNull<Hub<T>>,
     ready: ReadySet,
     is_fair: bool,
@@ -169,15 +168,6 @@ impl<'a, T> Alternative<'a, T> {
                 self.entries.len() - 1
             }
         };
-        let entry = Box::new(Entry {
-            waiter: Waiter::empty(),
-            hub: self.hub,
-            channel: NonNull::from(input.channel()),
-            next: ptr::null_mut(),
-            is_queued: false,
-            rings: false,
-            ended: None,
-        });
         if self.all_ended() {
             // They have reported their end, and now there is one to wait for.
             (0..self.entries.len())
@@ -185,18 +175,8 @@ impl<'a, T> Alternative<'a, T> {
                 .for_each(|other| self.ready.clear(other));
         }
         self.count += 1;
-        let entry = NonNull::from(Box::leak(entry));
-        // SAFETY: the hub lives as long as this alternative. No other thread knows the new entry;
-        // its waiter is its first field.
-        unsafe {
-            let select_state = NonNull::new_unchecked(&raw mut (*self.hub.as_ptr()).select_state);
-            Waiter::begin(
-                entry.cast::<Waiter<T>>(),
-                false,
-                Some((select_state, index as u32)),
-                None,
-            );
-        }
+        // SAFETY: the hub lives as long as this alternative, which alone has the entry.
+        let entry = unsafe { OwnEntry::new(self.hub, input.channel(), index as u32) };
         self.entries[index] = Some(entry);
         self.ready.add(index);
         if index < self.listed {
@@ -211,14 +191,10 @@ impl<'a, T> Alternative<'a, T> {
         let Some(entry) = self.entries.get_mut(index).and_then(Option::take) else {
             return false;
         };
-        // SAFETY: the entry is this alternative's, and its channel is borrowed.
-        let (channel, has_ended): (&Channel<T>, _) = unsafe {
-            let has_ended = (*entry.as_ptr()).ended.is_some();
-            (&*(*entry.as_ptr()).channel.as_ptr(), has_ended)
-        };
+        let (channel, has_ended) = (entry.channel(), entry.ended().is_some());
         if index < self.listed && !has_ended {
             // SAFETY: it is listed.
-            unsafe { channel.unregister(entry) };
+            unsafe { channel.unregister(entry.pointer()) };
         }
         // No thread pushes it from here on. All entries pushed before are known now, and this one
         // is not on the stack.
@@ -238,8 +214,8 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: the select state was chosen through it, and this is the owner.
             unsafe { Self::settled(entry) }
         });
-        // SAFETY: no other thread knows it any more.
-        drop(unsafe { Box::from_raw(entry.as_ptr()) });
+        // SAFETY: it is listed nowhere, and was taken out of the entries.
+        unsafe { entry.free() };
         if let Some(Ok(value)) = held {
             channel.return_value(value);
         }
@@ -318,18 +294,15 @@ impl<'a, T> Alternative<'a, T> {
     /// Registers with a channel.
     fn list(&mut self, index: usize) {
         if let Some(entry) = self.entries[index]
-            // SAFETY: the entry is this alternative's.
-            && unsafe { (*entry.as_ptr()).ended }.is_none()
+            && entry.ended().is_none()
         {
-            // SAFETY: the entry is this alternative's and stays where it is until it is
-            // unregistered; its channel is borrowed.
-            let channel = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+            let channel = entry.channel();
             if replay::is_on() {
                 channel.note_alternative();
             }
             // SAFETY: the entry is for this channel and in no list: this is called once for each,
             // before it has ended. It stays in its box until it is unregistered.
-            let is_ready = unsafe { channel.register(entry) };
+            let is_ready = unsafe { channel.register(entry.pointer()) };
             if is_ready {
                 self.ready.set(index);
             }
@@ -411,15 +384,12 @@ impl<'a, T> Alternative<'a, T> {
         let Some(entry) = self.entries[index] else {
             return;
         };
-        // SAFETY: the entry is this alternative's, and its channel is borrowed; the field for its
-        // end is the owner's.
-        unsafe {
-            if (*entry.as_ptr()).ended.replace(error).is_some() {
-                return;
-            }
-            if index < self.listed {
-                (*(*entry.as_ptr()).channel.as_ptr()).unregister(entry);
-            }
+        if entry.set_ended(error).is_some() {
+            return;
+        }
+        if index < self.listed {
+            // SAFETY: it is registered with this channel, since its end was not set.
+            unsafe { entry.channel().unregister(entry.pointer()) };
         }
         // No thread pushes it from here on. All entries pushed before are known now.
         self.drain();
@@ -445,9 +415,8 @@ impl<'a, T> Alternative<'a, T> {
 
     /// The first channel that has not ended, or else the first.
     fn first_to_fail(&self) -> Option<usize> {
-        // SAFETY: the entries are this alternative's.
-        let is_open = |entry: &NonNull<Entry<T>>| unsafe { (*entry.as_ptr()).ended }.is_none();
-        let of_open = |entry: &Option<NonNull<Entry<T>>>| entry.as_ref().is_some_and(is_open);
+        let of_open =
+            |entry: &Option<OwnEntry<'_, T>>| entry.is_some_and(|entry| entry.ended().is_none());
         let first_open = self.entries.iter().position(of_open);
         first_open.or_else(|| self.entries.iter().position(Option::is_some))
     }
@@ -459,16 +428,15 @@ impl<'a, T> Alternative<'a, T> {
     ///
     /// It was, and this is the owner.
     #[inline(always)]
-    unsafe fn settled(entry: NonNull<Entry<T>>) -> Result<T, RecvError> {
-        let node = entry.cast::<Waiter<T>>();
+    unsafe fn settled(entry: OwnEntry<'_, T>) -> Result<T, RecvError> {
+        let node = entry.node();
         // SAFETY: the select state was chosen through the entry, and the caller is the owner, so
         // the settled value is the caller's. The committing thread holds the lock until it has
-        // settled, and touches nothing after. Only single fields of the listed node are borrowed;
-        // its channel is borrowed for longer.
+        // settled, and touches nothing after. Only single fields of the listed node are borrowed.
         unsafe {
             if Waiter::outcome(node) == Outcome::Waiting {
                 // The committing thread holds the channel's lock until it has settled.
-                drop((*(*entry.as_ptr()).channel.as_ptr()).lock());
+                drop(entry.channel().lock());
             }
             let received = match Waiter::outcome(node) {
                 Outcome::Done => Ok(Waiter::take_value_of(node)),
@@ -496,12 +464,8 @@ impl<T> Drop for Alternative<'_, T> {
         let held = self.holds().and_then(|index| self.entries[index]);
         let held = held.map(|entry| {
             self.state = State::Closed;
-            // SAFETY: the select state was chosen through the entry, and this is the owner. Its
-            // channel is borrowed.
-            unsafe {
-                let channel: &Channel<T> = &*(*entry.as_ptr()).channel.as_ptr();
-                (channel, Self::settled(entry))
-            }
+            // SAFETY: the select state was chosen through the entry, and this is the owner.
+            (entry.channel(), unsafe { Self::settled(entry) })
         });
         for index in 0..self.entries.len() {
             self.remove(index);

@@ -1,18 +1,17 @@
 //! Deadlines that are looked up when they come, as guards and alone.
 
-use super::guard::{Attempt, Guard, RawGuard, Terms};
+use super::guard::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::replay;
-use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::WaitQueues;
 use luna_core::current::{self, PendingWake};
 use luna_core::timer_queue::{Sleep, no_timers};
 use luna_platform::clock::Instant;
+use pin_project_lite::pin_project;
 use std::fmt;
 use std::future::Future;
 use std::panic::Location;
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
 /// Something that falls due on the clock, and can have been put off when its time comes.
@@ -35,25 +34,28 @@ pub trait Due {
     fn serve(&mut self, now: Instant) -> Self::Output;
 }
 
-/// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an
-/// alternative.
-///
-/// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was
-/// not chosen stays due.
-///
-/// # Panics
-///
-/// When it has to wait outside of any process of LUNA: there are no timers.
-#[must_use = "it waits only when awaited or offered in an alternative"]
-pub struct When<D> {
-    due: D,
-    /// For the panic where there are no timers.
-    made_at: &'static Location<'static>,
-    sleep: Sleep,
-    /// Whether `sleep` is set to the time at which it is due now.
-    is_set: bool,
-    /// It is awaited in a process with a replay log, and is due.
-    has_come: bool,
+pin_project! {
+    /// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an
+    /// alternative.
+    ///
+    /// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was
+    /// not chosen stays due.
+    ///
+    /// # Panics
+    ///
+    /// When it has to wait outside of any process of LUNA: there are no timers.
+    #[must_use = "it waits only when awaited or offered in an alternative"]
+    pub struct When<D> {
+        due: D,
+        // For the panic where there are no timers.
+        made_at: &'static Location<'static>,
+        #[pin]
+        sleep: Sleep,
+        // Whether `sleep` is set to the time at which it is due now.
+        is_set: bool,
+        // It is awaited in a process with a replay log, and is due.
+        has_come: bool,
+    }
 }
 
 impl<D: Due> When<D> {
@@ -76,8 +78,8 @@ impl<D: Due> When<D> {
 
     /// Whether it is due; arranges for a wake when it may be.
     fn poll_due(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: the sleep is pinned with the whole, and nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let mut this = self.project();
+        let made_at = *this.made_at;
         loop {
             let now = Instant::now();
             let due_at = this.due.due_at(now);
@@ -87,27 +89,22 @@ impl<D: Due> When<D> {
             if due_at == Instant::NEVER {
                 return Poll::Pending;
             }
-            // SAFETY: the sleep is pinned with the whole, and no code here moves it.
-            let mut sleep = unsafe { Pin::new_unchecked(&mut this.sleep) };
-            if !this.is_set {
-                sleep.as_mut().reset(due_at);
-                this.is_set = true;
+            if !*this.is_set {
+                this.sleep.as_mut().reset(due_at);
+                *this.is_set = true;
             }
             // The due time may have been put off meanwhile: then it sleeps again, until the new
             // one.
-            let made_at = this.made_at;
             let refuse = || no_timers("a tick, a timer or a watchdog", Some(made_at));
-            if sleep.poll_or(cx, refuse).is_pending() {
+            if this.sleep.as_mut().poll_or(cx, refuse).is_pending() {
                 return Poll::Pending;
             }
-            this.is_set = false;
+            *this.is_set = false;
         }
     }
 
     fn serve(self: Pin<&mut Self>) -> D::Output {
-        // SAFETY: what is due is not pinned.
-        let this = unsafe { self.get_unchecked_mut() };
-        this.due.serve(replay::now())
+        self.project().due.serve(replay::now())
     }
 }
 
@@ -118,8 +115,7 @@ impl<D: Due> Future for When<D> {
         if replay::is_on() {
             let mut has_come = self.has_come;
             let polled = replay::poll_delay(&mut has_come, |cx| self.as_mut().poll_due(cx), cx);
-            // SAFETY: nothing is moved.
-            unsafe { self.as_mut().get_unchecked_mut() }.has_come = has_come;
+            *self.as_mut().project().has_come = has_come;
             return polled.map(|()| self.serve());
         }
         if self.as_mut().poll_due(cx).is_pending() {
@@ -155,36 +151,15 @@ unsafe impl<D: Due> RawGuard for When<D> {
         }
     }
 
-    unsafe fn list(self: Pin<&mut Self>, _: &mut WaitQueues, _: NonNull<SelectState>, _: u32) {}
-
-    unsafe fn withdraw(self: Pin<&mut Self>) {}
-
-    unsafe fn poll_chosen(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<()> {
-        Poll::Ready(())
-    }
-
     unsafe fn poll_time(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         self.poll_due(cx)
-    }
-
-    unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        false
     }
 }
 
 impl<D: Due> Guard for When<D> {
     type Output = D::Output;
-    type Seed = Self;
 
-    #[inline]
-    fn into_seed(self) -> Self {
-        self
-    }
-
-    #[inline]
-    fn from_seed(seed: Self) -> Self {
-        seed
-    }
+    own_seed!();
 
     unsafe fn output(self: Pin<&mut Self>) -> D::Output {
         self.serve()

@@ -60,7 +60,7 @@ impl Barrier {
         // SAFETY: the lists are this barrier's, and the lock is held. The node is in none of them,
         // and stays where it is.
         unsafe {
-            let came = meeting.state(&lists, |round| {
+            let came = meeting.state(&mut lists, |round, _| {
                 if round.offering > 0 {
                     return Arrival::SlowPath;
                 }

@@ -118,9 +118,9 @@ impl Barrier {
     /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round,
     /// that round waits for it too.
     pub fn enroll(&self) -> Party {
-        let lists = self.meeting.lock();
-        // SAFETY: the lists are the barrier's own.
-        unsafe { self.meeting.state(&lists, |round| round.parties += 1) };
+        let mut lists = self.meeting.lock();
+        self.meeting
+            .state(&mut lists, |round, _| round.parties += 1);
         drop(lists);
         Party::new(self.clone())
     }
@@ -133,9 +133,8 @@ impl Barrier {
 
     /// Number of parties that must come: for display, since it may have changed already.
     pub fn parties(&self) -> usize {
-        let lists = self.meeting.lock();
-        // SAFETY: the lists are the barrier's own.
-        unsafe { self.meeting.state(&lists, |round| round.parties) }
+        let mut lists = self.meeting.lock();
+        self.meeting.state(&mut lists, |round, _| round.parties)
     }
 
     /// Puts a group of `parties` processes in the place of one party that [`new`](Self::new)
@@ -159,10 +158,10 @@ impl Barrier {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn local(&self, parties: usize) -> Barrier {
-        let lists = self.meeting.lock();
+        let mut lists = self.meeting.lock();
         let more = parties.saturating_sub(1);
-        // SAFETY: the lists are the barrier's own.
-        unsafe { self.meeting.state(&lists, |round| round.parties += more) };
+        self.meeting
+            .state(&mut lists, |round, _| round.parties += more);
         drop(lists);
         self.clone()
     }
@@ -221,13 +220,10 @@ impl Meeting {
 
     fn resign(&self) {
         let mut lists = self.lock();
-        // SAFETY: the lists are this barrier's.
-        let is_complete = unsafe {
-            self.state(&lists, |round| {
-                round.parties = round.parties.saturating_sub(1);
-            });
-            self.complete_with(&mut lists, 0)
-        };
+        self.state(&mut lists, |round, _| {
+            round.parties = round.parties.saturating_sub(1);
+        });
+        let is_complete = self.complete_with(&mut lists, 0);
         drop(lists);
         if is_complete {
             self.release();
@@ -236,25 +232,17 @@ impl Meeting {
 
     /// Completes the round if enough have come together with `more` unlisted parties. The waiting
     /// parties are then to be [released](Self::release), without the lock. O(parties that are
-    /// alternatives).
-    ///
-    /// # Safety
-    ///
-    /// `lists` are those of this barrier.
-    unsafe fn complete_with(&self, lists: &mut WaitQueues, more: usize) -> bool {
-        // SAFETY: the lists are this barrier's, as is demanded here, so they show that its lock is
-        // held.
-        let (missing, offering) = unsafe {
-            self.state(lists, |round| {
-                let come = round.arrived + round.offering + more;
-                (round.parties.saturating_sub(come), round.offering)
-            })
-        };
+    /// alternatives). `lists` are those of this barrier.
+    fn complete_with(&self, lists: &mut WaitQueues, more: usize) -> bool {
+        let (missing, offering) = self.state(lists, |round, _| {
+            let come = round.arrived + round.offering + more;
+            (round.parties.saturating_sub(come), round.offering)
+        });
         let none_waits = lists.senders.is_empty() && lists.receivers.is_empty();
         if missing > 0 || (more == 0 && none_waits) {
             return false;
         }
-        // SAFETY: the lists are this barrier's, as is demanded here: all that the callee demands.
+        // SAFETY: the lists are this barrier's: `state` has made sure of that.
         if offering > 0 && !unsafe { self.commit_offering(lists, more) } {
             return false;
         }
@@ -266,15 +254,11 @@ impl Meeting {
         } = lists;
         held.append(senders);
         held.append(receivers);
-        // SAFETY: the lists are this barrier's, as is demanded here, so they show that its lock is
-        // held.
-        unsafe {
-            self.state(lists, |round| {
-                round.arrived = 0;
-                round.offering = 0;
-                round.number = round.number.wrapping_add(1);
-            });
-        }
+        self.state(lists, |round, _| {
+            round.arrived = 0;
+            round.offering = 0;
+            round.number = round.number.wrapping_add(1);
+        });
         true
     }
 
@@ -308,7 +292,7 @@ impl Meeting {
                     Waiter::settle_stale(waiter);
                 }
             }
-            let is_enough = self.state(lists, |round| {
+            let is_enough = self.state(lists, |round, _| {
                 round.offering = open;
                 round.arrived + open + more >= round.parties
             });

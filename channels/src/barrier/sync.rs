@@ -2,7 +2,8 @@
 
 use super::fast_path::Arrival;
 use super::{Barrier, Meeting};
-use crate::alternative::{Attempt, Guard, RawGuard, Terms};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms, own_seed};
+use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
@@ -58,6 +59,9 @@ unsafe impl Send for SyncOp<'_> {}
 // SAFETY: `&SyncOp` gives access to nothing.
 unsafe impl Sync for SyncOp<'_> {}
 
+// SAFETY: no code of this file moves the node, or the whole, behind a pin.
+unsafe impl InPlace for SyncOp<'_> {}
+
 impl<'a> SyncOp<'a> {
     #[inline]
     pub(super) fn new(barrier: &'a Barrier) -> Self {
@@ -107,7 +111,7 @@ impl<'a> SyncOp<'a> {
                     return Came::Completes;
                 }
                 if let Some(wake_handle) = renewal.take() {
-                    let number = meeting.state(&lists, |round| {
+                    let number = meeting.state(&mut lists, |round, _| {
                         round.arrived += 1;
                         round.number
                     });
@@ -125,7 +129,7 @@ impl<'a> SyncOp<'a> {
                 self.phase = Phase::Over;
                 return Came::IsOver(None);
             }
-            if meeting.state(&lists, |round| round.number) == (*node).ticket {
+            if meeting.state(&mut lists, |round, _| round.number) == (*node).ticket {
                 renewal.store(Waiter::change_wake_handle(self.node()));
                 return Came::Waits;
             }
@@ -233,16 +237,17 @@ impl<'a> SyncOp<'a> {
                 _ => {}
             }
             let node = Waiter::link(self.node());
-            let number = self.meeting().state(&lists, |round| round.number);
+            let meeting = self.meeting();
+            let number = meeting.state(&mut lists, |round, _| round.number);
             let is_complete = number != (*node).ticket;
             if is_complete {
                 lists.held.remove(self.node().cast());
             } else if Waiter::select_state(self.node()).is_some() {
                 lists.receivers.remove(self.node().cast());
-                self.meeting().state(&lists, |round| round.offering -= 1);
+                meeting.state(&mut lists, |round, _| round.offering -= 1);
             } else {
                 lists.senders.remove(self.node().cast());
-                self.meeting().state(&lists, |round| round.arrived -= 1);
+                meeting.state(&mut lists, |round, _| round.arrived -= 1);
             }
             let outcome = if is_complete {
                 Outcome::Done
@@ -264,8 +269,7 @@ impl Future for SyncOp<'_> {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: nothing pinned is moved: a listed node stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let mut arrival = Arrival::SlowPath;
         match this.phase {
             Phase::New => {
@@ -310,15 +314,12 @@ unsafe impl RawGuard for SyncOp<'_> {
         lists: Option<&mut WaitQueues>,
         _: &mut Context<'_>,
     ) -> Attempt {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let Some(lists) = lists else {
             return Attempt::NotReady;
         };
         this.meeting().note_user();
-        // SAFETY: the lists are those of the guard's wait point, as is demanded here: this
-        // barrier's.
-        if unsafe { this.meeting().complete_with(lists, 1) } {
+        if this.meeting().complete_with(lists, 1) {
             this.phase = Phase::Completed;
             Attempt::Ready(PendingWake::NONE)
         } else {
@@ -332,8 +333,7 @@ unsafe impl RawGuard for SyncOp<'_> {
         select_state: NonNull<SelectState>,
         guard: u32,
     ) {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         // SAFETY: the lists are those of the guard's wait point, as is demanded here: this
         // barrier's. All nodes of its alternatives lead to select states, live while they are
         // listed, as this one will be. The new node is in none of the lists, and is taken off
@@ -358,7 +358,7 @@ unsafe impl RawGuard for SyncOp<'_> {
                 next = lists.receivers.after(other);
             }
             Waiter::begin(this.node(), false, Some((select_state, guard)), None);
-            (*Waiter::link(this.node())).ticket = this.meeting().state(lists, |round| {
+            (*Waiter::link(this.node())).ticket = this.meeting().state(lists, |round, _| {
                 round.offering += 1;
                 round.number
             });
@@ -370,13 +370,11 @@ unsafe impl RawGuard for SyncOp<'_> {
     }
 
     unsafe fn withdraw(self: Pin<&mut Self>) {
-        // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.leave();
+        self.in_place().leave();
     }
 
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         match this.phase {
             Phase::Completed => {
                 this.phase = Phase::GaveWay;
@@ -387,29 +385,15 @@ unsafe impl RawGuard for SyncOp<'_> {
             _ => Poll::Ready(()),
         }
     }
-
-    unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        false
-    }
 }
 
 impl Guard for SyncOp<'_> {
     type Output = ();
-    type Seed = Self;
 
-    #[inline]
-    fn into_seed(self) -> Self {
-        self
-    }
-
-    #[inline]
-    fn from_seed(seed: Self) -> Self {
-        seed
-    }
+    own_seed!();
 
     unsafe fn output(self: Pin<&mut Self>) {
-        // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.phase = Phase::Over;
+        self.in_place().phase = Phase::Over;
     }
 }
 

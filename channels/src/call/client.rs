@@ -1,7 +1,7 @@
 //! The calling end.
 
 use super::{CallError, Message};
-use crate::alternative::{Attempt, Guard, RawGuard, Terms};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::ended::Ended;
 use crate::error::SendError;
 use crate::operation::SendOp;
@@ -301,17 +301,8 @@ unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
 
 impl<Q, A> Guard for CallOp<'_, Q, A> {
     type Output = Result<A, CallError<Q>>;
-    type Seed = Self;
 
-    #[inline]
-    fn into_seed(self) -> Self {
-        self
-    }
-
-    #[inline]
-    fn from_seed(seed: Self) -> Self {
-        seed
-    }
+    own_seed!();
 
     unsafe fn output(mut self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: the call was chosen and is over, so the send is, or was settled by `interrupt`.

@@ -347,8 +347,9 @@ unsafe fn meet_guard<const SEND: bool>(
     // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
     // its select state, which is live while the lock is held: the owner needs it to withdraw the
     // guard. If the select state is left, the guard is stale, and `wait_alone` overwrites its note.
-    // Its partner commits it under the commit lock, entered by its bias. Until it is settled it is
-    // a waiting operation of the channel: its value can be moved as in `meet`.
+    // Its partner commits it under the commit lock, which no thread holds across a poll, and which
+    // this one enters once, by its bias. Until it is settled it is a waiting operation of the
+    // channel: its value can be moved as in `meet`.
     unsafe {
         let mut lists = wait_point.kept(turn);
         // In a model every value is moved here.

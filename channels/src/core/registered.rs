@@ -26,9 +26,9 @@ impl<T> Channel<T> {
     ) -> FastPath {
         // SAFETY: this thread has kept the lock, and takes it back once in each way; the wait point
         // is that of a live channel of values of this type: `Meet` demands that. A registered node
-        // is that of a live entry, which the lock guards, as its alternative's. The commit lock is
-        // entered by its bias. A committed entry holds no value before it is done; a new send's
-        // node holds one.
+        // is that of a live entry, which the lock guards, as its alternative's. No thread holds a
+        // commit lock across a poll, and this one enters it once, by its bias. A committed entry
+        // holds no value before it is done; a new send's node holds one.
         unsafe {
             let wait_point = channel.as_ref();
             let lists = wait_point.kept(turn);

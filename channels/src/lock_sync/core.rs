@@ -57,10 +57,13 @@ impl Core {
         core
     }
 
-    pub(super) fn state<R>(&self, lists: &WaitQueues, f: impl FnOnce(&mut State) -> R) -> R {
-        // SAFETY: the callers, here and in `chain` and `give_back`, pass the lists of this core's
-        // own wait point, and no `f` of theirs calls this.
-        unsafe { self.wait_point.state(lists, f) }
+    /// Access to the state. Panics if `lists` are not those of this core.
+    pub(super) fn state<R>(
+        &self,
+        lists: &mut WaitQueues,
+        f: impl FnOnce(&mut State, &mut WaitQueues) -> R,
+    ) -> R {
+        self.wait_point.state(lists, f)
     }
 
     /// Whether the former holder died while it held the mutex. Asked by the holder.
@@ -92,8 +95,8 @@ impl Core {
 
     /// The number of free permits.
     pub(super) fn permits(&self) -> u64 {
-        let lists = self.wait_point.lock();
-        self.state(&lists, |state| state.permits)
+        let mut lists = self.wait_point.lock();
+        self.state(&mut lists, |state, _| state.permits)
     }
 
     /// Locks a mutex for the current process, if it is free, its wait point's lock is biased to
@@ -110,7 +113,7 @@ impl Core {
                 return false;
             }
         };
-        let is_taken = self.state(&lists, |state| {
+        let is_taken = self.state(&mut lists, |state, _| {
             let is_taken = state.permits != 0 && turn.goes_on();
             if is_taken {
                 state.permits = 0;
@@ -146,7 +149,7 @@ impl Core {
         let first = lists.senders.first();
         // SAFETY: a listed node is live, and the lock is held.
         let is_first = first.is_none_or(|first| priority > unsafe { first.as_ref() }.priority());
-        self.state(lists, |state| {
+        self.state(lists, |state, _| {
             match state.permits.checked_sub(u64::from(count)) {
                 Some(left) if is_first => {
                     state.permits = left;
@@ -165,8 +168,8 @@ impl Core {
     /// have to wait; so their number is not tested, and may be below 0 for a while.
     #[cold]
     pub(super) fn take_given(&self, count: u32) {
-        let lists = self.wait_point.lock();
-        self.state(&lists, |state| {
+        let mut lists = self.wait_point.lock();
+        self.state(&mut lists, |state, _| {
             state.permits = state.permits.wrapping_sub(u64::from(count));
         });
     }
@@ -225,7 +228,7 @@ impl Core {
                 let node = Entry::node(entry);
                 lists.senders.insert(node, priority, wake_handle);
                 this.requeue(&mut lists, entry);
-                this.relend(&lists)
+                this.relend(&mut lists)
             };
             Poll::Pending
         });
@@ -286,7 +289,7 @@ impl Core {
             lists.senders.remove(Entry::node(entry));
             let former = (*Entry::link(entry)).wait.wake_handle_mut().take();
             Waiter::settle_stale(Entry::waiter(entry));
-            (self.relend(&lists), former)
+            (self.relend(&mut lists), former)
         };
         drop(lists);
         chain::follow(changed);

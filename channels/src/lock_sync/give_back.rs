@@ -51,7 +51,7 @@ impl Core {
         if !lists.senders.is_empty() {
             return false;
         }
-        let former = self.state(&lists, |state| {
+        let former = self.state(&mut lists, |state, _| {
             state.permits = 1;
             state.inheritor.take()
         });
@@ -74,7 +74,7 @@ impl Core {
         if self.has_owner {
             lists.receiver = LastUser::NONE;
         }
-        let mut former = self.state(&lists, |state| {
+        let mut former = self.state(&mut lists, |state, _| {
             // From below 0, maybe, in a replay.
             state.permits = state.permits.wrapping_add(u64::from(count));
             state.inheritor.take()
@@ -92,9 +92,9 @@ impl Core {
     }
 
     /// The first waiter, if there are enough permits for it.
-    fn first_to_serve(&self, lists: &WaitQueues) -> Option<NonNull<WaitNode>> {
+    fn first_to_serve(&self, lists: &mut WaitQueues) -> Option<NonNull<WaitNode>> {
         let node = lists.senders.first()?;
-        let permits = self.state(lists, |state| state.permits);
+        let permits = self.state(lists, |state, _| state.permits);
         // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
         let count = unsafe { Entry::count(Entry::of(node)) };
         (u64::from(count) <= permits).then_some(node)
@@ -103,7 +103,7 @@ impl Core {
     /// Serves the first waiter, if there are enough permits. Returns whether there are enough for
     /// the next one.
     fn serve_first(&self, mut lists: BiasedGuard<'_, WaitQueues>) -> bool {
-        let Some(node) = self.first_to_serve(&lists) else {
+        let Some(node) = self.first_to_serve(&mut lists) else {
             return false;
         };
         // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
@@ -111,7 +111,7 @@ impl Core {
             lists.senders.remove(node);
             self.hand_over(&mut lists, Entry::of(node))
         };
-        let are_enough_left = self.first_to_serve(&lists).is_some();
+        let are_enough_left = self.first_to_serve(&mut lists).is_some();
         drop(lists);
         // A wake may panic: the remaining wakes must still be done.
         let rest = Finally::new(|| self.serve());
@@ -135,7 +135,7 @@ impl Core {
             let inheritor = (*entry.as_ptr()).inheritor.take();
             let count = u64::from(Entry::count(entry));
             lists.receiver = LastUser::of(Entry::node(entry).as_ref().user());
-            self.state(lists, |state| {
+            self.state(lists, |state, _| {
                 state.permits -= count;
                 state.inheritor = inheritor;
             });
@@ -157,7 +157,7 @@ impl Core {
         // SAFETY: the entry was begun for this mutex, is in no list, and the condition's lock,
         // which is held, keeps its future until it is listed here or settled, as is demanded here.
         unsafe {
-            if self.state(&lists, |state| state.permits > 0) {
+            if self.state(&mut lists, |state, _| state.permits > 0) {
                 return self.hand_over(&mut lists, entry);
             }
             lists
@@ -165,7 +165,7 @@ impl Core {
                 .insert_again_at(Entry::node(entry), Entry::priority(entry));
             Admitted {
                 ready: PendingWake::NONE,
-                changed: self.relend(&lists),
+                changed: self.relend(&mut lists),
             }
         }
     }

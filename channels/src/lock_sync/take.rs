@@ -4,6 +4,7 @@
 use super::core::Core;
 use super::entry::Entry;
 use super::error::{AcquireError, AcquireTimeoutError};
+use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::Outcome;
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal};
@@ -213,14 +214,10 @@ impl<'a> Take<'a> {
         }
         false
     }
-
-    /// Its fields, of which no code here moves the entry.
-    #[inline(always)]
-    fn in_place(self: Pin<&mut Self>) -> &mut Self {
-        // SAFETY: what is pinned is the entry, which every method leaves where it is.
-        unsafe { self.get_unchecked_mut() }
-    }
 }
+
+// SAFETY: what is pinned is the entry, which every method leaves where it is.
+unsafe impl InPlace for Take<'_> {}
 
 /// The process that takes permits; or the thread, if it runs no process and the thread itself takes
 /// them.

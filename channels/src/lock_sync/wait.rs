@@ -7,6 +7,7 @@ use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use super::take::{self, Phase, Take};
 use crate::finally::Finally;
+use crate::in_place::InPlace;
 use crate::replay::{self, Logged, Stage};
 use crate::wait_point::WaitQueues;
 use luna_core::current::{self, Renewal, WakeHandle};
@@ -43,6 +44,9 @@ pub struct WaitOp<'c, 'a, T> {
 
 // SAFETY: a shared reference gives no access to the guard, and so none to its value.
 unsafe impl<T: Send> Sync for WaitOp<'_, '_, T> {}
+
+// SAFETY: what is pinned is the entry in `take`, which every method leaves where it is.
+unsafe impl<T> InPlace for WaitOp<'_, '_, T> {}
 
 impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     pub(super) fn new(condition: &'c Condvar, guard: MutexGuard<'a, T>, of_thread: bool) -> Self {
@@ -170,12 +174,6 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             }
         });
         self.take.cancel();
-    }
-
-    /// Its fields, of which no code here moves the entry.
-    fn in_place(self: Pin<&mut Self>) -> &mut Self {
-        // SAFETY: what is pinned is the entry in `take`, which every method leaves where it is.
-        unsafe { self.get_unchecked_mut() }
     }
 
     /// Polls until it holds the mutex again, or its branch has failed.

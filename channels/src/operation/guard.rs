@@ -3,6 +3,7 @@
 use super::{Direction, Operation, Phase};
 use crate::alternative::{Attempt, Guard, PlainGuard, RawGuard, Terms};
 use crate::core::Attempted;
+use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
@@ -27,8 +28,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         lists: Option<&mut WaitQueues>,
         cx: &mut Context<'_>,
     ) -> Attempt {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let Some(lists) = lists else {
             return Attempt::NotReady;
         };
@@ -58,8 +58,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         select_state: NonNull<SelectState>,
         guard: u32,
     ) {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         // SAFETY: the lists are those of the guard's wait point, and the guard is new, as is
         // demanded here: so they are this channel's, and the node is in none. It is pinned, and its
         // drop withdraws it.
@@ -78,8 +77,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
     }
 
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         this.drop_overwritten();
         let mut outcome = this.outcome();
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
@@ -118,8 +116,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
     }
 
     unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         this.phase = Phase::Settled(Outcome::Poisoned);
         true
     }
@@ -160,30 +157,26 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
 
     #[inline(always)]
     fn note_listed(self: Pin<&mut Self>) {
-        // SAFETY: nothing is moved.
-        unsafe { self.get_unchecked_mut() }.phase = Phase::Listed;
+        self.in_place().phase = Phase::Listed;
     }
 
     #[inline(always)]
     unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
-        // SAFETY: nothing is moved. The partner is a plain operation that waits at the other side
-        // of this channel, whose lock is held, and this is new, as is demanded here. So the send's
-        // node holds its value, the receive's holds none, and no other thread accesses either.
-        unsafe {
-            let this = self.get_unchecked_mut();
-            let (from, to) = match D::SEND {
-                true => (this.waiter(), partner.cast()),
-                false => (partner.cast(), this.waiter()),
-            };
-            Waiter::put_value_of(to, Waiter::take_value_of(from));
-            this.phase = Phase::Settled(Outcome::Done);
-        }
+        let this = self.in_place();
+        let (from, to) = match D::SEND {
+            true => (this.waiter(), partner.cast()),
+            false => (partner.cast(), this.waiter()),
+        };
+        // SAFETY: the partner is a plain operation that waits at the other side of this channel,
+        // whose lock is held, and this is new, as is demanded here. So the send's node holds its
+        // value, the receive's holds none, and no other thread accesses either.
+        unsafe { Waiter::put_value_of(to, Waiter::take_value_of(from)) };
+        this.phase = Phase::Settled(Outcome::Done);
     }
 
     #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         match this.outcome() {
             Outcome::Done => Ok(this.done()),
             outcome => {

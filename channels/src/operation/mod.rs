@@ -22,6 +22,7 @@ pub use timed::{RecvTimeout, SendTimeout, Timed};
 
 use crate::core::{Channel, FastPath};
 use crate::end::End;
+use crate::in_place::InPlace;
 use crate::replay;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{PlainTurn, WakeHandle};
@@ -94,6 +95,9 @@ pub struct Operation<'a, T, D: Direction<T>> {
 unsafe impl<'a, T: Send, D: Direction<T> + Send> Send for Operation<'a, T, D> {}
 // SAFETY: `&Operation` gives access to nothing.
 unsafe impl<'a, T: Send, D: Direction<T> + Send> Sync for Operation<'a, T, D> {}
+
+// SAFETY: no code of this folder moves the node, or the operation, behind a pin.
+unsafe impl<'a, T, D: Direction<T>> InPlace for Operation<'a, T, D> {}
 
 impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     #[inline]
@@ -231,8 +235,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
 
     #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing pinned is moved: a listed node stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         if this.phase == Phase::New
             && D::PLAIN
             && this.node().direction.is_open()

@@ -4,6 +4,7 @@ use super::{Direction, Node, Operation, Phase};
 use crate::core::{Attempted, ChannelGuard};
 use crate::end::End;
 use crate::error::{SendError, SendTimeoutError};
+use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::source::{InNode, Source};
 use crate::wait_point::WaitQueues;
@@ -142,8 +143,7 @@ impl<'a, T> SendOp<'a, T> {
 
     /// The value given back to a successful send, if any.
     pub(crate) fn take_answer(self: Pin<&mut Self>) -> Option<T> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let is_answered = this.phase == Phase::Settled(Outcome::Answered);
         is_answered.then(|| {
             this.phase = Phase::Over;
@@ -155,8 +155,7 @@ impl<'a, T> SendOp<'a, T> {
     /// Waits no longer: it fails as poisoned if its value was not taken, and is done if it was. The
     /// [output](crate::Guard::output) says which.
     pub(crate) fn abandon(self: Pin<&mut Self>) {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         if this.is_listed() {
             let (outcome, _former) = this.unlist();
             if outcome == Outcome::Waiting {

@@ -3,6 +3,7 @@
 
 use super::{Direction, Operation, Phase};
 use crate::core::{Attempted, Ending, HandOff, Locked};
+use crate::in_place::InPlace;
 use crate::replay;
 use crate::waiter::Outcome;
 use luna_core::current::{self, WakeHandle};
@@ -208,8 +209,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 
     /// Withdraws: exact, since the outcome is looked at first.
     pub(crate) fn give_up(self: Pin<&mut Self>) -> Result<D::Success<'a>, D::TimeoutFailure> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
+        let this = self.in_place();
         let (outcome, _former) = match this.phase {
             Phase::New => (Outcome::Waiting, None),
             Phase::GaveWay => (Outcome::Done, None),

@@ -5,6 +5,7 @@ use crate::extended::Releasing;
 use crate::replay;
 use crate::source::InNode;
 use luna_core::timer_queue::Sleep;
+use pin_project_lite::pin_project;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -19,12 +20,16 @@ pub type SendTimeout<'a, T, S = Sleep> = Timed<'a, T, Sending<InNode>, S>;
 /// [`Receiver::recv_unless`](crate::Receiver::recv_unless).
 pub type RecvTimeout<'a, T, S = Sleep> = Timed<'a, T, Receiving<Releasing>, S>;
 
-/// An operation until `S` has ended: a [`SendTimeout`] or a [`RecvTimeout`].
-#[derive(Debug)]
-#[must_use = "an operation does nothing unless awaited"]
-pub struct Timed<'a, T, D: Direction<T>, S> {
-    pub(crate) operation: Operation<'a, T, D>,
-    pub(crate) stop: S,
+pin_project! {
+    /// An operation until `S` has ended: a [`SendTimeout`] or a [`RecvTimeout`].
+    #[derive(Debug)]
+    #[must_use = "an operation does nothing unless awaited"]
+    pub struct Timed<'a, T, D: Direction<T>, S> {
+        #[pin]
+        pub(crate) operation: Operation<'a, T, D>,
+        #[pin]
+        pub(crate) stop: S,
+    }
 }
 
 impl<'a, T, D: Direction<T>, S: Future<Output = ()>> Future for Timed<'a, T, D, S> {
@@ -32,14 +37,7 @@ impl<'a, T, D: Direction<T>, S: Future<Output = ()>> Future for Timed<'a, T, D, 
 
     #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: both fields are pinned with the whole, and never moved.
-        let (operation, stop) = unsafe {
-            let this = self.get_unchecked_mut();
-            (
-                Pin::new_unchecked(&mut this.operation),
-                Pin::new_unchecked(&mut this.stop),
-            )
-        };
-        replay::poll_until(operation, stop, cx)
+        let this = self.project();
+        replay::poll_until(this.operation, this.stop, cx)
     }
 }

@@ -198,14 +198,10 @@ impl<T> Waiter<T> {
         unsafe { Self::put_value_of(to.cast(), Self::take_value_of(from.cast())) };
     }
 
-    /// The link of a node. Not to be made a reference to as a whole: its parts have different
-    /// owners.
-    ///
-    /// # Safety
-    ///
-    /// `node` is live, and was begun before a field of its link is read.
+    /// The link of a node, which is there once the node was begun. Not to be made a reference to as
+    /// a whole: its parts have different owners.
     #[inline(always)]
-    pub(crate) unsafe fn link(node: NonNull<Waiter<T>>) -> *mut Link {
+    pub(crate) fn link(node: NonNull<Waiter<T>>) -> *mut Link {
         node.as_ptr().cast()
     }
 

@@ -9,9 +9,10 @@ use crate::current::{Priority, Renewal, WakeHandle};
 use luna_platform::clock::Instant;
 use luna_platform::sync::atomic::{AtomicBool, Ordering};
 use std::cell::Cell;
+use std::ops::Deref;
 use std::ptr::NonNull;
 
-type Link = Option<NonNull<Node>>;
+type Link = Option<Listed>;
 
 /// A deadline and its wake handle. The cells are guarded by the lock around the heap.
 pub(super) struct Node {
@@ -29,20 +30,39 @@ pub(super) struct Node {
     fired: AtomicBool,
 }
 
-/// The fields of a node.
+/// A node of a heap, or one that is put into it.
 ///
-/// For this module: `node` is reached from the root of a heap whose lock the caller has, or the
-/// caller of an unsafe method has promised that it is live.
-#[inline(always)]
-fn at<'a>(node: NonNull<Node>) -> &'a Node {
-    // SAFETY: the node is live by the invariant of the heap, or by the promise of the caller. The
-    // reference is used within one call of a method, and not after `fired` was set.
-    unsafe { node.as_ref() }
+/// # Invariants
+///
+/// While this is used the node is live, and the lock around its heap is held. It is not used after
+/// `fired` was set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Listed(NonNull<Node>);
+
+impl Listed {
+    /// # Safety
+    ///
+    /// Whenever this or a copy of it is used, the node is live, and the lock around the heap is held.
+    #[inline(always)]
+    unsafe fn new(node: NonNull<Node>) -> Self {
+        Self(node)
+    }
+}
+
+impl Deref for Listed {
+    type Target = Node;
+    #[inline(always)]
+    fn deref(&self) -> &Node {
+        // SAFETY: by the invariant the node is live, and the lock is held, so that no other thread
+        // accesses its cells.
+        unsafe { self.0.as_ref() }
+    }
 }
 
 /// What the owner of a shared queue knows of a node.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Label {
+    /// Of a deadline that wakes nobody.
     pub(super) number: u32,
     pub(super) priority: Priority,
 }
@@ -79,7 +99,7 @@ impl Heap {
     /// The earliest deadline.
     #[inline]
     pub(super) fn first_deadline(&self) -> Option<Instant> {
-        self.root.map(|root| at(root).deadline)
+        self.root.map(|root| root.deadline)
     }
 
     /// Takes out the node with the earliest deadline, which has fired then: its owner may free it.
@@ -88,11 +108,10 @@ impl Heap {
     pub(super) fn pop(&mut self) -> Option<(Option<WakeHandle>, Instant, Label)> {
         let first = self.root?;
         // SAFETY: the root of this heap is in it.
-        unsafe { self.remove(first) };
-        let node = at(first);
-        let (deadline, label) = (node.deadline, node.label);
-        let wake_handle = node.wake_handle.take();
-        node.fired.store(true, Ordering::Release);
+        unsafe { self.remove(first.0) };
+        let (deadline, label) = (first.deadline, first.label);
+        let wake_handle = first.wake_handle.take();
+        first.fired.store(true, Ordering::Release);
         Some((wake_handle, deadline, label))
     }
 
@@ -103,7 +122,9 @@ impl Heap {
     /// It was inserted, and is live.
     #[inline]
     pub(super) unsafe fn has_fired(node: NonNull<Node>) -> bool {
-        at(node).fired.load(Ordering::Acquire)
+        // SAFETY: the node was inserted, so it was written, and is live, as is demanded here. This
+        // field is atomic, and no other is accessed.
+        unsafe { (*node.as_ptr()).fired.load(Ordering::Acquire) }
     }
 
     /// Lets the context of `renewal` be woken. A node that has just fired stays without a handle:
@@ -113,7 +134,9 @@ impl Heap {
     ///
     /// The node was inserted into this heap, and is live.
     pub(super) unsafe fn renew(&mut self, node: NonNull<Node>, renewal: &mut Renewal<'_, '_>) {
-        let wake_handle = &at(node).wake_handle;
+        // SAFETY: the node was inserted here, and is live, as is demanded here.
+        let node = unsafe { Listed::new(node) };
+        let wake_handle = &node.wake_handle;
         let mut stored = wake_handle.take();
         if stored.is_some() {
             renewal.store(&mut stored);
@@ -128,13 +151,16 @@ impl Heap {
     /// The node was inserted into this heap, was not withdrawn since, and is live.
     #[inline(always)]
     pub(super) unsafe fn withdraw(&mut self, node: NonNull<Node>) -> Option<Option<WakeHandle>> {
-        if at(node).fired.load(Ordering::Relaxed) {
-            return None;
-        }
         // SAFETY: the caller promises that the node was inserted here, was not withdrawn since, and
-        // is live. It has not fired, so `pop` has not taken it out either: it is in this heap.
-        unsafe { self.remove(node) };
-        Some(at(node).wake_handle.take())
+        // is live. If it has not fired, `pop` has not taken it out either: it is in this heap.
+        unsafe {
+            let listed = Listed::new(node);
+            if listed.fired.load(Ordering::Relaxed) {
+                return None;
+            }
+            self.remove(node);
+            Some(listed.wake_handle.take())
+        }
     }
 
     /// Makes a node at `place`, and adds it. O(log n).
@@ -151,8 +177,9 @@ impl Heap {
         label: Label,
     ) {
         self.sequence += 1;
-        // SAFETY: the caller promises that there is room for the new node, which is in no heap.
-        unsafe {
+        // SAFETY: the caller promises that there is room for the new node, which is in no heap and
+        // stays there until it is removed.
+        let node = unsafe {
             place.write(Node {
                 parent: Cell::new(None),
                 left: Cell::new(None),
@@ -164,8 +191,9 @@ impl Heap {
                 rank: Cell::new(1),
                 fired: AtomicBool::new(false),
             });
-        }
-        self.root = merge(self.root, Some(place));
+            Listed::new(place)
+        };
+        self.root = merge(self.root, Some(node));
     }
 
     /// Removes a node. O(log n).
@@ -174,34 +202,35 @@ impl Heap {
     ///
     /// `node` is in this heap.
     pub(super) unsafe fn remove(&mut self, node: NonNull<Node>) {
-        let fields = at(node);
-        let parent = fields.parent.get();
-        let children = merge(fields.left.get(), fields.right.get());
+        // SAFETY: the node is in this heap, as is demanded here, so it is live.
+        let node = unsafe { Listed::new(node) };
+        let parent = node.parent.get();
+        let children = merge(node.left.get(), node.right.get());
         if let Some(children) = children {
-            at(children).parent.set(parent);
+            children.parent.set(parent);
         }
         let Some(above) = parent else {
             self.root = children;
             return;
         };
-        if at(above).left.get() == Some(node) {
-            at(above).left.set(children);
+        if above.left.get() == Some(node) {
+            above.left.set(children);
         } else {
-            at(above).right.set(children);
+            above.right.set(children);
         }
         // Go up while ranks change, which is at most log2(n + 1) steps.
         let mut next = parent;
         while let Some(ancestor) = next
-            && restore(at(ancestor))
+            && restore(&ancestor)
         {
-            next = at(ancestor).parent.get();
+            next = ancestor.parent.get();
         }
     }
 }
 
 /// Puts the child of higher rank on the left and sets the rank; returns whether the rank changed.
 fn restore(node: &Node) -> bool {
-    let rank = |link: Link| link.map_or(0, |child| at(child).rank.get());
+    let rank = |link: Link| link.map_or(0, |child| child.rank.get());
     let (left, right) = (node.left.get(), node.right.get());
     let (of_left, of_right) = (rank(left), rank(right));
     if of_left < of_right {
@@ -218,29 +247,29 @@ fn merge(a: Link, b: Link) -> Link {
     let (Some(a), Some(b)) = (a, b) else {
         return a.or(b);
     };
-    let less = |x: NonNull<Node>, y: NonNull<Node>| at(x).key() < at(y).key();
+    let less = |x: Listed, y: Listed| x.key() < y.key();
     let (root, mut other) = if less(a, b) { (a, b) } else { (b, a) };
-    at(root).parent.set(None);
+    root.parent.set(None);
     // Down the right spine: at each place the lesser of the node there and the one to be placed.
     let mut place = root;
-    while let Some(there) = at(place).right.get() {
+    while let Some(there) = place.right.get() {
         let (here, rest) = if less(other, there) {
             (other, there)
         } else {
             (there, other)
         };
-        at(place).right.set(Some(here));
-        at(here).parent.set(Some(place));
+        place.right.set(Some(here));
+        here.parent.set(Some(place));
         place = here;
         other = rest;
     }
-    at(place).right.set(Some(other));
-    at(other).parent.set(Some(place));
+    place.right.set(Some(other));
+    other.parent.set(Some(place));
     // Up again: every node of the way has a new right child.
     let mut next = Some(place);
     while let Some(node) = next {
-        restore(at(node));
-        next = at(node).parent.get();
+        restore(&node);
+        next = node.parent.get();
     }
     Some(root)
 }
@@ -260,10 +289,8 @@ mod tests {
 
     fn check(link: Link, parent: Link) -> (u8, usize) {
         let Some(node) = link else { return (0, 0) };
-        // The test's nodes live in boxes.
-        let node = at(node);
         assert_eq!(node.parent.get(), parent);
-        assert!(parent.is_none_or(|parent| at(parent).key() <= node.key()));
+        assert!(parent.is_none_or(|parent| parent.key() <= node.key()));
         let (left, left_count) = check(node.left.get(), link);
         let (right, right_count) = check(node.right.get(), link);
         assert!(left >= right);
@@ -296,8 +323,8 @@ mod tests {
         assert_eq!(count, inside.iter().filter(|&&x| x).count());
         let mut last = (Instant::from_nanos(0), 0);
         while let Some(first) = heap.root {
-            assert!(at(first).key() > last);
-            last = at(first).key();
+            assert!(first.key() > last);
+            last = first.key();
             assert_eq!(heap.pop().map(|(_, deadline, _)| deadline), Some(last.0));
         }
     }

@@ -230,8 +230,6 @@ pub struct Sleep {
     deadline: Instant,
     is_relative: bool,
     armed: bool,
-    /// What the owner of a shared queue knows it by.
-    number: u32,
     queue: Option<Arc<TimerQueue>>,
     node: UnsafeCell<MaybeUninit<Node>>,
     _pinned: PhantomPinned,
@@ -263,11 +261,10 @@ impl Sleep {
         Self::new(Instant::from_nanos(0) + time, true)
     }
 
-    /// As [`until`](Self::until), but by the owner of a shared `queue`, which knows the wait by
-    /// `number`. It ends early when the queue is [closed](TimerQueue::close).
-    pub fn by(queue: &Arc<TimerQueue>, number: u32, deadline: Instant) -> Self {
+    /// As [`until`](Self::until), but by the owner of a shared `queue`. It ends early when the queue
+    /// is [closed](TimerQueue::close).
+    pub fn by(queue: &Arc<TimerQueue>, deadline: Instant) -> Self {
         let mut sleep = Self::until(deadline);
-        sleep.number = number;
         sleep.queue = Some(queue.clone());
         sleep
     }
@@ -278,7 +275,6 @@ impl Sleep {
             deadline,
             is_relative,
             armed: false,
-            number: 0,
             queue: None,
             node: UnsafeCell::new(MaybeUninit::uninit()),
             _pinned: PhantomPinned,
@@ -430,7 +426,7 @@ impl Sleep {
                         queue.arm(this.node(), this.deadline, wake_handle);
                         true
                     }
-                    true => queue.arm_shared(this.node(), this.deadline, wake_handle, this.number),
+                    true => queue.arm_shared(this.node(), this.deadline, wake_handle),
                 }
             };
             if !this.armed {

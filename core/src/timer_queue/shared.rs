@@ -14,6 +14,8 @@ pub struct Due {
     who: Vec<(Priority, usize, PendingWake)>,
     /// The numbers of the [`Deadline`]s, in their order.
     pub calls: Vec<u32>,
+    /// The longest time from the deadline of a wait until it was taken, in nanoseconds.
+    pub latest: u64,
 }
 
 impl Due {
@@ -22,6 +24,7 @@ impl Due {
         Self {
             who: Vec::with_capacity(wakes.max(1)),
             calls: Vec::with_capacity(calls.max(1)),
+            latest: 0,
         }
     }
 
@@ -52,22 +55,16 @@ impl TimerQueue {
     }
 
     /// Takes out all with a deadline at `now` or before, and adds them to `due`. `false` if `due`
-    /// has no room for all: deal with it and call again. `note` is called under the lock with the
-    /// number and the deadline of each wait. The owner is notified of nothing until it
+    /// has no room for all: deal with it and call again. The owner is notified of nothing until it
     /// [settles](Self::settle). O(k log n) for k of them.
-    pub fn take_due(
-        &self,
-        now: Instant,
-        due: &mut Due,
-        mut note: impl FnMut(u32, Instant),
-    ) -> bool {
+    pub fn take_due(&self, now: Instant, due: &mut Due) -> bool {
         let mut heap = self.heap.lock();
         self.provide(Instant::from_nanos(0));
         let is_due = |heap: &Heap| heap.first_deadline().is_some_and(|first| first <= now);
         while is_due(&heap) && !due.is_full() {
             match heap.pop() {
                 Some((Some(wake_handle), deadline, label)) => {
-                    note(label.number, deadline);
+                    due.latest = due.latest.max(now.nanos_since(deadline));
                     let number = due.who.len();
                     due.who.push((label.priority, number, wake_handle.take()));
                 }
@@ -91,11 +88,10 @@ impl TimerQueue {
         node: NonNull<Node>,
         deadline: Instant,
         wake_handle: WakeHandle,
-        number: u32,
     ) -> bool {
         let label = Label {
-            number,
             priority: current::priority(),
+            ..Label::default()
         };
         let mut heap = self.heap.lock();
         if self.is_closed() {

@@ -42,8 +42,10 @@ impl Announced {
     #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
     pub fn start(self) -> Option<Announced> {
         // A caller that saw what is done here relies on it. The executor may be released meanwhile,
-        // or asked to stop: that it sees after this turn.
-        if self.decided.unwrap_or_else(|| self.can_be_built_here()) {
+        // or asked to stop: that it sees after this turn. This may have gone to another thread.
+        let is_decided = self.decided == Some(true)
+            && current::executor_id() == Some(self.process.shared().executor_id);
+        if is_decided || self.decided.is_none() && self.can_be_built_here() {
             // Off the path, and no part of the turn in the middle of which it is done.
             let on_path = current::set_on_path(false);
             // SAFETY: building a process uses no turn of the caller's.

@@ -76,9 +76,8 @@ impl<F: Future, B: FnOnce() -> F> Body<F, B> {
 
 impl<F: Future, B> Body<F, B> {
     /// Drops what is there, whatever it is.
-    pub(crate) fn clear(self: Pin<&mut Self>) {
-        // SAFETY: a future is dropped in its place.
-        unsafe { self.get_unchecked_mut() }.0 = Room::Empty;
+    pub(crate) fn clear(mut self: Pin<&mut Self>) {
+        self.set(Self(Room::Empty));
     }
 
     /// Polls the future and nothing else. If it is ready or panics, [`end`](Self::end) is to be
@@ -107,13 +106,11 @@ impl<F: Future, B> Body<F, B> {
     /// then finds a body that has not ended.
     #[cold]
     pub(crate) fn end(
-        self: Pin<&mut Self>,
+        mut self: Pin<&mut Self>,
         record: &Record,
         end: End<F::Output>,
     ) -> End<F::Output> {
         record.end_poll();
-        // SAFETY: the future is dropped in its place.
-        let this = unsafe { self.get_unchecked_mut() };
         // Dropping the body ends its channels before the end of the process is published. A body
         // that has not completed was left in the middle, and so is what it held.
         let abandoned = !matches!(end, End::Completed(_) | End::Abandoned(Abandoned::Over));
@@ -125,8 +122,8 @@ impl<F: Future, B> Body<F, B> {
         // A completed body is dropped within its last poll. That is no part of its replay log.
         let dropped = catch_unwind(AssertUnwindSafe(|| {
             let mut drop_body = || match abandoned {
-                true => current::with_abandoned(|| this.0 = Room::Empty),
-                false => this.0 = Room::Empty,
+                true => current::with_abandoned(|| self.as_mut().clear()),
+                false => self.as_mut().clear(),
             };
             current::without_replay_log(|| match poisons {
                 true => current::poison_dropped_ends(drop_body),
@@ -148,9 +145,8 @@ impl<F: Future, B> Body<F, B> {
     }
 
     /// Keeps its exit value in the place of the body, which has [ended](Self::end).
-    pub(crate) fn keep(self: Pin<&mut Self>, value: F::Output) {
-        // SAFETY: there is no future any more.
-        unsafe { self.get_unchecked_mut() }.0 = Room::Value(value);
+    pub(crate) fn keep(mut self: Pin<&mut Self>, value: F::Output) {
+        self.set(Self(Room::Value(value)));
     }
 
     /// Takes what was [kept](Self::keep).

@@ -300,8 +300,8 @@ impl ProcessHandle {
         Self(RecordRef::boxed(record))
     }
 
-    /// Drops this handle and another one of the same process: with fewer atomic operations than
-    /// one after the other.
+    /// Drops this handle and another one: if they are of the same process, with fewer atomic
+    /// operations than one after the other.
     #[doc(hidden)]
     pub fn drop_with(self, other: Self) {
         self.0.drop_with(other.0);

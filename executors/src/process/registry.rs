@@ -204,10 +204,10 @@ impl ProcessRegistry {
             true => kept.take(),
             false => ptr::null_mut(),
         });
-        if !own.is_null() {
-            for record in Chain::reversed(own) {
-                each(ProcessHandle(record));
-            }
+        // SAFETY: by the invariant of `Kept` it is null or begins a chain of owned records, and it
+        // was just taken out, so no other code has it.
+        for record in unsafe { Chain::reversed(own) } {
+            each(ProcessHandle(record));
         }
     }
 
@@ -225,7 +225,9 @@ impl ProcessRegistry {
                 Ordering::Relaxed,
             );
             match taken {
-                Ok(_) => return Chain::reversed(ended),
+                // SAFETY: by the invariant of `ended` it begins a chain of owned records, which this
+                // exchange has taken out.
+                Ok(_) => return unsafe { Chain::reversed(ended) },
                 Err(now) => ended = now,
             }
         }
@@ -235,8 +237,10 @@ impl ProcessRegistry {
     /// listed.
     pub fn close_ended(&self, mut each: impl FnMut(ProcessHandle)) {
         let ended = self.ended.swap(CLOSED, Ordering::Acquire);
-        if !ended.is_null() && ended != CLOSED {
-            for record in Chain::reversed(ended) {
+        if ended != CLOSED {
+            // SAFETY: by the invariant of `ended` it is null or begins a chain of owned records,
+            // which the exchange has taken out.
+            for record in unsafe { Chain::reversed(ended) } {
                 each(ProcessHandle(record));
             }
         }
@@ -273,9 +277,11 @@ impl ProcessRegistry {
             }
         }
         // SAFETY: no exchange has succeeded, so the chain is still the caller's, and its oldest
-        // record is live.
-        unsafe { (*oldest).link().store(ptr::null_mut(), Ordering::Relaxed) };
-        drop(Chain::reversed(newest));
+        // record is live. It is given up here.
+        unsafe {
+            (*oldest).link().store(ptr::null_mut(), Ordering::Relaxed);
+            drop(Chain::reversed(newest));
+        }
     }
 
     /// Until the guard is dropped the calling thread, an executor's, batches the ends of its
@@ -463,12 +469,18 @@ impl Drop for ProcessRegistry {
 struct Chain(Option<NonNull<Record>>);
 
 impl Chain {
-    /// Reverses the chain that begins at `first`. The caller gives up its ownership.
-    fn reversed(first: *mut Retired) -> Self {
+    /// Reverses the chain that begins at `first`, the oldest of which has no link.
+    ///
+    /// # Safety
+    ///
+    /// It is null, or begins a chain of records that are owned by their places in it. The caller
+    /// gives up its ownership.
+    unsafe fn reversed(first: *mut Retired) -> Self {
         let mut behind = ptr::null_mut();
         let mut next = NonNull::new(first);
         while let Some(record) = next {
-            // SAFETY: a chain's records are owned by it, and this one was given away.
+            // SAFETY: a chain's records are owned by it, and this one was given away, as is demanded
+            // here.
             let link = unsafe { record.as_ref() }.link();
             next = NonNull::new(link.load(Ordering::Relaxed));
             link.store(behind, Ordering::Relaxed);

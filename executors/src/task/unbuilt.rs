@@ -87,7 +87,16 @@ impl Unbuilt {
 
     /// Builds the body and queues the process, on its executor's thread. A builder is the user's
     /// code: if it panics, the process has ended before it began. Allocates.
+    ///
+    /// # Panics
+    ///
+    /// If this thread is not that of its executor.
     pub(crate) fn build(self) {
+        assert_eq!(
+            current::executor_id(),
+            Some(self.shared().executor_id),
+            "a process is built on its executor's thread"
+        );
         let this = ManuallyDrop::new(self);
         // SAFETY: by the invariant the task is not built, and this is its executor's thread. The
         // reference of the process passes to its waker, unless the builder panics.

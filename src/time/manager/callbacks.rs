@@ -69,8 +69,6 @@ struct Entry {
     wish: Option<Wish>,
     /// Where it waits in the manager's queue.
     armed: Deadline,
-    /// Of its period's counters.
-    counter: u32,
     /// Its next slot or its instant, and the slot's number.
     deadline: Instant,
     number: u64,
@@ -89,7 +87,6 @@ impl Entry {
             turn: 0,
             wish: None,
             armed: Deadline::new(),
-            counter: 0,
             deadline: Instant::NEVER,
             number: 0,
             rests_until: Instant::from_nanos(0),
@@ -325,7 +322,6 @@ impl Entry {
                 // Before the grid begins the first is slot 1, as of a loop.
                 self.number = Instant::now().nanos_since(origin) / period + 1;
                 self.deadline = origin.plus_nanos(period.saturating_mul(self.number));
-                self.counter = engine.ticks.number_of(period);
             }
         }
         self.arm(engine);
@@ -352,9 +348,10 @@ impl Entry {
         }
         let mut missed = 0;
         if let Some(period) = self.period() {
-            engine.ticks.came(self.counter, self.deadline, now);
+            let late = now.nanos_since(self.deadline);
+            engine.note_lateness(late);
             // The slot that lasts now.
-            missed = now.nanos_since(self.deadline) / period;
+            missed = late / period;
             self.number += missed;
             self.deadline = self.deadline.plus_nanos(period.saturating_mul(missed));
         } else {

@@ -12,10 +12,9 @@
 //!
 //! The queue is [`luna_core::timer_queue`], as executors have it, but any thread arms in it.
 //! [`TimerSlot`] is a loop's place, `alarm` the timer, `callbacks` what is called on the thread
-//! itself, `tick_counts` what is counted of slots, `thread` the thread's life, `handle` what the
-//! user has of it.
+//! itself, `thread` the thread's life, `handle` what the user has of it.
 //!
-//! Locks, in this order: the callbacks', the queue's, the counters'. No more than O(log of what is
+//! Locks, in this order: the callbacks', the queue's. No more than O(log of what is
 //! armed) is done under one, and no user code runs there.
 
 mod alarm;
@@ -23,11 +22,10 @@ mod callbacks;
 mod handle;
 mod report;
 mod thread;
-mod tick_counts;
 
 pub use callbacks::Firing;
 pub use handle::{TimerCallback, TimerManager};
-pub use report::{CallbackReport, TickReport, TimersReport};
+pub use report::{CallbackReport, TimersReport};
 pub(crate) use thread::ManagerThread;
 
 use crate::error::SetupError;
@@ -39,7 +37,7 @@ use luna_platform::clock::Instant;
 use luna_platform::sync::Arc as QueueArc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
-use tick_counts::TickCounts;
+use std::time::Duration;
 
 /// What wakes the loops of a system at their slots. Set by
 /// [`System::timers`](crate::System::timers); the loops' code is the same.
@@ -82,7 +80,18 @@ pub(crate) struct Manager {
 struct Engine {
     alarm: Arc<Alarm>,
     queue: QueueArc<TimerQueue>,
-    ticks: TickCounts,
+    /// The longest time from a slot until the thread dealt with it, in nanoseconds.
+    latest: AtomicU64,
+}
+
+impl Engine {
+    fn note_lateness(&self, nanos: u64) {
+        self.latest.fetch_max(nanos, Ordering::Relaxed);
+    }
+
+    fn latest(&self) -> Duration {
+        Duration::from_nanos(self.latest.load(Ordering::Relaxed))
+    }
 }
 
 impl Manager {
@@ -95,8 +104,8 @@ impl Manager {
         })
     }
 
-    /// Makes the kernel's timer, and room for `most` callbacks and the periods of `loops` loops.
-    pub(crate) fn prepare(&self, most: usize, loops: usize) -> Result<(), SetupError> {
+    /// Makes the kernel's timer, and room for `most` callbacks.
+    pub(crate) fn prepare(&self, most: usize) -> Result<(), SetupError> {
         let alarm = Arc::new(Alarm::new()?);
         self.callbacks.close_room(most);
         let queue = QueueArc::new(TimerQueue::shared(alarm.clone()));
@@ -104,7 +113,7 @@ impl Manager {
         let _ = self.engine.set(Engine {
             alarm,
             queue,
-            ticks: TickCounts::with_room_for(loops + most),
+            latest: AtomicU64::new(0),
         });
         Ok(())
     }
@@ -134,18 +143,13 @@ impl Manager {
 /// Where a loop waits for its slots.
 pub(crate) struct TimerSlot {
     queue: QueueArc<TimerQueue>,
-    /// Of its period's counters.
-    number: u32,
 }
 
 impl TimerSlot {
-    /// For a loop of a period; none if the manager keeps no time.
-    pub(crate) fn new(manager: &Manager, period: u64) -> Option<Self> {
-        let engine = manager.engine.get()?;
-        Some(Self {
-            queue: engine.queue.clone(),
-            number: engine.ticks.number_of(period),
-        })
+    /// For a loop; none if the manager keeps no time.
+    pub(crate) fn new(manager: &Manager) -> Option<Self> {
+        let queue = manager.engine.get()?.queue.clone();
+        Some(Self { queue })
     }
 
     /// Waits until the manager wakes the loop at `at`; returns whether it did: if not, the manager
@@ -157,7 +161,7 @@ impl TimerSlot {
         // The thread sleeps without a deadline of its own, and is woken all the same: so this is no
         // deadlock.
         let _under_way = UnderWay::begin();
-        Sleep::by(&self.queue, self.number, at).await;
+        Sleep::by(&self.queue, at).await;
         !self.queue.is_closed()
     }
 }

@@ -31,8 +31,8 @@ use std::time::Duration;
 /// }
 /// let report = system.run()?;
 /// let timers = report.timers.unwrap();
-/// println!("{} wake-ups", timers.woken); // fewer than slots, where a loop came late
-/// assert!(timers.ticks.iter().any(|one| one.period == Duration::from_millis(1) && one.ticks >= 6));
+/// // Fewer than slots, where a loop came late.
+/// println!("{} wake-ups, {:?} late at most", timers.woken, timers.latest);
 /// # Ok::<(), luna::Error>(())
 /// ```
 #[derive(Debug, Clone, Default)]
@@ -40,30 +40,16 @@ use std::time::Duration;
 pub struct TimersReport {
     /// The policy that its thread had, read back from the system.
     pub policy: Policy,
-    /// The slots of loops and periodic callbacks, by period.
-    pub ticks: Vec<TickReport>,
     /// How many wake-ups of loops it made.
     pub woken: u64,
+    /// The longest time from a slot of a loop, or of a periodic callback, until the manager dealt
+    /// with it: its own lateness.
+    pub latest: Duration,
     /// The callbacks, in the order of their making.
     pub callbacks: Vec<CallbackReport>,
     /// How many callbacks were dropped while the system ran and made room for others: they do not
     /// stand in the list.
     pub earlier_callbacks: u64,
-}
-
-/// The slots of the loops and callbacks of one period.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct TickReport {
-    /// The period.
-    pub period: Duration,
-    /// How many slots came, from the first that the manager dealt with to the last.
-    pub ticks: u64,
-    /// How many of these came while the manager had not dealt with the one before: its own
-    /// overruns.
-    pub missed: u64,
-    /// The longest time from a slot until the manager dealt with it.
-    pub latest: Duration,
 }
 
 /// One callback.
@@ -91,17 +77,13 @@ const CALLBACKS_SHOWN: usize = 16;
 
 impl fmt::Display for TimersReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "timer manager: {}, {} wake-ups", self.policy, self.woken)?;
-        for one in &self.ticks {
-            write!(
-                f,
-                "\n  every {}: {} ticks, {} missed, read {} late at most",
-                short(one.period),
-                one.ticks,
-                one.missed,
-                short(one.latest)
-            )?;
-        }
+        write!(
+            f,
+            "timer manager: {}, {} wake-ups, {} late at most",
+            self.policy,
+            self.woken,
+            short(self.latest)
+        )?;
         for one in self.callbacks.iter().take(CALLBACKS_SHOWN) {
             write!(
                 f,
@@ -135,13 +117,8 @@ mod tests {
     fn the_text_tells_both_sides_overruns() {
         let report = TimersReport {
             policy: Policy::fifo(98),
-            ticks: vec![TickReport {
-                period: Duration::from_millis(1),
-                ticks: 1_000,
-                missed: 3,
-                latest: Duration::from_micros(4_200),
-            }],
             woken: 2_000,
+            latest: Duration::from_micros(4_200),
             callbacks: vec![
                 CallbackReport {
                     name: "sample".to_owned(),
@@ -157,8 +134,7 @@ mod tests {
         };
         let text = report.to_string();
         for part in [
-            "fifo:98, 2000 wake-ups",
-            "every 1.00 ms: 1000 ticks, 3 missed, read 4.20 ms late at most",
+            "fifo:98, 2000 wake-ups, 4.20 ms late at most",
             "`sample`: 10 calls, 2 missed, 150.0 us at most",
             "1 times too long",
             "and 1 callbacks more",

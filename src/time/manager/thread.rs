@@ -13,6 +13,7 @@ use luna_platform::thread::{self, Attributes, Thread};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
 
 /// The thread, as the system sees it. Dropping it ends it.
 pub(crate) struct ManagerThread {
@@ -79,7 +80,7 @@ impl ManagerThread {
         let engine = shared.manager.engine.get();
         let report = TimersReport {
             policy: policy.unwrap_or_default(),
-            ticks: engine.map_or_else(Vec::new, |engine| engine.ticks.reports()),
+            latest: engine.map_or(Duration::ZERO, Engine::latest),
             woken: shared.woken.load(Ordering::Relaxed),
             callbacks,
             earlier_callbacks,
@@ -144,8 +145,8 @@ impl Shared {
             let mut is_all = false;
             while !is_all {
                 let now = Instant::now();
-                let note = |number, slot| engine.ticks.came(number, slot, now);
-                is_all = engine.queue.take_due(now, due, note);
+                is_all = engine.queue.take_due(now, due);
+                engine.note_lateness(due.latest);
                 self.woken.fetch_add(due.wake() as u64, Ordering::Relaxed);
                 for callback in due.calls.drain(..) {
                     self.manager

@@ -6,6 +6,7 @@ use crate::select_state::SelectState;
 use crate::waiter::Waiter;
 use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
+use std::marker::PhantomData;
 use std::ptr::{self, NonNull};
 
 /// The part of an alternative that partners access.
@@ -62,8 +63,8 @@ impl<T> Hub<T> {
 pub(crate) struct Entry<T> {
     /// First, so that the list's node leads back to this.
     pub(crate) waiter: Waiter<T>,
-    pub(super) hub: NonNull<Hub<T>>,
-    pub(super) channel: NonNull<Channel<T>>,
+    hub: NonNull<Hub<T>>,
+    channel: NonNull<Channel<T>>,
     pub(super) next: *mut Entry<T>,
     /// Whether it is on the stack, or known to its owner as ready.
     pub(crate) is_queued: bool,
@@ -71,7 +72,93 @@ pub(crate) struct Entry<T> {
     pub(crate) rings: bool,
     /// How its channel has ended, once its owner has the report: from then on it is not listed.
     /// Belongs to the owner alone.
-    pub(super) ended: Option<RecvError>,
+    ended: Option<RecvError>,
+}
+
+/// An entry, for the alternative that it belongs to.
+///
+/// # Invariants
+///
+/// The channels of the alternative are borrowed for `'a`. The alternative alone has this and its
+/// copies, and uses none of them after it has freed the entry.
+pub(super) struct OwnEntry<'a, T>(NonNull<Entry<T>>, PhantomData<&'a Channel<T>>);
+
+impl<T> Clone for OwnEntry<'_, T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T> Copy for OwnEntry<'_, T> {}
+
+impl<'a, T> OwnEntry<'a, T> {
+    /// Guard `index` of the alternative around `hub`. Allocates.
+    ///
+    /// # Safety
+    ///
+    /// The hub is the caller's, an alternative, and lives as long as this. The caller alone has
+    /// this and its copies.
+    pub(super) unsafe fn new(hub: NonNull<Hub<T>>, channel: &'a Channel<T>, index: u32) -> Self {
+        let entry = Box::new(Entry {
+            waiter: Waiter::empty(),
+            hub,
+            channel: NonNull::from(channel),
+            next: ptr::null_mut(),
+            is_queued: false,
+            rings: false,
+            ended: None,
+        });
+        let entry = NonNull::from(Box::leak(entry));
+        // SAFETY: the hub is live, as is demanded here. No other thread knows the new entry; its
+        // waiter is its first field.
+        unsafe {
+            let select_state = NonNull::new_unchecked(&raw mut (*hub.as_ptr()).select_state);
+            let guard = Some((select_state, index));
+            Waiter::begin(entry.cast::<Waiter<T>>(), false, guard, None);
+        }
+        Self(entry, PhantomData)
+    }
+
+    #[inline(always)]
+    pub(super) fn pointer(self) -> NonNull<Entry<T>> {
+        self.0
+    }
+
+    /// The waiter is the first field.
+    #[inline(always)]
+    pub(super) fn node(self) -> NonNull<Waiter<T>> {
+        self.0.cast()
+    }
+
+    #[inline(always)]
+    pub(super) fn channel(self) -> &'a Channel<T> {
+        // SAFETY: by the invariants the entry lives. Its channel is borrowed for `'a`; the field
+        // never changes.
+        unsafe { (*self.0.as_ptr()).channel.as_ref() }
+    }
+
+    /// How its channel has ended, if its alternative has the report.
+    #[inline(always)]
+    pub(super) fn ended(self) -> Option<RecvError> {
+        // SAFETY: by the invariants the entry lives, and this field is its alternative's alone.
+        unsafe { (*self.0.as_ptr()).ended }
+    }
+
+    /// Sets how its channel has ended; returns what was set before.
+    pub(super) fn set_ended(self, error: RecvError) -> Option<RecvError> {
+        // SAFETY: by the invariants the entry lives, and this field is its alternative's alone.
+        unsafe { (*self.0.as_ptr()).ended.replace(error) }
+    }
+
+    /// Frees the entry.
+    ///
+    /// # Safety
+    ///
+    /// It is listed nowhere, and no copy of this is used any more.
+    pub(super) unsafe fn free(self) {
+        // SAFETY: `new` made it of a box, and no other code knows it any more.
+        drop(unsafe { Box::from_raw(self.0.as_ptr()) });
+    }
 }
 
 impl<T> Entry<T> {

@@ -5,7 +5,7 @@
 //! left to the slow path, with no state changed.
 
 use super::{Alternative, State};
-use crate::core::{Channel, FastPath, wake_partner};
+use crate::core::{FastPath, wake_partner};
 use crate::error::RecvError;
 use luna_core::current::PlainTurn;
 use std::task::{Context, Poll};
@@ -28,19 +28,18 @@ impl<T> Alternative<'_, T> {
         }
         if self.hub().has_news() {
             let hub = self.hub();
-            let commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
-            // SAFETY: the commit lock is held.
-            let taken = unsafe { hub.take_stack() };
-            drop(commit_lock);
+            // SAFETY: no thread holds a commit lock across a poll, and this one has not entered it
+            // yet. Then it is held.
+            let taken = unsafe {
+                let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
+                hub.take_stack()
+            };
             self.note_ready(taken);
         }
         let Some(index) = self.ready.first() else {
             return self.wait_fast(turn, cx);
         };
-        let entry = self.entries[index]?.as_ptr();
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
-        // alternative lives.
-        let channel: &Channel<T> = unsafe { &*(*entry).channel.as_ptr() };
+        let entry = self.entries[index]?;
         let mut is_ready = false;
         // What became ready before the lock was taken may come before this one.
         let is_first = || !self.hub().has_news();
@@ -48,10 +47,10 @@ impl<T> Alternative<'_, T> {
             is_ready = !is_empty;
             if is_empty {
                 // SAFETY: the lock that guards it is held.
-                unsafe { (*entry).is_queued = false };
+                unsafe { (*entry.pointer().as_ptr()).is_queued = false };
             }
         };
-        let (value, ready) = channel.take_sender_if(turn, is_first, note)?;
+        let (value, ready) = entry.channel().take_sender_if(turn, is_first, note)?;
         match self.is_fair {
             true => self.ready.choose(index, is_ready),
             false if !is_ready => self.ready.clear(index),
@@ -72,14 +71,16 @@ impl<T> Alternative<'_, T> {
         cx: &Context<'_>,
     ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
         let hub = self.hub();
-        let commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
-        if hub.has_news() {
-            return None;
-        }
-        // SAFETY: the select state is closed, and this is its owner, with the commit lock, which is
+        // SAFETY: no thread holds a commit lock across a poll, and this one has not entered it yet.
+        // Then the select state is closed, and this is its owner, with the commit lock, which is
         // biased to this executor.
-        unsafe { hub.select_state.open_plainly(turn) };
-        drop(commit_lock);
+        unsafe {
+            let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
+            if hub.has_news() {
+                return None;
+            }
+            hub.select_state.open_plainly(turn);
+        }
         self.polled_by = (cx.waker().data(), cx.waker().vtable());
         self.state = State::Open;
         Some(Poll::Pending)

@@ -1,7 +1,7 @@
 //! A receive from one of the channels of an alternative that stays registered.
 
-use super::{Alternative, Entry, State};
-use crate::core::{Attempted, Channel};
+use super::{Alternative, OwnEntry, State};
+use crate::core::Attempted;
 use crate::error::RecvError;
 use crate::replay::{self, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
@@ -12,7 +12,6 @@ use luna_platform::sync::atomic::Ordering;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::task::{Context, Poll, RawWakerVTable, ready};
 
 /// A receive under way from one of many channels: see [`Alternative::recv`].
@@ -167,24 +166,21 @@ impl<T> Alternative<'_, T> {
     /// have emptied it, or a better one turns up. The select state is closed.
     fn try_recv(&mut self, index: usize) -> Option<Result<(), RecvError>> {
         let entry = self.entries[index]?;
-        // SAFETY: the entry is this alternative's.
-        if let Some(error) = unsafe { (*entry.as_ptr()).ended } {
+        if let Some(error) = entry.ended() {
             return Some(Err(error));
         }
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this
-        // alternative lives.
-        let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+        let channel = entry.channel();
         let mut locked = channel.lock();
         // What became ready before this lock was taken may come before this one.
         if self.drain() && self.ready.first() != Some(index) {
             return None;
         }
         // SAFETY: the select state is closed, so the entry's value is the owner's. There is none.
-        let attempted = unsafe { locked.recv_now(entry.cast(), false) };
+        let attempted = unsafe { locked.recv_now(entry.node(), false) };
         let is_ready = locked.is_ready();
         if !is_ready {
             // SAFETY: the lock that guards it is held.
-            unsafe { (*entry.as_ptr()).is_queued = false };
+            unsafe { (*entry.pointer().as_ptr()).is_queued = false };
             self.ready.clear(index);
         }
         drop(locked);
@@ -207,10 +203,10 @@ impl<T> Alternative<'_, T> {
     }
 
     /// The entry has received a value, which is yet to be handed on.
-    fn hold(&mut self, index: usize, entry: NonNull<Entry<T>>) {
+    fn hold(&mut self, index: usize, entry: OwnEntry<'_, T>) {
         // SAFETY: the select state is closed, so the entry's outcome is the owner's.
         unsafe {
-            (*Waiter::link(entry.cast::<Waiter<T>>()))
+            (*Waiter::link(entry.node()))
                 .outcome
                 .store(Outcome::Done as u8, Ordering::Relaxed);
         }
@@ -222,7 +218,7 @@ impl<T> Alternative<'_, T> {
         if let Some(entry) = self.entries[index] {
             // SAFETY: the select state is closed, so the entry's value is the owner's. There is
             // none.
-            unsafe { Waiter::put_value_of(entry.cast(), value) };
+            unsafe { Waiter::put_value_of(entry.node(), value) };
             self.hold(index, entry);
         }
     }
@@ -230,12 +226,8 @@ impl<T> Alternative<'_, T> {
     /// Records that the current process has received from this channel.
     #[cold]
     fn report(&self, index: usize) {
-        let channel = self.entries[index].map_or(0, |entry| {
-            // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than
-            // this alternative lives.
-            let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-            channel.wait_point().identity.number()
-        });
+        let channel = self.entries[index];
+        let channel = channel.map_or(0, |entry| entry.channel().wait_point().identity.number());
         let process = events::current_process() as u32;
         events::report(events::code::ALTERNATIVE, process, || {
             [index as u64, channel.into()]
@@ -259,10 +251,8 @@ impl<T> Alternative<'_, T> {
             }
             State::Fails(index, _) => {
                 // No caller has the report of this one yet. The next call reports an end; a later
-                // caller has no use for a failure of this branch. SAFETY: the entries are this
-                // alternative's.
-                let has_ended = |entry: NonNull<Entry<T>>| unsafe { (*entry.as_ptr()).ended };
-                if self.entries[index].and_then(has_ended).is_none() {
+                // caller has no use for a failure of this branch.
+                if self.entries[index].and_then(OwnEntry::ended).is_none() {
                     self.state = State::Closed;
                 }
             }
@@ -308,9 +298,7 @@ impl<T> Logged for Alternative<'_, T> {
         ready!(replay::settle(cx));
         let error = match number & 3 {
             replay::failure::NOTHING => {
-                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer
-                // than this alternative lives.
-                unsafe { &*(*entry.as_ptr()).channel.as_ptr() }.note_alternative();
+                entry.channel().note_alternative();
                 self.ready.set(index);
                 return match self.try_recv(index) {
                     Some(Ok(())) => Poll::Ready(()),
@@ -361,7 +349,7 @@ impl<T> Alternative<'_, T> {
     fn order(&self, index: usize) -> u64 {
         self.entries[index].map_or(0, |entry| {
             // SAFETY: the entry is this alternative's, and was begun when it was made.
-            unsafe { Waiter::order(entry.cast::<Waiter<T>>()) }
+            unsafe { Waiter::order(entry.node()) }
         })
     }
 }

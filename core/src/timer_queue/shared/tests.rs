@@ -58,7 +58,7 @@ mod alone {
         woken: &std::sync::Arc<Mutex<Vec<usize>>>,
     ) -> Pin<Box<Sleep>> {
         let waker = Waker::from(std::sync::Arc::new(Note(number as usize, woken.clone())));
-        let mut sleep = Box::pin(Sleep::by(queue, number, at));
+        let mut sleep = Box::pin(Sleep::by(queue, at));
         let polled = sleep.as_mut().poll(&mut Context::from_waker(&waker));
         assert!(polled.is_pending());
         sleep
@@ -78,15 +78,13 @@ mod alone {
         let mut first = wait(&queue, 1, after(base, 10), &woken);
         assert_eq!(alarm.armed(), Some(after(base, 10)));
         let mut due = Due::with_room_for(8, 1);
-        let mut noted = Vec::new();
         for (now, so_far) in [(9, vec![]), (10, vec![1]), (19, vec![1]), (25, vec![1, 2])] {
-            let note = |number, at| noted.push((number, at));
-            assert!(queue.take_due(after(base, now), &mut due, note));
+            assert!(queue.take_due(after(base, now), &mut due));
             due.wake();
             queue.settle();
             assert_eq!(*woken.lock().unwrap(), so_far, "at {now}");
         }
-        assert_eq!(noted, [(1, after(base, 10)), (2, after(base, 20))]);
+        assert_eq!(due.latest, 5_000_000_000);
         assert!(is_ready(&mut first) && is_ready(&mut later));
     }
 
@@ -95,7 +93,7 @@ mod alone {
         let (queue, alarm) = queue();
         let (base, woken) = (far(), std::sync::Arc::default());
         let mut due = Due::with_room_for(8, 1);
-        assert!(queue.take_due(base, &mut due, |_, _| ()));
+        assert!(queue.take_due(base, &mut due));
         let _first = wait(&queue, 1, after(base, 10), &woken);
         assert_eq!(alarm.armed(), None);
         queue.settle();
@@ -114,7 +112,7 @@ mod alone {
         let _waits: Vec<_> = (0..5).map(|n| wait(&queue, n, base, &woken)).collect();
         let mut due = Due::with_room_for(2, 1);
         let mut parts = 1;
-        while !queue.take_due(base, &mut due, |_, _| ()) {
+        while !queue.take_due(base, &mut due) {
             parts += 1;
             assert_eq!(due.wake(), 2);
         }
@@ -134,7 +132,7 @@ mod alone {
         assert!(polled.is_pending());
         drop(gone);
         let mut due = Due::with_room_for(8, 1);
-        queue.take_due(base, &mut due, |_, _| ());
+        queue.take_due(base, &mut due);
         due.wake();
         assert_eq!(*woken.lock().unwrap(), [7]);
     }
@@ -149,7 +147,7 @@ mod alone {
         queue.close();
         assert_eq!(*woken.lock().unwrap(), [0, 1]);
         assert!(waits.iter_mut().all(is_ready) && queue.is_closed());
-        let mut late = Box::pin(Sleep::by(&queue, 2, base));
+        let mut late = Box::pin(Sleep::by(&queue, base));
         assert!(is_ready(&mut late));
         deadline.arm(&queue, 0, base);
         assert!(!deadline.disarm());
@@ -167,13 +165,13 @@ mod alone {
         assert_eq!(alarm.armed(), Some(after(base, 11)));
         deadlines[1].arm(&queue, 1, after(base, 20));
         assert!(deadlines[2].disarm() && !deadlines[2].disarm());
-        queue.take_due(after(base, 15), &mut due, |_, _| ());
+        queue.take_due(after(base, 15), &mut due);
         assert_eq!(due.calls, [0]);
         assert!(deadlines[0].take_fired() && !deadlines[0].take_fired());
         assert!(!deadlines[1].take_fired() && !deadlines[0].disarm());
         due.calls.clear();
         drop(deadlines);
-        queue.take_due(after(base, 30), &mut due, |_, _| ());
+        queue.take_due(after(base, 30), &mut due);
         assert!(due.calls.is_empty());
     }
 
@@ -206,7 +204,7 @@ mod interleavings {
         let queue = queue.clone();
         loom::thread::spawn(move || {
             let mut due = Due::with_room_for(1, 1);
-            while !queue.take_due(now, &mut due, |_, _| ()) {
+            while !queue.take_due(now, &mut due) {
                 due.wake();
             }
             due.wake();
@@ -220,7 +218,7 @@ mod interleavings {
             let (queue, alarm) = queue();
             let at = far();
             let owner = look(&queue, at);
-            let mut sleep = pin!(Sleep::by(&queue, 0, at));
+            let mut sleep = pin!(Sleep::by(&queue, at));
             let mut cx = Context::from_waker(Waker::noop());
             let _ = sleep.as_mut().poll(&mut cx);
             owner.join().unwrap();
@@ -237,7 +235,7 @@ mod interleavings {
             let at = far();
             let owner = look(&queue, at);
             {
-                let mut sleep = pin!(Sleep::by(&queue, 0, at));
+                let mut sleep = pin!(Sleep::by(&queue, at));
                 let _ = sleep.as_mut().poll(&mut Context::from_waker(Waker::noop()));
             }
             owner.join().unwrap();
@@ -253,7 +251,7 @@ mod interleavings {
                 let queue = queue.clone();
                 loom::thread::spawn(move || queue.close())
             };
-            loom::future::block_on(Sleep::by(&queue, 0, far()));
+            loom::future::block_on(Sleep::by(&queue, far()));
             closer.join().unwrap();
         });
     }

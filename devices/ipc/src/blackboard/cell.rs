@@ -5,6 +5,7 @@
 //! reader copies the slot of `latest`, and looks at `latest` again: the slot was changed meanwhile
 //! only if the writer has begun value n + `SLOTS`, so if `latest` is n + `SLOTS` - 1 or more.
 
+use super::copy;
 use crate::memory::Memory;
 use luna_platform::clock::Instant;
 use std::marker::PhantomData;
@@ -45,7 +46,8 @@ pub(super) fn stride(size: usize, align: usize) -> usize {
 /// # Invariants
 ///
 /// `base` is aligned to `layout`, and so long, in a mapping that lives while this is used. One
-/// program writes there, by one `set` at a time; its words are accessed atomically.
+/// program writes there, by one `set` at a time; all of it is accessed atomically, the values by
+/// [`copy`].
 #[derive(Debug)]
 pub(super) struct Cell<T> {
     base: NonNull<u8>,
@@ -98,7 +100,7 @@ impl<T> Cell<T> {
     }
 
     /// The time and the value of a slot.
-    fn slot(&self, number: u64) -> (&AtomicU64, NonNull<MaybeUninit<T>>) {
+    fn slot(&self, number: u64) -> (&AtomicU64, NonNull<u8>) {
         let align = align_of::<T>().max(HEAD);
         let at = HEAD.next_multiple_of(align)
             + (number % SLOTS) as usize * stride(size_of::<T>(), align);
@@ -106,7 +108,7 @@ impl<T> Cell<T> {
         // the slot's begin, which is aligned to that; the time is before it.
         unsafe {
             let slot = self.base.add(at);
-            (slot.cast().as_ref(), slot.add(align).cast())
+            (slot.cast().as_ref(), slot.add(align))
         }
     }
 
@@ -121,10 +123,10 @@ impl<T> Cell<T> {
         // A reader that sees any of the following sees the `latest` before it too.
         fence(Release);
         time.store(Instant::now_real().as_nanos(), Relaxed);
-        // SAFETY: by the invariants the place is there and aligned, and the caller promises that
-        // nobody else writes. A reader may read it meanwhile: it discards what it has read, and
-        // takes it for a value only after it has seen that nobody wrote.
-        unsafe { place.write_volatile(MaybeUninit::new(value)) };
+        // SAFETY: by the invariants the place is there, aligned, and accessed by copies alone. A
+        // reader may copy it meanwhile: it takes that for a value only after it has seen that
+        // nobody wrote.
+        unsafe { copy::store((&raw const value).cast(), place, size_of::<T>()) };
         self.latest().store(number, Release);
     }
 
@@ -143,9 +145,10 @@ impl<T> Cell<T> {
             let number = self.latest().load(Acquire);
             let (time, place) = self.slot(number);
             let time = time.load(Relaxed);
-            // SAFETY: by the invariants the place is there and aligned. The writer may write it
-            // meanwhile: so it is read as bytes, once, and thrown away then.
-            let value = unsafe { place.read_volatile() };
+            let mut value = MaybeUninit::<T>::uninit();
+            // SAFETY: by the invariants the place is there, aligned, and accessed by copies alone.
+            // The writer may write it meanwhile: then the copy is discarded.
+            unsafe { copy::load(place, value.as_mut_ptr().cast(), size_of::<T>()) };
             fence(Acquire);
             if self.latest().load(Relaxed) - number < SLOTS - 1 {
                 // SAFETY: value `number` was written there whole before `latest` said so, and the

@@ -55,12 +55,18 @@ impl Directory {
         self.entries.iter().find(|entry| entry.key == key)
     }
 
-    /// The set-up lock is held, and the segment is this program's alone.
-    pub(super) fn write(&self, memory: &Memory) {
+    /// Writes the keys into a segment that was just made.
+    ///
+    /// # Safety
+    ///
+    /// This program has just made the segment and holds the set-up lock, no opening to write is
+    /// counted yet, so that nobody reads the directory, and the mapping may be written.
+    pub(super) unsafe fn write(&self, memory: &Memory) {
         let count = self.entries.len();
         let length = HEAD + count * size_of::<Line>();
         let base = memory.at(OFFSET, length);
-        // SAFETY: the place is in the mapping, and aligned to a page.
+        // SAFETY: the place is in the mapping, may be written, and is aligned to a page. No other
+        // thread or program reads it yet, as is demanded here.
         unsafe { base.cast::<u64>().write(count as u64) };
         for (index, entry) in self.entries.iter().enumerate() {
             let bytes = |text: &str| {
@@ -82,7 +88,8 @@ impl Directory {
             line.key.copy_from_slice(&bytes(&entry.key)[..KEY]);
             line.type_name.copy_from_slice(&bytes(&entry.info.name));
             // SAFETY: the line is within `length`, behind a head of 64 bytes, so in the mapping. A
-            // page, the head and a line are multiples of its alignment.
+            // page, the head and a line are multiples of its alignment. No other thread or program
+            // reads it yet.
             unsafe { base.add(HEAD).cast::<Line>().add(index).write(line) };
         }
     }

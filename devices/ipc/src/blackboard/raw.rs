@@ -1,6 +1,7 @@
 //! The value of a key whose type is known at run time alone: as bytes, by the rules of `cell`.
 
 use super::cell::{HEAD, SLOTS, TRIES, layout, stride};
+use super::copy;
 use super::directory::{Directory, Entry};
 use super::{TYPE, bad_key, open_locked};
 use crate::any::AnyValue;
@@ -20,7 +21,8 @@ use std::sync::atomic::{AtomicU64, fence};
 ///
 /// # Invariants
 ///
-/// `base` is aligned to the cell's layout, and so long, in the mapping.
+/// `base` is aligned to the cell's layout, and so long, in the mapping. All of the cell is accessed
+/// atomically, the value by [`copy`].
 pub(super) struct Raw<'m> {
     base: NonNull<u8>,
     size: usize,
@@ -88,18 +90,10 @@ impl<'m> Raw<'m> {
 
     /// The bytes of a slot's value, also while they are written: then they are to be thrown away.
     fn copy(&self, place: NonNull<u8>) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(self.size);
-        // In words, since a shorter copy is less likely to be too late.
-        let words = self.size / size_of::<u64>();
-        for index in 0..words {
-            // SAFETY: by the invariants the bytes are there, and aligned to 64 of them or more.
-            let word = unsafe { place.cast::<u64>().add(index).read_volatile() };
-            bytes.extend(word.to_ne_bytes());
-        }
-        for index in words * size_of::<u64>()..self.size {
-            // SAFETY: by the invariants the bytes are there, and a byte is aligned anywhere.
-            bytes.push(unsafe { place.add(index).read_volatile() });
-        }
+        let mut bytes = vec![0; self.size];
+        // SAFETY: by the invariants the bytes are there, aligned to 64 of them or more, and accessed
+        // by copies alone. In shared memory each has a value.
+        unsafe { copy::load(place, bytes.as_mut_ptr(), self.size) };
         bytes
     }
 
@@ -115,12 +109,10 @@ impl<'m> Raw<'m> {
         // A reader that sees any of the following sees the `latest` before it too.
         fence(Release);
         time.store(Instant::now_real().as_nanos(), Relaxed);
-        for (index, byte) in bytes.iter().enumerate() {
-            // SAFETY: by the invariants the place is there. The caller promises that it may be
-            // written, that nobody else writes there, and that the bytes are as many as the value
-            // has. What a reader reads meanwhile it throws away.
-            unsafe { place.add(index).write_volatile(*byte) };
-        }
+        // SAFETY: by the invariants the place is there, aligned, and accessed by copies alone. The
+        // caller promises that it may be written, and that the bytes are as many as the value has.
+        // A reader that copies meanwhile discards the copy.
+        unsafe { copy::store(bytes.as_ptr(), place, bytes.len()) };
         self.latest().store(number, Release);
         number
     }

@@ -183,7 +183,9 @@ fn open(
     if !lock.is_held(role.other())? {
         lock.remove_contents();
         let memory = Memory::create(name, &info, size)?;
-        directory.write(&memory);
+        // SAFETY: the set-up lock is held, and this program has just made the segment, to be
+        // written. The opening is counted after this.
+        unsafe { directory.write(&memory) };
         return Ok(memory);
     }
     let memory = Memory::map(name, AccessMode::ReadWrite)?;

@@ -46,12 +46,14 @@ impl RecordRef {
         ManuallyDrop::new(self).0
     }
 
-    /// Drops two references to one record, without counting if there are no others.
+    /// Drops two references, without counting if they are the last ones to one record.
     pub(in crate::process) fn drop_with(self, other: Self) {
-        debug_assert_eq!(self.0, other.0);
+        if self.0 != other.0 {
+            return;
+        }
         std::mem::forget(other);
-        // SAFETY: two references were counted for these, which are not used any more. Their pointer
-        // may be used for all of the record's memory.
+        // SAFETY: two references to this record were counted for these, which are not used any
+        // more. Their pointer may be used for all of the record's memory.
         unsafe { Record::count_less(self.into_raw(), 2) };
     }
 

@@ -1,0 +1,65 @@
+//! Copies between a value and its place in shared memory, while other threads or programs access
+//! that place.
+//!
+//! A copy may be torn, which its user detects and discards. It must be no data race all the same,
+//! so each word is accessed atomically. The words are `MaybeUninit`, since values may have padding:
+//! that is what the standard library's atomics cannot hold.
+
+use atomic_maybe_uninit::AtomicMaybeUninit;
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
+use std::sync::atomic::Ordering::Relaxed;
+
+/// A word of a copy: the fewer words, the less likely is a copy torn.
+type Word = usize;
+
+/// Copies `size` bytes out of shared memory.
+///
+/// # Safety
+///
+/// `from` is aligned to a word, and begins `size` bytes that are live and, meanwhile, accessed by
+/// this module alone. `to` is room for them that no other thread accesses.
+#[inline]
+pub(super) unsafe fn load(from: NonNull<u8>, to: *mut u8, size: usize) {
+    let words = size / size_of::<Word>();
+    // SAFETY: all words and bytes are within `size` of both pointers, and words are aligned in
+    // shared memory. There all accesses are atomic, and of the other place this thread's alone.
+    unsafe {
+        for offset in (0..words).map(|index| index * size_of::<Word>()) {
+            let word = AtomicMaybeUninit::<Word>::from_ptr(from.add(offset).cast().as_ptr());
+            let to = to.add(offset).cast::<MaybeUninit<Word>>();
+            to.write_unaligned(word.load(Relaxed));
+        }
+        for offset in words * size_of::<Word>()..size {
+            let byte = AtomicMaybeUninit::<u8>::from_ptr(from.add(offset).cast().as_ptr());
+            let to = to.add(offset).cast::<MaybeUninit<u8>>();
+            to.write(byte.load(Relaxed));
+        }
+    }
+}
+
+/// Copies `size` bytes into shared memory.
+///
+/// # Safety
+///
+/// `to` is aligned to a word, and begins `size` bytes that are live, may be written and are,
+/// meanwhile, accessed by this module alone. `from` begins as many bytes that no other thread
+/// writes.
+#[inline]
+pub(super) unsafe fn store(from: *const u8, to: NonNull<u8>, size: usize) {
+    let words = size / size_of::<Word>();
+    // SAFETY: all words and bytes are within `size` of both pointers, and words are aligned in
+    // shared memory. There all accesses are atomic, and the other place is not written.
+    unsafe {
+        for offset in (0..words).map(|index| index * size_of::<Word>()) {
+            let word = AtomicMaybeUninit::<Word>::from_ptr(to.add(offset).cast().as_ptr());
+            let from = from.add(offset).cast::<MaybeUninit<Word>>();
+            word.store(from.read_unaligned(), Relaxed);
+        }
+        for offset in words * size_of::<Word>()..size {
+            let byte = AtomicMaybeUninit::<u8>::from_ptr(to.add(offset).cast().as_ptr());
+            let from = from.add(offset).cast::<MaybeUninit<u8>>();
+            byte.store(from.read(), Relaxed);
+        }
+    }
+}
