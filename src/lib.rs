@@ -67,6 +67,8 @@ pub mod devices;
 pub mod error;
 #[cfg(unix)]
 pub mod external;
+#[doc(hidden)]
+pub mod file;
 pub mod inspect;
 pub mod log;
 mod notice;
