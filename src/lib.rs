@@ -62,6 +62,7 @@ mod debug;
 pub mod alternative;
 pub mod channel;
 mod csp;
+mod deployment;
 #[cfg(unix)]
 pub mod devices;
 pub mod error;

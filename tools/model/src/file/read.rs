@@ -8,7 +8,7 @@ use crate::language::parser::Parser;
 use crate::language::temporal;
 use crate::network::Kind;
 use crate::text::{Problem, Source};
-use luna::file::{self, Entry, MAX_CORE, MAX_PRIORITY, entries, parse};
+use luna::file::{self, Entry, MAX_PRIORITY, entries, parse};
 
 const MAX_STATES: i64 = 1_000_000_000;
 
@@ -284,8 +284,8 @@ fn executor(entry: &Entry<'_>) -> Result<Executor, Problem> {
                 found.is_thread = entry.one_of(&[("executor", false), ("thread", true)])?;
             }
             "program" => found.program = Some(reference(&entry)?),
-            "core" => found.core = Some(entry.number(0..=MAX_CORE)? as u16),
-            "policy" => found.policy = Some(file::policy(&entry)?),
+            "core" => found.core = file::core(&entry)?,
+            "policy" => found.policy = Some(file::policy(&entry)?.to_string()),
             _ => return Err(entry.unknown(&["kind", "program", "core", "policy"])),
         }
     }
