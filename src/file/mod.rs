@@ -12,7 +12,7 @@ pub use problem::{Problem, Source, nearest};
 #[cfg(feature = "toml")]
 pub use table::{Entry, entries, parse};
 #[cfg(feature = "toml")]
-pub use values::{core, policy, time, time_or_none};
+pub use values::{core, policy, policy_of_any, time, time_or_none};
 
 /// The greatest priority of a process.
 pub const MAX_PRIORITY: i64 = luna_core::current::LEVELS as i64 - 1;

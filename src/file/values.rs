@@ -3,7 +3,7 @@
 use super::MAX_CORE;
 use super::problem::Problem;
 use super::table::Entry;
-use luna_platform::thread::{HIGHEST_USER_PRIORITY, Policy};
+use luna_platform::thread::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy};
 use std::time::Duration;
 
 /// `250 us`, `1 ms`, `2 s`.
@@ -36,12 +36,20 @@ fn time_from(entry: &Entry<'_>, least: u64) -> Result<Duration, Problem> {
     found.ok_or_else(|| entry.problem("this is no time", advice))
 }
 
-/// `other`, `fifo:80`, `rr:80`, `deadline:200000/500000/1000000`.
+/// `other`, `fifo:80`, `rr:80`, `deadline:200000/500000/1000000`, as a user's thread can have it.
 pub fn policy(entry: &Entry<'_>) -> Result<Policy, Problem> {
+    policy_to(entry, HIGHEST_USER_PRIORITY)
+}
+
+/// As [`policy`], also as only the framework's own threads have it.
+pub fn policy_of_any(entry: &Entry<'_>) -> Result<Policy, Problem> {
+    policy_to(entry, EMERGENCY_PRIORITY)
+}
+
+fn policy_to(entry: &Entry<'_>, most: u8) -> Result<Policy, Problem> {
     let policy = entry.text()?.parse::<Policy>();
-    let policy = policy.ok().filter(|policy| policy.validate_user().is_ok());
+    let policy = policy.ok().filter(|policy| policy.priority() <= most);
     policy.ok_or_else(|| {
-        let most = HIGHEST_USER_PRIORITY;
         let advice = format!(
             "write `other`, `fifo:1` to `fifo:{most}`, `rr:1` to `rr:{most}`, or \
              `deadline:200000/500000/1000000`: runtime, deadline and period in ns"

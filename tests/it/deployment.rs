@@ -8,6 +8,7 @@ use luna::prelude::*;
 use luna::report::DeploymentReport;
 use luna::safety::{BudgetKind, OnOverrun};
 use luna::{Error, Report};
+use std::process::Command;
 use std::time::Duration;
 
 const MILLISECOND: Duration = Duration::from_millis(1);
@@ -487,4 +488,41 @@ fn the_option_of_a_command_line() {
     let mut system = System::new("machine");
     let others = system.deployment_arguments(["--deployments".to_owned()]);
     assert_eq!(others.unwrap(), ["--deployments"]);
+}
+
+/// What a child of the next test does: the program names no file.
+#[test]
+fn part() {
+    let Some(name) = common::part() else { return };
+    let mut system = System::new("machine");
+    if name == "another" {
+        let file = TempFile::with("another", "[executor.main]\npolicy = \"fifo:8\"\n");
+        system.deployment_from(&file.0).unwrap();
+    }
+    match system.executor("main").build() {
+        Ok(_) => {
+            let composition = system.composition();
+            println!("it has {}", thread(&composition, "main").policy);
+        }
+        Err(error) => println!("{error}"),
+    }
+}
+
+#[test]
+fn the_environment_names_a_file_where_the_program_does_not() {
+    let _watch = watchdog();
+    let good = TempFile::with("good", "[executor.main]\npolicy = \"fifo:7\"\n");
+    let bad = TempFile::with("bad", "\n[executor.main]\ncore = -1\n");
+    let wrong = format!("{}:3:8: a whole number is expected", bad.0.display());
+    for (file, part, line) in [
+        (good.0.display().to_string(), "none", "it has fifo:7"),
+        (good.0.display().to_string(), "another", "it has fifo:8"),
+        (String::new(), "none", "it has other"),
+        (bad.0.display().to_string(), "none", &*wrong),
+    ] {
+        let mut program = Command::new(std::env::current_exe().unwrap());
+        program.env("LUNA_DEPLOYMENT", file);
+        let ended = common::Program::start_by(program, "deployment::part", part).end();
+        assert!(ended.output.contains(line), "{ended:?}");
+    }
 }

@@ -285,7 +285,7 @@ fn executor(entry: &Entry<'_>) -> Result<Executor, Problem> {
             }
             "program" => found.program = Some(reference(&entry)?),
             "core" => found.core = file::core(&entry)?,
-            "policy" => found.policy = Some(file::policy(&entry)?.to_string()),
+            "policy" => found.policy = Some(file::policy_of_any(&entry)?.to_string()),
             _ => return Err(entry.unknown(&["kind", "program", "core", "policy"])),
         }
     }
