@@ -6,11 +6,11 @@ use crate::package::{failed, luna};
 use clap::Args;
 use luna_model::File;
 use std::ffi::OsStr;
+use std::fs;
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
-use std::fs;
 
 /// The options of `luna model generate`.
 #[derive(Debug, Clone, Args)]
