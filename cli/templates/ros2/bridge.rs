@@ -54,20 +54,23 @@ pub fn describe(system: &mut System, ends: Ends) -> luna::Result<()> {
         commands: out,
         wheels,
     } = ends;
+    let (running, is_over) = luna::channel::<()>();
     bridge.process("commands").spawn(async move {
-        while let Ok(received) = commands.recv().await {
-            let Twist { linear, angular } = received.value;
-            let command = Command {
-                ahead: linear.x,
-                turn: angular.z,
-            };
-            if out.send(command).await.is_err() {
-                break; // the base has ended
+        loop {
+            alt! {
+                received = commands.recv() => {
+                    let Twist { linear, angular } = received?.value;
+                    let command = Command { ahead: linear.x, turn: angular.z };
+                    if out.send(command).await.is_err() {
+                        return Ok(()); // the base has ended
+                    }
+                },
+                _ = is_over.recv() => return Ok(()),
             }
         }
-        Ok(())
     })?;
     bridge.process("joint states").spawn(async move {
+        let _running = running; // dropped at the end, which the other process sees
         let mut asked_for_help = false;
         let mut time = Duration::ZERO;
         let mut tick = luna::periodic("joint states", PUBLISHED)?;

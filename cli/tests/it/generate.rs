@@ -148,8 +148,8 @@ fn each_example_compiles_and_runs() {
 /// Bodies that no person writes. With LUNA_LONG=1 a hundred of them, else two.
 #[test]
 fn random_models_compile_without_a_warning() {
-    let is_long = env::var("LUNA_LONG").is_ok_and(|long| long == "1");
-    let seed = env::var("LUNA_SEED")
+    let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
+    let seed = std::env::var("LUNA_SEED")
         .ok()
         .and_then(|seed| seed.parse().ok());
     let seed: u64 = seed.unwrap_or(20_261_121);
