@@ -62,11 +62,14 @@ mod debug;
 pub mod alternative;
 pub mod channel;
 mod csp;
+mod deployment;
 #[cfg(unix)]
 pub mod devices;
 pub mod error;
 #[cfg(unix)]
 pub mod external;
+#[doc(hidden)]
+pub mod file;
 pub mod inspect;
 pub mod log;
 mod notice;
@@ -124,5 +127,6 @@ pub use csp::par as __par;
 #[doc = include_str!("../docs/time.md")]
 #[doc = include_str!("../docs/clocks.md")]
 #[cfg_attr(feature = "toml", doc = include_str!("../docs/parameters.md"))]
+#[cfg_attr(feature = "toml", doc = include_str!("../docs/system-file.md"))]
 #[cfg_attr(feature = "logger", doc = include_str!("../docs/logger.md"))]
 struct Pages;

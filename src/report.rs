@@ -25,6 +25,7 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
+pub use crate::deployment::{DeploymentReport, Override};
 pub use crate::replay::recorder::RecordReport;
 pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
@@ -98,6 +99,9 @@ pub struct Report {
     pub loops: BTreeMap<String, LoopReport>,
     /// The processes that others [stood in](crate::System::stand_in) for, by name.
     pub stand_ins: Vec<String>,
+    /// The [system file](crate::System::deployment_from), if there was one, with what it has
+    /// changed.
+    pub deployment: Option<DeploymentReport>,
     /// What the system as a whole was not given: locked memory, short wake-ups, the emergency
     /// manager's priority.
     pub shortfalls: Vec<Shortfall>,
@@ -351,6 +355,9 @@ impl fmt::Display for Report {
                 "  {:<16} {}, {core}{abandoned}",
                 thread.name, thread.policy
             )?;
+        }
+        if let Some(deployment) = &self.deployment {
+            writeln!(f, "  {}", deployment.to_string().replace('\n', "\n  "))?;
         }
         for (who, shortfall) in self.all_shortfalls() {
             // The remedy was printed at the start.

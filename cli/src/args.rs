@@ -61,6 +61,8 @@ pub(crate) enum Command {
     Record(Record),
     /// Shows a recording in the browser, as it was while it was made
     Scope(Scope),
+    /// Makes a project that runs at once, with tests, a system file and CI
+    New(crate::new::Arguments),
     /// Makes, checks and draws models of systems
     #[command(subcommand)]
     Model(crate::model::Command),

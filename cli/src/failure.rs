@@ -78,6 +78,14 @@ pub(crate) enum Failure {
         /// What is wrong, and what to do.
         why: &'static str,
     },
+    /// A project cannot have this name.
+    #[error("`{name}` cannot be the name of a project: {why}")]
+    ProjectName {
+        /// As given.
+        name: String,
+        /// What is wrong, and what to change.
+        why: String,
+    },
     /// A model cannot be exported to CSPm.
     #[error("{}: {error}", .path.display())]
     Cspm {
@@ -172,6 +180,7 @@ impl Failure {
             | Self::ModelFile { .. }
             | Self::Model(_)
             | Self::Package { .. }
+            | Self::ProjectName { .. }
             | Self::Cspm { .. }
             | Self::Options(_)
             | Self::Converted { .. }
@@ -184,6 +193,8 @@ impl Failure {
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. }
                 | SetupError::Attributes(_)
+                | SetupError::Deployment(_)
+                | SetupError::DeploymentFile { .. }
                 | SetupError::Parameters(_),
             )) => 2,
             Self::Card(_) => 2,

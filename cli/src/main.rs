@@ -15,7 +15,9 @@ mod jitter;
 #[cfg_attr(not(target_os = "linux"), path = "no_joystick.rs")]
 mod joystick;
 mod model;
+mod new;
 mod output;
+mod package;
 mod place;
 #[cfg(target_os = "linux")]
 mod production_cell;
@@ -45,6 +47,7 @@ fn main() -> ExitCode {
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Scope(arguments) => scope::run(&arguments),
+        Command::New(arguments) => new::run(&arguments),
         Command::Model(command) => model::run(&command),
         #[cfg(target_os = "linux")]
         Command::List(arguments) => programs::list::run(&arguments),

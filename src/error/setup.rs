@@ -24,6 +24,25 @@ pub enum SetupError {
     /// A thread's policy, priority, stack or name makes no sense.
     #[error("{0}")]
     Attributes(AttributeError),
+    /// The [system file](crate::System::deployment_from) cannot be read.
+    #[error("{path}: {message}")]
+    DeploymentFile {
+        /// Its name.
+        path: String,
+        /// Why.
+        message: String,
+    },
+    /// Something is wrong in the system file, or does not fit the program or the machine.
+    #[error("{0}")]
+    Deployment(Box<crate::error::Problem>),
+    /// A system file was named after an executor or a thread was made, or after another file.
+    #[error(
+        "the system file of `{system}` comes too late; call System::deployment_from once, before the first executor or thread"
+    )]
+    DeploymentTooLate {
+        /// The system's name.
+        system: String,
+    },
     /// A process' priority is not one of the 32 levels.
     #[error("process `{process}` asks for priority {level}; choose 0 (lowest) to 31")]
     Level {

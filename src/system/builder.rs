@@ -2,6 +2,7 @@
 
 use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess, Prepared};
+use crate::deployment::Deployment;
 use crate::error::{Error, Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
@@ -36,6 +37,30 @@ fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
         available,
     }
     .into())
+}
+
+/// The attributes of a thread as the system file has them, if they make sense and the machine has
+/// the core.
+fn settled(plan: &Plan, attributes: Attributes, is_shared: bool) -> Result<Attributes> {
+    let deployment = plan.begin_deployment()?;
+    let attributes = match deployment {
+        Some(deployment) => deployment.thread(attributes, is_shared)?,
+        None => attributes,
+    };
+    let valid = match is_shared {
+        true => attributes.validate_shared(),
+        false => attributes.validate(),
+    };
+    valid.map_err(Error::from)?;
+    let checked = check_core(plan, attributes.name(), attributes.asked_core());
+    checked.map_err(|error| {
+        let Error::Setup(SetupError::NoSuchCore { available, of, .. }) = &error else {
+            return error;
+        };
+        let stated = deployment.and_then(|deployment| deployment.lacks_core(of, available));
+        stated.map_or(error, Error::from)
+    })?;
+    Ok(attributes)
 }
 
 macro_rules! place_methods {
@@ -139,11 +164,8 @@ impl ExecutorBuilder {
             name,
             attributes,
         } = self;
-        let number = attributes
-            .validate_shared()
-            .map_err(Into::into)
-            .and_then(|()| check_core(&plan, &name, attributes.asked_core()))
-            .and_then(|()| plan.add_executor(ExecutorPlan { name, attributes }))
+        let number = settled(&plan, attributes, true)
+            .and_then(|attributes| plan.add_executor(ExecutorPlan { name, attributes }))
             .inspect_err(|_| plan.note_refusal())?;
         Ok(Executor { plan, number })
     }
@@ -210,13 +232,10 @@ impl Thread {
 
     /// The thread's one process to be. What is wrong with the thread is an error of `spawn`.
     pub fn process(self, name: impl AsRef<str>) -> ProcessBuilder {
-        let place = self
-            .attributes
-            .validate()
-            .map_err(Into::into)
-            .and_then(|()| check_core(&self.plan, &self.name, self.attributes.asked_core()))
-            .and_then(|()| self.plan.take_thread_name(&self.name))
-            .map(|()| Placement::Thread(Box::new(self.attributes)));
+        let place = settled(&self.plan, self.attributes, false).and_then(|attributes| {
+            self.plan.take_thread_name(&self.name)?;
+            Ok(Placement::Thread(Box::new(attributes)))
+        });
         ProcessBuilder::new(self.plan, name.as_ref(), place)
     }
 }
@@ -517,6 +536,27 @@ impl ProcessBuilder {
     /// The description of the process, if it is valid, without the body.
     #[inline]
     fn checked(self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
+        let mut this = self;
+        if let Some(deployment) = this.plan.deployment() {
+            let deployment = deployment.clone();
+            this.deployed(&deployment)
+                .inspect_err(|_| this.plan.note_refusal())?;
+        }
+        this.checked_as_deployed()
+    }
+
+    /// Takes what the system file states of the process.
+    #[cold]
+    fn deployed(&mut self, deployment: &Deployment) -> Result<()> {
+        let Ok(place) = &mut self.place else {
+            return Ok(());
+        };
+        deployment.process(&self.spec, &mut self.level, place, &mut self.budgets)?;
+        Ok(())
+    }
+
+    #[inline]
+    fn checked_as_deployed(self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
         let place = self.place.map_err(|error| {
             self.plan.note_refusal();
             *error

@@ -56,6 +56,7 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
         earlier: started.earlier(),
         loops: running.common.scope.take_reports(&known),
         stand_ins: plan.stand_ins().replaced(),
+        deployment: plan.deployment().map(|deployment| deployment.report()),
         record: recorded.as_ref().ok().copied().flatten(),
         ..ended.report
     };

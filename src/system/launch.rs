@@ -92,6 +92,9 @@ fn launch_described(
     mut waiting: Vec<ProcessPlan>,
     registry: &Arc<ProcessRegistry>,
 ) -> Result<Launched> {
+    if let Some(deployment) = plan.deployment() {
+        deployment.settle(&mut settings, &mut waiting)?;
+    }
     let clock_kind = settings.clock.kind();
     let is_virtual = clock_kind.is_virtual();
     let simulation = std::mem::take(&mut settings.clock).start(registry, settings.most_turns)?;
@@ -138,7 +141,14 @@ fn launch_described(
         None => (None, None),
     };
     let parameters = plan.parameters.clone();
-    let scope = Scope::with_room_for(loops, registry.clone(), clock.clone(), manager, parameters);
+    let scope = Scope::with_room_for(
+        loops,
+        registry.clone(),
+        clock.clone(),
+        manager,
+        parameters,
+        plan.deployment().cloned(),
+    );
     let executors = start_executors(executor_plans, handle.as_ref(), needs.mode, registry)?;
     let places = executors.iter().map(|(name, executor)| {
         ThreadPart::obtained(name, ThreadKind::Executor, executor.obtained())

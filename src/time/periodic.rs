@@ -110,6 +110,9 @@ enum Prepared {
 /// slot is a period after all of them are released; in a process that is spawned while the system
 /// runs, a period after the body first requests one.
 ///
+/// The system's [file](crate::System::deployment_from) may set another period than `period`: what
+/// a body computes from its period it takes from [`Periodic::period`].
+///
 /// Each loop of a system has a line of its own in the report, also when it has ended. So a name is
 /// used once, even if the loop of that name was dropped; and a loop that was dropped keeps its room
 /// ([`System::max_loops`](crate::System::max_loops)). To loop again keep the `Periodic`, and ask it
@@ -143,6 +146,7 @@ fn make(name: &str, period: Duration) -> Result<Periodic> {
     let scope = Scope::current().ok_or_else(|| SetupError::NoProcess {
         name: name.to_owned(),
     })?;
+    let period = scope.period(name, period);
     let length = period_nanos(name, period)?;
     let statistics = scope.enroll(name, period)?;
     let now = Instant::now();

@@ -3,6 +3,7 @@
 use super::late::Witness;
 use super::manager::Manager;
 use super::statistics::{LoopReport, Statistics};
+use crate::deployment::Deployment;
 use crate::error::SetupError;
 use crate::parameters::{Reader, Store};
 use arrayvec::ArrayString;
@@ -39,6 +40,8 @@ pub(crate) struct Scope {
     manager: Option<Arc<Manager>>,
     /// The parameters that loops read as their cycles begin.
     parameters: Option<Arc<Store>>,
+    /// The system file, which may have other periods.
+    deployment: Option<Arc<Deployment>>,
 }
 
 #[expect(
@@ -69,6 +72,7 @@ impl Scope {
         clock: Clock,
         manager: Option<Arc<Manager>>,
         parameters: Arc<Store>,
+        deployment: Option<Arc<Deployment>>,
     ) -> Arc<Self> {
         let loops = Loops {
             free: (0..most).map(|_| Box::default()).collect(),
@@ -83,6 +87,7 @@ impl Scope {
             registry: Some(registry),
             manager,
             parameters: Some(parameters),
+            deployment,
             ..Self::unbounded(clock)
         })
     }
@@ -104,6 +109,7 @@ impl Scope {
             clock,
             manager: None,
             parameters: None,
+            deployment: None,
         }
     }
 
@@ -141,6 +147,14 @@ impl Scope {
         store.reader(current::process(|process| {
             process.map(|process| process.id())
         })?)
+    }
+
+    /// The period of a loop for which the program states `period`. Allocates nothing.
+    pub(crate) fn period(&self, name: &str, period: Duration) -> Duration {
+        match &self.deployment {
+            Some(deployment) => deployment.period(name, period),
+            None => period,
+        }
     }
 
     /// Makes this the scope of the calling thread, for as long as the thread lives.

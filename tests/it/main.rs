@@ -21,6 +21,8 @@ mod composition;
 mod crashes;
 mod deadlock;
 mod defects;
+#[cfg(feature = "toml")]
+mod deployment;
 mod devices;
 mod docs;
 mod driven_clock;

@@ -2,14 +2,15 @@
 
 use super::read;
 use crate::failure::Failure;
+use crate::package::{failed, luna};
 use clap::Args;
-use luna_model::{File, Luna, is_luna};
+use luna_model::File;
 use std::ffi::OsStr;
+use std::fs;
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
-use std::{env, fs};
 
 /// The options of `luna model generate`.
 #[derive(Debug, Clone, Args)]
@@ -61,41 +62,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         writeln!(out, "{KEPT:<9} {}: {why}", path.display()).map_err(Failure::Output)?;
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// What the package is to depend on.
-fn luna(stated: Option<&Path>) -> Result<Luna, Failure> {
-    let here = |folder: &Path| {
-        let manifest = fs::read_to_string(folder.join("Cargo.toml"));
-        manifest.is_ok_and(|manifest| is_luna(&manifest))
-    };
-    if let Some(folder) = stated {
-        if !here(folder) {
-            return Err(Failure::Package {
-                path: folder.to_owned(),
-                why: "this is no checkout of LUNA: --luna wants the folder whose Cargo.toml has the package luna-rt",
-            });
-        }
-        return absolute(folder).map(Luna::Folder);
-    }
-    let current = env::current_dir().map_err(|error| Failure::ModelFile {
-        path: ".".into(),
-        error,
-    })?;
-    let around = current.ancestors().find(|folder| here(folder));
-    Ok(match around {
-        Some(folder) => Luna::Folder(folder.to_owned()),
-        None => Luna::Version(env!("CARGO_PKG_VERSION").to_owned()),
-    })
-}
-
-fn absolute(folder: &Path) -> Result<PathBuf, Failure> {
-    fs::canonicalize(folder).map_err(failed(folder))
-}
-
-fn failed(path: &Path) -> impl FnOnce(io::Error) -> Failure {
-    let path = path.to_owned();
-    move |error| Failure::ModelFile { path, error }
 }
 
 /// Refuses a folder of something else, before anything is written.

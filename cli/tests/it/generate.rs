@@ -1,7 +1,7 @@
 //! `luna model generate`: what it makes of a model compiles, runs, and is kept where it is written
 //! by hand.
 
-use std::env;
+use crate::package::{cargo, folder, lock, text, workspace};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -9,25 +9,8 @@ use std::process::{Command, Output};
 #[path = "../../../tools/model/tests/it/random.rs"]
 mod random;
 
-fn workspace() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
 fn example(name: &str) -> PathBuf {
     workspace().join("examples/models").join(name)
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
-
-/// A folder of one test, which is not there.
-fn folder(name: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR"))
-        .join("generated")
-        .join(name);
-    let _ = fs::remove_dir_all(&path);
-    path
 }
 
 fn command(model: &Path, folder: &Path, options: &[&str]) -> Output {
@@ -46,24 +29,8 @@ fn generate(model: &Path, folder: &Path) -> String {
     let luna = workspace().display().to_string();
     let output = command(model, folder, &["--luna", &luna]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    // The versions that are there without a network.
-    let lock = folder.join("Cargo.lock");
-    if !lock.exists() {
-        fs::copy(workspace().join("Cargo.lock"), lock).expect("the versions are copied");
-    }
+    lock(folder);
     text(&output.stdout).to_owned()
-}
-
-/// Cargo in a generated package; all of them share what they depend on.
-fn cargo(folder: &Path, command: &str, arguments: &[&str]) -> Output {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("generated-target");
-    Command::new(env::var_os("CARGO").unwrap_or("cargo".into()))
-        .args([command, "--offline", "--manifest-path"])
-        .arg(folder.join("Cargo.toml"))
-        .args(arguments)
-        .env("CARGO_TARGET_DIR", target)
-        .output()
-        .expect("cargo starts")
 }
 
 fn build(folder: &Path) {
@@ -181,8 +148,8 @@ fn each_example_compiles_and_runs() {
 /// Bodies that no person writes. With LUNA_LONG=1 a hundred of them, else two.
 #[test]
 fn random_models_compile_without_a_warning() {
-    let is_long = env::var("LUNA_LONG").is_ok_and(|long| long == "1");
-    let seed = env::var("LUNA_SEED")
+    let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
+    let seed = std::env::var("LUNA_SEED")
         .ok()
         .and_then(|seed| seed.parse().ok());
     let seed: u64 = seed.unwrap_or(20_261_121);

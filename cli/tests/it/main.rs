@@ -17,6 +17,10 @@ mod model_from;
 mod model_trace;
 mod model_tutorial;
 #[cfg(target_os = "linux")]
+mod new;
+#[cfg(target_os = "linux")]
+mod package;
+#[cfg(target_os = "linux")]
 mod production_cell;
 #[cfg(target_os = "linux")]
 mod programs;

@@ -94,6 +94,12 @@ impl Attributes {
         self
     }
 
+    /// Runs on any core.
+    pub fn any_core(mut self) -> Self {
+        self.core = None;
+        self
+    }
+
     /// Runs under `policy`.
     pub fn policy(mut self, policy: Policy) -> Self {
         self.policy = policy;
@@ -120,6 +126,11 @@ impl Attributes {
     pub fn stack_size(mut self, bytes: usize) -> Self {
         self.stack_size = bytes;
         self
+    }
+
+    /// The stack that was asked for, in bytes.
+    pub fn asked_stack(&self) -> usize {
+        self.stack_size
     }
 
     /// What to do when the system refuses the policy or the core.

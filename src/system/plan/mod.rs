@@ -12,6 +12,7 @@ use super::register::Register;
 use super::stand_in::StandIns;
 use crate::csp::composition::ThreadPart;
 use crate::csp::tree::Tree;
+use crate::deployment::{self, Deployment};
 use crate::error::{Error, Result, SetupError};
 use crate::log::{Asked, Log};
 use crate::notice::notice;
@@ -24,8 +25,9 @@ use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 /// A system's plan. Its locks are for the set-up, the end, and the non-real-time side.
@@ -41,6 +43,8 @@ pub(crate) struct Plan {
     pub(crate) tree: Arc<Tree>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) parameters: Arc<Store>,
+    /// The system file, if there is one; decided when the first executor or thread is made.
+    deployment: OnceLock<Option<Arc<Deployment>>>,
     pub(crate) log: Log,
     /// A call of the set-up, or of `run`, has returned an error.
     was_refused: AtomicBool,
@@ -143,6 +147,7 @@ impl Plan {
             tree: Tree::new(),
             emergency: Emergency::new(plan.clone()),
             parameters: Store::new(name),
+            deployment: OnceLock::new(),
             log: Log::new(name),
             was_refused: AtomicBool::new(false),
         })
@@ -214,6 +219,36 @@ impl Plan {
         self.emergency.conclude();
     }
 
+    /// Reads the system file that the program names.
+    pub(crate) fn read_deployment(&self, path: &Path) -> Result<()> {
+        let too_late = || SetupError::DeploymentTooLate {
+            system: self.name.clone(),
+        };
+        if self.deployment.get().is_some() {
+            return Err(too_late().into());
+        }
+        let read = Some(Arc::new(Deployment::read(path)?));
+        Ok(self.deployment.set(read).map_err(|_| too_late())?)
+    }
+
+    /// Decides whether there is a system file, before something is described: the program's, or that
+    /// of the environment.
+    pub(crate) fn begin_deployment(&self) -> Result<Option<&Deployment>> {
+        if self.deployment.get().is_none() {
+            let file = deployment::file_of_environment();
+            let read = file.map(|path| Deployment::read(&path)).transpose()?;
+            // Another thread that came first has read the same.
+            let _ = self.deployment.set(read.map(Arc::new));
+        }
+        Ok(self.deployment().map(|deployment| &**deployment))
+    }
+
+    /// The system file, if there is one.
+    #[inline]
+    pub(crate) fn deployment(&self) -> Option<&Arc<Deployment>> {
+        self.deployment.get()?.as_ref()
+    }
+
     /// A call of the set-up, or of `run`, returns an error.
     #[cold]
     pub(crate) fn note_refusal(&self) {
@@ -235,6 +270,9 @@ impl Plan {
             .into());
         }
         members.take_thread_name(&executor.name)?;
+        if let Some(deployment) = self.deployment() {
+            deployment.enter_executor(&executor.name);
+        }
         members.executors.push(executor);
         Ok(members.executors.len() - 1)
     }

@@ -69,7 +69,7 @@ pub use explore::words::communication;
 pub use explore::{
     DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, StepParts, TraceStep, Unreached,
 };
-pub use generate::{File, Luna, is_luna};
+pub use generate::{File, Luna, is_luna, package_name};
 pub use model::{Model, TEMPLATE};
 pub use recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 pub use running::{Difference, SystemModel, Wiring};

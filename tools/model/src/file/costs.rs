@@ -1,9 +1,8 @@
 //! Reads a file of costs: a table for each process, with its longest job and its longest poll.
 
-use super::table::{entries, parse};
-use super::values;
 use crate::language::body::Named;
 use crate::text::{Problem, Source};
+use luna::file::{entries, parse, time};
 use std::time::Duration;
 
 /// What a table states.
@@ -21,8 +20,8 @@ pub(crate) fn read(source: Source<'_>) -> Result<Vec<Stated>, Problem> {
         let (mut cost, mut longest_poll) = (None, None);
         for entry in process.table()? {
             match entry.key {
-                "cost" => cost = Some(values::time(&entry)?),
-                "longest_poll" => longest_poll = Some(values::time(&entry)?),
+                "cost" => cost = Some(time(&entry)?),
+                "longest_poll" => longest_poll = Some(time(&entry)?),
                 _ => return Err(entry.unknown(&["cost", "longest_poll"])),
             }
         }

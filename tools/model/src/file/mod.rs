@@ -1,8 +1,8 @@
 //! A model file as it is written.
 
 mod costs;
+mod pieces;
 mod read;
-mod table;
 mod values;
 
 use crate::language::body::{Block, Named, Span};

@@ -1,6 +1,6 @@
 //! Reads a model file.
 
-use super::table::{Entry, entries, parse};
+use super::pieces::Pieces;
 use super::values;
 use super::{Channel, Composition, Content, Definition, Document, Executor, Part, Run, Side};
 use crate::language::body::{self, Named, RESERVED};
@@ -8,10 +8,8 @@ use crate::language::parser::Parser;
 use crate::language::temporal;
 use crate::network::Kind;
 use crate::text::{Problem, Source};
+use luna::file::{self, Entry, MAX_PRIORITY, entries, parse};
 
-/// The levels of an executor.
-const MAX_PRIORITY: i64 = 31;
-const MAX_CORE: i64 = 4095;
 const MAX_STATES: i64 = 1_000_000_000;
 
 pub(crate) fn read(name: &str, text: &str) -> Result<Document, Problem> {
@@ -61,7 +59,7 @@ pub(crate) fn read(name: &str, text: &str) -> Result<Document, Problem> {
             "schedule" => {
                 for entry in entry.table()? {
                     match entry.key {
-                        "latency" => document.latency = Some(values::time(&entry)?),
+                        "latency" => document.latency = Some(file::time(&entry)?),
                         _ => return Err(entry.unknown(&["latency"])),
                     }
                 }
@@ -232,11 +230,11 @@ fn part(entry: &Entry<'_>) -> Result<Part, Problem> {
                 }
             }
             "priority" => run.priority = Some(entry.number(0..=MAX_PRIORITY)? as u8),
-            "period" => run.period = Some(values::time(&entry)?),
+            "period" => run.period = Some(file::time(&entry)?),
             "on" => run.on = Some(reference(&entry)?),
-            "cost" => run.cost = Some(values::time(&entry)?),
-            "longest_poll" => run.longest_poll = Some(values::time(&entry)?),
-            "deadline" => run.deadline = Some(values::time(&entry)?),
+            "cost" => run.cost = Some(file::time(&entry)?),
+            "longest_poll" => run.longest_poll = Some(file::time(&entry)?),
+            "deadline" => run.deadline = Some(file::time(&entry)?),
             "at" => at = Some(values::at(&entry)?),
             _ => {
                 let known = [
@@ -286,8 +284,8 @@ fn executor(entry: &Entry<'_>) -> Result<Executor, Problem> {
                 found.is_thread = entry.one_of(&[("executor", false), ("thread", true)])?;
             }
             "program" => found.program = Some(reference(&entry)?),
-            "core" => found.core = Some(entry.number(0..=MAX_CORE)? as u16),
-            "policy" => found.policy = Some(values::policy(&entry)?),
+            "core" => found.core = file::core(&entry)?,
+            "policy" => found.policy = Some(file::policy_of_any(&entry)?.to_string()),
             _ => return Err(entry.unknown(&["kind", "program", "core", "policy"])),
         }
     }

@@ -1,6 +1,6 @@
 //! Values that are short texts: buffers, types, times, policies.
 
-use super::table::Entry;
+use super::pieces::Pieces;
 use super::{At, Range};
 use crate::language::Piece;
 use crate::language::expr::Expr;
@@ -8,7 +8,7 @@ use crate::language::parser::{Parser, Path};
 use crate::network::Kind;
 use crate::recorded::MAX_BUFFER;
 use crate::text::Problem;
-use std::time::Duration;
+use luna::file::Entry;
 
 /// `rendezvous`, `fifo 2`, `overwrite_oldest 1`, `overwrite_newest 1`.
 pub(super) fn buffer(entry: &Entry<'_>) -> Result<Kind, Problem> {
@@ -82,36 +82,4 @@ pub(super) fn at(entry: &Entry<'_>) -> Result<At, Problem> {
         [x, y] => Ok((x as i32, y as i32)),
         _ => Err(entry.problem("a place has two numbers", "write `[120, 40]`")),
     }
-}
-
-/// `250 us`, `1 ms`, `2 s`.
-pub(super) fn time(entry: &Entry<'_>) -> Result<Duration, Problem> {
-    let text = entry.text()?;
-    let parts = text.trim().split_once(' ');
-    let found = parts.and_then(|(number, unit)| {
-        let number: u64 = number
-            .parse()
-            .ok()
-            .filter(|n| (1..=1_000_000_000).contains(n))?;
-        match unit.trim() {
-            "ns" => Some(Duration::from_nanos(number)),
-            "us" | "µs" => Some(Duration::from_micros(number)),
-            "ms" => Some(Duration::from_millis(number)),
-            "s" => Some(Duration::from_secs(number)),
-            _ => None,
-        }
-    });
-    let advice = "write a whole number and ns, us, ms or s: `1 ms`";
-    found.ok_or_else(|| entry.problem("this is no time", advice))
-}
-
-/// `other`, `fifo:80`, `rr:80`, `deadline:200000/500000/1000000`.
-pub(super) fn policy(entry: &Entry<'_>) -> Result<String, Problem> {
-    let text = entry.text()?;
-    if text.parse::<luna::Policy>().is_err() {
-        let advice = "write `other`, `fifo:1` to `fifo:99`, `rr:1` to `rr:99`, or \
-                      `deadline:200000/500000/1000000`: runtime, deadline and period in ns";
-        return Err(entry.problem("this is no policy", advice));
-    }
-    Ok(text.to_owned())
 }

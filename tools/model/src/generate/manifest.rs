@@ -1,5 +1,6 @@
 //! The package's manifest.
 
+use super::names::KEYWORDS;
 use crate::model::Model;
 use std::path::PathBuf;
 use toml::de::DeTable;
@@ -13,6 +14,41 @@ pub enum Luna {
     Version(String),
 }
 
+impl Luna {
+    /// Where a dependency on the package of `folder` comes from, as in a manifest; `""` is that of
+    /// `luna-rt`.
+    #[must_use]
+    pub fn source(&self, folder: &str) -> String {
+        match self {
+            Self::Folder(path) => {
+                let path = match folder {
+                    "" => path.clone(),
+                    _ => path.join(folder),
+                };
+                let path = path.display().to_string();
+                let path = path.replace('\\', "\\\\").replace('"', "\\\"");
+                format!("path = \"{path}\"")
+            }
+            Self::Version(version) => format!("version = \"{version}\""),
+        }
+    }
+}
+
+/// Names of Cargo itself, of Rust's libraries, and of this one.
+const TAKEN: [&str; 11] = [
+    "build",
+    "deps",
+    "examples",
+    "incremental",
+    "test",
+    "core",
+    "std",
+    "alloc",
+    "proc-macro",
+    "luna",
+    "luna-rt",
+];
+
 /// Whether the text of a Cargo.toml is that of the library.
 #[must_use]
 pub fn is_luna(manifest: &str) -> bool {
@@ -25,8 +61,10 @@ pub fn is_luna(manifest: &str) -> bool {
     name.and_then(|name| name.get_ref().as_str()) == Some("luna-rt")
 }
 
-/// A name that Cargo takes: letters, digits and `-`, a letter first.
-fn package_name(name: &str) -> String {
+/// A name that Cargo takes, made of another: lower-case letters, digits and `-`, a letter first. Where
+/// `name` has a meaning already, or begins with no letter, `prefix` comes before it.
+#[must_use]
+pub fn package_name(name: &str, prefix: &str) -> String {
     let mut found = String::new();
     for letter in name.chars() {
         if letter.is_ascii_alphanumeric() {
@@ -36,36 +74,16 @@ fn package_name(name: &str) -> String {
         }
     }
     let found = found.trim_end_matches('-');
-    // Names of Rust and Cargo themselves, and numbers, with a word before.
-    let is_taken = [
-        "build",
-        "deps",
-        "examples",
-        "incremental",
-        "test",
-        "core",
-        "std",
-        "alloc",
-        "proc-macro",
-        "luna",
-        "luna-rt",
-    ];
-    if !found.starts_with(|c: char| c.is_ascii_alphabetic()) || is_taken.contains(&found) {
-        return format!("model-{found}").trim_end_matches('-').to_owned();
+    let is_taken = TAKEN.contains(&found) || KEYWORDS.contains(&found);
+    if !found.starts_with(|c: char| c.is_ascii_alphabetic()) || is_taken {
+        return format!("{prefix}-{found}").trim_end_matches('-').to_owned();
     }
     found.to_owned()
 }
 
 pub(super) fn manifest(model: &Model, luna: &Luna) -> String {
-    let name = package_name(model.name());
-    let luna = match luna {
-        Luna::Folder(path) => {
-            let path = path.display().to_string();
-            let path = path.replace('\\', "\\\\").replace('"', "\\\"");
-            format!("path = \"{path}\"")
-        }
-        Luna::Version(version) => format!("version = \"{version}\""),
-    };
+    let name = package_name(model.name(), "model");
+    let luna = luna.source("");
     format!(
         "\
 # `luna model generate` wrote this once: change it as you like.
@@ -102,9 +120,10 @@ mod tests {
             ("philosophers, repaired", "philosophers-repaired"),
             ("5 cells", "model-5-cells"),
             ("test", "model-test"),
+            ("loop", "model-loop"),
             ("Ω", "model"),
         ] {
-            assert_eq!(package_name(name), package);
+            assert_eq!(package_name(name, "model"), package);
         }
     }
 

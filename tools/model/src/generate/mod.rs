@@ -29,7 +29,7 @@ mod waiting;
 mod wiring;
 mod writer;
 
-pub use manifest::{Luna, is_luna};
+pub use manifest::{Luna, is_luna, package_name};
 
 use crate::model::Model;
 use crate::text::Problem;

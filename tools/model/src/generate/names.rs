@@ -4,7 +4,7 @@ use crate::language::body::Named;
 use crate::text::{Problem, Source};
 
 /// All of edition 2024, also those that are reserved.
-const KEYWORDS: [&str; 53] = [
+pub(super) const KEYWORDS: [&str; 53] = [
     "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate",
     "do", "dyn", "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl",
     "in", "let", "loop", "macro", "match", "mod", "move", "mut", "override", "priv", "pub", "ref",

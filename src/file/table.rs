@@ -1,24 +1,23 @@
 //! Tables of a TOML file, read key by key.
 
-use crate::language::Piece;
-use crate::language::expr::Expr;
-use crate::language::parser::{Parser, Path};
-use crate::text::{Problem, Source, nearest};
+use super::problem::{Problem, Source, nearest};
 use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 /// A key, its value, and where both stand.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Entry<'t> {
-    pub(crate) source: Source<'t>,
-    pub(crate) key: &'t str,
+pub struct Entry<'t> {
+    /// The file.
+    pub source: Source<'t>,
+    /// The key.
+    pub key: &'t str,
     key_at: (usize, usize),
     value: &'t Spanned<DeValue<'t>>,
 }
 
 /// The table that a text is.
-pub(crate) fn parse(source: Source<'_>) -> Result<Spanned<DeTable<'_>>, Problem> {
+pub fn parse(source: Source<'_>) -> Result<Spanned<DeTable<'_>>, Problem> {
     DeTable::parse(source.text).map_err(|error| {
         let span = error.span().unwrap_or(0..0);
         source.problem(span, error.message().trim(), "write it as TOML has it")
@@ -26,7 +25,7 @@ pub(crate) fn parse(source: Source<'_>) -> Result<Spanned<DeTable<'_>>, Problem>
 }
 
 /// The entries of a table in the order of the file.
-pub(crate) fn entries<'t>(source: Source<'t>, table: &'t DeTable<'t>) -> Vec<Entry<'t>> {
+pub fn entries<'t>(source: Source<'t>, table: &'t DeTable<'t>) -> Vec<Entry<'t>> {
     let mut found: Vec<Entry<'t>> = table
         .iter()
         .map(|(key, value)| Entry {
@@ -41,51 +40,50 @@ pub(crate) fn entries<'t>(source: Source<'t>, table: &'t DeTable<'t>) -> Vec<Ent
 }
 
 impl<'t> Entry<'t> {
-    pub(crate) fn key_span(&self) -> Range<usize> {
+    /// Where the key stands.
+    pub fn key_span(&self) -> Range<usize> {
         self.key_at.0..self.key_at.1
     }
 
-    pub(crate) fn span(&self) -> Range<usize> {
+    /// Where the value stands.
+    pub fn span(&self) -> Range<usize> {
         self.value.span()
     }
 
-    pub(crate) fn named(&self) -> (String, Range<usize>) {
+    /// The key, and where it stands.
+    pub fn named(&self) -> (String, Range<usize>) {
         (self.key.to_owned(), self.key_span())
     }
 
-    pub(crate) fn problem(&self, message: &str, advice: impl Into<String>) -> Problem {
+    /// What is wrong with the value, and what to do.
+    pub fn problem(&self, message: &str, advice: impl Into<String>) -> Problem {
         self.source.problem(self.span(), message, advice)
     }
 
     /// No entry has this key.
-    pub(crate) fn unknown(&self, known: &[&str]) -> Problem {
+    pub fn unknown(&self, known: &[&str]) -> Problem {
         let advice = nearest(self.key, known.iter().copied());
         let message = "this key has no meaning here";
         self.source.problem(self.key_span(), message, advice)
     }
 
-    pub(crate) fn table(&self) -> Result<Vec<Entry<'t>>, Problem> {
+    /// The entries of a table.
+    pub fn table(&self) -> Result<Vec<Entry<'t>>, Problem> {
         match self.value.get_ref().as_table() {
             Some(table) => Ok(entries(self.source, table)),
             None => Err(self.problem("a table is expected", format!("write `[{}]`", self.key))),
         }
     }
 
-    pub(crate) fn text(&self) -> Result<&'t str, Problem> {
+    /// A text.
+    pub fn text(&self) -> Result<&'t str, Problem> {
         let advice = "write it in quotes";
         let value = self.value.get_ref().as_str();
         value.ok_or_else(|| self.problem("a text is expected", advice))
     }
 
-    /// A text with its place, for a parser.
-    pub(crate) fn piece(&self) -> Result<Piece<'t>, Problem> {
-        Ok(Piece::new(self.source, self.text()?, self.span()))
-    }
-
-    pub(crate) fn numbers(
-        &self,
-        range: std::ops::RangeInclusive<i64>,
-    ) -> Result<Vec<i64>, Problem> {
+    /// A list of numbers, each in the range.
+    pub fn numbers(&self, range: std::ops::RangeInclusive<i64>) -> Result<Vec<i64>, Problem> {
         let Some(values) = self.value.get_ref().as_array() else {
             return Err(self.problem("a list of numbers is expected", "write `[120, 40]`"));
         };
@@ -93,7 +91,8 @@ impl<'t> Entry<'t> {
         entries.map(|entry| entry.number(range.clone())).collect()
     }
 
-    pub(crate) fn number(&self, range: std::ops::RangeInclusive<i64>) -> Result<i64, Problem> {
+    /// A whole number in the range.
+    pub fn number(&self, range: std::ops::RangeInclusive<i64>) -> Result<i64, Problem> {
         let integer = self.value.get_ref().as_integer();
         let number = integer
             .and_then(|found| i64::from_str_radix(found.as_str(), found.radix()).ok())
@@ -104,17 +103,19 @@ impl<'t> Entry<'t> {
         })
     }
 
-    /// A number, or a text that is an expression.
-    pub(crate) fn expr(&self) -> Result<Expr<Path>, Problem> {
-        if self.value.get_ref().is_str() {
-            return Parser::only_expr(self.piece()?);
-        }
-        let number = self.number(i32::MIN.into()..=i32::MAX.into())?;
-        Ok(Expr::Number(number as i32))
+    /// `true` or `false`.
+    pub fn bool(&self) -> Result<bool, Problem> {
+        let value = self.value.get_ref().as_bool();
+        value.ok_or_else(|| self.problem("yes or no is expected", "write `true` or `false`"))
+    }
+
+    /// Whether it is a text.
+    pub fn is_text(&self) -> bool {
+        self.value.get_ref().is_str()
     }
 
     /// One of several words.
-    pub(crate) fn one_of<T: Copy>(&self, known: &[(&str, T)]) -> Result<T, Problem> {
+    pub fn one_of<T: Copy>(&self, known: &[(&str, T)]) -> Result<T, Problem> {
         let text = self.text()?;
         let found = known.iter().find(|(word, _)| *word == text);
         found.map(|(_, meaning)| *meaning).ok_or_else(|| {
@@ -124,7 +125,7 @@ impl<'t> Entry<'t> {
     }
 
     /// A key that is the name of something.
-    pub(crate) fn name(&self, reserved: &[&str]) -> Result<(String, Range<usize>), Problem> {
+    pub fn name(&self, reserved: &[&str]) -> Result<(String, Range<usize>), Problem> {
         let mut letters = self.key.chars();
         let is_name = letters
             .next()

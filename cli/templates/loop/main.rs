@@ -1,0 +1,51 @@
+//! A loop at 1 kHz, and how late its cycles began.
+//!
+//! `cargo run --release -- 60` runs for a minute; Ctrl-C ends it earlier, in order.
+
+#[cfg(test)]
+mod tests;
+
+use luna::prelude::*;
+use std::time::Duration;
+
+/// Unless the system file has another one.
+const PERIOD: Duration = Duration::from_millis(1);
+
+fn main() -> luna::Result<()> {
+    let mut system = System::new(env!("CARGO_PKG_NAME"));
+    // `--deployment system.toml` is taken out. What that file states goes over what is stated below.
+    let arguments = system.deployment_arguments(std::env::args().skip(1))?;
+    let seconds = match arguments.first() {
+        Some(text) => text.parse().map_err(luna::Error::other)?,
+        None => 10,
+    };
+    describe(&mut system, Duration::from_secs(seconds))?;
+
+    // All processes start together here. It returns when all have ended.
+    let report = system.run()?;
+
+    // A row for each loop: how late its cycles began, and how long they took.
+    println!("{report}");
+    Ok(())
+}
+
+/// What the system is made of, and where each part runs. Tests describe the same one.
+fn describe(system: &mut System, duration: Duration) -> luna::Result<()> {
+    // An executor is one OS thread that runs many processes, the most urgent first. On the machine
+    // it has a core and a real-time policy: see system.toml.
+    let control = system.executor("control").build()?;
+
+    control.process("control").priority(20).spawn(async move {
+        // The loop wakes up at absolute times: a late cycle does not shift the next ones.
+        let mut tick = luna::periodic("control", PERIOD)?;
+        let cycles = duration.as_nanos() / tick.period().as_nanos();
+        for _ in 0..cycles {
+            let cycle = tick.next().await;
+            // Here: read the sensors, compute, write the actuators. `cycle` has the slot's number,
+            // how late it is, and how many slots were missed.
+            let _ = cycle.lateness;
+        }
+        Ok(())
+    })?;
+    Ok(())
+}

@@ -1,0 +1,31 @@
+//! The same system on a virtual clock: time jumps to the next slot as soon as nothing can run. So an
+//! hour takes seconds, and each run is the same.
+
+use super::*;
+
+const MINUTE: Duration = Duration::from_secs(60);
+
+#[test]
+fn each_slot_has_its_cycle() -> luna::Result<()> {
+    let mut system = System::new("test");
+    system.virtual_clock();
+    describe(&mut system, MINUTE)?;
+    let report = system.run()?;
+    let control = &report.loops["control"];
+    assert_eq!((control.cycles, control.missed), (60_000, 0));
+    assert_eq!(report.elapsed, MINUTE);
+    Ok(())
+}
+
+/// A name in it that the program lacks, or a value out of its range, fails here and not on the
+/// machine.
+#[test]
+fn the_system_file_fits_the_program() -> luna::Result<()> {
+    let mut system = System::new("test");
+    system.virtual_clock();
+    system.deployment_from("system.toml")?;
+    describe(&mut system, Duration::from_secs(1))?;
+    let report = system.run()?;
+    assert!(report.loops["control"].cycles > 0);
+    Ok(())
+}

@@ -1,0 +1,54 @@
+//! The base on a virtual clock, without ROS 2: seconds take moments, and each run is the same.
+
+use super::*;
+use base::{Command, SILENCE};
+
+#[test]
+fn the_base_moves_as_long_as_commands_come() -> luna::Result<()> {
+    let mut system = System::new("test");
+    system.virtual_clock();
+    let ends = base::describe(&mut system, Duration::from_secs(3))?;
+    let operator = system.executor("operator").build()?;
+    operator.process("operator").spawn(async move {
+        let command = Command {
+            ahead: 0.5,
+            turn: 0.0,
+        };
+        let mut tick = luna::periodic("operator", Duration::from_millis(100))?;
+        for _ in 0..10 {
+            tick.next().await;
+            ends.commands.send(command).await?;
+        }
+        luna::after(Duration::from_millis(100)).await;
+        assert_eq!(ends.wheels.recv().await?.speeds, [10.0, 10.0]);
+        luna::after(SILENCE).await;
+        let wheels = ends.wheels.recv().await?;
+        assert_eq!(wheels.speeds, [0.0, 0.0]);
+        assert!((10.9..11.1).contains(&wheels.angles[0]), "{wheels:?}");
+        Ok(())
+    })?;
+    system.run()?;
+    Ok(())
+}
+
+/// As the program is without a bridge.
+#[test]
+fn the_base_stands_still_without_commands() -> luna::Result<()> {
+    let mut system = System::new("test");
+    system.virtual_clock();
+    let ends = base::describe(&mut system, Duration::from_secs(1))?;
+    let base::Ends { commands, wheels } = ends;
+    drop(commands);
+    let operator = system.executor("operator").build()?;
+    operator.process("operator").spawn(async move {
+        let mut last = base::Wheels::default();
+        while let Ok(state) = wheels.recv().await {
+            last = state;
+        }
+        assert_eq!(last, base::Wheels::default());
+        Ok(())
+    })?;
+    let report = system.run()?;
+    assert_eq!(report.loops["drive"].cycles, 1000);
+    Ok(())
+}

@@ -1,0 +1,199 @@
+//! `luna new`: each template compiles without a warning, passes its tests and runs, and what is there
+//! is never overwritten.
+
+use crate::package::{cargo, folder, lock, text, workspace};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn command(arguments: &[&str], project: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luna"))
+        .arg("new")
+        .arg(project)
+        .args(arguments)
+        .output()
+        .expect("the program starts")
+}
+
+/// A project of a template, whose layout is that of rustfmt.
+fn project(template: &str) -> PathBuf {
+    let project = folder(&format!("new-{template}"));
+    let luna = workspace().display().to_string();
+    let output = command(&["--template", template, "--luna", &luna], &project);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("README.md"));
+    lock(&project);
+    for file in [
+        ".gitignore",
+        ".github/workflows/ci.yml",
+        "README.md",
+        "Cargo.toml",
+    ] {
+        let text = fs::read_to_string(project.join(file)).expect("it is there");
+        assert!(!text.contains("{{"), "{file}: {text}");
+    }
+    if Command::new("rustfmt").arg("--version").output().is_ok() {
+        let main = project.join("src/main.rs");
+        let check = Command::new("rustfmt")
+            .args(["--edition", "2024", "--check"])
+            .arg(main)
+            .output()
+            .expect("it is there");
+        assert!(check.status.success(), "{}", text(&check.stdout));
+    } else {
+        eprintln!("skipped: the layout of the templates: rustfmt is missing");
+    }
+    project
+}
+
+/// What the tests of the project say on standard output: all of them pass.
+fn test(project: &Path) -> String {
+    let output = cargo(project, "test", &[]);
+    let errors = text(&output.stderr);
+    assert!(output.status.success(), "{}{errors}", text(&output.stdout));
+    assert!(!errors.contains("warning"), "{errors}");
+    text(&output.stdout).to_owned()
+}
+
+/// Both streams of a run of a second.
+fn run(project: &Path, arguments: &[&str]) -> String {
+    let arguments = [&["--quiet", "--", "1"], arguments].concat();
+    let output = cargo(project, "run", &arguments);
+    let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    said
+}
+
+#[test]
+fn a_loop() {
+    let project = project("loop");
+    assert!(test(&project).contains("2 passed"));
+    let said = run(&project, &[]);
+    assert!(said.contains("system `new-loop`: completed"), "{said}");
+    assert!(said.contains("\ncontrol "), "{said}");
+    let said = run(&project, &["--deployment", "system.toml"]);
+    assert!(
+        said.contains("executor `control`: policy fifo:80 (the program: other)"),
+        "{said}"
+    );
+    // What is wrong in the file has its line.
+    let file = project.join("system.toml");
+    let wrong = fs::read_to_string(&file).expect("it is there");
+    fs::write(&file, wrong.replace("fifo:80", "fifo:800")).expect("it is writable");
+    let output = cargo(
+        &project,
+        "run",
+        &["--quiet", "--", "--deployment", "system.toml"],
+    );
+    assert_eq!(output.status.code(), Some(1));
+    let errors = text(&output.stderr);
+    assert!(
+        errors.contains("system.toml:15:10: this is no policy"),
+        "{errors}"
+    );
+}
+
+#[test]
+fn an_axis() {
+    let project = project("axis");
+    assert!(test(&project).contains("3 passed"));
+    let said = run(
+        &project,
+        &["--set", "axis/kp=10", "--deployment", "system.toml"],
+    );
+    assert!(said.contains("largest error: "), "{said}");
+    assert!(
+        said.contains("process `axis`: cycle_budget 500 us (the program: none)"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_cell() {
+    let project = project("cell");
+    assert!(test(&project).contains("3 passed"));
+    let said = run(&project, &["--deployment", "system.toml"]);
+    assert!(said.contains("20 blocks were stacked"), "{said}");
+    assert!(
+        said.contains("process `press`: priority 20 (the program: 16)"),
+        "{said}"
+    );
+}
+
+/// With RustDDS and what it brings, which CI builds where `hosts` are tested.
+#[cfg(feature = "hosts")]
+#[test]
+fn a_node_of_ros2() {
+    let project = project("ros2");
+    assert!(test(&project).contains("2 passed"));
+    let said = run(&project, &["--deployment", "system.toml"]);
+    assert!(said.contains("\ndrive "), "{said}");
+}
+
+#[test]
+fn all_templates_are_made() {
+    for template in ["loop", "axis", "cell", "ros2"] {
+        let project = folder(&format!("new-made/{template}-1"));
+        let output = command(&["-t", template], &project);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let file = |name: &str| fs::read_to_string(project.join(name)).expect("it is there");
+        assert!(file("README.md").starts_with(&format!("# {template}-1\n")));
+        assert!(file("Cargo.toml").contains(&format!("name = \"{template}-1\"")));
+        assert!(file("system.toml").contains("[executor."));
+    }
+}
+
+/// Outside of a checkout a project depends on published packages.
+#[test]
+fn a_project_elsewhere_depends_on_versions() {
+    let elsewhere = tempfile::tempdir().expect("a folder of its own");
+    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(["new", "arm", "--template", "axis"])
+        .current_dir(&elsewhere)
+        .output()
+        .expect("the program starts");
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let manifest =
+        fs::read_to_string(elsewhere.path().join("arm/Cargo.toml")).expect("it is there");
+    let version = env!("CARGO_PKG_VERSION");
+    for package in ["luna-rt", "luna-plants", "luna-safety-blocks"] {
+        let line = format!("{package} = {{ version = \"{version}\"");
+        assert!(manifest.contains(&line), "{manifest}");
+    }
+}
+
+#[test]
+fn what_cannot_be_made_is_refused() {
+    let there = folder("new-there");
+    fs::create_dir_all(&there).expect("it is made");
+    let refused = |arguments: &[&str], project: &Path, why: &str| {
+        let output = command(arguments, project);
+        let errors = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(why), "{errors}");
+    };
+    refused(
+        &[],
+        &there,
+        "this is there already: give another name, or remove it",
+    );
+    assert_eq!(fs::read_dir(&there).expect("it is there").count(), 0);
+    let nothing = folder("new-nothing");
+    refused(
+        &["--template", "arm"],
+        &nothing,
+        "[possible values: loop, axis, cell, ros2]",
+    );
+    refused(
+        &["--luna", "/nowhere"],
+        &nothing,
+        "this is no checkout of LUNA",
+    );
+    refused(
+        &[],
+        &folder("New Arm"),
+        "`New Arm` cannot be the name of a project: use lower-case letters, digits, `-` and `_`, a \
+         letter first, and no word of Rust or Cargo; `new-arm` can be one",
+    );
+    assert!(!nothing.exists());
+}

@@ -1,0 +1,379 @@
+//! A system file: what it states about executors, processes and loops goes over what the program
+//! states. Read before the start; `docs/system-file.md` describes the file.
+
+mod read;
+mod report;
+mod stated;
+
+pub use report::{DeploymentReport, Override};
+
+use crate::error::SetupError;
+use crate::file::{Source, nearest};
+use crate::safety::{Budgets, OnOverrun};
+use crate::system::plan::{Placement, ProcessPlan, Settings};
+use luna_executors::ProcessSpec;
+use luna_platform::clock::nanos;
+use luna_platform::thread::{Attributes, HIGHEST_USER_PRIORITY, Policy};
+use stated::{At, Named, Stated};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The variable of the environment that names a file.
+const VARIABLE: &str = "LUNA_DEPLOYMENT";
+
+/// The file that the environment names.
+pub(crate) fn file_of_environment() -> Option<PathBuf> {
+    let path = std::env::var_os(VARIABLE)?;
+    (!path.is_empty()).then(|| path.into())
+}
+
+/// The file of one system, and what it has changed.
+pub(crate) struct Deployment {
+    name: String,
+    text: String,
+    stated: Stated,
+    done: Mutex<Done>,
+}
+
+#[derive(Default)]
+struct Done {
+    /// By their numbers.
+    executors: Vec<String>,
+    /// Executors and threads.
+    threads: Vec<String>,
+    processes: Vec<String>,
+    /// The system starts.
+    is_settled: bool,
+    /// By where they stand.
+    overrides: BTreeMap<usize, Override>,
+}
+
+impl Deployment {
+    pub(crate) fn read(path: &Path) -> Result<Self, SetupError> {
+        let name = path.display().to_string();
+        let unreadable = |message: String| SetupError::DeploymentFile {
+            path: name.clone(),
+            message,
+        };
+        let text = std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()))?;
+        let source = Source {
+            name: &name,
+            text: &text,
+        };
+        let stated = read::read(source)
+            .map_err(unreadable)?
+            .map_err(|problem| SetupError::Deployment(Box::new(problem)))?;
+        Ok(Self {
+            name,
+            text,
+            stated,
+            done: Mutex::default(),
+        })
+    }
+
+    fn source(&self) -> Source<'_> {
+        Source {
+            name: &self.name,
+            text: &self.text,
+        }
+    }
+
+    fn done(&self) -> MutexGuard<'_, Done> {
+        self.done.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn problem<T>(&self, at: &At<T>, message: &str, advice: impl Into<String>) -> SetupError {
+        let problem = self.source().problem(at.span.clone(), message, advice);
+        SetupError::Deployment(Box::new(problem))
+    }
+
+    fn note<T>(&self, at: &At<T>, of: &str, key: &'static str, program: String, file: String) {
+        let one = Override {
+            line: self.source().position(at.span.start).0,
+            of: of.to_owned(),
+            key,
+            file,
+            program: Some(program),
+        };
+        // A later process of the name would show what the first one was given.
+        self.done().overrides.entry(at.span.start).or_insert(one);
+    }
+
+    /// The attributes of an executor or a thread as the file has them.
+    pub(crate) fn thread(
+        &self,
+        mut attributes: Attributes,
+        is_shared: bool,
+    ) -> Result<Attributes, SetupError> {
+        let name = attributes.name().to_owned();
+        self.done().threads.push(name.clone());
+        let Some(stated) = find(&self.stated.threads, &name) else {
+            return Ok(attributes);
+        };
+        let of = format!("executor `{name}`");
+        let core = |core: Option<usize>| core.map_or("any".to_owned(), |core| core.to_string());
+        if let Some(at) = &stated.core {
+            let program = core(attributes.asked_core());
+            self.note(at, &of, "core", program, core(at.value));
+            attributes = match at.value {
+                Some(core) => attributes.core(core),
+                None => attributes.any_core(),
+            };
+        }
+        if let Some(at) = &stated.policy {
+            let program = attributes.asked_policy().to_string();
+            self.note(at, &of, "policy", program, at.value.to_string());
+            attributes = attributes.policy(at.value);
+            self.check_deadline(at, &attributes, is_shared)?;
+        }
+        if let Some(at) = &stated.spin_before_sleep {
+            let program = written(attributes.asked_spin());
+            self.note(at, &of, "spin_before_sleep", program, written(at.value));
+            attributes = attributes.spin_before_sleep(at.value);
+        }
+        if let Some(at) = &stated.stack_size {
+            let program = attributes.asked_stack().to_string();
+            self.note(at, &of, "stack_size", program, at.value.to_string());
+            attributes = attributes.stack_size(at.value);
+        }
+        Ok(attributes)
+    }
+
+    /// What else is wrong with a policy of the file is found as the file is read.
+    fn check_deadline(
+        &self,
+        at: &At<Policy>,
+        attributes: &Attributes,
+        is_shared: bool,
+    ) -> Result<(), SetupError> {
+        if !at.value.is_deadline() {
+            return Ok(());
+        }
+        if is_shared {
+            let most = HIGHEST_USER_PRIORITY;
+            let message =
+                "an executor cannot have this policy, whose budget would stop all its processes";
+            let advice = format!("write `fifo:1` to `fifo:{most}`");
+            return Err(self.problem(at, message, advice));
+        }
+        if attributes.asked_core().is_some() {
+            let message = "a thread that is pinned to a core cannot have this policy";
+            return Err(self.problem(at, message, "write `core = \"any\"` beside it"));
+        }
+        Ok(())
+    }
+
+    /// The machine lacks the core of a thread: whether the file asked for it.
+    pub(crate) fn lacks_core(&self, thread: &str, available: &[usize]) -> Option<SetupError> {
+        let at = find(&self.stated.threads, thread)?.core.as_ref()?;
+        let advice = format!("write one of {available:?}, or `\"any\"`");
+        Some(self.problem(at, "this machine has no such core", advice))
+    }
+
+    /// An executor was made: the next one.
+    pub(crate) fn enter_executor(&self, name: &str) {
+        self.done().executors.push(name.to_owned());
+    }
+
+    /// A process is described.
+    fn enter_process(&self, name: &str) {
+        let mut done = self.done();
+        // Of many with one name, one; and none of those that come while the system runs.
+        if !done.is_settled && done.processes.last().is_none_or(|last| last != name) {
+            done.processes.push(name.to_owned());
+        }
+    }
+
+    /// A process as the file has it. If it names an executor that is not there yet,
+    /// [`settle`](Self::settle) places the process.
+    pub(crate) fn process(
+        &self,
+        spec: &ProcessSpec,
+        level: &mut u8,
+        place: &mut Placement,
+        budgets: &mut Option<Box<Budgets>>,
+    ) -> Result<(), SetupError> {
+        let name = &**spec.name();
+        self.enter_process(name);
+        let Some(stated) = find(&self.stated.processes, name) else {
+            return Ok(());
+        };
+        let of = format!("process `{name}`");
+        if let Some(at) = &stated.priority {
+            if matches!(place, Placement::Thread(_)) {
+                let message = "this process has a thread of its own, where this does nothing";
+                let advice = "write the policy of the thread below `[executor]`";
+                return Err(self.problem(at, message, advice));
+            }
+            self.note(at, &of, "priority", level.to_string(), at.value.to_string());
+            *level = at.value;
+        }
+        if let Some(at) = &stated.on {
+            self.place(at, &of, place)?;
+        }
+        let shown = |time: Option<Duration>| time.map_or("none".to_owned(), written);
+        if let Some(at) = &stated.poll_budget {
+            let budgets = budgets.get_or_insert_default();
+            let program = shown(budgets.poll.replace(at.value));
+            self.note(at, &of, "poll_budget", program, written(at.value));
+        }
+        if let Some(at) = &stated.cycle_budget {
+            let budgets = budgets.get_or_insert_default();
+            let program = shown(budgets.cycle.replace(at.value));
+            self.note(at, &of, "cycle_budget", program, written(at.value));
+        }
+        if let Some(at) = &stated.on_overrun {
+            let Some(budgets) = budgets else {
+                let message = "this process has no budget that it could overrun";
+                let advice = "write `poll_budget` or `cycle_budget` beside it";
+                return Err(self.problem(at, message, advice));
+            };
+            let program = budgets.on_overrun.replace(at.value).unwrap_or_default();
+            let (program, file) = (word(program).to_owned(), word(at.value).to_owned());
+            self.note(at, &of, "on_overrun", program, file);
+        }
+        Ok(())
+    }
+
+    /// Places a process on the executor that the file names, if that is there.
+    fn place(&self, at: &At<String>, of: &str, place: &mut Placement) -> Result<(), SetupError> {
+        let Placement::Executor(number) = place else {
+            let message = "this process has a thread of its own, since it may block";
+            let advice = "leave `on` out, or spawn the process on an executor";
+            return Err(self.problem(at, message, advice));
+        };
+        let (target, program) = {
+            let done = self.done();
+            let mut names = done.executors.iter();
+            let target = names.position(|name| *name == at.value);
+            (target, done.executors.get(*number).cloned())
+        };
+        if let Some(target) = target.filter(|target| target != number) {
+            *number = target;
+            self.note(at, of, "on", program.unwrap_or_default(), at.value.clone());
+        }
+        Ok(())
+    }
+
+    /// As the system starts: settings, processes whose executors came later, and names that nothing
+    /// has.
+    pub(crate) fn settle(
+        &self,
+        settings: &mut Settings,
+        waiting: &mut [ProcessPlan],
+    ) -> Result<(), SetupError> {
+        for process in waiting {
+            let found = find(&self.stated.processes, process.name());
+            let Some(at) = found.and_then(|found| found.on.as_ref()) else {
+                continue;
+            };
+            let of = format!("process `{}`", process.name());
+            self.place(at, &of, &mut process.place)?;
+        }
+        self.check_names()?;
+        let flags = [
+            ("strict", &self.stated.strict, &mut settings.strict),
+            (
+                "lock_memory",
+                &self.stated.lock_memory,
+                &mut settings.lock_memory,
+            ),
+        ];
+        for (key, stated, setting) in flags {
+            if let Some(at) = stated {
+                let program = std::mem::replace(setting, at.value);
+                self.note(at, "system", key, program.to_string(), at.value.to_string());
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the program has all that the file names.
+    fn check_names(&self) -> Result<(), SetupError> {
+        let mut done = self.done();
+        done.is_settled = true;
+        let processes = std::mem::take(&mut done.processes);
+        let unknown = |at: &At<String>, message: &str, names: &[String]| {
+            let names = names.iter().map(String::as_str);
+            Err(self.problem(at, message, nearest(&at.value, names)))
+        };
+        for at in self.stated.threads.iter().map(|one| &one.name) {
+            if !done.threads.contains(&at.value) {
+                return unknown(at, "the system has no such executor", &done.threads);
+            }
+        }
+        for process in &self.stated.processes {
+            let at = &process.name;
+            if !processes.contains(&at.value) {
+                return unknown(at, "the system has no such process", &processes);
+            }
+            if let Some(at) = &process.on
+                && !done.executors.contains(&at.value)
+            {
+                return unknown(at, "the system has no such executor", &done.executors);
+            }
+        }
+        Ok(())
+    }
+
+    /// The period of a loop. Allocates nothing; O(loops in the file).
+    pub(crate) fn period(&self, name: &str, period: Duration) -> Duration {
+        let Some(found) = find(&self.stated.loops, name) else {
+            return period;
+        };
+        found.program.store(nanos(period), Ordering::Relaxed);
+        found.period.value
+    }
+
+    /// What the file has changed, in its order.
+    pub(crate) fn report(&self) -> DeploymentReport {
+        let mut overrides = self.done().overrides.clone();
+        for one in &self.stated.loops {
+            let at = &one.period;
+            let program = one.program.load(Ordering::Relaxed);
+            let of_loop = Override {
+                line: self.source().position(at.span.start).0,
+                of: format!("loop `{}`", one.name.value),
+                key: "period",
+                file: written(at.value),
+                program: (program != 0).then(|| written(Duration::from_nanos(program))),
+            };
+            overrides.insert(at.span.start, of_loop);
+        }
+        DeploymentReport {
+            file: self.name.clone(),
+            overrides: overrides.into_values().collect(),
+        }
+    }
+}
+
+fn find<'s, T: Named>(all: &'s [T], name: &str) -> Option<&'s T> {
+    all.iter().find(|one| one.name() == name)
+}
+
+/// A time as it is written in a file.
+fn written(time: Duration) -> String {
+    let nanos = time.as_nanos();
+    let units = [("s", 1_000_000_000), ("ms", 1_000_000), ("us", 1_000)];
+    let whole = units
+        .iter()
+        .find(|(_, length)| nanos.is_multiple_of(*length));
+    let (unit, length) = whole.copied().unwrap_or(("ns", 1));
+    format!("{} {unit}", nanos / length)
+}
+
+/// The words of `on_overrun`.
+const WORDS: [(&str, OnOverrun); 4] = [
+    ("count", OnOverrun::Count),
+    ("warn", OnOverrun::Warn),
+    ("poison", OnOverrun::Poison),
+    ("emergency", OnOverrun::Emergency),
+];
+
+fn word(policy: OnOverrun) -> &'static str {
+    let found = WORDS.iter().find(|(_, known)| *known == policy);
+    found.map_or("", |(word, _)| word)
+}

@@ -1,0 +1,528 @@
+//! System files: what they state goes over the program, and what is wrong in them has its line.
+
+use crate::common;
+use common::{TempFile, watchdog};
+use luna::error::SetupError;
+use luna::inspect::{Composition, ProcessPart, ThreadPart};
+use luna::prelude::*;
+use luna::report::DeploymentReport;
+use luna::safety::{BudgetKind, OnOverrun};
+use luna::{Error, Report};
+use std::process::Command;
+use std::time::Duration;
+
+const MILLISECOND: Duration = Duration::from_millis(1);
+const CYCLES: u64 = 5;
+
+/// A machine's program: an urgent executor, one that has time, and a thread.
+fn describe(system: &mut System) -> luna::Result<()> {
+    let control = system.executor("control").core(0).policy(Policy::fifo(80));
+    let control = control.build()?;
+    let axis = control.process("x axis").priority(20);
+    let axis = axis.cycle_budget(MILLISECOND).on_overrun(OnOverrun::Warn);
+    axis.spawn(async {
+        let mut tick = luna::periodic("x axis", MILLISECOND)?;
+        for _ in 0..CYCLES {
+            tick.next().await;
+        }
+        Ok(())
+    })?;
+    let slow = system.executor("slow").build()?;
+    slow.process("planner").spawn(async { Ok(()) })?;
+    let console = system.thread("console").process("operator");
+    console.spawn(async { Ok(()) })?;
+    Ok(())
+}
+
+/// The program with a file, on a virtual clock: of the machine nothing is asked.
+fn deployed(file: &str) -> luna::Result<(System, String)> {
+    let file = TempFile::with("deployment.toml", file);
+    let path = file.0.display().to_string();
+    let mut system = System::new("machine");
+    system.virtual_clock();
+    system.deployment_from(&file.0)?;
+    describe(&mut system)?;
+    Ok((system, path))
+}
+
+fn run(file: &str) -> luna::Result<Report> {
+    deployed(file)?.0.run()
+}
+
+/// What is wrong with the file, from its line on.
+fn refused(file: &str) -> String {
+    let error = run(file).expect_err("there is something wrong");
+    let Error::Setup(SetupError::Deployment(problem)) = &error else {
+        panic!("{error}");
+    };
+    assert!(problem.file.ends_with(".toml"), "{problem}");
+    error.to_string()[problem.file.len() + 1..].to_owned()
+}
+
+fn thread<'c>(composition: &'c Composition, name: &str) -> &'c ThreadPart {
+    let mut threads = composition.threads.iter();
+    threads.find(|thread| thread.name == name).unwrap()
+}
+
+fn process<'c>(composition: &'c Composition, on: &str, name: &str) -> &'c ProcessPart {
+    let mut processes = thread(composition, on).processes.iter();
+    processes.find(|process| process.name == name).unwrap()
+}
+
+fn deployment(report: &Report) -> &DeploymentReport {
+    report.deployment.as_ref().unwrap()
+}
+
+#[test]
+fn without_a_file_the_program_decides() {
+    let _watch = watchdog();
+    let mut system = System::new("machine");
+    system.virtual_clock();
+    describe(&mut system).unwrap();
+    let composition = system.composition();
+    let control = thread(&composition, "control");
+    assert_eq!((control.core, control.policy), (Some(0), Policy::fifo(80)));
+    assert_eq!(process(&composition, "control", "x axis").priority, 20);
+    assert_eq!(system.run().unwrap().deployment, None);
+}
+
+#[test]
+fn a_laptop_and_a_machine_run_one_program() {
+    let _watch = watchdog();
+    let (system, _) = deployed(
+        "[executor.control]\ncore = \"any\"\npolicy = \"other\"\n[loop.\"x axis\"]\nperiod = \"10 ms\"\n",
+    )
+    .unwrap();
+    let composition = system.composition();
+    let control = thread(&composition, "control");
+    assert_eq!((control.core, control.policy), (None, Policy::Other));
+    let report = system.run().unwrap();
+    assert_eq!(report.loops["x axis"].period, 10 * MILLISECOND);
+    assert!(report.elapsed >= 10 * MILLISECOND * CYCLES as u32);
+
+    // What the file does not state is the program's.
+    let (system, path) = deployed(
+        "[executor.control]\ncore = 3\npolicy = \"rr:70\"\n[executor.slow]\npolicy = \"fifo:20\"\n[executor.console]\ncore = 2\n",
+    )
+    .unwrap();
+    let composition = system.composition();
+    let control = thread(&composition, "control");
+    assert_eq!(
+        (control.core, control.policy),
+        (Some(3), Policy::round_robin(70))
+    );
+    let slow = thread(&composition, "slow");
+    assert_eq!((slow.core, slow.policy), (None, Policy::fifo(20)));
+    assert_eq!(thread(&composition, "console").core, Some(2));
+    let report = system.run().unwrap();
+    assert_eq!(report.loops["x axis"].period, MILLISECOND);
+    let expected = format!(
+        "system file {path}:\n\
+         \x20 line 2: executor `control`: core 3 (the program: 0)\n\
+         \x20 line 3: executor `control`: policy rr:70 (the program: fifo:80)\n\
+         \x20 line 5: executor `slow`: policy fifo:20 (the program: other)\n\
+         \x20 line 7: executor `console`: core 2 (the program: any)"
+    );
+    assert_eq!(deployment(&report).to_string(), expected);
+    assert!(report.to_string().contains("line 2: executor `control`"));
+}
+
+#[test]
+fn processes_have_the_level_the_budgets_and_the_executor_of_the_file() {
+    let _watch = watchdog();
+    // `slow` is made after the process that is to run there.
+    let (system, path) = deployed(
+        "[process.\"x axis\"]\npriority = 9\non = \"slow\"\npoll_budget = \"2 ms\"\ncycle_budget = \"3 ms\"\non_overrun = \"emergency\"\n\
+         [process.planner]\non = \"control\"\n",
+    )
+    .unwrap();
+    let report = system.run().unwrap();
+    let composition = system.composition();
+    assert_eq!(process(&composition, "slow", "x axis").priority, 9);
+    assert_eq!(process(&composition, "control", "planner").priority, 16);
+    let axis = &report.processes[0];
+    let budgets: Vec<_> = axis
+        .budgets
+        .iter()
+        .map(|one| (one.kind, one.budget, one.on_overrun))
+        .collect();
+    let expected = [
+        (BudgetKind::Poll, 2 * MILLISECOND, OnOverrun::Emergency),
+        (BudgetKind::Cycle, 3 * MILLISECOND, OnOverrun::Emergency),
+    ];
+    assert_eq!(budgets, expected);
+    let expected = format!(
+        "system file {path}:\n\
+         \x20 line 2: process `x axis`: priority 9 (the program: 20)\n\
+         \x20 line 3: process `x axis`: on slow (the program: control)\n\
+         \x20 line 4: process `x axis`: poll_budget 2 ms (the program: none)\n\
+         \x20 line 5: process `x axis`: cycle_budget 3 ms (the program: 1 ms)\n\
+         \x20 line 6: process `x axis`: on_overrun emergency (the program: warn)\n\
+         \x20 line 8: process `planner`: on control (the program: slow)"
+    );
+    assert_eq!(deployment(&report).to_string(), expected);
+}
+
+#[test]
+fn a_budget_that_is_not_stated_stays() {
+    let _watch = watchdog();
+    let report = run("[process.\"x axis\"]\npoll_budget = \"2 ms\"\n").unwrap();
+    let budgets = &report.processes[0].budgets;
+    assert_eq!(budgets.len(), 2);
+    assert_eq!(budgets[1].budget, MILLISECOND);
+    assert_eq!(budgets[0].on_overrun, OnOverrun::Warn);
+}
+
+#[test]
+fn stacks_spinning_and_settings_of_the_system() {
+    let _watch = watchdog();
+    let file = "[system]\nstrict = true\nlock_memory = false\n[executor.slow]\nstack_size = 262144\nspin_before_sleep = \"50 us\"\n";
+    let report = run(file).unwrap();
+    let lines: Vec<_> = deployment(&report)
+        .overrides
+        .iter()
+        .map(|one| {
+            (
+                one.line,
+                one.key,
+                one.program.as_deref().unwrap(),
+                &*one.file,
+            )
+        })
+        .collect();
+    let expected = [
+        (2, "strict", "false", "true"),
+        (3, "lock_memory", "false", "false"),
+        (5, "stack_size", "2097152", "262144"),
+        (6, "spin_before_sleep", "0 s", "50 us"),
+    ];
+    assert_eq!(lines, expected);
+}
+
+/// In effect: an executor that is not pinned cannot spin, which a strict system refuses.
+#[test]
+fn a_strict_file_refuses_what_the_machine_does_not_give() {
+    let _watch = watchdog();
+    let describe = |file: &TempFile| {
+        let mut system = System::new("machine");
+        system.deployment_from(&file.0).unwrap();
+        let main = system.executor("main").build().unwrap();
+        main.process("one").spawn(async { Ok(()) }).unwrap();
+        system.run()
+    };
+    let spin = "[executor.main]\nspin_before_sleep = \"50 us\"\n";
+    let report = describe(&TempFile::with("spin", spin)).unwrap();
+    assert_eq!(report.threads[0].shortfalls.len(), 1);
+    let strict = TempFile::with("strict", &format!("[system]\nstrict = true\n{spin}"));
+    let error = describe(&strict).unwrap_err();
+    assert!(
+        matches!(&error, Error::Setup(SetupError::Refused { of, .. }) if of == "main"),
+        "{error}"
+    );
+}
+
+#[test]
+fn names_that_the_program_does_not_have() {
+    let _watch = watchdog();
+    for (file, message) in [
+        (
+            "\n[executor.contrl]\ncore = 0\n",
+            "2:11: the system has no such executor: `contrl`; is `control` meant?",
+        ),
+        (
+            "[process.\"x-axis\"]\npriority = 3\n",
+            "1:10: the system has no such process: `\"x-axis\"`; is `x axis` meant?",
+        ),
+        (
+            "[process.\"x axis\"]\npriority = 3\non = \"fast\"\n",
+            "3:6: the system has no such executor: `\"fast\"`; there are: control, slow",
+        ),
+        (
+            "[executors.control]\ncore = 0\n",
+            "1:2: this key has no meaning here: `executors`; is `executor` meant?",
+        ),
+        (
+            "[executor.control]\ncores = 0\n",
+            "2:1: this key has no meaning here: `cores`; is `core` meant?",
+        ),
+    ] {
+        assert_eq!(refused(file), message);
+    }
+}
+
+#[test]
+fn values_out_of_range() {
+    let _watch = watchdog();
+    let deadline = "deadline:200000/500000/1000000";
+    let policies = "write `other`, `fifo:1` to `fifo:97`, `rr:1` to `rr:97`, or \
+                    `deadline:200000/500000/1000000`: runtime, deadline and period in ns";
+    for (table, line, message) in [
+        (
+            "executor.control",
+            "policy = \"fifo:98\"",
+            format!("2:10: this is no policy: `\"fifo:98\"`; {policies}"),
+        ),
+        (
+            "executor.control",
+            "core = 5000",
+            "2:8: a whole number is expected: `5000`; write one from 0 to 4095".to_owned(),
+        ),
+        (
+            "executor.control",
+            "spin_before_sleep = \"2 ms\"",
+            "2:21: this is too long to look for work: `\"2 ms\"`; write `0 us` to `1000 us`"
+                .to_owned(),
+        ),
+        (
+            "executor.control",
+            "stack_size = 1000",
+            "2:14: a whole number is expected: `1000`; write one from 131072 to 1073741824"
+                .to_owned(),
+        ),
+        (
+            "process.\"x axis\"",
+            "priority = 32",
+            "2:12: a whole number is expected: `32`; write one from 0 to 31".to_owned(),
+        ),
+        (
+            "process.\"x axis\"",
+            "cycle_budget = \"0 ms\"",
+            "2:16: this is no time: `\"0 ms\"`; write a whole number and ns, us, ms or s: `1 ms`"
+                .to_owned(),
+        ),
+        (
+            "process.\"x axis\"",
+            "on_overrun = \"poisn\"",
+            "2:14: this value has no meaning here: `\"poisn\"`; is `poison` meant?".to_owned(),
+        ),
+        (
+            "process.\"x axis\"",
+            "period = \"2 ms\"",
+            "2:1: a period is that of a loop, and a process may have several: `period`; write \
+             `period` below `[loop.NAME]`, with the loop's name"
+                .to_owned(),
+        ),
+        (
+            "process.planner",
+            "on_overrun = \"warn\"",
+            "2:14: this process has no budget that it could overrun: `\"warn\"`; write \
+             `poll_budget` or `cycle_budget` beside it"
+                .to_owned(),
+        ),
+        (
+            "process.operator",
+            "on = \"slow\"",
+            "2:6: this process has a thread of its own, since it may block: `\"slow\"`; leave `on` \
+             out, or spawn the process on an executor"
+                .to_owned(),
+        ),
+        (
+            "process.operator",
+            "priority = 3",
+            "2:12: this process has a thread of its own, where this does nothing: `3`; write the \
+             policy of the thread below `[executor]`"
+                .to_owned(),
+        ),
+        (
+            "loop.\"x axis\"",
+            "period = 2",
+            "2:10: a text is expected: `2`; write it in quotes".to_owned(),
+        ),
+        (
+            "system",
+            "strict = \"yes\"",
+            "2:10: yes or no is expected: `\"yes\"`; write `true` or `false`".to_owned(),
+        ),
+        (
+            "executor.slow",
+            &format!("policy = \"{deadline}\""),
+            format!(
+                "2:10: an executor cannot have this policy, whose budget would stop all its \
+                 processes: `\"{deadline}\"`; write `fifo:1` to `fifo:97`"
+            ),
+        ),
+        (
+            "executor.console",
+            &format!("policy = \"{deadline}\"\ncore = 0"),
+            format!(
+                "2:10: a thread that is pinned to a core cannot have this policy: \
+                 `\"{deadline}\"`; write `core = \"any\"` beside it"
+            ),
+        ),
+    ] {
+        assert_eq!(refused(&format!("[{table}]\n{line}\n")), message);
+    }
+    assert!(refused("[executor.control\n").starts_with("1:"));
+    let nothing = refused("[loop.\"x axis\"]\n");
+    assert!(nothing.starts_with("1:7: nothing is stated of this loop"));
+}
+
+#[test]
+fn the_machine_must_have_the_core() {
+    let _watch = watchdog();
+    let file = TempFile::with("core", "[executor.main]\n\ncore = 4000\n");
+    let mut system = System::new("machine");
+    system.deployment_from(&file.0).unwrap();
+    let error = system.executor("main").build().unwrap_err();
+    let path = file.0.display();
+    let expected = format!("{path}:3:8: this machine has no such core: `4000`; write one of [0");
+    assert!(error.to_string().starts_with(&expected), "{error}");
+    // The program asks for it: it is the program's error, though another core would be the file's.
+    let file = TempFile::with("core", "[executor.main]\ncore = \"any\"\n");
+    let mut system = System::new("machine");
+    system.deployment_from(&file.0).unwrap();
+    assert!(system.executor("main").core(4000).build().is_ok());
+    assert!(system.executor("other").core(4000).build().is_err());
+}
+
+#[test]
+fn a_loop_that_never_began_is_reported() {
+    let _watch = watchdog();
+    let report = run("[loop.\"x axs\"]\nperiod = \"2 ms\"\n").unwrap();
+    assert!(
+        deployment(&report).to_string().ends_with(
+            "line 2: loop `x axs`: period 2 ms, which had no effect: no loop of this name began"
+        ),
+        "{report}"
+    );
+    assert_eq!(report.loops["x axis"].period, MILLISECOND);
+}
+
+/// A loop's guard is judged by the period that it has.
+#[test]
+fn loops_of_a_pre_run_have_the_period_of_the_file() {
+    struct Axis(Option<luna::Periodic>);
+
+    impl Process for Axis {
+        fn pre_run(&mut self) -> luna::Result<()> {
+            self.0 = Some(luna::periodic("axis", MILLISECOND)?);
+            Ok(())
+        }
+
+        async fn run(&mut self) -> luna::Result<()> {
+            let tick = self.0.as_mut().unwrap();
+            tick.next().await;
+            assert_eq!(tick.period(), 3 * MILLISECOND);
+            Ok(())
+        }
+    }
+
+    let _watch = watchdog();
+    let file = TempFile::with("pre-run", "[loop.axis]\nperiod = \"3 ms\"\n");
+    let mut system = System::new("machine");
+    system.virtual_clock();
+    system.deployment_from(&file.0).unwrap();
+    let main = system.executor("main").build().unwrap();
+    main.process("axis").spawn(Axis(None)).unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(report.loops["axis"].period, 3 * MILLISECOND);
+    assert_eq!(report.elapsed, 3 * MILLISECOND);
+}
+
+#[test]
+fn a_process_that_comes_again_has_the_values_again() {
+    let _watch = watchdog();
+    let file = TempFile::with("again", "[process.child]\npriority = 25\non = \"b\"\n");
+    let mut system = System::new("machine");
+    system.virtual_clock();
+    system.deployment_from(&file.0).unwrap();
+    let a = system.executor("a").build().unwrap();
+    system.executor("b").build().unwrap();
+    let observer = system.observer();
+    let child = a.process("child").one_of_many();
+    child.spawn(async { Ok(()) }).unwrap();
+    let parent = a.clone().process("parent");
+    let body = async move {
+        luna::after(MILLISECOND).await;
+        a.process("child").one_of_many().spawn(async { Ok(()) })?;
+        let composition = observer.composition();
+        let b = thread(&composition, "b");
+        let children = b.processes.iter().filter(|one| one.name == "child");
+        assert!(children.clone().all(|child| child.priority == 25));
+        assert_eq!(children.count(), 2);
+        Ok(())
+    };
+    parent.spawn(body).unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn a_file_comes_first_and_once() {
+    let _watch = watchdog();
+    let file = TempFile::with("late", "");
+    let too_late = |system: &mut System| {
+        let error = system.deployment_from(&file.0).unwrap_err();
+        assert!(
+            matches!(&error, Error::Setup(SetupError::DeploymentTooLate { .. })),
+            "{error}"
+        );
+    };
+    let mut system = System::new("machine");
+    system.executor("main").build().unwrap();
+    too_late(&mut system);
+    let mut system = System::new("machine");
+    system.deployment_from(&file.0).unwrap();
+    too_late(&mut system);
+    let mut system = System::new("machine");
+    let error = system.deployment_from("/nowhere/system.toml").unwrap_err();
+    assert!(
+        error.to_string().starts_with("/nowhere/system.toml: "),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_option_of_a_command_line() {
+    let _watch = watchdog();
+    let file = TempFile::with("option", "[executor.main]\npolicy = \"fifo:7\"\n");
+    for form in ["--deployment FILE", "--deployment=FILE"] {
+        let form = form.replace("FILE", &file.0.display().to_string());
+        let arguments = form.split(' ').chain(["--other", "--", "--deployment"]);
+        let mut system = System::new("machine");
+        let others = system.deployment_arguments(arguments.map(str::to_owned));
+        assert_eq!(others.unwrap(), ["--other", "--", "--deployment"]);
+        system.executor("main").build().unwrap();
+        let composition = system.composition();
+        assert_eq!(thread(&composition, "main").policy, Policy::fifo(7));
+    }
+    let mut system = System::new("machine");
+    let others = system.deployment_arguments(["--deployments".to_owned()]);
+    assert_eq!(others.unwrap(), ["--deployments"]);
+}
+
+/// What a child of the next test does: the program names no file.
+#[test]
+fn part() {
+    let Some(name) = common::part() else { return };
+    let mut system = System::new("machine");
+    if name == "another" {
+        let file = TempFile::with("another", "[executor.main]\npolicy = \"fifo:8\"\n");
+        system.deployment_from(&file.0).unwrap();
+    }
+    match system.executor("main").build() {
+        Ok(_) => {
+            let composition = system.composition();
+            println!("it has {}", thread(&composition, "main").policy);
+        }
+        Err(error) => println!("{error}"),
+    }
+}
+
+#[test]
+fn the_environment_names_a_file_where_the_program_does_not() {
+    let _watch = watchdog();
+    let good = TempFile::with("good", "[executor.main]\npolicy = \"fifo:7\"\n");
+    let bad = TempFile::with("bad", "\n[executor.main]\ncore = -1\n");
+    let wrong = format!("{}:3:8: a whole number is expected", bad.0.display());
+    for (file, part, line) in [
+        (good.0.display().to_string(), "none", "it has fifo:7"),
+        (good.0.display().to_string(), "another", "it has fifo:8"),
+        (String::new(), "none", "it has other"),
+        (bad.0.display().to_string(), "none", &*wrong),
+    ] {
+        let mut program = Command::new(std::env::current_exe().unwrap());
+        program.env("LUNA_DEPLOYMENT", file);
+        let ended = common::Program::start_by(program, "deployment::part", part).end();
+        assert!(ended.output.contains(line), "{ended:?}");
+    }
+}
