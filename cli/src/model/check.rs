@@ -31,7 +31,8 @@ pub(crate) struct Arguments {
     /// Write the model in Promela, the language of SPIN
     #[arg(long, value_name = "FILE")]
     promela: Option<PathBuf>,
-    /// Write the model in CSPm, the input language of FDR
+    /// Write the model in CSPm, the input language of FDR, with what is checked here as assertions;
+    /// comments name the properties that are left out
     #[arg(long, value_name = "FILE")]
     cspm: Option<PathBuf>,
 }

@@ -313,6 +313,7 @@ impl Writer<'_> {
                 }
             }
         }
+        events.extend(self.observing(agent));
         let calls = alphabets
             .calls_off
             .iter()

@@ -5,14 +5,15 @@ use crate::file::Side;
 use crate::network::{Action, Edge, Kind};
 
 impl Writer<'_> {
-    /// Waits for one of these.
+    /// Waits at a place for one of these.
     pub(super) fn wait(
         &self,
         agent: usize,
-        line: usize,
+        place: usize,
         edges: &[Edge],
     ) -> Result<String, CspmError> {
         let own = &self.names.agents[agent];
+        let line = self.network.agents[agent].code[place].line;
         let mut options = Vec::new();
         for edge in edges {
             let next = self.call(agent, edge.next);
@@ -40,12 +41,16 @@ impl Writer<'_> {
                         format!("called_off.{}.{own} -> {fail}", self.names.agents[by])
                     }));
             }
-            let condition = edge.condition.as_ref().map(|found| self.condition(found));
+            let condition = edge
+                .condition
+                .as_ref()
+                .map(|found| self.terms().condition(found));
             options.extend(offers.into_iter().map(|offer| match &condition {
                 None => format!("({offer})"),
                 Some(condition) => format!("({condition} & ({offer}))"),
             }));
         }
+        options.extend(self.observations(agent, place, &self.call(agent, place)));
         let mut text = match options.is_empty() {
             true => "STOP".to_owned(),
             false => options.join("\n  [] "),
@@ -56,13 +61,13 @@ impl Writer<'_> {
             let broken = self.broken(agent, at);
             if let Action::Send(channel, Some(value)) = &edge.action {
                 let range = self.range(agent, at, value)?;
-                let mut conditions = self.faults(value);
+                let mut conditions = self.terms().faults(value);
                 if let Some(values) = self.network.channels[*channel].values {
-                    conditions.extend(self.outside(value, range, values));
+                    conditions.extend(self.terms().outside(value, range, values));
                 }
                 // A guard with a false precondition is not evaluated.
                 if let Some(condition) = &edge.condition {
-                    let condition = self.condition(condition);
+                    let condition = self.terms().condition(condition);
                     for one in &mut conditions {
                         *one = format!("(if {condition} then {one} else false)");
                     }
@@ -71,7 +76,7 @@ impl Writer<'_> {
             }
             if let Some(condition) = &edge.condition {
                 self.range(agent, at, condition)?;
-                text = self.unless(&self.faults(condition), &broken, text);
+                text = self.unless(&self.terms().faults(condition), &broken, text);
             }
         }
         Ok(text)
@@ -122,7 +127,7 @@ impl Writer<'_> {
             (_, Side::Receive) => format!("{}{own}", names.get),
         };
         let event = match &edge.action {
-            Action::Send(_, Some(value)) => format!("{name}!{}", self.number(value)),
+            Action::Send(_, Some(value)) => format!("{name}!{}", self.terms().number(value)),
             Action::Receive(_, variable) if found.values.is_some() => match variable {
                 None => format!("{name}?value"),
                 Some(slot) => format!("{name}?{}", self.names.variables[*slot]),
@@ -136,7 +141,9 @@ impl Writer<'_> {
             let variable = &self.network.variables[*slot];
             let value = crate::language::expr::Expr::Name(*slot);
             let range = (low.into(), high.into());
-            let outside = self.outside(&value, range, (variable.low, variable.high));
+            let outside = self
+                .terms()
+                .outside(&value, range, (variable.low, variable.high));
             if let Some(outside) = outside {
                 let broken = self.broken(agent, edge.line);
                 next = format!("(if {outside} then {broken} else {next})");
