@@ -2,7 +2,7 @@
 
 use super::alphabets::{Alphabets, Component};
 use super::always::{Field, Property, PropertyNames, Seen};
-use crate::network::{Action, Network, Step};
+use crate::network::{Label, Network, Step};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Keywords, what is defined already, and what this translation defines.
@@ -182,8 +182,8 @@ fn field_name(network: &Network, field: &Field) -> String {
                 Step::Wait(edges) => edges.first(),
                 _ => None,
             });
-            match edges.next().map(|edge| &edge.action) {
-                Some(Action::Own(name)) => name,
+            match edges.next().map(|edge| &edge.label) {
+                Some(Label::Own(name)) => name,
                 _ => "place",
             }
         }

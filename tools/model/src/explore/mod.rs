@@ -209,7 +209,7 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
                 }
             };
             let edge = semantics.edge(&state, step);
-            if edge.is_some_and(|edge| edge.action.is_silent()) {
+            if edge.is_some_and(|edge| edge.label.is_silent()) {
                 search.silent.push((at as u32, number as u32, step));
             }
         }
