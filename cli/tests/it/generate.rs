@@ -241,6 +241,39 @@ fn a_folder_of_something_else_is_left_alone() {
     assert!(text(&output.stderr).contains("letter.txt"));
 }
 
+/// What stands in the way is found before anything is written.
+#[test]
+fn a_folder_in_place_of_a_file_is_refused_at_once() {
+    let folder = folder("in-the-way");
+    generate(&example("sieve.toml"), &folder);
+    let system = folder.join("src/generated/system.rs");
+    fs::remove_file(&system).expect("it was generated");
+    let last = folder.join("src/processes/printer.rs");
+    fs::remove_file(&last).expect("it was generated");
+    fs::create_dir(&last).expect("it is made");
+    let output = command(&example("sieve.toml"), &folder, &[]);
+    assert_eq!(output.status.code(), Some(2));
+    let said = text(&output.stderr);
+    assert!(said.contains("printer.rs: this is no file"), "{said}");
+    assert!(!system.exists(), "nothing was written");
+}
+
+#[test]
+fn a_library_for_an_existing_package_is_noted() {
+    let folder = folder("other-library");
+    let said = generate(&example("sieve.toml"), &folder);
+    assert!(!said.contains("--luna"), "{said}");
+    let said = generate(&example("sieve.toml"), &folder);
+    assert!(!said.contains("--luna"), "{said}");
+    let manifest = folder.join("Cargo.toml");
+    let text = fs::read_to_string(&manifest).expect("it was generated");
+    let own = text.replace("luna-rt = {", "luna-rt = { version = \"1\",");
+    fs::write(&manifest, own).expect("it is writable");
+    let said = generate(&example("sieve.toml"), &folder);
+    assert!(says(&said, "kept", "Cargo.toml"), "{said}");
+    assert!(said.contains("Cargo.toml: --luna is not used"), "{said}");
+}
+
 #[test]
 fn the_library_is_found_or_stated() {
     let folder = folder("library");
