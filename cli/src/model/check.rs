@@ -4,7 +4,7 @@ use super::{UNKNOWN, read, write};
 use crate::failure::Failure;
 use crate::text::Count;
 use clap::Args;
-use luna_model::{Exploration, Finding, FindingKind, Model, SpinCheck};
+use luna_model::{Exploration, Finding, FindingKind, Model, SpinCheck, TraceStep};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -12,7 +12,7 @@ use std::process::ExitCode;
 /// The options of `luna model check`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-What is found is shown with the shortest way to it. Branches that no run takes are shown, and are no error.
+What is found is shown with the shortest way to it. Branches that no run takes, and processes that may come to wait for ever while others go on, are shown, and are no error.
 
 Exit codes: 0 nothing is wrong, 1 something is, 2 bad arguments or files, 4 unknown (nothing was found, but not all was looked at).")]
 pub(crate) struct Arguments {
@@ -31,7 +31,8 @@ pub(crate) struct Arguments {
     /// Write the model in Promela, the language of SPIN
     #[arg(long, value_name = "FILE")]
     promela: Option<PathBuf>,
-    /// Write the model in CSPm, the input language of FDR
+    /// Write the model in CSPm, the input language of FDR, with what is checked here as assertions;
+    /// comments name the properties that are left out
     #[arg(long, value_name = "FILE")]
     cspm: Option<PathBuf>,
 }
@@ -114,6 +115,11 @@ fn print(
         let file = file.display();
         writeln!(out, "{file}:{line}: in {process} no run takes {what}")?;
     }
+    if let Some(stuck) = &explored.stuck {
+        let (steps, names) = (stuck.trace.len(), stuck.processes.join(", "));
+        writeln!(out, "for ever without {names}, after {steps} steps:")?;
+        print_way(out, &stuck.trace, &stuck.there)?;
+    }
     if explored.findings.is_empty() {
         writeln!(
             out,
@@ -126,10 +132,14 @@ fn print(
 fn print_finding(out: &mut impl Write, finding: &Finding) -> io::Result<()> {
     let steps = finding.trace.len();
     writeln!(out, "{}, after {steps} steps:", finding.kind)?;
-    for (number, line) in finding.trace.iter().enumerate() {
+    print_way(out, &finding.trace, &finding.there)
+}
+
+fn print_way(out: &mut impl Write, trace: &[TraceStep], there: &[String]) -> io::Result<()> {
+    for (number, line) in trace.iter().enumerate() {
         writeln!(out, "{:>5}  {line}", number + 1)?;
     }
-    for line in &finding.there {
+    for line in there {
         writeln!(out, "       {line}")?;
     }
     Ok(())

@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
     /// The folder of the LUNA that the package depends on [default: the checkout around the current
-    /// folder, else this version of crates.io]
+    /// folder, else this version of crates.io]; for a new package only
     #[arg(long, value_name = "PATH")]
     luna: Option<PathBuf>,
 }
@@ -35,6 +35,7 @@ pub(crate) struct Arguments {
 /// Below the package's folder.
 const GENERATED: &str = "src/generated";
 const PROCESSES: &str = "src/processes";
+const MANIFEST: &str = "Cargo.toml";
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let folder = &arguments.output;
@@ -56,6 +57,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         if done == KEPT && !file.defines.is_empty() {
             note_missing(&mut out, &path, file)?;
         }
+        if done == KEPT && file.path == MANIFEST && arguments.luna.is_some() {
+            note_unused_luna(&mut out, &path, file)?;
+        }
     }
     for path in superfluous {
         let why = "no process of the model has this file: remove it if nothing else uses it";
@@ -64,7 +68,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Refuses a folder of something else, before anything is written.
+/// Refuses a folder of something else, and what stands in the way of a file, before anything is
+/// written.
 fn check(folder: &Path, files: &[File]) -> Result<(), Failure> {
     let refused = |path: &Path, why| {
         Err(Failure::Package {
@@ -86,8 +91,16 @@ fn check(folder: &Path, files: &[File]) -> Result<(), Failure> {
             "the folder holds something else: give one that is new, empty, or was generated before";
         return refused(folder, why);
     }
-    for file in files.iter().filter(|file| file.is_generated) {
+    for file in files {
         let path = folder.join(&file.path);
+        match fs::metadata(&path) {
+            Ok(found) if !found.is_file() => {
+                return refused(&path, "this is no file, and one is to be here: move it");
+            }
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(&path)(error)),
+            _ if !file.is_generated => continue,
+            _ => {}
+        }
         match fs::read_to_string(&path) {
             Ok(text) if !File::was_generated(&text) => {
                 let why = "this file was not generated, and would be overwritten: move it to another folder";
@@ -104,14 +117,14 @@ const KEPT: &str = "kept";
 
 /// Writes a file if it is to be written; says what was done.
 fn write(path: &Path, file: &File) -> Result<&'static str, Failure> {
+    if !file.is_generated && path.exists() {
+        return Ok(KEPT);
+    }
     let there = match fs::read_to_string(path) {
         Ok(text) => Some(text),
         Err(error) if error.kind() == ErrorKind::NotFound => None,
         Err(error) => return Err(failed(path)(error)),
     };
-    if there.is_some() && !file.is_generated {
-        return Ok(KEPT);
-    }
     let is_rust = path.extension() == Some(OsStr::new("rs"));
     let formatted = is_rust.then(|| formatted(&file.text)).flatten();
     let text = formatted.as_ref().unwrap_or(&file.text);
@@ -161,6 +174,18 @@ fn note_missing(out: &mut impl Write, path: &Path, file: &File) -> Result<(), Fa
     for name in file.missing_in(&text) {
         let wanted = "define it there: the model names this type";
         writeln!(out, "          {}: `{name}`: {wanted}", path.display())
+            .map_err(Failure::Output)?;
+    }
+    Ok(())
+}
+
+/// Says that a manifest that is kept does not depend on what `--luna` states.
+fn note_unused_luna(out: &mut impl Write, path: &Path, file: &File) -> Result<(), Failure> {
+    let text = fs::read_to_string(path).map_err(failed(path))?;
+    let dependency = file.text.lines().find(|line| line.starts_with("luna-rt "));
+    if let Some(dependency) = dependency.filter(|line| !text.lines().any(|one| one == *line)) {
+        let why = "--luna is not used, as this file is yours; for that LUNA write there";
+        writeln!(out, "          {}: {why}: {dependency}", path.display())
             .map_err(Failure::Output)?;
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! `luna model generate`: what it makes of a model compiles, runs, and is kept where it is written
 //! by hand.
 
-use crate::package::{cargo, folder, lock, text, workspace};
+use crate::package::{folder, lock, run_cargo, text, workspace};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 #[path = "../../../tools/model/tests/it/random.rs"]
 mod random;
 
-fn example(name: &str) -> PathBuf {
+pub(crate) fn example(name: &str) -> PathBuf {
     workspace().join("examples/models").join(name)
 }
 
@@ -25,7 +25,7 @@ fn command(model: &Path, folder: &Path, options: &[&str]) -> Output {
 }
 
 /// What the command says of each file: `written`, `unchanged` or `kept`, and its path.
-fn generate(model: &Path, folder: &Path) -> String {
+pub(crate) fn generate(model: &Path, folder: &Path) -> String {
     let luna = workspace().display().to_string();
     let output = command(model, folder, &["--luna", &luna]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -33,8 +33,8 @@ fn generate(model: &Path, folder: &Path) -> String {
     text(&output.stdout).to_owned()
 }
 
-fn build(folder: &Path) {
-    let output = cargo(folder, "build", &[]);
+pub(crate) fn build(folder: &Path) {
+    let output = run_cargo(folder, "build", &[]);
     let said = text(&output.stderr);
     assert!(output.status.success(), "{said}");
     assert!(!said.contains("warning"), "{said}");
@@ -42,7 +42,7 @@ fn build(folder: &Path) {
 
 /// The report of a run, which is to end with this exit code.
 fn run(folder: &Path, seconds: &str, code: i32) -> String {
-    let output = cargo(folder, "run", &["--quiet", "--", "--seconds", seconds]);
+    let output = run_cargo(folder, "run", &["--quiet", "--", "--seconds", seconds]);
     let said = text(&output.stdout);
     let errors = text(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{said}{errors}");
@@ -112,7 +112,7 @@ fn jiwy_runs_and_keeps_what_is_written_by_hand() {
         "{said}"
     );
     assert_eq!(fs::read_to_string(&motor).expect("it is there"), by_hand);
-    let output = cargo(&folder, "build", &[]);
+    let output = run_cargo(&folder, "build", &[]);
     let said = text(&output.stderr);
     assert!(!output.status.success(), "{said}");
     assert!(
@@ -123,26 +123,12 @@ fn jiwy_runs_and_keeps_what_is_written_by_hand() {
 }
 
 #[test]
-fn each_example_compiles_and_runs() {
-    let everything = workspace().join("tools/model/tests/it/everything.toml");
-    for (model, seconds) in [
-        (example("philosophers-repaired.toml"), "0.2"),
-        (example("commstime.toml"), "0.2"),
-        (example("sorting-pump.toml"), "60"),
-        (example("sieve.toml"), "60"),
-        (example("production-cell.toml"), "0.2"),
-        (everything, "0.2"),
-    ] {
-        let folder = folder(
-            model
-                .file_stem()
-                .and_then(|name| name.to_str())
-                .unwrap_or("model"),
-        );
-        generate(&model, &folder);
-        build(&folder);
-        run(&folder, seconds, 0);
-    }
+fn each_statement_compiles_and_runs() {
+    let folder = folder("everything");
+    let model = workspace().join("tools/model/tests/it/everything.toml");
+    generate(&model, &folder);
+    build(&folder);
+    run(&folder, "0.2", 0);
 }
 
 /// Bodies that no person writes. With LUNA_LONG=1 a hundred of them, else two.
@@ -218,6 +204,39 @@ fn a_folder_of_something_else_is_left_alone() {
     let output = command(&example("sieve.toml"), &file, &[]);
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("letter.txt"));
+}
+
+/// What stands in the way is found before anything is written.
+#[test]
+fn a_folder_in_place_of_a_file_is_refused_at_once() {
+    let folder = folder("in-the-way");
+    generate(&example("sieve.toml"), &folder);
+    let system = folder.join("src/generated/system.rs");
+    fs::remove_file(&system).expect("it was generated");
+    let last = folder.join("src/processes/printer.rs");
+    fs::remove_file(&last).expect("it was generated");
+    fs::create_dir(&last).expect("it is made");
+    let output = command(&example("sieve.toml"), &folder, &[]);
+    assert_eq!(output.status.code(), Some(2));
+    let said = text(&output.stderr);
+    assert!(said.contains("printer.rs: this is no file"), "{said}");
+    assert!(!system.exists(), "nothing was written");
+}
+
+#[test]
+fn a_library_for_an_existing_package_is_noted() {
+    let folder = folder("other-library");
+    let said = generate(&example("sieve.toml"), &folder);
+    assert!(!said.contains("--luna"), "{said}");
+    let said = generate(&example("sieve.toml"), &folder);
+    assert!(!said.contains("--luna"), "{said}");
+    let manifest = folder.join("Cargo.toml");
+    let text = fs::read_to_string(&manifest).expect("it was generated");
+    let own = text.replace("luna-rt = {", "luna-rt = { version = \"1\",");
+    fs::write(&manifest, own).expect("it is writable");
+    let said = generate(&example("sieve.toml"), &folder);
+    assert!(says(&said, "kept", "Cargo.toml"), "{said}");
+    assert!(said.contains("Cargo.toml: --luna is not used"), "{said}");
 }
 
 #[test]

@@ -15,6 +15,8 @@ mod model;
 mod model_editor;
 mod model_from;
 mod model_trace;
+#[cfg(target_os = "linux")]
+mod model_traces;
 mod model_tutorial;
 #[cfg(target_os = "linux")]
 mod new;

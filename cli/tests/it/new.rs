@@ -1,7 +1,7 @@
 //! `luna new`: each template compiles without a warning, passes its tests and runs, and what is there
 //! is never overwritten.
 
-use crate::package::{cargo, folder, lock, text, workspace};
+use crate::package::{folder, lock, run_cargo, text, workspace};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -48,7 +48,7 @@ fn project(template: &str) -> PathBuf {
 
 /// What the tests of the project say on standard output: all of them pass.
 fn test(project: &Path) -> String {
-    let output = cargo(project, "test", &[]);
+    let output = run_cargo(project, "test", &[]);
     let errors = text(&output.stderr);
     assert!(output.status.success(), "{}{errors}", text(&output.stdout));
     assert!(!errors.contains("warning"), "{errors}");
@@ -58,7 +58,7 @@ fn test(project: &Path) -> String {
 /// Both streams of a run of a second.
 fn run(project: &Path, arguments: &[&str]) -> String {
     let arguments = [&["--quiet", "--", "1"], arguments].concat();
-    let output = cargo(project, "run", &arguments);
+    let output = run_cargo(project, "run", &arguments);
     let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(0), "{said}");
     said
@@ -80,7 +80,7 @@ fn a_loop() {
     let file = project.join("system.toml");
     let wrong = fs::read_to_string(&file).expect("it is there");
     fs::write(&file, wrong.replace("fifo:80", "fifo:800")).expect("it is writable");
-    let output = cargo(
+    let output = run_cargo(
         &project,
         "run",
         &["--quiet", "--", "--deployment", "system.toml"],

@@ -31,14 +31,21 @@ pub(crate) fn lock(folder: &Path) {
 }
 
 /// Cargo in a package; all of them share what they depend on.
-pub(crate) fn cargo(folder: &Path, command: &str, arguments: &[&str]) -> Output {
+pub(crate) fn cargo(folder: &Path, command: &str) -> Command {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("generated-target");
-    Command::new(env::var_os("CARGO").unwrap_or("cargo".into()))
+    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or("cargo".into()));
+    cargo
         .args([command, "--offline", "--manifest-path"])
         .arg(folder.join("Cargo.toml"))
-        .args(arguments)
         .current_dir(folder)
-        .env("CARGO_TARGET_DIR", target)
+        .env("CARGO_TARGET_DIR", target);
+    cargo
+}
+
+/// The same, run to its end.
+pub(crate) fn run_cargo(folder: &Path, command: &str, arguments: &[&str]) -> Output {
+    cargo(folder, command)
+        .args(arguments)
         .output()
         .expect("cargo starts")
 }

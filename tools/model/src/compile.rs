@@ -2,10 +2,10 @@
 
 use crate::elaborate::Scope;
 use crate::file::Side;
-use crate::language::body::{Block, Guard, Kind, Named, Offer, Span, Statement};
+use crate::language::body::{Block, Guard, Named, Offer, Span, Statement, StatementKind};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
-use crate::network::{Action, Agent, END, Edge, Network, Place, Step, Variable};
+use crate::network::{Agent, END, Edge, Label, Network, Place, Step, Variable};
 use crate::text::{Problem, Source, nearest};
 
 pub(crate) struct Compiler<'a> {
@@ -74,59 +74,59 @@ impl Compiler<'_> {
     ) -> Result<usize, Problem> {
         let line = self.source.position(statement.span.start).0;
         let step = match &statement.kind {
-            Kind::Skip => return Ok(next),
-            Kind::Stop => Step::Wait(Vec::new()),
-            Kind::Offer(offer) => {
-                let action = self.action(offer)?;
-                Step::Wait(vec![edge(action, next, line)])
+            StatementKind::Skip => return Ok(next),
+            StatementKind::Stop => Step::Wait(Vec::new()),
+            StatementKind::Offer(offer) => {
+                let label = self.label(offer)?;
+                Step::Wait(vec![edge(label, next, line)])
             }
-            Kind::Action(name) => {
+            StatementKind::Action(name) => {
                 if self.scope.port(name).is_some() {
                     let message = "this port is neither sent to nor received from";
                     let advice = "write `!` or `?` behind it";
                     return Err(self.source.problem(statement.span.clone(), message, advice));
                 }
-                Step::Wait(vec![edge(Action::Own(name.clone()), next, line)])
+                Step::Wait(vec![edge(Label::Own(name.clone()), next, line)])
             }
-            Kind::Assign(variable, value) => {
+            StatementKind::Assign(variable, value) => {
                 Step::Assign(self.set(variable)?, self.expr(value)?, next)
             }
-            Kind::Assert(condition) => Step::Assert(self.expr(condition)?, next),
-            Kind::If(condition, then, otherwise) => {
+            StatementKind::Assert(condition) => Step::Assert(self.expr(condition)?, next),
+            StatementKind::If(condition, then, otherwise) => {
                 let condition = self.expr(condition)?;
                 let then = self.block(agent, code, then, next)?;
                 let otherwise = self.block(agent, code, otherwise, next)?;
                 Step::Branch(condition, then, otherwise)
             }
-            Kind::Loop(inner) => {
+            StatementKind::Loop(inner) => {
                 let head = add(code, Step::Goto(END), line);
                 let start = self.block(agent, code, inner, head)?;
                 code[head].step = Step::Goto(start);
                 return Ok(head);
             }
-            Kind::While(condition, inner) => {
+            StatementKind::While(condition, inner) => {
                 let head = add(code, Step::Goto(END), line);
                 let condition = self.expr(condition)?;
                 let start = self.block(agent, code, inner, head)?;
                 code[head].step = Step::Branch(condition, start, next);
                 return Ok(head);
             }
-            Kind::For(variable, from, to, inner) => {
+            StatementKind::For(variable, from, to, inner) => {
                 return self.counted(agent, code, (variable, from, to, inner), line, next);
             }
-            Kind::Par(blocks) => self.par(agent, code, blocks, &statement.span, next)?,
-            Kind::Choose(blocks) => {
+            StatementKind::Par(blocks) => self.par(agent, code, blocks, &statement.span, next)?,
+            StatementKind::Choose(blocks) => {
                 let mut edges = Vec::new();
                 for block in blocks {
                     let at = block
                         .first()
                         .map_or(line, |first| self.source.position(first.span.start).0);
                     let start = self.block(agent, code, block, next)?;
-                    edges.push(edge(Action::Choice, start, at));
+                    edges.push(edge(Label::Choice, start, at));
                 }
                 Step::Wait(edges)
             }
-            Kind::Alternative { guards, .. } => {
+            StatementKind::Alternative { guards, .. } => {
                 let edges = guards
                     .iter()
                     .map(|guard| self.guard(agent, code, guard, next));
@@ -146,7 +146,7 @@ impl Compiler<'_> {
         let condition = guard.condition.as_ref();
         Ok(Edge {
             condition: condition.map(|found| self.expr(found)).transpose()?,
-            action: self.action(&guard.offer)?,
+            label: self.label(&guard.offer)?,
             next: self.block(agent, code, &guard.body, next)?,
             line: self.source.position(guard.span.start).0,
         })
@@ -236,19 +236,19 @@ impl Compiler<'_> {
         Ok(Step::Fork(branches, join))
     }
 
-    fn action(&self, offer: &Offer) -> Result<Action, Problem> {
+    fn label(&self, offer: &Offer) -> Result<Label, Problem> {
         Ok(match offer {
-            Offer::Skip => Action::Skip,
-            Offer::After => Action::After,
+            Offer::Skip => Label::Skip,
+            Offer::After => Label::After,
             Offer::Send(port, value) => {
                 let channel = self.channel(port, Side::Send, value.is_some())?;
                 let value = value.as_ref().map(|value| self.expr(value)).transpose()?;
-                Action::Send(channel, value)
+                Label::Send(channel, value)
             }
             Offer::Receive(port, variable) => {
                 let channel = self.channel(port, Side::Receive, variable.is_some())?;
                 let variable = variable.as_ref().map(|name| self.set(name)).transpose()?;
-                Action::Receive(channel, variable)
+                Label::Receive(channel, variable)
             }
         })
     }
@@ -328,10 +328,10 @@ fn add(code: &mut Vec<Place>, step: Step, line: usize) -> usize {
     code.len() - 1
 }
 
-fn edge(action: Action, next: usize, line: usize) -> Edge {
+fn edge(label: Label, next: usize, line: usize) -> Edge {
     Edge {
         condition: None,
-        action,
+        label,
         next,
         line,
     }

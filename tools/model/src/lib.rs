@@ -67,7 +67,7 @@ mod trace;
 pub use cspm::CspmError;
 pub use explore::words::communication;
 pub use explore::{
-    DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, StepParts, TraceStep, Unreached,
+    DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, StepParts, Stuck, TraceStep, Unreached,
 };
 pub use generate::{File, Luna, is_luna, package_name};
 pub use model::{Model, TEMPLATE};

@@ -147,8 +147,10 @@ impl Model {
         promela(&self.network).text
     }
 
-    /// The model in CSPm, the input language of FDR, with assertions for deadlocks, livelocks and
-    /// broken assertions. The properties of `check.always` and `check.ltl` are not among them.
+    /// The model in CSPm, the input language of FDR, with assertions for deadlocks, livelocks, broken
+    /// assertions and the properties of `check.always`. Comments at the end name the properties that
+    /// are left out: those of `check.ltl`, and of `check.always` those that name a process with
+    /// `par` or too many values.
     ///
     /// # Errors
     ///

@@ -7,16 +7,24 @@ use crate::language::temporal::Formula;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// What a channel holds.
+/// What a channel holds, and what a send does if that is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Kind {
+pub(crate) enum Buffering {
     Rendezvous,
     Fifo(usize),
     OverwriteOldest(usize),
     OverwriteNewest(usize),
 }
 
-impl Kind {
+impl Buffering {
+    /// Whether it always takes a value.
+    pub(crate) const fn overwrites(self) -> bool {
+        match self {
+            Self::Rendezvous | Self::Fifo(_) => false,
+            Self::OverwriteOldest(_) | Self::OverwriteNewest(_) => true,
+        }
+    }
+
     pub(crate) const fn capacity(self) -> usize {
         match self {
             Self::Rendezvous => 0,
@@ -69,12 +77,13 @@ impl Network {
                         if let Some(condition) = &edge.condition {
                             condition.each(&mut |slot| used.extend([*slot]));
                         }
-                        match &edge.action {
-                            Action::Send(_, Some(value)) => {
+                        match &edge.label {
+                            Label::Send(_, Some(value)) => {
                                 value.each(&mut |slot| used.extend([*slot]));
                             }
-                            Action::Receive(_, Some(slot)) => set.extend([*slot]),
-                            _ => {}
+                            Label::Receive(_, Some(slot)) => set.extend([*slot]),
+                            Label::Send(_, None) | Label::Receive(_, None) => {}
+                            Label::Choice | Label::Skip | Label::After | Label::Own(_) => {}
                         }
                     }
                 }
@@ -109,7 +118,7 @@ pub(crate) struct Group {
 pub(crate) struct Channel {
     /// With the parts that it is in: `cell.ready[1]`.
     pub(crate) name: String,
-    pub(crate) kind: Kind,
+    pub(crate) kind: Buffering,
     pub(crate) type_name: String,
     /// The values that the check follows.
     pub(crate) values: Option<(i32, i32)>,
@@ -188,13 +197,14 @@ pub(crate) enum Step {
 #[derive(Debug)]
 pub(crate) struct Edge {
     pub(crate) condition: Option<Expr<usize>>,
-    pub(crate) action: Action,
+    pub(crate) label: Label,
     pub(crate) next: usize,
     pub(crate) line: usize,
 }
 
+/// What a process does on an edge.
 #[derive(Debug)]
-pub(crate) enum Action {
+pub(crate) enum Label {
     Send(usize, Option<Expr<usize>>),
     Receive(usize, Option<usize>),
     /// A branch of `choose`.
@@ -205,17 +215,20 @@ pub(crate) enum Action {
     Own(String),
 }
 
-impl Action {
+impl Label {
     /// Neither a communication, nor an action, nor time that passes.
     pub(crate) const fn is_silent(&self) -> bool {
-        matches!(self, Self::Choice | Self::Skip)
+        match self {
+            Self::Choice | Self::Skip => true,
+            Self::Send(..) | Self::Receive(..) | Self::After | Self::Own(_) => false,
+        }
     }
 
     pub(crate) const fn end(&self) -> Option<(usize, Side)> {
         match self {
             Self::Send(channel, _) => Some((*channel, Side::Send)),
             Self::Receive(channel, _) => Some((*channel, Side::Receive)),
-            _ => None,
+            Self::Choice | Self::Skip | Self::After | Self::Own(_) => None,
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::elaborate::{Elaborator, Scope};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
-use crate::network::{Action, Atom, Network, Step};
+use crate::network::{Atom, Label, Network, Step};
 use crate::text::{Problem, Source, nearest};
 
 pub(crate) fn resolve(elaborator: &mut Elaborator<'_>) -> Result<(), Problem> {
@@ -80,7 +80,7 @@ fn atom(source: Source<'_>, network: &Network, path: &Path) -> Result<Expr<Atom>
                 continue;
             };
             if let [edge] = &edges[..]
-                && let Action::Own(name) = &edge.action
+                && let Label::Own(name) = &edge.label
             {
                 known.insert(name.as_str());
                 if name == action {

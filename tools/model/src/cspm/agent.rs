@@ -88,6 +88,15 @@ impl Writer<'_> {
         }
     }
 
+    /// A process that has dropped its ends. For properties it keeps its variables.
+    fn over(&self, agent: usize) -> String {
+        let name = &self.names.over[agent];
+        match self.is_observed(agent) {
+            true => self.call_with(name, self.arguments(agent)),
+            false => name.clone(),
+        }
+    }
+
     /// From a place to the next one, without a wait. A circle of such steps has an event.
     fn go(&self, agent: usize, at: usize, next: usize) -> String {
         self.go_by(agent, at, next, self.call(agent, next))
@@ -117,12 +126,16 @@ impl Writer<'_> {
             Step::Goto(next) => self.go(agent, at, *next),
             Step::Assign(slot, value, next) => {
                 let range = self.range(agent, place.line, value)?;
-                let mut conditions = self.faults(value);
+                let mut conditions = self.terms().faults(value);
                 let variable = &network.variables[*slot];
-                conditions.extend(self.outside(value, range, (variable.low, variable.high)));
+                conditions.extend(self.terms().outside(
+                    value,
+                    range,
+                    (variable.low, variable.high),
+                ));
                 let slots = self.slots(agent);
                 let arguments = slots.iter().map(|one| match one == slot {
-                    true => self.number(value),
+                    true => self.terms().number(value),
                     false => self.names.variables[*one].clone(),
                 });
                 let name = &self.names.places[agent][*next];
@@ -134,16 +147,16 @@ impl Writer<'_> {
                 self.range(agent, place.line, condition)?;
                 let branches = format!(
                     "if {} then ({}) else ({})",
-                    self.condition(condition),
+                    self.terms().condition(condition),
                     self.go(agent, at, *then),
                     self.go(agent, at, *otherwise)
                 );
-                self.unless(&self.faults(condition), &broken, branches)
+                self.unless(&self.terms().faults(condition), &broken, branches)
             }
             Step::Assert(condition, next) => {
                 self.range(agent, place.line, condition)?;
-                let mut conditions = self.faults(condition);
-                conditions.push(format!("(not {})", self.condition(condition)));
+                let mut conditions = self.terms().faults(condition);
+                conditions.push(format!("(not {})", self.terms().condition(condition)));
                 self.unless(&conditions, &broken, self.go(agent, at, *next))
             }
             Step::Fork(branches, join) => {
@@ -155,7 +168,7 @@ impl Writer<'_> {
                 text + &self.call(agent, *join)
             }
             Step::Join(branches, next) => self.join(agent, at, branches, *next),
-            Step::Wait(edges) => self.wait(agent, place.line, edges)?,
+            Step::Wait(edges) => self.wait(agent, at, edges)?,
         })
     }
 
@@ -175,7 +188,11 @@ impl Writer<'_> {
     fn end(&self, agent: usize) -> String {
         let name = &self.names.agents[agent];
         match self.network.agents[agent].parent {
-            None => format!("ends.{name} -> {}", self.names.over[agent]),
+            None => {
+                let mut offers = vec![format!("(ends.{name} -> {})", self.over(agent))];
+                offers.extend(self.observations(agent, END, &self.call(agent, END)));
+                offers.join("\n  [] ")
+            }
             Some(_) => {
                 let hands = self.hands(false, agent, '!');
                 format!("done.{name} -> {hands}{}", self.names.idle[agent])
@@ -254,7 +271,7 @@ impl Writer<'_> {
         if !self.ending.processes[process] {
             return;
         }
-        let over = &self.names.over[agent];
+        let over = self.over(agent);
         let mut offers = Vec::new();
         for (channel, names) in self.names.channels.iter().enumerate() {
             for (name, side) in [
@@ -270,6 +287,7 @@ impl Writer<'_> {
         if self.may_be_over() {
             offers.push(format!("(over -> {over})"));
         }
+        offers.extend(self.observations(agent, END, &over));
         let offers = match offers.is_empty() {
             true => "STOP".to_owned(),
             false => offers.join("\n  [] "),

@@ -2,7 +2,7 @@
 
 use super::{Writer, lines};
 use crate::file::Side;
-use crate::network::{Action, END, Kind, Network, Step};
+use crate::network::{Buffering, END, Label, Network, Step};
 use crate::spin::ending::{Ending, ancestors};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -58,10 +58,10 @@ impl Alphabets {
                     continue;
                 }
                 for edge in edges {
-                    if let Action::Own(name) = &edge.action {
+                    if let Label::Own(name) = &edge.label {
                         found.actions.insert((name.clone(), agent));
                     }
-                    if let Some((channel, side)) = edge.action.end() {
+                    if let Some((channel, side)) = edge.label.end() {
                         found.uses(network, ending, agent, channel, side);
                     }
                 }
@@ -135,7 +135,7 @@ impl Alphabets {
         let is_buffer = |channel: &usize| {
             let is_used =
                 !self.senders[*channel].is_empty() || !self.receivers[*channel].is_empty();
-            network.channels[*channel].kind != Kind::Rendezvous && is_used
+            network.channels[*channel].kind != Buffering::Rendezvous && is_used
         };
         let buffers = (0..network.channels.len()).filter(is_buffer);
         agents.chain(buffers.map(Component::Buffer)).collect()
@@ -181,7 +181,7 @@ impl Writer<'_> {
         for (number, channel) in network.channels.iter().enumerate() {
             let senders = &self.alphabets.senders[number];
             let receivers = &self.alphabets.receivers[number];
-            let is_rendezvous = channel.kind == Kind::Rendezvous;
+            let is_rendezvous = channel.kind == Buffering::Rendezvous;
             let values = channel.values.map(|(low, high)| range(low, high));
             let mut declare = |name: &str, users: &[&Vec<usize>]| {
                 let several = users.iter().filter(|users| users.len() > 1);
@@ -278,7 +278,7 @@ impl Writer<'_> {
                 1 => name.to_owned(),
                 _ => format!("{name}.{own}"),
             };
-            if channel.kind != Kind::Rendezvous {
+            if channel.kind != Buffering::Rendezvous {
                 if senders.contains(&agent) {
                     events.push(of_one(&names.put, senders));
                 }
@@ -313,6 +313,7 @@ impl Writer<'_> {
                 }
             }
         }
+        events.extend(self.observing(agent));
         let calls = alphabets
             .calls_off
             .iter()

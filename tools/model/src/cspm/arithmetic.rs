@@ -2,10 +2,9 @@
 
 use super::{CspmError, Writer};
 use crate::language::expr::{Binary, Expr, Unary};
-use crate::network::Variable;
 
 /// The lowest and the highest value.
-type Range = (i64, i64);
+pub(super) type Range = (i64, i64);
 
 const NUMBERS: Range = (i32::MIN as i64, i32::MAX as i64);
 
@@ -18,12 +17,13 @@ pub(super) fn number(number: i32) -> String {
     }
 }
 
-/// What an expression may be; nothing if it may have more than 32 bits.
-fn range(variables: &[Variable], expr: &Expr<usize>) -> Option<Range> {
-    let of = |expr: &Expr<usize>| range(variables, expr);
+/// What an expression may be; nothing if it may have more than 32 bits. `ranges` are those of its
+/// names.
+fn range(ranges: &[Range], expr: &Expr<usize>) -> Option<Range> {
+    let of = |expr: &Expr<usize>| range(ranges, expr);
     let found = match expr {
         Expr::Number(number) => ((*number).into(), (*number).into()),
-        Expr::Name(slot) => (variables[*slot].low.into(), variables[*slot].high.into()),
+        Expr::Name(slot) => ranges[*slot],
         Expr::Unary(Unary::Minus, inner) => {
             let (low, high) = of(inner)?;
             (-high, -low)
@@ -80,7 +80,7 @@ impl Writer<'_> {
         line: usize,
         expr: &Expr<usize>,
     ) -> Result<Range, CspmError> {
-        range(&self.network.variables, expr).ok_or_else(|| CspmError {
+        self.terms().range(expr).ok_or_else(|| CspmError {
             line,
             process: self.network.agents[agent].name.as_str().into(),
             reason: "may compute a number beyond 32 bits, which FDR does not see".into(),
@@ -88,13 +88,35 @@ impl Writer<'_> {
         })
     }
 
+    /// The variables of the network.
+    pub(super) fn terms(&self) -> Terms<'_> {
+        Terms {
+            names: &self.names.variables,
+            ranges: &self.ranges,
+        }
+    }
+}
+
+/// What the names in expressions are called in CSPm, and what values they may have.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Terms<'a> {
+    pub(super) names: &'a [String],
+    pub(super) ranges: &'a [Range],
+}
+
+impl Terms<'_> {
+    /// What an expression may be; nothing if it may have more than 32 bits.
+    pub(super) fn range(self, expr: &Expr<usize>) -> Option<Range> {
+        range(self.ranges, expr)
+    }
+
     /// The conditions under which an expression divides by zero. Each has a value if those
     /// before it do not hold.
-    pub(super) fn faults(&self, expr: &Expr<usize>) -> Vec<String> {
+    pub(super) fn faults(self, expr: &Expr<usize>) -> Vec<String> {
         let mut divisors = Vec::new();
         expr.divisors(&mut divisors);
         let may_be_zero = |divisor: &&&Expr<usize>| {
-            range(&self.network.variables, divisor).is_none_or(|(low, high)| low <= 0 && high >= 0)
+            range(self.ranges, divisor).is_none_or(|(low, high)| low <= 0 && high >= 0)
         };
         let divisors = divisors.iter().filter(may_be_zero);
         divisors
@@ -102,15 +124,14 @@ impl Writer<'_> {
             .collect()
     }
 
-    pub(super) fn number(&self, expr: &Expr<usize>) -> String {
+    pub(super) fn number(self, expr: &Expr<usize>) -> String {
         match expr {
             Expr::Number(found) => number(*found),
-            Expr::Name(slot) => self.names.variables[*slot].clone(),
+            Expr::Name(slot) => self.names[*slot].clone(),
             Expr::Unary(Unary::Minus, inner) => format!("(-{})", self.number(inner)),
             Expr::Binary(operator, left, right) if is_arithmetic(*operator) => {
                 let (a, b) = (self.number(left), self.number(right));
-                let is_signed =
-                    |of| range(&self.network.variables, of).is_none_or(|(low, _)| low < 0);
+                let is_signed = |of| range(self.ranges, of).is_none_or(|(low, _)| low < 0);
                 let function = match operator {
                     Binary::Divide => "quotient",
                     Binary::Modulo => "remainder",
@@ -127,7 +148,7 @@ impl Writer<'_> {
         }
     }
 
-    pub(super) fn condition(&self, expr: &Expr<usize>) -> String {
+    pub(super) fn condition(self, expr: &Expr<usize>) -> String {
         match expr {
             Expr::Number(number) => (*number != 0).to_string(),
             Expr::Unary(Unary::Not, inner) => format!("(not {})", self.condition(inner)),
@@ -151,7 +172,7 @@ impl Writer<'_> {
 
     /// That a value is not between two numbers; nothing if it always is.
     pub(super) fn outside(
-        &self,
+        self,
         expr: &Expr<usize>,
         found: Range,
         (low, high): (i32, i32),

@@ -2,7 +2,7 @@
 
 use super::Writer;
 use crate::file::Side;
-use crate::network::Kind;
+use crate::network::Buffering;
 use std::fmt::Write;
 
 impl Writer<'_> {
@@ -35,7 +35,7 @@ impl Writer<'_> {
             &self.alphabets.senders[channel],
             &self.alphabets.receivers[channel],
         );
-        if found.kind == Kind::Rendezvous || senders.is_empty() && receivers.is_empty() {
+        if found.kind == Buffering::Rendezvous || senders.is_empty() && receivers.is_empty() {
             return;
         }
         let names = &self.names.channels[channel];
@@ -47,7 +47,7 @@ impl Writer<'_> {
         let (content, length) = if has_values { ("q", "#q") } else { ("n", "n") };
         let one_more = if has_values { "q ^ <value>" } else { "n + 1" };
         let full = match (found.kind, has_values) {
-            (Kind::OverwriteNewest(_), true) => "without_newest(q) ^ <value>",
+            (Buffering::OverwriteNewest(_), true) => "without_newest(q) ^ <value>",
             (_, true) => "tail(q) ^ <value>",
             (_, false) => "n",
         };
@@ -62,11 +62,11 @@ impl Writer<'_> {
                 conditions.push("(not empty(live))".to_owned());
             }
             let next = match found.kind {
-                Kind::Rendezvous | Kind::Fifo(_) => {
+                Buffering::Rendezvous | Buffering::Fifo(_) => {
                     conditions.push(format!("({length} < {capacity})"));
                     this(one_more)
                 }
-                Kind::OverwriteOldest(_) | Kind::OverwriteNewest(_) => {
+                Buffering::OverwriteOldest(_) | Buffering::OverwriteNewest(_) => {
                     let (more, full) = (this(one_more), this(full));
                     format!("(if {length} < {capacity} then {more} else {full})")
                 }

@@ -23,6 +23,7 @@
 //! - When all processes have ended, they do `over` for ever. So what has ended is no deadlock, and
 //!   nothing depends on how a check treats `SKIP`.
 //! - What breaks an assertion does `broken.process.line` for ever. It is no deadlock.
+//! - A property of `check.always` is an event of its own: see [`always`].
 //! - A circle of steps without a wait has an event `step`, hidden where divergence is asked for.
 //!
 //! Numbers of a model have 32 bits, and those of FDR have no overflow that could be seen. So an
@@ -30,6 +31,7 @@
 
 mod agent;
 mod alphabets;
+mod always;
 mod arithmetic;
 mod buffer;
 mod names;
@@ -38,6 +40,7 @@ mod wait;
 use crate::network::{Network, Step};
 use crate::spin::ending::Ending;
 use alphabets::Alphabets;
+use always::Property;
 use names::Names;
 use std::fmt::Write;
 
@@ -59,9 +62,18 @@ pub struct CspmError {
 pub(crate) fn cspm(network: &Network) -> Result<String, CspmError> {
     let ending = Ending::of(network);
     let alphabets = Alphabets::of(network, &ending);
+    let always = network.always.iter();
+    let properties: Vec<_> = always
+        .map(|(_, property)| Property::of(network, property))
+        .collect();
+    let variables = network.variables.iter();
     let mut writer = Writer {
         network,
-        names: Names::of(network, &alphabets),
+        names: Names::of(network, &alphabets, &properties),
+        ranges: variables
+            .map(|variable| (variable.low.into(), variable.high.into()))
+            .collect(),
+        properties,
         ending,
         alphabets,
         text: String::new(),
@@ -80,6 +92,10 @@ struct Writer<'a> {
     ending: Ending,
     alphabets: Alphabets,
     names: Names,
+    /// Of the variables.
+    ranges: Vec<arithmetic::Range>,
+    /// Of `check.always`: each as it is exported, or why it is not.
+    properties: Vec<Result<Property, &'static str>>,
     text: String,
 }
 
@@ -99,6 +115,7 @@ impl Writer<'_> {
             .collect();
         let _ = writeln!(text, "datatype Agent = {}\n", names.join(" | "));
         self.channels(&mut text);
+        self.property_channels(&mut text);
         text.push_str("\n-- What breaks an assertion, or leaves a range\n");
         text.push_str("BROKEN(a, line) = broken.a.line -> BROKEN(a, line)\n");
         self.helpers(&processes, &mut text);
@@ -113,7 +130,7 @@ impl Writer<'_> {
             let (name, start) = (self.names.component(*component), self.start(*component));
             let _ = writeln!(text, "P({name}) = {start}");
         }
-        text.push_str("System = || i : Agent @ [A(i)] P(i)\n");
+        self.composition(&mut text);
         self.assertions(&mut text);
         text
     }
@@ -154,15 +171,7 @@ impl Writer<'_> {
             "-- No livelock\n",
             "assert System \\ Silent :[divergence free]\n"
         ));
-        for (kind, title) in (self
-            .network
-            .always
-            .iter()
-            .map(|(title, _)| ("always", title)))
-        .chain(self.network.ltl.iter().map(|(title, _)| ("ltl", title)))
-        {
-            let _ = writeln!(text, "-- Not exported: check.{kind}, {}", comment(title));
-        }
+        self.property_assertions(text);
     }
 }
 

@@ -1,7 +1,8 @@
 //! Names: those of the model, made to names that CSPm has, each for one thing.
 
 use super::alphabets::{Alphabets, Component};
-use crate::network::{Network, Step};
+use super::always::{Field, Property, PropertyNames, Seen};
+use crate::network::{Label, Network, Step};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Keywords, what is defined already, and what this translation defines.
@@ -15,7 +16,7 @@ const TAKEN: &str = "\
     explicate mapFromList mapLookup mapMember mapToList mapUpdate mapUpdateMultiple mapDelete \
     emptyMap mtransclose relational_image relational_inverse_image transpose loop attribute \
     embed deadlock free deterministic divergence livelock tau tock trace has refines Agent A P \
-    System Silent BROKEN quotient remainder without_newest after ends start done failed step \
+    System Observed Observations Silent BROKEN quotient remainder without_newest after ends start done failed step \
     called_off choose broken over a b i q live line value sender receiver other process who n \
     has_failed";
 
@@ -48,10 +49,16 @@ pub(super) struct Names {
     pub(super) joins: BTreeMap<(usize, usize, usize), String>,
     /// The channels by which a branch gets a variable (true), or gives it back.
     pub(super) hands: BTreeMap<(bool, usize, usize), String>,
+    /// Of the properties of `check.always`; those of one that is not exported are unused.
+    pub(super) properties: Vec<PropertyNames>,
 }
 
 impl Names {
-    pub(super) fn of(network: &Network, alphabets: &Alphabets) -> Self {
+    pub(super) fn of(
+        network: &Network,
+        alphabets: &Alphabets,
+        properties: &[Result<Property, &str>],
+    ) -> Self {
         let mut taken: BTreeSet<String> = TAKEN.split_whitespace().map(str::to_owned).collect();
         let mut new = |name: &str| unique(&mut taken, &plain(name));
         let agents: Vec<String> = network
@@ -113,6 +120,27 @@ impl Names {
                 }
             }
         }
+        let titles = network.always.iter().map(|(title, _)| title);
+        let channels_of_properties: Vec<(String, String)> = titles
+            .map(|title| {
+                let channel = new(&format!("always_{title}"));
+                let wrong = new(&format!("Wrong_{channel}"));
+                (channel, wrong)
+            })
+            .collect();
+        let properties = channels_of_properties.into_iter().zip(properties);
+        let properties = properties
+            .map(|((channel, wrong), property)| {
+                let fields = property.as_ref().map_or(&[][..], |found| &found.fields);
+                let mut own = taken.clone();
+                let name = |field: &Field| unique(&mut own, &plain(&field_name(network, field)));
+                PropertyNames {
+                    channel,
+                    wrong,
+                    fields: fields.iter().map(name).collect(),
+                }
+            })
+            .collect();
         let mut own: BTreeMap<usize, BTreeSet<String>> = BTreeMap::new();
         let variables = network.variables.iter().map(|variable| {
             let own = own.entry(variable.process).or_insert_with(|| taken.clone());
@@ -129,6 +157,7 @@ impl Names {
             over,
             joins,
             hands,
+            properties,
         }
     }
 
@@ -138,6 +167,28 @@ impl Names {
             Component::Buffer(channel) => &self.channels[channel].buffer,
         }
     }
+}
+
+/// What a property names, in its own words.
+fn field_name(network: &Network, field: &Field) -> String {
+    let process = &network.agents[field.agent].name;
+    let what = match &field.of {
+        Seen::Variable(slot) => network.variables[*slot].name.as_str(),
+        Seen::At(places) => {
+            let places = places
+                .iter()
+                .map(|&at| &network.agents[field.agent].code[at]);
+            let mut edges = places.filter_map(|place| match &place.step {
+                Step::Wait(edges) => edges.first(),
+                _ => None,
+            });
+            match edges.next().map(|edge| &edge.label) {
+                Some(Label::Own(name)) => name,
+                _ => "place",
+            }
+        }
+    };
+    format!("{process}_{what}")
 }
 
 /// Letters, digits and underlines, a letter first.

@@ -2,29 +2,30 @@
 
 use super::{CspmError, Writer};
 use crate::file::Side;
-use crate::network::{Action, Edge, Kind};
+use crate::network::{Buffering, Edge, Label};
 
 impl Writer<'_> {
-    /// Waits for one of these.
+    /// Waits at a place for one of these.
     pub(super) fn wait(
         &self,
         agent: usize,
-        line: usize,
+        place: usize,
         edges: &[Edge],
     ) -> Result<String, CspmError> {
         let own = &self.names.agents[agent];
+        let line = self.network.agents[agent].code[place].line;
         let mut options = Vec::new();
         for edge in edges {
             let next = self.call(agent, edge.next);
-            let mut offers = match &edge.action {
-                Action::Send(..) | Action::Receive(..) => self.communication(agent, edge, next),
-                Action::Choice | Action::Skip => {
+            let mut offers = match &edge.label {
+                Label::Send(..) | Label::Receive(..) => self.communication(agent, edge, next),
+                Label::Choice | Label::Skip => {
                     vec![format!("choose.{own}.{} -> {next}", edge.line)]
                 }
-                Action::After => vec![format!("after.{own} -> {next}")],
-                Action::Own(name) => vec![format!("{}.{own} -> {next}", self.names.actions[name])],
+                Label::After => vec![format!("after.{own} -> {next}")],
+                Label::Own(name) => vec![format!("{}.{own} -> {next}", self.names.actions[name])],
             };
-            if let Some((channel, side)) = edge.action.end() {
+            if let Some((channel, side)) = edge.label.end() {
                 let fail = self.fail(agent);
                 if self.alphabets.closed(channel, side).contains(&agent) {
                     let names = &self.names.channels[channel];
@@ -40,12 +41,16 @@ impl Writer<'_> {
                         format!("called_off.{}.{own} -> {fail}", self.names.agents[by])
                     }));
             }
-            let condition = edge.condition.as_ref().map(|found| self.condition(found));
+            let condition = edge
+                .condition
+                .as_ref()
+                .map(|found| self.terms().condition(found));
             options.extend(offers.into_iter().map(|offer| match &condition {
                 None => format!("({offer})"),
                 Some(condition) => format!("({condition} & ({offer}))"),
             }));
         }
+        options.extend(self.observations(agent, place, &self.call(agent, place)));
         let mut text = match options.is_empty() {
             true => "STOP".to_owned(),
             false => options.join("\n  [] "),
@@ -54,15 +59,15 @@ impl Writer<'_> {
         for edge in edges.iter().rev() {
             let at = if edge.line == 0 { line } else { edge.line };
             let broken = self.broken(agent, at);
-            if let Action::Send(channel, Some(value)) = &edge.action {
+            if let Label::Send(channel, Some(value)) = &edge.label {
                 let range = self.range(agent, at, value)?;
-                let mut conditions = self.faults(value);
+                let mut conditions = self.terms().faults(value);
                 if let Some(values) = self.network.channels[*channel].values {
-                    conditions.extend(self.outside(value, range, values));
+                    conditions.extend(self.terms().outside(value, range, values));
                 }
                 // A guard with a false precondition is not evaluated.
                 if let Some(condition) = &edge.condition {
-                    let condition = self.condition(condition);
+                    let condition = self.terms().condition(condition);
                     for one in &mut conditions {
                         *one = format!("(if {condition} then {one} else false)");
                     }
@@ -71,7 +76,7 @@ impl Writer<'_> {
             }
             if let Some(condition) = &edge.condition {
                 self.range(agent, at, condition)?;
-                text = self.unless(&self.faults(condition), &broken, text);
+                text = self.unless(&self.terms().faults(condition), &broken, text);
             }
         }
         Ok(text)
@@ -79,7 +84,7 @@ impl Writer<'_> {
 
     /// The communication of an edge, if it has partners.
     fn communication(&self, agent: usize, edge: &Edge, next: String) -> Vec<String> {
-        let Some((channel, side)) = edge.action.end() else {
+        let Some((channel, side)) = edge.label.end() else {
             return Vec::new();
         };
         let own = &self.names.agents[agent];
@@ -99,7 +104,7 @@ impl Writer<'_> {
             String::new()
         };
         let name = match (found.kind, side) {
-            (Kind::Rendezvous, _) => {
+            (Buffering::Rendezvous, _) => {
                 // No process meets itself.
                 let others: Vec<usize> = partners
                     .iter()
@@ -121,22 +126,24 @@ impl Writer<'_> {
             (_, Side::Send) => format!("{}{own}", names.put),
             (_, Side::Receive) => format!("{}{own}", names.get),
         };
-        let event = match &edge.action {
-            Action::Send(_, Some(value)) => format!("{name}!{}", self.number(value)),
-            Action::Receive(_, variable) if found.values.is_some() => match variable {
+        let event = match &edge.label {
+            Label::Send(_, Some(value)) => format!("{name}!{}", self.terms().number(value)),
+            Label::Receive(_, variable) if found.values.is_some() => match variable {
                 None => format!("{name}?value"),
                 Some(slot) => format!("{name}?{}", self.names.variables[*slot]),
             },
             _ => name,
         };
         let mut next = next;
-        if let Action::Receive(_, Some(slot)) = &edge.action
+        if let Label::Receive(_, Some(slot)) = &edge.label
             && let Some((low, high)) = found.values
         {
             let variable = &self.network.variables[*slot];
             let value = crate::language::expr::Expr::Name(*slot);
             let range = (low.into(), high.into());
-            let outside = self.outside(&value, range, (variable.low, variable.high));
+            let outside = self
+                .terms()
+                .outside(&value, range, (variable.low, variable.high));
             if let Some(outside) = outside {
                 let broken = self.broken(agent, edge.line);
                 next = format!("(if {outside} then {broken} else {next})");

@@ -1,6 +1,6 @@
 //! What is drawn: boxes in boxes, and arrows between the innermost ones.
 
-use crate::network::{Kind, Network};
+use crate::network::{Buffering, Network};
 use std::collections::BTreeMap;
 
 /// A group's content, in the order of the file.
@@ -28,10 +28,10 @@ pub(super) fn arrows(network: &Network) -> Vec<Arrow> {
     for (number, channel) in network.channels.iter().enumerate() {
         let mut label = short(&channel.name).to_owned();
         match channel.kind {
-            Kind::Rendezvous => {}
-            Kind::Fifo(n) => label.push_str(&format!(" (fifo {n})")),
-            Kind::OverwriteOldest(n) => label.push_str(&format!(" (overwrite oldest {n})")),
-            Kind::OverwriteNewest(n) => label.push_str(&format!(" (overwrite newest {n})")),
+            Buffering::Rendezvous => {}
+            Buffering::Fifo(n) => label.push_str(&format!(" (fifo {n})")),
+            Buffering::OverwriteOldest(n) => label.push_str(&format!(" (overwrite oldest {n})")),
+            Buffering::OverwriteNewest(n) => label.push_str(&format!(" (overwrite newest {n})")),
         }
         for &from in &channel.senders {
             for &to in &channel.receivers {

@@ -2,7 +2,7 @@
 
 use super::layout::{Area, MARGIN, layout};
 use super::picture::{Arrow, arrows, details, short};
-use crate::network::{Kind, Network};
+use crate::network::{Buffering, Network};
 use std::fmt::Write;
 
 /// By attributes instead of a style sheet, which the scope's page does not take.
@@ -83,7 +83,7 @@ fn channels(network: &Network, arrow: &Arrow) -> String {
     let names: Vec<&str> = channels().map(|channel| &*channel.name).collect();
     // Of an overwriting buffer it is not recorded whether a value took the place of another.
     let rooms = channels().map(|channel| match channel.kind {
-        Kind::Fifo(n) => n.to_string(),
+        Buffering::Fifo(n) => n.to_string(),
         _ => "0".to_owned(),
     });
     let rooms: Vec<String> = rooms.collect();

@@ -165,7 +165,11 @@ fn rename(document: &mut DocumentMut, thing: &Thing, to: &str) -> Result<(), Edi
         (Kind::Process, _) => rename_in_parts(document, from, to),
         (Kind::Channel, within) => each_part(document, within, |part| {
             for port in bound_to(part, from) {
-                change(part, &["bind"], &port, |text| renamed(text, from, to));
+                // The index has names of its own, such as `i`.
+                change(part, &["bind"], &port, |text| {
+                    let index = text.find('[').map_or("", |at| &text[at..]);
+                    format!("{to}{index}")
+                });
             }
         }),
         (Kind::Part, None) => {

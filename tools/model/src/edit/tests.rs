@@ -301,3 +301,26 @@ fn the_view_has_what_the_file_says() {
         "one is above the other"
     );
 }
+
+/// `i` of an index is the number of the part.
+#[test]
+fn a_channel_with_the_name_of_an_index_is_renamed_alone() {
+    let text = "[system.channel]\ni = { array = 2 }\n\
+                [system.part.source]\nprocess = \"Source\"\narray = 2\nbind.out = \"i[(i + 1) % 2]\"\n";
+    let mut draft = Draft::new("pair.toml", text).expect("its values can be read");
+    let thing = thing(Kind::Channel, "i");
+    let to = "pipe".to_owned();
+    draft
+        .apply(&[Edit::Rename { thing, to }])
+        .expect("it is renamed");
+    assert!(
+        draft.text().contains("pipe = { array = 2 }"),
+        "{}",
+        draft.text()
+    );
+    assert!(
+        draft.text().contains("bind.out = \"pipe[(i + 1) % 2]\""),
+        "{}",
+        draft.text()
+    );
+}

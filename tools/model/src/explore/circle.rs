@@ -1,7 +1,7 @@
 //! Who waits for whom.
 
 use super::state::{Semantics, State};
-use crate::network::Action;
+use crate::network::Label;
 
 /// Processes of which each waits for the next one, and the last for the first.
 pub(crate) fn circle(semantics: &Semantics<'_>, state: &State) -> Option<Vec<usize>> {
@@ -9,10 +9,10 @@ pub(crate) fn circle(semantics: &Semantics<'_>, state: &State) -> Option<Vec<usi
     let mut waits_for = vec![Vec::new(); network.processes.len()];
     for (number, agent) in network.agents.iter().enumerate() {
         for edge in semantics.edges(state, number) {
-            let Some((channel, side)) = edge.action.end() else {
+            let Some((channel, side)) = edge.label.end() else {
                 continue;
             };
-            debug_assert!(!matches!(edge.action, Action::Own(_)));
+            debug_assert!(!matches!(edge.label, Label::Own(_)));
             if semantics.is_open(state, edge) {
                 waits_for[agent.process].extend(network.channels[channel].partners(side));
             }

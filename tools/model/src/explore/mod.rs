@@ -5,13 +5,14 @@ pub(crate) mod livelock;
 mod moves;
 pub(crate) mod state;
 pub(crate) mod unreached;
+mod waiting;
 pub(crate) mod words;
 
 use crate::draw::sequence;
 use crate::network::Network;
 use indexmap::IndexSet;
 use rustc_hash::FxBuildHasher;
-use state::{Move, Semantics, State};
+use state::{MAX_DEPTH, MAX_LOCAL_STEPS, Move, Semantics, State};
 use std::fmt;
 
 /// A limit on states that needs at most a few GB and some minutes.
@@ -28,6 +29,20 @@ pub struct Exploration {
     pub findings: Vec<Finding>,
     /// Branches that no run takes; empty if the exploration is not complete.
     pub unreached: Vec<Unreached>,
+    /// Processes that wait for ever while others go on, where that is reached first; none if the
+    /// exploration is not complete. In some models it is meant so: a hint, no error.
+    pub stuck: Option<Stuck>,
+}
+
+/// Processes that wait for ever while others go on, and how it comes to that.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stuck {
+    /// Their names.
+    pub processes: Vec<String>,
+    /// What happens up to there.
+    pub trace: Vec<TraceStep>,
+    /// What they wait for, a line each.
+    pub there: Vec<String>,
 }
 
 /// What is wrong, and how it comes to that.
@@ -173,9 +188,11 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
             is_complete: true,
             findings: search.findings,
             unreached: Vec::new(),
+            stuck: None,
         };
     }
     let mut is_complete = true;
+    let mut after = waiting::Moves::default();
     let mut moves = Vec::new();
     let mut at = 0;
     while let Some(state) = space.states.get_index(at).cloned() {
@@ -184,6 +201,7 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
         if moves.is_empty() && !semantics.is_over(&state) && semantics.spinning(&state).is_none() {
             search.deadlock(&semantics, &space, at, &state);
         }
+        after.begin();
         for &step in &moves {
             search.taken.take(&state, step);
             let (next, broken) = semantics.after(&state, step);
@@ -208,8 +226,9 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
                     space.states.insert_full(next).0
                 }
             };
+            after.add(number);
             let edge = semantics.edge(&state, step);
-            if edge.is_some_and(|edge| edge.action.is_silent()) {
+            if edge.is_some_and(|edge| edge.label.is_silent()) {
                 search.silent.push((at as u32, number as u32, step));
             }
         }
@@ -224,6 +243,10 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
         unreached: match is_complete {
             true => search.taken.unreached(&semantics),
             false => Vec::new(),
+        },
+        stuck: match is_complete {
+            true => waiting::stuck(&semantics, &space, &after),
+            false => None,
         },
     }
 }
@@ -264,7 +287,10 @@ impl Search {
         {
             let trace = words::trace(network, &space.way_to(at));
             let name = &network.agents[agent].name;
-            let there = vec![format!("{name} computes for ever, without waiting")];
+            let there = vec![format!(
+                "{name} does not come to wait: not within {MAX_LOCAL_STEPS} steps, and not within \
+                 {MAX_DEPTH} `par` that begin one after the other"
+            )];
             self.add(FindingKind::Livelock, trace, there);
         }
     }

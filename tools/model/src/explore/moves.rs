@@ -2,7 +2,7 @@
 
 use super::state::{Move, Semantics, State};
 use crate::file::Side;
-use crate::network::{Action, Kind};
+use crate::network::{Buffering, Label};
 
 impl Semantics<'_> {
     /// All that can happen next.
@@ -31,7 +31,7 @@ impl Semantics<'_> {
                         is_end: false,
                     });
                 };
-                let Some((channel, side)) = edge.action.end() else {
+                let Some((channel, side)) = edge.label.end() else {
                     add(None, false);
                     continue;
                 };
@@ -46,14 +46,14 @@ impl Semantics<'_> {
                     add(None, true);
                 }
                 match (side, found.kind) {
-                    (Side::Receive, Kind::Rendezvous) => {}
+                    (Side::Receive, Buffering::Rendezvous) => {}
                     (Side::Receive, _) if length == 0 => {}
-                    (Side::Send, Kind::Fifo(n)) if length == n as i32 => {}
-                    (Side::Send, Kind::Rendezvous) => {
+                    (Side::Send, Buffering::Fifo(n)) if length == n as i32 => {}
+                    (Side::Send, Buffering::Rendezvous) => {
                         for &other in &self.receivers[channel] {
                             for (at, edge) in self.edges(state, other).iter().enumerate() {
                                 let receives =
-                                    matches!(edge.action, Action::Receive(c, _) if c == channel);
+                                    matches!(edge.label, Label::Receive(c, _) if c == channel);
                                 if other != agent && receives && self.is_open(state, edge) {
                                     add(Some((other, at)), false);
                                 }
@@ -72,7 +72,7 @@ impl Semantics<'_> {
         let at = self.contents[channel];
         let mut length = state[at] as usize;
         if length == kind.capacity() {
-            if let Kind::OverwriteOldest(_) = kind {
+            if let Buffering::OverwriteOldest(_) = kind {
                 state.copy_within(at + 2..at + 1 + length, at + 1);
             }
             length -= 1;

@@ -2,7 +2,7 @@
 
 use crate::file::Side;
 use crate::language::expr::{Expr, Fault};
-use crate::network::{Action, Atom, Channel, END, Edge, Kind, Network, Step};
+use crate::network::{Atom, Buffering, Channel, END, Edge, Label, Network, Step};
 
 /// Places of agents, values of variables, contents of channels.
 pub(crate) type State = Box<[i32]>;
@@ -17,9 +17,9 @@ const SPINS: i32 = -3;
 const ENDED: i32 = -4;
 
 /// An agent that goes on for longer without waiting is taken to do so for ever.
-const MAX_LOCAL_STEPS: usize = 100_000;
+pub(super) const MAX_LOCAL_STEPS: usize = 100_000;
 /// So many branches that begin and end by themselves, one after the other, are taken to do so too.
-const MAX_DEPTH: usize = 500;
+pub(super) const MAX_DEPTH: usize = 500;
 
 /// What an agent does, and who takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -65,7 +65,7 @@ impl<'a> Semantics<'a> {
         let mut contents = Vec::new();
         for channel in &network.channels {
             contents.push(size);
-            if channel.kind != Kind::Rendezvous {
+            if channel.kind != Buffering::Rendezvous {
                 size += 1 + channel.kind.capacity();
             }
         }
@@ -76,7 +76,7 @@ impl<'a> Semantics<'a> {
                     continue;
                 };
                 for edge in edges {
-                    if let Action::Receive(channel, _) = edge.action
+                    if let Label::Receive(channel, _) = edge.label
                         && receivers[channel].last() != Some(&number)
                     {
                         receivers[channel].push(number);
@@ -227,7 +227,7 @@ impl<'a> Semantics<'a> {
                 None => 1,
                 Some(condition) => self.value(state, condition).map_err(fault)?,
             };
-            let Action::Send(channel, Some(value)) = &edge.action else {
+            let Label::Send(channel, Some(value)) = &edge.label else {
                 continue;
             };
             // A guard with a false precondition is not evaluated.
@@ -333,7 +333,7 @@ impl<'a> Semantics<'a> {
     /// How many values a channel holds.
     pub(crate) fn length(&self, state: &State, channel: usize) -> i32 {
         match self.network.channels[channel].kind {
-            Kind::Rendezvous => 0,
+            Buffering::Rendezvous => 0,
             _ => state[self.contents[channel]],
         }
     }
@@ -372,12 +372,13 @@ impl<'a> Semantics<'a> {
             return None;
         }
         let edge = &self.edges(state, step.agent)[step.edge];
-        match &edge.action {
-            Action::Send(_, Some(value)) => self.value(state, value).ok(),
-            Action::Receive(channel, _) if self.network.channels[*channel].values.is_some() => {
+        match &edge.label {
+            Label::Send(_, Some(value)) => self.value(state, value).ok(),
+            Label::Receive(channel, _) if self.network.channels[*channel].values.is_some() => {
                 Some(state[self.contents[*channel] + 1])
             }
-            _ => None,
+            Label::Send(_, None) | Label::Receive(..) => None,
+            Label::Choice | Label::Skip | Label::After | Label::Own(_) => None,
         }
     }
 
@@ -394,22 +395,22 @@ impl<'a> Semantics<'a> {
         let value = self.carried(state, step);
         state[step.agent] = edge.next as i32;
         let mut variable = None;
-        match &edge.action {
-            Action::Send(channel, _) => match step.partner {
+        match &edge.label {
+            Label::Send(channel, _) => match step.partner {
                 None => self.put(state, *channel, value.unwrap_or(0)),
                 Some((other, at)) => {
                     let edge = &self.edges(state, other)[at];
                     state[other] = edge.next as i32;
-                    if let Action::Receive(_, Some(slot)) = edge.action {
+                    if let Label::Receive(_, Some(slot)) = edge.label {
                         variable = Some((slot, other, edge.line));
                     }
                 }
             },
-            Action::Receive(channel, slot) => {
+            Label::Receive(channel, slot) => {
                 self.get(state, *channel);
                 variable = slot.map(|slot| (slot, step.agent, edge.line));
             }
-            _ => {}
+            Label::Choice | Label::Skip | Label::After | Label::Own(_) => {}
         }
         if let (Some((slot, agent, line)), Some(value)) = (variable, value) {
             let checked = self.in_range(slot, value);

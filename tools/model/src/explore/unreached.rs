@@ -70,7 +70,8 @@ impl Taken {
                             add(branch, place.line, what, reached[*next]);
                         }
                     }
-                    _ => {}
+                    Step::End | Step::Goto(_) | Step::Assign(..) | Step::Assert(..) => {}
+                    Step::Fork(..) | Step::Join(..) => {}
                 }
             }
         }

@@ -4,7 +4,7 @@ use super::circle::circle;
 use super::state::{Broken, Move, Semantics, State};
 use super::{StepParts, TraceStep};
 use crate::file::Side;
-use crate::network::{Action, Edge, Network, Step};
+use crate::network::{Edge, Label, Network, Step};
 
 /// The moves from the first state on.
 pub(crate) fn trace(network: &Network, way: &[Move]) -> Vec<TraceStep> {
@@ -51,7 +51,7 @@ pub(crate) struct Said<'a> {
 impl Said<'_> {
     pub(crate) fn step(&self, network: &Network) -> TraceStep {
         let name = |agent: usize| network.agents[agent].name.clone();
-        let end = self.edge.action.end().filter(|_| !self.is_closed);
+        let end = self.edge.label.end().filter(|_| !self.is_closed);
         let parts = if let Some((channel, side)) = end {
             let value = self.value.map(|value| format!(" = {value}"));
             let (sender, receiver) = match side {
@@ -64,12 +64,12 @@ impl Said<'_> {
                 what: network.channels[channel].name.clone() + &value.unwrap_or_default(),
             }
         } else {
-            let what = match &self.edge.action {
-                Action::Own(action) => action.clone(),
-                Action::Choice => format!("branch of line {}", self.edge.line),
-                Action::Skip => "skip".to_owned(),
-                Action::After => "after".to_owned(),
-                Action::Send(..) | Action::Receive(..) => "ends".to_owned(),
+            let what = match &self.edge.label {
+                Label::Own(action) => action.clone(),
+                Label::Choice => format!("branch of line {}", self.edge.line),
+                Label::Skip => "skip".to_owned(),
+                Label::After => "after".to_owned(),
+                Label::Send(..) | Label::Receive(..) => "ends".to_owned(),
             };
             let process = name(self.agent);
             StepParts::Act { process, what }
@@ -87,19 +87,19 @@ impl Said<'_> {
             Some(value) => format!(" = {value}"),
             _ => String::new(),
         };
-        let end = edge.action.end();
+        let end = edge.label.end();
         let channel = end.map_or("", |(channel, _)| network.channels[channel].name.as_str());
-        match (&edge.action, self.partner) {
+        match (&edge.label, self.partner) {
             _ if self.is_closed => format!("{name} cannot go on with {channel}, and ends"),
-            (Action::Send(..), other) => {
+            (Label::Send(..), other) => {
                 let other = other.map(|other| network.agents[other].name.as_str());
                 communication(channel, Some(name), other) + &with
             }
-            (Action::Receive(..), _) => communication(channel, None, Some(name)) + &with,
-            (Action::Own(action), _) => format!("{name}: {action}"),
-            (Action::Choice, _) => format!("{name} chooses the branch of line {}", edge.line),
-            (Action::Skip, _) => format!("{name} skips, line {}", edge.line),
-            (Action::After, _) => format!("{name} has waited long enough, line {}", edge.line),
+            (Label::Receive(..), _) => communication(channel, None, Some(name)) + &with,
+            (Label::Own(action), _) => format!("{name}: {action}"),
+            (Label::Choice, _) => format!("{name} chooses the branch of line {}", edge.line),
+            (Label::Skip, _) => format!("{name} skips, line {}", edge.line),
+            (Label::After, _) => format!("{name} has waited long enough, line {}", edge.line),
         }
     }
 }
@@ -135,13 +135,13 @@ pub(crate) fn kind(network: &Network, edge: &Edge) -> String {
         let name = name.rsplit('.').next().unwrap_or(name);
         name.split('[').next().unwrap_or(name).to_owned()
     };
-    match &edge.action {
-        Action::Send(channel, _) => format!("the send on {}", without_parts(*channel)),
-        Action::Receive(channel, _) => format!("the receive from {}", without_parts(*channel)),
-        Action::Choice => "this branch".to_owned(),
-        Action::Skip => "the `skip`".to_owned(),
-        Action::After => "the `after`".to_owned(),
-        Action::Own(name) => format!("the action {name}"),
+    match &edge.label {
+        Label::Send(channel, _) => format!("the send on {}", without_parts(*channel)),
+        Label::Receive(channel, _) => format!("the receive from {}", without_parts(*channel)),
+        Label::Choice => "this branch".to_owned(),
+        Label::Skip => "the `skip`".to_owned(),
+        Label::After => "the `after`".to_owned(),
+        Label::Own(name) => format!("the action {name}"),
     }
 }
 
@@ -181,15 +181,15 @@ pub(crate) fn place(semantics: &Semantics<'_>, state: &State, agent: usize) -> O
     }
     let open = edges.iter().filter(|edge| semantics.is_open(state, edge));
     let offers: Vec<String> = open
-        .map(|edge| match &edge.action {
-            Action::Send(channel, _) => format!("send on {}", network.channels[*channel].name),
-            Action::Receive(channel, _) => {
+        .map(|edge| match &edge.label {
+            Label::Send(channel, _) => format!("send on {}", network.channels[*channel].name),
+            Label::Receive(channel, _) => {
                 format!("receive from {}", network.channels[*channel].name)
             }
-            Action::Own(name) => name.clone(),
-            Action::Choice => "choose".to_owned(),
-            Action::Skip => "skip".to_owned(),
-            Action::After => "wait for a time".to_owned(),
+            Label::Own(name) => name.clone(),
+            Label::Choice => "choose".to_owned(),
+            Label::Skip => "skip".to_owned(),
+            Label::After => "wait for a time".to_owned(),
         })
         .collect();
     Some(match &offers[..] {

@@ -9,7 +9,7 @@ use crate::language::body::{Block, Named, Span};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use crate::language::temporal::Formula;
-use crate::network::Kind;
+use crate::network::Buffering;
 use std::time::Duration;
 
 pub(crate) use costs::read as read_costs;
@@ -55,7 +55,7 @@ pub(crate) struct Composition {
 pub(crate) struct Channel {
     pub(crate) name: Named,
     pub(crate) array: Option<Expr<Path>>,
-    pub(crate) kind: Kind,
+    pub(crate) kind: Buffering,
     /// The type's name as written, and its values if the check is to know them.
     pub(crate) type_name: String,
     pub(crate) values: Option<Range>,

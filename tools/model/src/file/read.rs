@@ -6,7 +6,7 @@ use super::{Channel, Composition, Content, Definition, Document, Executor, Part,
 use crate::language::body::{self, Named, RESERVED};
 use crate::language::parser::Parser;
 use crate::language::temporal;
-use crate::network::Kind;
+use crate::network::Buffering;
 use crate::text::{Problem, Source};
 use luna::file::{self, Entry, MAX_PRIORITY, entries, parse};
 
@@ -188,7 +188,7 @@ fn channel(entry: &Entry<'_>) -> Result<Channel, Problem> {
     let mut found = Channel {
         name: entry.name(&RESERVED)?,
         array: None,
-        kind: Kind::Rendezvous,
+        kind: Buffering::Rendezvous,
         type_name: "()".to_owned(),
         values: None,
     };

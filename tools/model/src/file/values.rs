@@ -5,22 +5,22 @@ use super::{At, Range};
 use crate::language::Piece;
 use crate::language::expr::Expr;
 use crate::language::parser::{Parser, Path};
-use crate::network::Kind;
+use crate::network::Buffering;
 use crate::recorded::MAX_BUFFER;
 use crate::text::Problem;
 use luna::file::Entry;
 
 /// `rendezvous`, `fifo 2`, `overwrite_oldest 1`, `overwrite_newest 1`.
-pub(super) fn buffer(entry: &Entry<'_>) -> Result<Kind, Problem> {
+pub(super) fn buffer(entry: &Entry<'_>) -> Result<Buffering, Problem> {
     let text = entry.text()?;
     let mut words = text.split_whitespace();
     let (word, size, more) = (words.next(), words.next(), words.next());
     let size = size.map(|size| size.parse().ok().filter(|n| (1..=MAX_BUFFER).contains(n)));
     let kind = match (word, size, more) {
-        (Some("rendezvous"), None, None) => Some(Kind::Rendezvous),
-        (Some("fifo"), Some(Some(n)), None) => Some(Kind::Fifo(n)),
-        (Some("overwrite_oldest"), Some(Some(n)), None) => Some(Kind::OverwriteOldest(n)),
-        (Some("overwrite_newest"), Some(Some(n)), None) => Some(Kind::OverwriteNewest(n)),
+        (Some("rendezvous"), None, None) => Some(Buffering::Rendezvous),
+        (Some("fifo"), Some(Some(n)), None) => Some(Buffering::Fifo(n)),
+        (Some("overwrite_oldest"), Some(Some(n)), None) => Some(Buffering::OverwriteOldest(n)),
+        (Some("overwrite_newest"), Some(Some(n)), None) => Some(Buffering::OverwriteNewest(n)),
         _ => None,
     };
     kind.ok_or_else(|| {

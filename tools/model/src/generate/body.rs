@@ -2,14 +2,14 @@
 
 use super::branches::choice;
 use super::expression::{Lookup, compound, condition, int};
-use super::kind::{Kind, NAME, PERIOD, Periodic, Port};
+use super::kind::{NAME, PERIOD, Periodic, Port, ProcessKind};
 use super::lets::{self, Declares, Site, site};
 use super::liveness::live_at_start;
 use super::names::snake;
 use super::types::Type;
 use super::waiting::{diverges, surely_waits};
 use super::writer::Writer;
-use crate::language::body::{Block, Kind as Statement, Named, Offer};
+use crate::language::body::{Block, Named, Offer, StatementKind};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use crate::model::Model;
@@ -40,7 +40,7 @@ struct Variable {
 
 #[derive(Debug)]
 pub(super) struct Body<'m> {
-    pub(super) kind: &'m Kind<'m>,
+    pub(super) kind: &'m ProcessKind<'m>,
     pub(super) model: &'m Model,
     pub(super) uses: Uses,
     /// `rustc` would warn of a value that is never read.
@@ -64,7 +64,7 @@ impl Lookup for Body<'_> {
 }
 
 impl<'m> Body<'m> {
-    pub(super) fn new(model: &'m Model, kind: &'m Kind<'m>) -> Self {
+    pub(super) fn new(model: &'m Model, kind: &'m ProcessKind<'m>) -> Self {
         Self {
             kind,
             model,
@@ -119,7 +119,8 @@ impl<'m> Body<'m> {
                 Periodic::All => tick.line(format!(
                     "let mut slots = luna::periodic({NAME}, {PERIOD})?;"
                 )),
-                _ => {
+                Periodic::None => {}
+                Periodic::Some => {
                     let made = format!("{PERIOD}.map(|period| luna::periodic({NAME}, period))");
                     tick.line(format!("let mut slots = {made}.transpose()?;"));
                 }
@@ -216,7 +217,7 @@ impl<'m> Body<'m> {
         let Some((variable, _)) = variable else {
             return Ok(match holds {
                 Type::OfRust(_) | Type::Defined(_) => format!("let _ = {outcome}?;"),
-                _ => format!("{outcome}?;"),
+                Type::Unit | Type::Bool | Type::Int => format!("{outcome}?;"),
             });
         };
         let value = match (holds, self.is_bool(variable)) {
@@ -246,25 +247,30 @@ impl<'m> Body<'m> {
         Ok(())
     }
 
-    fn statement(&mut self, kind: &Statement, at: Site, out: &mut Writer) -> Result<(), Problem> {
+    fn statement(
+        &mut self,
+        kind: &StatementKind,
+        at: Site,
+        out: &mut Writer,
+    ) -> Result<(), Problem> {
         match kind {
             // Taken out before.
-            Statement::Skip => {}
-            Statement::Stop => {
+            StatementKind::Skip => {}
+            StatementKind::Stop => {
                 self.uses.stop = true;
                 out.line("stop().await;");
             }
-            Statement::Offer(offer) => {
+            StatementKind::Offer(offer) => {
                 let operation = self.operation(offer)?;
                 out.line(self.take(offer, at, &format!("{operation}.await"))?);
             }
-            Statement::Action(action) => {
+            StatementKind::Action(action) => {
                 if !self.uses.actions.contains(action) {
                     self.uses.actions.push(action.clone());
                 }
                 out.line(format!("{}();", snake(action)));
             }
-            Statement::Assign((name, _), value) => {
+            StatementKind::Assign((name, _), value) => {
                 let text = self.value(name, value);
                 let is_declared = self.declares.contains_key(&at);
                 let short = compound(name, value, self);
@@ -273,14 +279,14 @@ impl<'m> Body<'m> {
                     None => out.line(format!("{} = {text};", self.place(name, at))),
                 }
             }
-            Statement::Assert(claim) => {
+            StatementKind::Assert(claim) => {
                 let claim = self.condition(claim);
                 out.line(format!("assert!({claim});"));
             }
-            Statement::If(claim, then, otherwise) => {
+            StatementKind::If(claim, then, otherwise) => {
                 self.conditional("", claim, then, otherwise, out)?;
             }
-            Statement::While(claim, inner) => {
+            StatementKind::While(claim, inner) => {
                 let claim = match claim {
                     Expr::Number(number) if *number != 0 => None,
                     claim => Some(self.condition(claim)),
@@ -289,8 +295,8 @@ impl<'m> Body<'m> {
                     claim.map_or_else(|| "loop {".to_owned(), |claim| format!("while {claim} {{"));
                 self.repeated(&head, inner, at, true, out)?;
             }
-            Statement::Loop(inner) => self.repeated("loop {", inner, at, true, out)?,
-            Statement::For((name, _), from, to, inner) => {
+            StatementKind::Loop(inner) => self.repeated("loop {", inner, at, true, out)?,
+            StatementKind::For((name, _), from, to, inner) => {
                 self.note(from);
                 self.note(to);
                 let (from, to) = (int(from, self), int(to, self));
@@ -305,9 +311,9 @@ impl<'m> Body<'m> {
                 self.repeated(&head, inner, at, false, out)?;
                 self.variables.pop();
             }
-            Statement::Par(blocks) => self.par(blocks, out)?,
-            Statement::Choose(blocks) => self.choose(blocks, out)?,
-            Statement::Alternative {
+            StatementKind::Par(blocks) => self.par(blocks, out)?,
+            StatementKind::Choose(blocks) => self.choose(blocks, out)?,
+            StatementKind::Alternative {
                 prioritized,
                 guards,
             } => super::alternative::write(self, *prioritized, guards, out)?,

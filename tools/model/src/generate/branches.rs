@@ -4,7 +4,7 @@ use super::body::Body;
 use super::expression;
 use super::waiting::diverges;
 use super::writer::Writer;
-use crate::language::body::{Block, Kind as Statement};
+use crate::language::body::{Block, StatementKind};
 use crate::language::expr::{Expr, Unary};
 use crate::language::parser::Path;
 use crate::text::Problem;
@@ -31,7 +31,7 @@ impl Body<'_> {
         // As Clippy wants it: one `if` for one within another.
         while otherwise.is_empty()
             && let [only] = &then[..]
-            && let Statement::If(inner, block, none) = &only.kind
+            && let StatementKind::If(inner, block, none) = &only.kind
             && none.is_empty()
         {
             claims.push(inner);
@@ -47,7 +47,7 @@ impl Body<'_> {
         }
         self.block(then, out)?;
         if let [only] = &otherwise[..]
-            && let Statement::If(claim, then, otherwise) = &only.kind
+            && let StatementKind::If(claim, then, otherwise) = &only.kind
         {
             return self.conditional("} else ", claim, then, otherwise, out);
         }

@@ -6,7 +6,7 @@ use super::waiting::reachable;
 use crate::file::{Content, Definition, Side};
 use crate::language::body::Block;
 use crate::model::Model;
-use crate::network::{Kind as Buffering, Process};
+use crate::network::Process;
 use crate::text::Problem;
 
 /// What `ports` has beside the ports and parameters of the model.
@@ -58,7 +58,7 @@ const TYPES: [(&str, &str); 11] = [
 
 /// A process of the model with a body, of which the system has parts.
 #[derive(Debug)]
-pub(super) struct Kind<'m> {
+pub(super) struct ProcessKind<'m> {
     pub(super) definition: &'m Definition,
     /// Without what is never reached or does nothing.
     pub(super) body: Block,
@@ -94,7 +94,7 @@ pub(super) struct Port {
 /// All kinds, and the types that a person is to define.
 #[derive(Debug)]
 pub(super) struct Kinds<'m> {
-    pub(super) all: Vec<Kind<'m>>,
+    pub(super) all: Vec<ProcessKind<'m>>,
     pub(super) types: Vec<String>,
 }
 
@@ -130,7 +130,7 @@ impl<'m> Kinds<'m> {
     }
 
     /// The kind of a process.
-    pub(super) fn of(&self, process: &Process) -> Option<&Kind<'m>> {
+    pub(super) fn of(&self, process: &Process) -> Option<&ProcessKind<'m>> {
         let mut all = self.all.iter();
         all.find(|kind| kind.definition.name.0 == process.definition)
     }
@@ -141,7 +141,7 @@ fn kind<'m>(
     definition: &'m Definition,
     body: &Block,
     parts: &[&Process],
-) -> Result<Kind<'m>, Problem> {
+) -> Result<ProcessKind<'m>, Problem> {
     let mut names = Names::new(model.source(), &OWN);
     let mut ports = Vec::new();
     for (named, side) in &definition.ports {
@@ -165,14 +165,9 @@ fn kind<'m>(
                 return Err(model.source().problem(named.1.clone(), message, advice));
             }
         }
-        let overwrites = |kind| {
-            matches!(
-                kind,
-                Buffering::OverwriteOldest(_) | Buffering::OverwriteNewest(_)
-            )
-        };
+        let mut channels = channels.iter();
         let sends_at_once =
-            *side == Side::Send && channels.iter().any(|channel| overwrites(channel.kind));
+            *side == Side::Send && channels.any(|channel| channel.kind.overwrites());
         ports.push(Port {
             name: named.0.clone(),
             rust,
@@ -192,7 +187,7 @@ fn kind<'m>(
     }
     super::skeleton::take_names(body, &mut names)?;
     let periods = parts.iter().filter(|part| part.period.is_some()).count();
-    Ok(Kind {
+    Ok(ProcessKind {
         definition,
         body: reachable(body),
         module: snake(&definition.name.0),

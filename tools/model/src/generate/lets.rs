@@ -1,7 +1,7 @@
 //! Where a variable of a model is declared in Rust: where it is set first, if nothing before needs
 //! it, else at the begin of the body.
 
-use crate::language::body::{Block, Guard, Kind, Offer, Statement};
+use crate::language::body::{Block, Guard, Offer, Statement, StatementKind};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use std::collections::HashMap;
@@ -58,21 +58,25 @@ fn declare(block: &Block, name: &str, found: &mut HashMap<Site, Declares>) -> bo
         return false;
     }
     match &first.kind {
-        Kind::Loop(inner) => declare(inner, name, found),
-        Kind::For(_, from, to, inner) => {
+        StatementKind::Loop(inner) => declare(inner, name, found),
+        StatementKind::For(_, from, to, inner) => {
             !reads(from, name) && !reads(to, name) && declare(inner, name, found)
         }
-        Kind::While(condition, inner) => !reads(condition, name) && declare(inner, name, found),
-        Kind::If(condition, then, otherwise) => {
+        StatementKind::While(condition, inner) => {
+            !reads(condition, name) && declare(inner, name, found)
+        }
+        StatementKind::If(condition, then, otherwise) => {
             !reads(condition, name) && declare(then, name, found) && declare(otherwise, name, found)
         }
-        Kind::Par(blocks) | Kind::Choose(blocks) => {
+        StatementKind::Par(blocks) | StatementKind::Choose(blocks) => {
             blocks.iter().all(|block| declare(block, name, found))
         }
-        Kind::Alternative { guards, .. } => guards
+        StatementKind::Alternative { guards, .. } => guards
             .iter()
             .all(|guard| declare_in_guard(guard, name, found)),
-        _ => false,
+        StatementKind::Offer(_) | StatementKind::Assign(..) | StatementKind::Assert(_) => false,
+        // They mention nothing.
+        StatementKind::Action(_) | StatementKind::Skip | StatementKind::Stop => true,
     }
 }
 
@@ -87,7 +91,9 @@ fn declare_in_guard(guard: &Guard, name: &str, found: &mut HashMap<Site, Declare
             declares(rest, found, site(guard))
         }
         Offer::Send(_, Some(value)) if reads(value, name) => false,
-        _ => declare(&guard.body, name, found),
+        Offer::Send(..) | Offer::Receive(..) | Offer::Skip | Offer::After => {
+            declare(&guard.body, name, found)
+        }
     }
 }
 
@@ -111,9 +117,19 @@ fn declares(
 
 fn sets_at_once(statement: &Statement, name: &str) -> bool {
     match &statement.kind {
-        Kind::Assign((variable, _), value) => variable == name && !reads(value, name),
-        Kind::Offer(Offer::Receive(_, Some((variable, _)))) => variable == name,
-        _ => false,
+        StatementKind::Assign((variable, _), value) => variable == name && !reads(value, name),
+        StatementKind::Offer(offer) => of_offer(offer, name).sets > 0,
+        StatementKind::Action(_)
+        | StatementKind::Skip
+        | StatementKind::Stop
+        | StatementKind::Assert(_)
+        | StatementKind::If(..)
+        | StatementKind::While(..)
+        | StatementKind::Loop(_)
+        | StatementKind::For(..)
+        | StatementKind::Par(_)
+        | StatementKind::Choose(_)
+        | StatementKind::Alternative { .. } => false,
     }
 }
 
@@ -144,7 +160,9 @@ fn of_offer(offer: &Offer, name: &str) -> Mentions {
             reads: 0,
             sets: usize::from(variable == name),
         },
-        _ => Mentions::default(),
+        Offer::Send(_, None) | Offer::Receive(_, None) | Offer::Skip | Offer::After => {
+            Mentions::default()
+        }
     }
 }
 
@@ -161,9 +179,9 @@ fn of_blocks(blocks: &[Block], name: &str) -> Mentions {
 
 fn of_statement(statement: &Statement, name: &str) -> Mentions {
     match &statement.kind {
-        Kind::Action(_) | Kind::Skip | Kind::Stop => Mentions::default(),
-        Kind::Offer(offer) => of_offer(offer, name),
-        Kind::Assign((variable, _), value) => {
+        StatementKind::Action(_) | StatementKind::Skip | StatementKind::Stop => Mentions::default(),
+        StatementKind::Offer(offer) => of_offer(offer, name),
+        StatementKind::Assign((variable, _), value) => {
             let is_it = variable == name;
             // `x = x + 1` alone is no use of it.
             Mentions {
@@ -171,19 +189,21 @@ fn of_statement(statement: &Statement, name: &str) -> Mentions {
                 sets: usize::from(is_it),
             }
         }
-        Kind::Assert(condition) => of_expr(condition, name),
-        Kind::If(condition, then, otherwise) => {
+        StatementKind::Assert(condition) => of_expr(condition, name),
+        StatementKind::If(condition, then, otherwise) => {
             let branches = sum(of_block(then, name), of_block(otherwise, name));
             sum(of_expr(condition, name), branches)
         }
-        Kind::While(condition, inner) => sum(of_expr(condition, name), of_block(inner, name)),
-        Kind::Loop(inner) => of_block(inner, name),
-        Kind::For(_, from, to, inner) => {
+        StatementKind::While(condition, inner) => {
+            sum(of_expr(condition, name), of_block(inner, name))
+        }
+        StatementKind::Loop(inner) => of_block(inner, name),
+        StatementKind::For(_, from, to, inner) => {
             let bounds = sum(of_expr(from, name), of_expr(to, name));
             sum(bounds, of_block(inner, name))
         }
-        Kind::Par(blocks) | Kind::Choose(blocks) => of_blocks(blocks, name),
-        Kind::Alternative { guards, .. } => {
+        StatementKind::Par(blocks) | StatementKind::Choose(blocks) => of_blocks(blocks, name),
+        StatementKind::Alternative { guards, .. } => {
             let each = guards.iter().map(|guard| {
                 let condition = guard.condition.as_ref();
                 let condition = condition.map_or_else(Mentions::default, |one| of_expr(one, name));

@@ -1,7 +1,7 @@
 //! Whether `rustc` would warn that a value is set and never read: models set such values, for
 //! their properties or for the next turn of a loop that does not come.
 
-use crate::language::body::{Block, Kind, Offer, Statement};
+use crate::language::body::{Block, Offer, Statement, StatementKind};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use std::collections::BTreeSet;
@@ -38,16 +38,16 @@ fn of_offer(offer: &Offer, live: &mut Live, dead: &mut Live) {
     match offer {
         Offer::Send(_, Some(value)) => read(live, value),
         Offer::Receive(_, Some((name, _))) => set(live, name, dead),
-        _ => {}
+        Offer::Send(_, None) | Offer::Receive(_, None) | Offer::Skip | Offer::After => {}
     }
 }
 
 fn of_statement(statement: &Statement, after: Live, dead: &mut Live) -> Live {
     let mut live = after.clone();
     match &statement.kind {
-        Kind::Action(_) | Kind::Skip | Kind::Stop => {}
-        Kind::Offer(offer) => of_offer(offer, &mut live, dead),
-        Kind::Assign((name, _), value) => {
+        StatementKind::Action(_) | StatementKind::Skip | StatementKind::Stop => {}
+        StatementKind::Offer(offer) => of_offer(offer, &mut live, dead),
+        StatementKind::Assign((name, _), value) => {
             set(&mut live, name, dead);
             // What `x += 1` reads is no use of `x` to `rustc`.
             read(&mut live, value);
@@ -55,23 +55,23 @@ fn of_statement(statement: &Statement, after: Live, dead: &mut Live) -> Live {
                 live.remove(name);
             }
         }
-        Kind::Assert(condition) => read(&mut live, condition),
-        Kind::If(condition, then, otherwise) => {
+        StatementKind::Assert(condition) => read(&mut live, condition),
+        StatementKind::If(condition, then, otherwise) => {
             live = of_block(then, after.clone(), dead);
             live.extend(of_block(otherwise, after, dead));
             read(&mut live, condition);
         }
-        Kind::While(condition, inner) => {
+        StatementKind::While(condition, inner) => {
             read(&mut live, condition);
             live = repeated(inner, live, dead);
         }
-        Kind::Loop(inner) => live = repeated(inner, Live::new(), dead),
-        Kind::For(_, from, to, inner) => {
+        StatementKind::Loop(inner) => live = repeated(inner, Live::new(), dead),
+        StatementKind::For(_, from, to, inner) => {
             live = repeated(inner, live, dead);
             read(&mut live, from);
             read(&mut live, to);
         }
-        Kind::Par(blocks) => {
+        StatementKind::Par(blocks) => {
             // A branch borrows what it sets: that counts as read.
             let mut ignored = Live::new();
             let mut all = after.clone();
@@ -80,13 +80,13 @@ fn of_statement(statement: &Statement, after: Live, dead: &mut Live) -> Live {
             }
             live = all;
         }
-        Kind::Choose(blocks) => {
+        StatementKind::Choose(blocks) => {
             live = Live::new();
             for block in blocks {
                 live.extend(of_block(block, after.clone(), dead));
             }
         }
-        Kind::Alternative { guards, .. } => {
+        StatementKind::Alternative { guards, .. } => {
             live = Live::new();
             for guard in guards {
                 let mut one = of_block(&guard.body, after.clone(), dead);

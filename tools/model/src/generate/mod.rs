@@ -89,6 +89,7 @@ impl File {
 }
 
 pub(crate) fn generate(model: &Model, luna: &Luna) -> Result<Vec<File>, Problem> {
+    types::check(model)?;
     let kinds = Kinds::new(model)?;
     let mut files = vec![
         File::generated("src/generated/mod.rs", wiring::root(&kinds)),

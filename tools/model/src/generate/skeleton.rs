@@ -1,14 +1,14 @@
 //! The first text of a process' file: its body as in the model, and its actions empty.
 
 use super::body::Body;
-use super::kind::{Kind, NAME, PERIOD, Periodic};
+use super::kind::{NAME, PERIOD, Periodic, ProcessKind};
 use super::names::{Names, snake};
 use super::writer::Writer;
-use crate::language::body::{self, Block, Guard, Statement};
+use crate::language::body::{Block, Guard, Statement, StatementKind};
 use crate::model::Model;
 use crate::text::Problem;
 
-pub(super) fn skeleton(model: &Model, kind: &Kind<'_>) -> Result<String, Problem> {
+pub(super) fn skeleton(model: &Model, kind: &ProcessKind<'_>) -> Result<String, Problem> {
     let mut body = Body::new(model, kind);
     let (before, text) = body.write()?;
     let mut out = Writer::default();
@@ -69,7 +69,7 @@ pub(super) fn imports(out: &mut Writer, from: &str, what: &[&str]) {
 }
 
 /// Takes the ports apart: what comes or goes is an error of the compiler here.
-fn ports(out: &mut Writer, kind: &Kind<'_>, body: &Body<'_>) {
+fn ports(out: &mut Writer, kind: &ProcessKind<'_>, body: &Body<'_>) {
     let mut fields = Vec::new();
     let names = kind.ports.iter().map(|port| (&port.name, &port.rust));
     let parameters = kind.parameters.iter().map(|(name, rust)| (name, rust));
@@ -105,9 +105,19 @@ pub(super) fn take_names(block: &Block, names: &mut Names<'_>) -> Result<(), Pro
     let mut outcome = Ok(());
     each(block, &mut |statement| {
         let (named, is_action) = match &statement.kind {
-            body::Kind::For(variable, ..) => (variable.clone(), false),
-            body::Kind::Action(action) => ((action.clone(), statement.span.clone()), true),
-            _ => return,
+            StatementKind::For(variable, ..) => (variable.clone(), false),
+            StatementKind::Action(action) => ((action.clone(), statement.span.clone()), true),
+            StatementKind::Offer(_)
+            | StatementKind::Skip
+            | StatementKind::Stop
+            | StatementKind::Assign(..)
+            | StatementKind::Assert(_)
+            | StatementKind::If(..)
+            | StatementKind::While(..)
+            | StatementKind::Loop(_)
+            | StatementKind::Par(_)
+            | StatementKind::Choose(_)
+            | StatementKind::Alternative { .. } => return,
         };
         let known = (named.0.clone(), is_action);
         if outcome.is_ok() && !found.contains(&known) {
@@ -128,24 +138,29 @@ pub(super) fn each<'b>(block: &'b Block, see: &mut impl FnMut(&'b Statement)) {
     for statement in block {
         see(statement);
         match &statement.kind {
-            body::Kind::If(_, then, otherwise) => {
+            StatementKind::If(_, then, otherwise) => {
                 each(then, see);
                 each(otherwise, see);
             }
-            body::Kind::While(_, inner)
-            | body::Kind::Loop(inner)
-            | body::Kind::For(_, _, _, inner) => each(inner, see),
-            body::Kind::Par(blocks) | body::Kind::Choose(blocks) => {
+            StatementKind::While(_, inner)
+            | StatementKind::Loop(inner)
+            | StatementKind::For(_, _, _, inner) => each(inner, see),
+            StatementKind::Par(blocks) | StatementKind::Choose(blocks) => {
                 for block in blocks {
                     each(block, see);
                 }
             }
-            body::Kind::Alternative { guards, .. } => {
+            StatementKind::Alternative { guards, .. } => {
                 for Guard { body, .. } in guards {
                     each(body, see);
                 }
             }
-            _ => {}
+            StatementKind::Offer(_)
+            | StatementKind::Action(_)
+            | StatementKind::Skip
+            | StatementKind::Stop
+            | StatementKind::Assign(..)
+            | StatementKind::Assert(_) => {}
         }
     }
 }

@@ -87,6 +87,31 @@ pub(super) fn type_of(model: &Model, channel: &Channel) -> Result<Type, Problem>
     Ok(Type::Defined(rust))
 }
 
+/// Refuses two types of the model that become one type in Rust.
+pub(super) fn check(model: &Model) -> Result<(), Problem> {
+    let mut known: Vec<(String, &str)> = Vec::new();
+    for channel in &model.network.channels {
+        let Type::Defined(rust) = type_of(model, channel)? else {
+            continue;
+        };
+        let name = channel.type_name.as_str();
+        let before = known.iter().find(|(one, _)| *one == rust);
+        match before.map(|(_, before)| *before) {
+            None => known.push((rust, name)),
+            Some(before) if before == name => {}
+            Some(before) => {
+                let message =
+                    format!("the types `{before}` and `{name}` are both `{rust}` in Rust");
+                let advice = "write one name for one type";
+                let found = stated(model, name).or_else(|| stated(model, before));
+                let span = found.map_or(0..0, |channel| channel.name.1.clone());
+                return Err(model.source().problem(span, message, advice));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// The first channel of the file that has this type.
 fn stated<'m>(model: &'m Model, type_name: &str) -> Option<&'m file::Channel> {
     let definitions = model.document.definitions.iter();

@@ -1,13 +1,13 @@
 //! What is written anew each time: modules, ports, the system.
 
-use super::kind::{Kind, Kinds, NAME, PERIOD, Periodic};
+use super::kind::{Kinds, NAME, PERIOD, Periodic, ProcessKind};
 use super::names::unlike;
 use super::skeleton::imports;
 use super::types::{Type, type_of};
 use super::writer::Writer;
 use crate::file::{Executor, Side};
 use crate::model::Model;
-use crate::network::{Kind as Buffering, Process};
+use crate::network::{Buffering, Process};
 use crate::text::Problem;
 use luna::Policy;
 use std::time::Duration;
@@ -75,7 +75,7 @@ pub(super) fn ports(kinds: &Kinds<'_>) -> String {
     out.finish()
 }
 
-fn fields(kind: &Kind<'_>) -> Vec<(String, String)> {
+fn fields(kind: &ProcessKind<'_>) -> Vec<(String, String)> {
     let mut fields = Vec::new();
     for port in &kind.ports {
         let end = match port.side {
@@ -176,7 +176,7 @@ pub(super) fn system(model: &Model, kinds: &Kinds<'_>) -> Result<String, Problem
 fn add(
     out: &mut Writer,
     process: &Process,
-    kind: &Kind<'_>,
+    kind: &ProcessKind<'_>,
     channels: &[String],
     place: Place<'_>,
 ) {

@@ -13,12 +13,12 @@ pub(crate) type Block = Vec<Statement>;
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Statement {
-    pub(crate) kind: Kind,
+    pub(crate) kind: StatementKind,
     pub(crate) span: Span,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum StatementKind {
     Offer(Offer),
     Action(String),
     Skip,
@@ -78,16 +78,21 @@ fn sequence(parser: &mut Parser<'_>) -> Result<Block, Problem> {
         }
         let start = parser.span();
         let kind = parser.nested(statement)?;
-        let has_block = matches!(
-            kind,
-            Kind::If(..)
-                | Kind::While(..)
-                | Kind::Loop(_)
-                | Kind::For(..)
-                | Kind::Par(_)
-                | Kind::Choose(_)
-                | Kind::Alternative { .. }
-        );
+        let has_block = match kind {
+            StatementKind::If(..)
+            | StatementKind::While(..)
+            | StatementKind::Loop(_)
+            | StatementKind::For(..)
+            | StatementKind::Par(_)
+            | StatementKind::Choose(_)
+            | StatementKind::Alternative { .. } => true,
+            StatementKind::Offer(_)
+            | StatementKind::Action(_)
+            | StatementKind::Skip
+            | StatementKind::Stop
+            | StatementKind::Assign(..)
+            | StatementKind::Assert(_) => false,
+        };
         let span = match has_block {
             true => start,
             false => parser.since(&start),
@@ -117,13 +122,13 @@ fn branches(parser: &mut Parser<'_>) -> Result<Vec<Block>, Problem> {
     Ok(found)
 }
 
-fn statement(parser: &mut Parser<'_>) -> Result<Kind, Problem> {
+fn statement(parser: &mut Parser<'_>) -> Result<StatementKind, Problem> {
     let (word, span) = parser.word("write a statement here")?;
     Ok(match word.as_str() {
-        "skip" => Kind::Skip,
-        "stop" => Kind::Stop,
-        "loop" => Kind::Loop(block(parser)?),
-        "while" => Kind::While(parser.expr()?, block(parser)?),
+        "skip" => StatementKind::Skip,
+        "stop" => StatementKind::Stop,
+        "loop" => StatementKind::Loop(block(parser)?),
+        "while" => StatementKind::While(parser.expr()?, block(parser)?),
         "if" => {
             let condition = parser.expr()?;
             let then = block(parser)?;
@@ -136,7 +141,7 @@ fn statement(parser: &mut Parser<'_>) -> Result<Kind, Problem> {
             } else {
                 block(parser)?
             };
-            Kind::If(condition, then, otherwise)
+            StatementKind::If(condition, then, otherwise)
         }
         "for" => {
             let variable = name(parser, "write the name of a variable here")?;
@@ -146,12 +151,12 @@ fn statement(parser: &mut Parser<'_>) -> Result<Kind, Problem> {
             let from = parser.expr()?;
             parser.expect("..")?;
             let to = parser.expr()?;
-            Kind::For(variable, from, to, block(parser)?)
+            StatementKind::For(variable, from, to, block(parser)?)
         }
-        "par" => Kind::Par(branches(parser)?),
-        "choose" => Kind::Choose(branches(parser)?),
-        "assert" => Kind::Assert(parser.expr()?),
-        "alt" | "pri_alt" => Kind::Alternative {
+        "par" => StatementKind::Par(branches(parser)?),
+        "choose" => StatementKind::Choose(branches(parser)?),
+        "assert" => StatementKind::Assert(parser.expr()?),
+        "alt" | "pri_alt" => StatementKind::Alternative {
             prioritized: word == "pri_alt",
             guards: guards(parser)?,
         },
@@ -160,10 +165,10 @@ fn statement(parser: &mut Parser<'_>) -> Result<Kind, Problem> {
             return Err(parser.problem(span, message, "remove it, or use another name"));
         }
         _ if parser.is_sign("!") || parser.is_sign("?") => {
-            Kind::Offer(offer(parser, (word, span))?)
+            StatementKind::Offer(offer(parser, (word, span))?)
         }
-        _ if parser.take("=") => Kind::Assign((word, span), parser.expr()?),
-        _ => Kind::Action(word),
+        _ if parser.take("=") => StatementKind::Assign((word, span), parser.expr()?),
+        _ => StatementKind::Action(word),
     })
 }
 

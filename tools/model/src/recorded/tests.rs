@@ -2,7 +2,7 @@
 
 use super::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 use crate::Model;
-use crate::network::Kind;
+use crate::network::Buffering;
 use std::time::Duration;
 
 fn process(name: &str) -> RecordedProcess {
@@ -71,8 +71,11 @@ fn what_ran_becomes_a_model_with_all_that_is_known() {
     assert_eq!(control.period, Some(Duration::from_micros(1500)));
     assert_eq!(control.on.as_deref(), Some("main_thread"));
     let kinds = network.channels.iter().map(|channel| channel.kind);
-    let (rendezvous, fifo, overwriting) =
-        (Kind::Rendezvous, Kind::Fifo(3), Kind::OverwriteOldest(2));
+    let (rendezvous, fifo, overwriting) = (
+        Buffering::Rendezvous,
+        Buffering::Fifo(3),
+        Buffering::OverwriteOldest(2),
+    );
     assert!(kinds.eq([rendezvous, fifo, overwriting, rendezvous, rendezvous]));
     let own = &network.channels[3];
     assert_eq!(

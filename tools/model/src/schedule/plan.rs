@@ -5,7 +5,7 @@ use super::bound::bounds;
 use super::placed::{executor, may_be_besides, open, rank};
 use super::verdict::{Found, Verdict};
 use super::{Arrivals, Costs, Demand, Known, NoBound, Task, Thread};
-use crate::network::{Action, Edge, Executor, Kind, Network, Step};
+use crate::network::{Edge, Executor, Label, Network, Step};
 use std::collections::BTreeMap;
 use std::ops::Add;
 use std::time::Duration;
@@ -264,27 +264,25 @@ fn may_wait(network: &Network, process: usize) -> bool {
         let Step::Wait(edges) = step else {
             return false;
         };
-        let waits = |action: &Action| match action {
-            Action::Send(channel, _) => !matches!(
-                network.channels[*channel].kind,
-                Kind::OverwriteOldest(_) | Kind::OverwriteNewest(_)
-            ),
-            Action::Receive(..) | Action::After => true,
-            _ => false,
+        let waits = |label: &Label| match label {
+            Label::Send(channel, _) => !network.channels[*channel].kind.overwrites(),
+            Label::Receive(..) | Label::After => true,
+            Label::Choice | Label::Skip | Label::Own(_) => false,
         };
-        let skips = |edge: &Edge| matches!(edge.action, Action::Skip) && edge.condition.is_none();
+        let skips = |edge: &Edge| matches!(edge.label, Label::Skip) && edge.condition.is_none();
         let goes_on = edges.iter().any(skips);
-        !goes_on && edges.iter().any(|edge| waits(&edge.action))
+        !goes_on && edges.iter().any(|edge| waits(&edge.label))
     })
 }
 
 /// Whether a cycle is one poll: the body does nothing but actions.
 fn is_one_poll(network: &Network, process: usize) -> bool {
     steps(network, process).all(|step| match step {
-        Step::Wait(edges) => edges
-            .iter()
-            .all(|edge| matches!(edge.action, Action::Own(_) | Action::Choice)),
+        Step::Wait(edges) => edges.iter().all(|edge| match edge.label {
+            Label::Own(_) | Label::Choice => true,
+            Label::Send(..) | Label::Receive(..) | Label::Skip | Label::After => false,
+        }),
         Step::Fork(..) | Step::Join(..) => false,
-        _ => true,
+        Step::End | Step::Goto(_) | Step::Assign(..) | Step::Branch(..) | Step::Assert(..) => true,
     })
 }

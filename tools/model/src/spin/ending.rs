@@ -35,7 +35,7 @@ impl Ending {
                 let fails = agent.code.iter().any(|place| match &place.step {
                     Step::Join(branches, _) => branches.iter().any(branch_fails),
                     Step::Wait(edges) => edges.iter().any(|edge| {
-                        edge.action.end().is_some_and(|(channel, side)| {
+                        edge.label.end().is_some_and(|(channel, side)| {
                             found.may_close(network, channel, side)
                                 || called_off(agent)
                                 || ancestors(network, number)

@@ -8,7 +8,7 @@ use super::ending::Ending;
 use super::wait::needs_choice;
 use crate::file::Side;
 use crate::language::expr::{Binary, Expr};
-use crate::network::{Atom, Edge, Kind, Network, Step};
+use crate::network::{Atom, Buffering, Edge, Network, Step};
 use std::collections::BTreeMap;
 
 /// A model for SPIN.
@@ -163,11 +163,11 @@ impl Writer<'_> {
 
     /// Whether it needs a variable to overwrite the newest value.
     fn rotates(&self, edge: &Edge) -> bool {
-        edge.action.end().is_some_and(|(channel, side)| {
+        edge.label.end().is_some_and(|(channel, side)| {
             side == Side::Send
                 && matches!(
                     self.network.channels[channel].kind,
-                    Kind::OverwriteNewest(2..)
+                    Buffering::OverwriteNewest(2..)
                 )
         })
     }

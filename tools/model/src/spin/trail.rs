@@ -3,7 +3,7 @@
 use super::promela::{Mark, Promela};
 use crate::explore::words::Said;
 use crate::explore::{StepParts, TraceStep};
-use crate::network::{Action, Edge, Kind, Network, Step};
+use crate::network::{Buffering, Edge, Label, Network, Step};
 
 /// The moves of a trail; of an endless run the part that is repeated comes after a
 /// line that says so.
@@ -42,12 +42,12 @@ pub(crate) fn words(network: &Network, promela: &Promela, trail: &str) -> Vec<Tr
             };
             said.step(network)
         };
-        let is_rendezvous = edge.action.end().is_some_and(|(channel, _)| {
-            network.channels[channel].kind == Kind::Rendezvous && !mark.is_closed
+        let is_rendezvous = edge.label.end().is_some_and(|(channel, _)| {
+            network.channels[channel].kind == Buffering::Rendezvous && !mark.is_closed
         });
-        match (&edge.action, sender) {
-            (Action::Send(..), _) if is_rendezvous => sender = Some(mark),
-            (Action::Receive(..), Some(from)) if is_rendezvous => {
+        match (&edge.label, sender) {
+            (Label::Send(..), _) if is_rendezvous => sender = Some(mark),
+            (Label::Receive(..), Some(from)) if is_rendezvous => {
                 sender = None;
                 if let Some(sent) = self::edge(network, from) {
                     lines.push(said(from.agent, sent, Some(mark.agent)));

@@ -3,7 +3,7 @@
 use super::ending::ancestors;
 use super::promela::{Mark, Writer, expr};
 use crate::file::Side;
-use crate::network::{Action, Edge, Kind};
+use crate::network::{Buffering, Edge, Label};
 
 impl Writer<'_> {
     /// Waits for one of several moves.
@@ -18,7 +18,7 @@ impl Writer<'_> {
             if let Some(condition) = &edge.condition {
                 self.divisors(condition);
             }
-            if let Action::Send(channel, Some(value)) = &edge.action {
+            if let Label::Send(channel, Some(value)) = &edge.label {
                 let (low, high) = network.channels[*channel].values.unwrap_or((0, 0));
                 let open = edge.condition.as_ref().map_or("true".to_owned(), expr);
                 self.divisors_if(&open, value);
@@ -27,7 +27,7 @@ impl Writer<'_> {
                 self.line(&format!("  assert(!{open} || {in_range});"));
             }
             if let (true, Some(condition), Some((channel, side))) =
-                (needs_choice(edge), &edge.condition, edge.action.end())
+                (needs_choice(edge), &edge.condition, edge.label.end())
             {
                 let condition = expr(condition);
                 let shut = match side {
@@ -43,7 +43,7 @@ impl Writer<'_> {
         self.line("  if");
         let mut guard = 0;
         for (number, edge) in edges.iter().enumerate() {
-            let channel = match edge.action.end() {
+            let channel = match edge.label.end() {
                 Some((channel, _)) => format!("c{channel}"),
                 None => String::new(),
             };
@@ -71,8 +71,8 @@ impl Writer<'_> {
         let open = edge.condition.as_ref().map_or("true".to_owned(), expr);
         let next = edge.next;
         let mut after = String::new();
-        let statement = match &edge.action {
-            Action::Send(number, value) => {
+        let statement = match &edge.label {
+            Label::Send(number, value) => {
                 let value = value.as_ref().map_or("0".to_owned(), |value| {
                     // The verifier evaluates it on `no_receiver`, too.
                     match edge.condition.is_some() && value.divides() {
@@ -87,16 +87,16 @@ impl Writer<'_> {
                 };
                 let put = format!("c{number}!{value}");
                 match network.channels[*number].kind {
-                    Kind::Fifo(_) if closed.is_some() => {
+                    Buffering::Fifo(_) if closed.is_some() => {
                         format!("d_step {{ ({open} && nfull(c{number})) -> {put} }}")
                     }
-                    Kind::Rendezvous | Kind::Fifo(_) => format!("{channel}!{value}"),
-                    Kind::OverwriteOldest(_) => {
+                    Buffering::Rendezvous | Buffering::Fifo(_) => format!("{channel}!{value}"),
+                    Buffering::OverwriteOldest(_) => {
                         let make_room =
                             format!("if :: nfull(c{number}) :: full(c{number}) -> c{number}?_ fi");
                         format!("d_step {{ {open} -> {make_room}; {put} }}")
                     }
-                    Kind::OverwriteNewest(n) => {
+                    Buffering::OverwriteNewest(n) => {
                         // The newest comes to the head by n - 1 rotations.
                         let rotate = format!("c{number}?r; c{number}!r; ").repeat(n - 1);
                         let make_room = format!(
@@ -106,22 +106,20 @@ impl Writer<'_> {
                     }
                 }
             }
-            Action::Receive(_, None) => format!("{channel}?_"),
-            Action::Receive(_, Some(slot)) => {
+            Label::Receive(_, None) => format!("{channel}?_"),
+            Label::Receive(_, Some(slot)) => {
                 let variable = &network.variables[*slot];
                 let (low, high) = (variable.low, variable.high);
                 after = format!("assert(v{slot} >= {low} && v{slot} <= {high}); ");
                 format!("{channel}?v{slot}")
             }
-            Action::Choice | Action::Skip | Action::After | Action::Own(_) => {
-                match edge.condition {
-                    None => "nothing = 0".to_owned(),
-                    Some(_) => {
-                        after = "nothing = 0; ".to_owned();
-                        open
-                    }
+            Label::Choice | Label::Skip | Label::After | Label::Own(_) => match edge.condition {
+                None => "nothing = 0".to_owned(),
+                Some(_) => {
+                    after = "nothing = 0; ".to_owned();
+                    open
                 }
-            }
+            },
         };
         self.out.moves.insert(self.lines + 1, mark);
         self.line(&format!("  :: {statement} ->"));
@@ -139,7 +137,7 @@ impl Writer<'_> {
             .iter()
             .map(|process| format!("ended{process}"));
         let mut all: Vec<String> = ended.collect();
-        if side == Side::Receive && found.kind != Kind::Rendezvous {
+        if side == Side::Receive && found.kind != Buffering::Rendezvous {
             all.push(format!("empty(c{channel})"));
         }
         Some(format!("({})", all.join(" && ")))
@@ -148,7 +146,7 @@ impl Writer<'_> {
     /// The option that the channel is closed, or that a branch beside has failed.
     fn closed(&mut self, mark: Mark, edge: &Edge) {
         let network = self.network;
-        let Some((channel, side)) = edge.action.end() else {
+        let Some((channel, side)) = edge.label.end() else {
             return;
         };
         let mut reasons: Vec<String> = self.when_closed(channel, side).into_iter().collect();
@@ -179,5 +177,5 @@ impl Writer<'_> {
 /// `no_sender` or `no_receiver` where the precondition is false. They are two, or a shut send would
 /// meet a shut receive.
 pub(super) fn needs_choice(edge: &Edge) -> bool {
-    edge.condition.is_some() && edge.action.end().is_some()
+    edge.condition.is_some() && edge.label.end().is_some()
 }

@@ -10,7 +10,7 @@
 use super::Party;
 use crate::explore::state::{Move, Semantics, State};
 use crate::explore::words;
-use crate::network::{Action, Channel, Kind, Network};
+use crate::network::{Buffering, Channel, Label, Network};
 use indexmap::IndexSet;
 use rustc_hash::{FxBuildHasher, FxHashMap};
 use std::collections::BTreeSet;
@@ -90,7 +90,7 @@ impl<'a> Automaton<'a> {
         }
         let from = self.sets[set as usize].to_vec();
         let next = match self.network().channels[symbol.channel].kind {
-            Kind::Rendezvous => self.meet(&from, symbol, &mut |_| ())?,
+            Buffering::Rendezvous => self.meet(&from, symbol, &mut |_| ())?,
             _ => self.buffered(from, symbol, &mut |_| ())?,
         };
         let next = match next.is_empty() {
@@ -133,7 +133,7 @@ impl<'a> Automaton<'a> {
         let mut breaks = |line| lines.extend([line]);
         // Only the broken rules are wanted: these are all known if the limit is reached.
         let _ = match network.channels[symbol.channel].kind {
-            Kind::Rendezvous => self.meet(&from, symbol, &mut breaks),
+            Buffering::Rendezvous => self.meet(&from, symbol, &mut breaks),
             _ => self.buffered(from, symbol, &mut breaks),
         };
         lines.into_iter().collect()
@@ -197,7 +197,7 @@ impl<'a> Automaton<'a> {
             let (Some(edge), Some((partner, _))) = (edge, step.partner) else {
                 return false;
             };
-            matches!(edge.action, Action::Send(channel, _) if channel == symbol.channel)
+            matches!(edge.label, Label::Send(channel, _) if channel == symbol.channel)
                 && this.is(symbol.sender, this.process(step.agent))
                 && this.is(symbol.receiver, this.process(partner))
         })
@@ -238,9 +238,9 @@ impl<'a> Automaton<'a> {
         });
         self.after(from, &touched, breaks, |this, state, step| {
             let edge = this.semantics.edge(state, step);
-            let does = edge.is_some_and(|edge| match edge.action {
-                Action::Send(found, _) => is_send && found == channel,
-                Action::Receive(found, _) => !is_send && found == channel,
+            let does = edge.is_some_and(|edge| match edge.label {
+                Label::Send(found, _) => is_send && found == channel,
+                Label::Receive(found, _) => !is_send && found == channel,
                 _ => false,
             });
             does && step.partner.is_none() && this.is(party, this.process(step.agent))
@@ -295,7 +295,7 @@ impl<'a> Automaton<'a> {
         let Some(edge) = self.semantics.edge(state, step) else {
             return false;
         };
-        let Some((channel, _)) = edge.action.end() else {
+        let Some((channel, _)) = edge.label.end() else {
             return true;
         };
         if self.hidden[channel] {
@@ -344,7 +344,7 @@ fn ends(channel: &Channel) -> Vec<(Party, Party)> {
     };
     let (senders, receivers) = (all(&channel.senders), all(&channel.receivers));
     match channel.kind {
-        Kind::Rendezvous => senders
+        Buffering::Rendezvous => senders
             .iter()
             .flat_map(|&sender| receivers.iter().map(move |&receiver| (sender, receiver)))
             .collect(),

@@ -76,6 +76,17 @@ fn deployment_is_that_of_the_model() {
 }
 
 #[test]
+fn two_types_do_not_become_one() {
+    let said = error(
+        JIWY,
+        "safe = { type = \"Duty\" }",
+        "safe = { type = \"duty\" }",
+    );
+    let expected = "the types `Duty` and `duty` are both `Duty` in Rust";
+    assert!(said.contains(expected), "{said}");
+}
+
+#[test]
 fn each_statement_has_its_rust() {
     let body = text(&files(EVERYTHING), "src/processes/everything.rs");
     for part in [

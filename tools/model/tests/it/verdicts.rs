@@ -217,3 +217,34 @@ fn a_process_ends_some_time_after_its_last_step() {
     let model = Model::parse("end.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
     assert_eq!(kinds(&model.explore(1000)), [FindingKind::Assertion]);
 }
+
+/// The processes that wait for ever while others go on.
+fn stuck(explored: &Exploration) -> Vec<&str> {
+    assert!(explored.is_complete && explored.findings.is_empty());
+    let stuck = explored.stuck.iter().flat_map(|stuck| &stuck.processes);
+    stuck.map(String::as_str).collect()
+}
+
+#[test]
+fn what_waits_for_ever_beside_a_loop_is_named() {
+    let none: [&str; 0] = [];
+    let explored = pair("", "c!; loop { act }", "c?; c?");
+    assert_eq!(stuck(&explored), ["b"]);
+    let found = explored.stuck.expect("it is named");
+    assert_eq!((found.trace.len(), found.there.len()), (1, 1));
+    assert!(found.there[0].starts_with("b is to receive from c"));
+    // One of the choices is enough, and a branch that waits is none if another goes on.
+    let explored = pair("", "choose { loop { c! } | loop { act } }", "loop { c? }");
+    assert_eq!(stuck(&explored), ["b"]);
+    assert_eq!(
+        stuck(&pair("", "loop { act }", "par { c? | loop { act } }")),
+        none
+    );
+    // It may go on at some time, or has ended; a deadlock is a finding of its own.
+    assert_eq!(
+        stuck(&pair("", "loop { alt { c! | after } }", "loop { c? }")),
+        none
+    );
+    assert_eq!(stuck(&pair("", "loop { act }", "skip")), none);
+    assert_eq!(pair("", "stop", "c?").stuck, None);
+}

@@ -7,7 +7,7 @@ mod random;
 use super::{SKEW, options};
 use crate::Model;
 use crate::explore::state::{Move, Semantics, State};
-use crate::network::{Action, Kind, Network};
+use crate::network::{Buffering, Label, Network};
 use crate::trace::{Communication, Party, TraceOptions, TraceVerdict};
 use random::{Random, model};
 use std::collections::BTreeSet;
@@ -40,9 +40,9 @@ fn recorded(semantics: &Semantics<'_>, state: &State, step: Move) -> Option<Comm
     let partner = step
         .partner
         .map_or(Party::None, |(agent, _)| process(agent));
-    let (channel, sender, receiver) = match edge.action {
-        Action::Send(channel, _) => (channel, own, partner),
-        Action::Receive(channel, _) => (channel, Party::None, own),
+    let (channel, sender, receiver) = match edge.label {
+        Label::Send(channel, _) => (channel, own, partner),
+        Label::Receive(channel, _) => (channel, Party::None, own),
         _ => return None,
     };
     Some(Communication {
@@ -201,7 +201,7 @@ fn join(network: &Network, random: &mut Random, events: &mut Vec<Communication>)
     while at < events.len() {
         let (sent, received) = (events[at - 1], events[at]);
         let is_pair = sent.channel == received.channel
-            && network.channels[sent.channel].kind != Kind::Rendezvous
+            && network.channels[sent.channel].kind != Buffering::Rendezvous
             && sent.receiver == Party::None
             && received.sender == Party::None;
         if is_pair && random.below(2) == 0 {
@@ -231,7 +231,7 @@ fn leave_out(
         events.retain_mut(|event| {
             let channel = &network.channels[event.channel];
             let mut ends = channel.senders.iter().chain(&channel.receivers);
-            let is_buffer = channel.kind != Kind::Rendezvous;
+            let is_buffer = channel.kind != Buffering::Rendezvous;
             let takes_part = is_outside(event.sender) || is_outside(event.receiver);
             // Whether its partner recorded it.
             if (takes_part || is_buffer && ends.any(|&end| end == outside)) && random.below(2) == 0

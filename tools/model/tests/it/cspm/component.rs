@@ -161,7 +161,9 @@ fn offers<'a>(world: &World<'a>, expr: &'a Expr, bound: &Bound<'a>, found: &mut 
                             for value in set {
                                 let (mut values, mut bound) = (values.clone(), bound.clone());
                                 values.push(value.clone());
-                                bound.insert(name, value);
+                                if name != "_" {
+                                    bound.insert(name, value);
+                                }
                                 longer.push((values, bound));
                             }
                         }

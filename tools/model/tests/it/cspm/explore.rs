@@ -2,24 +2,27 @@
 
 use super::component::{Component, Numbers};
 use super::syntax::{Assertion, Expr, Script};
-use super::value::{Bound, Event, World};
+use super::value::{Bound, Event, Events, World};
 use std::collections::HashMap;
 
 /// Whether the assertions of a file hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Verdict {
     pub(super) is_deadlock_free: bool,
     pub(super) is_divergence_free: bool,
     /// No trace but the empty one.
     pub(super) is_unbroken: bool,
+    /// For each property that was exported, whether it holds always.
+    pub(super) always: Vec<bool>,
 }
 
 /// All states, or nothing if there are more than so many.
 pub(super) fn verdict(script: &Script, most: usize) -> Option<Verdict> {
     let world = World::new(script);
     let mut verdict = Verdict::default();
-    let system = system(&world);
-    let graph = Graph::explore(&world, system, most)?;
+    let (components, blocked) = system(&world);
+    let observed = Graph::explore(&world, components, most)?;
+    let graph = observed.without(&blocked);
     for assertion in &script.assertions {
         match assertion {
             Assertion::DeadlockFree(of) => {
@@ -33,20 +36,26 @@ pub(super) fn verdict(script: &Script, most: usize) -> Option<Verdict> {
             Assertion::Traces(stop, of) => {
                 assert!(matches!(stop, Expr::Name(name) if name == "STOP"));
                 let is_hidden = hidden(&world, of);
-                let mut moves = graph.moves.iter().flatten();
-                verdict.is_unbroken = moves.all(|&(event, _)| is_hidden(&graph.events[event]));
+                let never = |graph: &Graph| {
+                    let mut moves = graph.moves.iter().flatten();
+                    moves.all(|&(event, _)| is_hidden(&graph.events[event]))
+                };
+                match is_of(of, "Observed") {
+                    true => verdict.always.push(never(&observed)),
+                    false => verdict.is_unbroken = never(&graph),
+                }
             }
         }
     }
-    assert_eq!(script.assertions.len(), 3);
+    assert_eq!(script.assertions.len(), 3 + verdict.always.len());
     Some(verdict)
 }
 
 /// Whether a trace of a small system has an event of the one channel, and later one of the other.
 pub(super) fn comes_after(script: &Script, first: &str, then: &str) -> bool {
     let world = World::new(script);
-    let system = system(&world);
-    let graph = Graph::explore(&world, system, 10_000).expect("a small system");
+    let (components, _) = system(&world);
+    let graph = Graph::explore(&world, components, 10_000).expect("a small system");
     let is_on = |event: usize, channel: &str| graph.events[event].0 == channel;
     let moves = graph.moves.iter().flatten();
     let firsts = moves.filter(|(event, _)| is_on(*event, first));
@@ -65,19 +74,39 @@ pub(super) fn comes_after(script: &Script, first: &str, then: &str) -> bool {
     false
 }
 
-/// Which events of the system are hidden in `System \ events`.
+/// Whether it is `NAME \ events`.
+fn is_of(of: &Expr, name: &str) -> bool {
+    let Expr::Binary("\\", hides, _) = of else {
+        return false;
+    };
+    matches!(&**hides, Expr::Name(found) if found == name)
+}
+
+/// Which events are hidden in `System \ events`, or in `Observed \ events`.
 fn hidden<'a>(world: &World<'a>, of: &'a Expr) -> impl Fn(&Event) -> bool + use<'a> {
-    let Expr::Binary("\\", system, events) = of else {
+    let Expr::Binary("\\", _, events) = of else {
         panic!("{of:?} hides nothing");
     };
-    assert!(matches!(&**system, Expr::Name(name) if name == "System"));
+    assert!(is_of(of, "System") || is_of(of, "Observed"));
     let events = world.events(events, &Bound::new());
     move |event| events.contains(event)
 }
 
-/// The components of the definition `System`.
-fn system<'a>(world: &World<'a>) -> Vec<Component<'a>> {
-    let (body, _) = world.call("System", Vec::new());
+/// The components of the definition `System`, and the events that it blocks.
+fn system<'a>(world: &World<'a>) -> (Vec<Component<'a>>, Events) {
+    let (mut body, _) = world.call("System", Vec::new());
+    let mut blocked = Events {
+        begins: Vec::new(),
+        is_inverse: false,
+    };
+    if let Expr::Interface(observed, events, stop) = body {
+        assert!(matches!(&**stop, Expr::Name(name) if name == "STOP"));
+        let Expr::Name(observed) = &**observed else {
+            panic!("{observed:?} is no name");
+        };
+        blocked = world.events(events, &Bound::new());
+        (body, _) = world.call(observed, Vec::new());
+    }
     let Expr::Parallel {
         name,
         set,
@@ -93,7 +122,7 @@ fn system<'a>(world: &World<'a>) -> Vec<Component<'a>> {
         let alphabet = world.events(alphabet, &bound);
         Component::new(world, alphabet, process, bound)
     };
-    set.into_iter().map(one).collect()
+    (set.into_iter().map(one).collect(), blocked)
 }
 
 struct Graph {
@@ -165,6 +194,30 @@ impl Graph {
             moves,
             events: numbers.events,
         })
+    }
+
+    /// The same without some events, none of which leads to another state.
+    fn without(&self, blocked: &Events) -> Self {
+        let is_blocked: Vec<bool> = self
+            .events
+            .iter()
+            .map(|one| blocked.contains(one))
+            .collect();
+        let of_one = |(state, moves): (usize, &Vec<(usize, usize)>)| {
+            let is_kept = |&&(event, to): &&(usize, usize)| {
+                assert!(
+                    !is_blocked[event] || to == state,
+                    "{:?}",
+                    self.events[event]
+                );
+                !is_blocked[event]
+            };
+            moves.iter().filter(is_kept).copied().collect()
+        };
+        Self {
+            moves: self.moves.iter().enumerate().map(of_one).collect(),
+            events: self.events.clone(),
+        }
     }
 
     /// Whether hidden events can go on for ever: what is left if states without a hidden event to a

@@ -11,10 +11,10 @@ pub(super) enum Token {
 }
 
 /// The longest first.
-const SIGNS: [&str; 39] = [
-    "|~|", "[T=", "[F]", ":[", "{|", "|}", "||", "[]", "->", "..", "==", "!=", "<=", ">=", "<>",
-    "(", ")", "{", "}", "[", "]", ",", ".", "?", "!", ":", "@", "&", "\\", "=", "|", "+", "-", "*",
-    "/", "%", "^", "#", "<",
+const SIGNS: [&str; 42] = [
+    "|~|", "[|", "|]", "<-", "[T=", "[F]", ":[", "{|", "|}", "||", "[]", "->", "..", "==", "!=",
+    "<=", ">=", "<>", "(", ")", "{", "}", "[", "]", ",", ".", "?", "!", ":", "@", "&", "\\", "=",
+    "|", "+", "-", "*", "/", "%", "^", "#", "<",
 ];
 
 /// The tokens, each with its line.
@@ -28,7 +28,7 @@ pub(super) fn tokens(text: &str) -> Vec<(Token, usize)> {
         while let Some(first) = rest.trim_start().chars().next() {
             rest = rest.trim_start();
             let length = |of: fn(char) -> bool| rest.find(|c| !of(c)).unwrap_or(rest.len());
-            let (token, length) = if first.is_ascii_alphabetic() {
+            let (token, length) = if first.is_ascii_alphabetic() || first == '_' {
                 let length = length(|c| c.is_ascii_alphanumeric() || c == '_');
                 (Token::Word(rest[..length].to_owned()), length)
             } else if first.is_ascii_digit() {

@@ -19,18 +19,35 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
 
+/// Properties of random networks, in which each process has two variables of 0 to 2.
+const PROPERTIES: [&str; 8] = [
+    "p0.x <= 1",
+    "p0.x == p0.y || p1.y == 0",
+    "!(p0@act && p1@act)",
+    "p0@act || p0.x != 1",
+    "p1@act || p2@act || p1.x + p2.x <= 1",
+    "2 / p1.x >= 1 || p0.x == 0",
+    "p1.y * p2.y != 2",
+    "p3.x - p2.x < 1 + p0.y",
+];
+
 /// Networks with more states than this are left out.
 const MAX_STATES: usize = 3_000;
 /// What a model does in one step may be several events: a branch of `par` begins and ends by some.
 const MAX_EXPORTED_STATES: usize = 60_000;
 
 /// What the exploration says, as the assertions of the export would.
-fn expected(explored: &Exploration) -> Verdict {
+fn expected(explored: &Exploration, text: &str) -> Verdict {
     let has = |kind| explored.findings.iter().any(|found| found.kind == kind);
+    let exported = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("-- Always: "));
+    let holds = |title: &str| !has(FindingKind::Always(title.to_owned()));
     Verdict {
         is_deadlock_free: !has(FindingKind::Deadlock),
         is_divergence_free: !has(FindingKind::Livelock),
         is_unbroken: !has(FindingKind::Assertion),
+        always: exported.map(holds).collect(),
     }
 }
 
@@ -45,11 +62,14 @@ fn compare(model: &Model, most: usize, told: &str) -> Option<Verdict> {
     if !explored.is_complete {
         return None;
     }
-    let wanted = expected(&explored);
+    let wanted = expected(&explored, &text);
     let mut found = verdict(&script, most.max(MAX_EXPORTED_STATES))?;
     // After a broken assertion the exploration does not go on.
     if !wanted.is_unbroken {
         found.is_divergence_free = wanted.is_divergence_free;
+        for (found, wanted) in found.always.iter_mut().zip(&wanted.always) {
+            *found |= *wanted;
+        }
     }
     assert_eq!(found, wanted, "{told}\n{text}\n{explored:#?}");
     Some(wanted)
@@ -69,6 +89,7 @@ fn exported_examples_have_the_verdicts_of_the_exploration() {
         is_deadlock_free: true,
         is_divergence_free: true,
         is_unbroken: true,
+        always: Vec::new(),
     };
     for (name, is_deadlock_free) in [
         ("philosophers.toml", false),
@@ -79,7 +100,8 @@ fn exported_examples_have_the_verdicts_of_the_exploration() {
     ] {
         let expected = Verdict {
             is_deadlock_free,
-            ..right
+            always: vec![true; usize::from(name == "philosophers-repaired.toml")],
+            ..right.clone()
         };
         assert_eq!(
             compare(&example(name), 200_000, name),
@@ -94,14 +116,34 @@ fn exported_random_networks_have_the_verdicts_of_the_exploration() {
     let first = seed();
     let networks = if is_long() { 5000 } else { 200 };
     let mut verdicts = BTreeMap::new();
+    let mut properties = [0_u64; 2];
     for seed in (0..networks).map(|number| first.wrapping_add(number)) {
-        let text = model(&mut Random(seed));
+        let mut text = model(&mut Random(seed));
         let read = Model::parse("random.toml", &text);
-        let read = read.unwrap_or_else(|problem| panic!("{problem}, LUNA_SEED={seed}\n{text}"));
+        let mut read = read.unwrap_or_else(|problem| panic!("{problem}, LUNA_SEED={seed}\n{text}"));
+        text.push_str("[check.always]\n");
+        for property in PROPERTIES {
+            // Not each model has what each property names.
+            let longer = format!("{text}'{property}' = '{property}'\n");
+            if let Ok(with_it) = Model::parse("random.toml", &longer) {
+                (text, read) = (longer, with_it);
+            }
+        }
         let found = compare(&read, MAX_STATES, &format!("LUNA_SEED={seed}\n{text}"));
+        for holds in found.iter().flat_map(|found| &found.always) {
+            properties[usize::from(*holds)] += 1;
+        }
+        let found = found.map(|found| Verdict {
+            always: Vec::new(),
+            ..found
+        });
         *verdicts.entry(format!("{found:?}")).or_insert(0_u64) += 1;
     }
-    println!("{verdicts:#?}");
+    println!("{verdicts:#?}, properties: {properties:?}");
+    assert!(
+        properties.iter().all(|count| *count * 4 > networks),
+        "{properties:?}"
+    );
     let left_out = verdicts.get("None").copied().unwrap_or(0);
     assert!(left_out * 4 <= networks, "{verdicts:?}");
 }

@@ -111,6 +111,25 @@ impl Names {
                     self.expr(one, bound, at);
                 }
             }
+            Expr::Interface(left, events, right) => {
+                for one in [left, events, right] {
+                    self.expr(one, bound, at);
+                }
+            }
+            Expr::Comprehension(event, generators, condition) => {
+                let mut bound = bound.to_vec();
+                for (name, set) in generators {
+                    self.expr(set, &bound, at);
+                    let is_free = !self.arity.contains_key(name) && !bound.contains(&&**name);
+                    assert!(is_free, "{at}: {name} means more");
+                    bound.push(name);
+                }
+                let (name, _) = head(event);
+                let fields = self.event(event, at);
+                assert_eq!(self.channels.get(name), Some(&fields), "{at}: {name}");
+                self.expr(event, &bound, at);
+                self.expr(condition, &bound, at);
+            }
             Expr::Set(items) | Expr::Sequence(items) | Expr::Dot(items) => all(items),
             Expr::Productions(events) => {
                 events.iter().for_each(|event| {
@@ -129,6 +148,9 @@ impl Names {
                         Field::Out(value) => self.expr(value, &bound, at),
                         Field::In(name, set) => {
                             set.iter().for_each(|set| self.expr(set, &bound, at));
+                            if name == "_" {
+                                continue;
+                            }
                             let is_free = !self.arity.contains_key(name);
                             assert!(is_free, "{at}: ?{name} is a pattern of something else");
                             bound.push(name);

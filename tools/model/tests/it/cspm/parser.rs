@@ -1,5 +1,5 @@
 //! A parser of CSPm by recursive descent, with the binding strengths of the grammar that FDR uses:
-//! `if` and replicated operators bind least, then `\`, `[]`, `&` and `->`, fields, `.`, `or`,
+//! `if` and replicated operators bind least, then `\`, `[| |]`, `[]`, `&` and `->`, fields, `.`, `or`,
 //! `and`, `not`, comparisons, sums, products, `#`, `^`, and application.
 
 use super::lexer::{Token, tokens};
@@ -141,9 +141,19 @@ impl Parser {
     }
 
     fn hiding(&mut self) -> Expr {
-        let mut left = self.choice();
+        let mut left = self.interface();
         while self.sign("\\") {
-            left = Expr::Binary("\\", Box::new(left), Box::new(self.choice()));
+            left = Expr::Binary("\\", Box::new(left), Box::new(self.interface()));
+        }
+        left
+    }
+
+    fn interface(&mut self) -> Expr {
+        let mut left = self.choice();
+        while self.sign("[|") {
+            let events = Box::new(self.or());
+            self.expect(&Token::Sign("|]"));
+            left = Expr::Interface(Box::new(left), events, Box::new(self.choice()));
         }
         left
     }
@@ -280,6 +290,26 @@ impl Parser {
         left
     }
 
+    /// What stands behind `{event |`: generators, then one condition.
+    fn comprehension(&mut self, event: Expr) -> Expr {
+        let mut generators = Vec::new();
+        loop {
+            let start = self.at;
+            if matches!(self.next(), Token::Word(_)) && self.sign("<-") {
+                self.at = start;
+                let name = self.name();
+                self.expect(&Token::Sign("<-"));
+                generators.push((name, self.or()));
+                self.expect(&Token::Sign(","));
+                continue;
+            }
+            self.at = start;
+            let condition = Box::new(self.process());
+            self.expect(&Token::Sign("}"));
+            return Expr::Comprehension(Box::new(event), generators, condition);
+        }
+    }
+
     /// What is one thing by its form: a name, a call, a number, or what is in brackets.
     fn application(&mut self) -> Expr {
         let line = self.tokens[self.at].1;
@@ -320,11 +350,14 @@ impl Parser {
                     }
                     "{" if self.sign("}") => Expr::Set(Vec::new()),
                     "{" => {
-                        let first = self.or();
+                        let first = self.dot();
                         if self.sign("..") {
                             let last = self.or();
                             self.expect(&Token::Sign("}"));
                             return Expr::Range(Box::new(first), Box::new(last));
+                        }
+                        if self.sign("|") {
+                            return self.comprehension(first);
                         }
                         let mut items = vec![first];
                         while self.sign(",") {

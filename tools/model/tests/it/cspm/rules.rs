@@ -259,3 +259,67 @@ fn an_exported_buffer_without_a_receiver_takes_no_more() {
     assert!(!comes_after(&script, "ends", "c_put"));
     assert!(comes_after(&script, "ends", "c_no_receiver"));
 }
+
+/// A property is exported as it is in the file, or a comment says why it is not.
+#[test]
+fn exported_properties_hold_as_in_the_model() {
+    let text = r#"
+        [process.A]
+        ports.c = "send"
+        variables = { x = "0..3", large = "0..20000" }
+        body = "c!; x = 1; act; c!; x = 3"
+        [process.B]
+        ports.c = "receive"
+        variables = { y = "-2..3 = 0", unused = "0..3 = 2" }
+        body = "loop { c?; y = 3; act; y = -1 }"
+        [process.Par]
+        variables.z = "0..2"
+        body = "par { z = 1 | act }"
+        [system.channel]
+        c = {}
+        [system.part]
+        a = { process = "A", bind.c = "c" }
+        b = { process = "B", bind.c = "c" }
+        both = { process = "Par" }
+        [check.always]
+        "right: at its end x is 3" = "a.x != 2"
+        "wrong: at its end x is 3" = "a.x < 3"
+        "right: two processes" = "b.y >= -1 && (a.x != 3 || b.y != -2)"
+        "wrong: two processes" = "!(a@act && b@act)"
+        "wrong: a place" = "!b@act || b.y < 3"
+        "right: a place" = "!b@act || b.y == 3"
+        "right: never set" = "b.unused == 2"
+        "wrong: no value" = "3 / a.x >= 1"
+        "Par" = "both.z <= 2"
+        "large" = "a.large + 1 > 0"
+        "nothing" = "1 < 2"
+        "overflow" = "b.y * 2147483647 < 0"
+        [check.ltl]
+        "soon" = "<> (a.x == 3)"
+    "#;
+    let model = Model::parse("always.toml", text).unwrap_or_else(|problem| panic!("{problem}"));
+    let exported = model.to_cspm().expect("small numbers");
+    let found = compare(&model, 1000, text).expect("a few states");
+    let titles = exported
+        .lines()
+        .filter_map(|line| line.strip_prefix("-- Always: "));
+    let titles: Vec<&str> = titles.collect();
+    let rights: Vec<bool> = titles
+        .iter()
+        .map(|title| title.starts_with("right"))
+        .collect();
+    assert_eq!(titles.len(), 8);
+    assert_eq!(found.always, rights, "{titles:?}");
+    for comment in [
+        "check.always, Par: it names a process with `par`",
+        "check.always, large: what it names has more than 10 000 combinations of values",
+        "check.always, nothing: it names no process",
+        "check.always, overflow: it may compute a number beyond 32 bits",
+        "check.ltl, soon: SPIN checks it",
+    ] {
+        assert!(
+            exported.contains(&format!("-- Not exported: {comment}\n")),
+            "{exported}"
+        );
+    }
+}

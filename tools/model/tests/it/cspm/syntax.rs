@@ -40,6 +40,10 @@ pub(super) enum Expr {
     /// `{| |}`
     Productions(Vec<Expr>),
     Sequence(Vec<Expr>),
+    /// `{event | name <- set, ..., condition}`
+    Comprehension(Box<Expr>, Vec<(String, Expr)>, Box<Expr>),
+    /// `left [| events |] right`
+    Interface(Box<Expr>, Box<Expr>, Box<Expr>),
     Dot(Vec<Expr>),
     Prefix(Box<Expr>, Vec<Field>, Box<Expr>),
     /// `|| name : set @ [alphabet] process`
@@ -55,5 +59,6 @@ pub(super) enum Expr {
 #[derive(Debug)]
 pub(super) enum Field {
     Out(Expr),
+    /// `_` binds no name.
     In(String, Option<Expr>),
 }

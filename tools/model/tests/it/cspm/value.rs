@@ -257,6 +257,26 @@ impl<'a> World<'a> {
                     ..without
                 }
             }
+            Expr::Comprehension(event, generators, condition) => {
+                let mut all = vec![bound.clone()];
+                for (name, set) in generators {
+                    let with = |bound: &Bound<'a>| {
+                        let values = self.set(set, bound).into_iter();
+                        let one = |value| {
+                            let mut bound = bound.clone();
+                            bound.insert(name, value);
+                            bound
+                        };
+                        values.map(one).collect::<Vec<_>>()
+                    };
+                    all = all.iter().flat_map(with).collect();
+                }
+                let chosen = all.iter().filter(|bound| self.is_true(condition, bound));
+                Events {
+                    begins: chosen.map(|bound| self.event(event, bound)).collect(),
+                    is_inverse: false,
+                }
+            }
             Expr::Name(name) => self.events(self.call(name, Vec::new()).0, &Bound::new()),
             Expr::Call(name, arguments) => {
                 let arguments = arguments.iter().map(|one| self.value(one, bound));
