@@ -7,22 +7,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 #[path = "../../../tools/model/tests/it/random.rs"]
-mod random;
+pub(crate) mod random;
 
 fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-fn example(name: &str) -> PathBuf {
+pub(crate) fn example(name: &str) -> PathBuf {
     workspace().join("examples/models").join(name)
 }
 
-fn text(bytes: &[u8]) -> &str {
+pub(crate) fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).expect("output is text")
 }
 
 /// A folder of one test, which is not there.
-fn folder(name: &str) -> PathBuf {
+pub(crate) fn folder(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR"))
         .join("generated")
         .join(name);
@@ -42,7 +42,7 @@ fn command(model: &Path, folder: &Path, options: &[&str]) -> Output {
 }
 
 /// What the command says of each file: `written`, `unchanged` or `kept`, and its path.
-fn generate(model: &Path, folder: &Path) -> String {
+pub(crate) fn generate(model: &Path, folder: &Path) -> String {
     let luna = workspace().display().to_string();
     let output = command(model, folder, &["--luna", &luna]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -55,7 +55,7 @@ fn generate(model: &Path, folder: &Path) -> String {
 }
 
 /// Cargo in a generated package; all of them share what they depend on.
-fn cargo(folder: &Path, command: &str, arguments: &[&str]) -> Output {
+pub(crate) fn cargo(folder: &Path, command: &str, arguments: &[&str]) -> Output {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("generated-target");
     Command::new(env::var_os("CARGO").unwrap_or("cargo".into()))
         .args([command, "--offline", "--manifest-path"])
@@ -66,7 +66,7 @@ fn cargo(folder: &Path, command: &str, arguments: &[&str]) -> Output {
         .expect("cargo starts")
 }
 
-fn build(folder: &Path) {
+pub(crate) fn build(folder: &Path) {
     let output = cargo(folder, "build", &[]);
     let said = text(&output.stderr);
     assert!(output.status.success(), "{said}");

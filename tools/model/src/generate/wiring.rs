@@ -21,11 +21,13 @@ const HIGHEST: u8 = 97;
 pub(super) fn root(kinds: &Kinds<'_>) -> String {
     let mut out = Writer::default();
     out.line("");
+    let allowed = "#[allow(dead_code, reason = \"not each model needs all of it\")]";
+    out.line(allowed);
     out.line("pub mod pipes;");
     out.line("pub mod ports;");
     out.line("pub mod replay;");
     out.line("pub mod script;");
-    out.line("#[allow(dead_code, reason = \"not each model needs all of it\")]");
+    out.line(allowed);
     out.line("pub mod support;");
     out.line("pub mod system;");
     if !kinds.types.is_empty() {
