@@ -53,7 +53,7 @@ fn philosophers_deadlock_as_in_the_model_until_their_code_is_repaired() {
         assert!(said.contains(wait), "{said}");
     }
 
-    // Who does not get the right fork puts the left one back: the repair.
+    // A philosopher that does not get the right fork puts the left one back: the repair.
     let philosopher = folder.join("src/processes/philosopher.rs");
     let repaired = "
         let patience = std::time::Duration::from_millis(10);
