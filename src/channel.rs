@@ -28,7 +28,7 @@
 
 pub use luna_channels::{AcceptOp, Call, CallError, CallOp, Client, Reply, Server, call_channel};
 pub use luna_channels::{
-    Buffer, BufferError, ChannelEnd, Ended, Extended, Incoming, Operation, Receiver, RecvError,
-    RecvOp, RecvTimeout, RecvTimeoutError, SendError, SendOp, SendTimeout, SendTimeoutError,
-    Sender, Timed, TryRecvError, TrySendError, buffered, channel, try_buffered,
+    Buffer, BufferError, ChannelEnd, Ended, Extended, Held, Incoming, Operation, Receiver,
+    RecvError, RecvOp, RecvTimeout, RecvTimeoutError, SendError, SendOp, SendTimeout,
+    SendTimeoutError, Sender, Timed, TryRecvError, TrySendError, buffered, channel, try_buffered,
 };

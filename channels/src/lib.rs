@@ -79,7 +79,7 @@ pub use error::{
     BufferError, RecvError, RecvTimeoutError, SendError, SendTimeoutError, TryRecvError,
     TrySendError,
 };
-pub use extended::Extended;
+pub use extended::{Extended, Held};
 pub use operation::{
     Direction, Operation, Receiving, RecvOp, RecvTimeout, SendOp, SendTimeout, Sending, Timed,
 };

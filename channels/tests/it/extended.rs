@@ -50,6 +50,20 @@ fn the_sender_is_held_until_the_value_is_finished_or_dropped() {
 }
 
 #[test]
+fn the_sender_is_held_after_the_value_was_taken_out() {
+    let (sender, receiver) = channel();
+    let mut send = Box::pin(sender.send(5));
+    pending(&mut send);
+    let (value, held) = ready(&mut Box::pin(receiver.recv_extended()))
+        .unwrap()
+        .hold();
+    assert_eq!(value, 5);
+    pending(&mut send);
+    drop(held);
+    assert_eq!(ready(&mut send), Ok(()));
+}
+
+#[test]
 fn the_value_is_dropped_before_the_sender_goes_on() {
     let ledger = Ledger::new(1);
     let (sender, receiver) = channel();

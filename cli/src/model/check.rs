@@ -28,6 +28,10 @@ pub(crate) struct Arguments {
     /// Draw the first of what is found, with the way to it, as a sequence of messages (SVG)
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
+    /// Write the way to the deadlock, for the program that `luna model generate` makes: its option
+    /// --replay FILE lets the real code go this way
+    #[arg(long, value_name = "FILE")]
+    replay: Option<PathBuf>,
     /// Write the model in Promela, the language of SPIN
     #[arg(long, value_name = "FILE")]
     promela: Option<PathBuf>,
@@ -74,6 +78,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     } else if properties > 0 {
         let note = "not checked: LTL properties; add --spin";
         writeln!(out, "{note} ({properties})").map_err(Failure::Output)?;
+    }
+    if let Some(path) = &arguments.replay {
+        match explored.findings.iter().find_map(|one| one.replay.as_ref()) {
+            Some(text) => write(path, text)?,
+            None => {
+                let path = path.display();
+                let note = "not written: no deadlock was found, and nothing else can be replayed";
+                writeln!(out, "{path}: {note}").map_err(Failure::Output)?;
+            }
+        }
     }
     if let (Some(path), Some(finding)) = (&arguments.picture, &first) {
         write(path, &finding.to_svg())?;

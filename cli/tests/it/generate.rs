@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 #[path = "../../../tools/model/tests/it/random.rs"]
-mod random;
+pub(crate) mod random;
 
 pub(crate) fn example(name: &str) -> PathBuf {
     workspace().join("examples/models").join(name)

@@ -28,6 +28,8 @@ mod production_cell;
 mod programs;
 mod record;
 mod recordings;
+#[cfg(target_os = "linux")]
+mod replay;
 mod schedule;
 mod schedule_recorded;
 mod scope;

@@ -3,6 +3,7 @@
 pub(crate) mod circle;
 pub(crate) mod livelock;
 mod moves;
+mod script;
 pub(crate) mod state;
 pub(crate) mod unreached;
 mod waiting;
@@ -57,6 +58,9 @@ pub struct Finding {
     /// Processes of which each waits for the next, and the last for the first; empty if there is no
     /// such circle.
     pub circle: Vec<String>,
+    /// Of a deadlock, unless SPIN found it: the way to it as a file that the program generated from
+    /// the model follows, by `--replay FILE`.
+    pub replay: Option<String>,
 }
 
 impl Finding {
@@ -269,6 +273,7 @@ impl Search {
             trace,
             there,
             circle: Vec::new(),
+            replay: None,
         });
     }
 
@@ -297,13 +302,15 @@ impl Search {
 
     fn deadlock(&mut self, semantics: &Semantics<'_>, space: &Space, at: usize, state: &State) {
         if self.is_new(&FindingKind::Deadlock) {
-            let trace = words::trace(semantics.network, &space.way_to(at));
+            let way = space.way_to(at);
+            let trace = words::trace(semantics.network, &way);
             let (there, circle) = words::stuck(semantics, state);
             self.findings.push(Finding {
                 kind: FindingKind::Deadlock,
                 trace,
                 there,
                 circle,
+                replay: Some(script::script(semantics.network, &way)),
             });
         }
     }

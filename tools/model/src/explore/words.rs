@@ -18,7 +18,7 @@ pub(crate) fn trace(network: &Network, way: &[Move]) -> Vec<TraceStep> {
     steps
 }
 
-fn trace_step(semantics: &Semantics<'_>, state: &State, step: Move) -> TraceStep {
+pub(crate) fn trace_step(semantics: &Semantics<'_>, state: &State, step: Move) -> TraceStep {
     let Some(edge) = semantics.edge(state, step) else {
         let name = &semantics.network.agents[step.agent].name;
         return TraceStep {

@@ -21,8 +21,13 @@ const HIGHEST: u8 = 97;
 pub(super) fn root(kinds: &Kinds<'_>) -> String {
     let mut out = Writer::default();
     out.line("");
+    let allowed = "#[allow(dead_code, reason = \"not each model needs all of it\")]";
+    out.line(allowed);
+    out.line("pub mod pipes;");
     out.line("pub mod ports;");
-    out.line("#[allow(dead_code, reason = \"not each model needs all of it\")]");
+    out.line("pub mod replay;");
+    out.line("pub mod script;");
+    out.line(allowed);
     out.line("pub mod support;");
     out.line("pub mod system;");
     if !kinds.types.is_empty() {
@@ -102,10 +107,10 @@ fn fields(kind: &ProcessKind<'_>) -> Vec<(String, String)> {
 pub(super) fn system(model: &Model, kinds: &Kinds<'_>) -> Result<String, Problem> {
     let network = &model.network;
     let mut text = Writer::at(1);
-    let own = ["network", "ports", "process", "channel"];
+    let own = ["network", "ports", "process", "script"];
     let mut taken: Vec<String> = own.map(str::to_owned).into();
     let name = literal(&network.name);
-    text.line(format!("let mut network = Network::new({name});"));
+    text.line(format!("let mut network = Network::new({name}, script);"));
     let loops = network.processes.iter();
     let loops = loops.filter(|process| process.period.is_some()).count();
     if loops > LOOPS {
@@ -127,7 +132,7 @@ pub(super) fn system(model: &Model, kinds: &Kinds<'_>) -> Result<String, Problem
         };
         let (holds, path) = (holds.path(), literal(&channel.name));
         text.line(format!(
-            "let {variable} = channel::<{holds}>({path}, {buffer});"
+            "let {variable} = network.channel::<{holds}>({path}, {buffer});"
         ));
         channels.push(variable);
     }
@@ -144,7 +149,8 @@ pub(super) fn system(model: &Model, kinds: &Kinds<'_>) -> Result<String, Problem
     let mut modules: Vec<&str> = kinds.all.iter().map(|kind| kind.module.as_str()).collect();
     modules.sort_unstable();
     imports(&mut out, "super::processes", &modules);
-    out.line("use super::support::{Network, channel};");
+    out.line("use super::script::Script;");
+    out.line("use super::support::Network;");
     imports(
         &mut out,
         "super",
@@ -167,7 +173,7 @@ pub(super) fn system(model: &Model, kinds: &Kinds<'_>) -> Result<String, Problem
     }
     out.line("");
     out.line("/// The system, with all its channels and processes.");
-    out.open("pub fn build() -> luna::Result<Network> {");
+    out.open("pub fn build(script: Option<Script>) -> luna::Result<Network> {");
     out.append(text);
     out.close("}");
     Ok(out.finish())
@@ -180,6 +186,7 @@ fn add(
     channels: &[String],
     place: Place<'_>,
 ) {
+    let name = literal(&process.name);
     let mut values = Vec::new();
     for port in &kind.ports {
         if let Some((channel, side)) = process.scope.port(&port.name) {
@@ -188,14 +195,13 @@ fn add(
                 Side::Receive => "receiver",
             };
             let channel = &channels[channel];
-            values.push(format!("{}: {channel}.{end}.clone()", port.rust));
+            values.push(format!("{}: {channel}.{end}({name})", port.rust));
         }
     }
     for (name, rust) in &kind.parameters {
         let value = process.scope.parameter(name).unwrap_or_default();
         values.push(format!("{rust}: {value}"));
     }
-    let name = literal(&process.name);
     if kind.periodic != Periodic::None {
         let period = process.period.map(duration);
         let period = match kind.periodic {

@@ -80,6 +80,7 @@ impl SpinCheck {
                 trace: trail::words(network, promela, &trail),
                 there: vec![format!("SPIN: {reason}")],
                 circle: Vec::new(),
+                replay: None,
             }),
         }
         false

@@ -47,7 +47,7 @@ fn names_are_those_of_the_model() {
     for name in [
         "channel::<i32>(\"pump.between[1]\", None)",
         "main.process(\"pump.middle\")",
-        "Network::new(\"sorting pump\")",
+        "Network::new(\"sorting pump\", script)",
     ] {
         assert!(system.contains(name), "{name} in {system}");
     }
