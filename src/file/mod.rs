@@ -1,6 +1,6 @@
 //! Reading TOML files that people write: system files here, models in `luna-model`. Each error has
-//! its line and column, what stands there, and what to do. For LUNA's own crates: it may change with
-//! each release.
+//! its line and column, what stands there, and what to do. For LUNA's own crates: it may change
+//! with each release.
 
 mod problem;
 #[cfg(feature = "toml")]

@@ -2,7 +2,6 @@
 
 use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess, Prepared};
-use crate::deployment::Deployment;
 use crate::error::{Error, Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
@@ -533,30 +532,22 @@ impl ProcessBuilder {
         system.add_reserved(plan.map(|_| prepared))
     }
 
-    /// The description of the process, if it is valid, without the body.
-    #[inline]
-    fn checked(self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
-        let mut this = self;
-        if let Some(deployment) = this.plan.deployment() {
-            let deployment = deployment.clone();
-            this.deployed(&deployment)
-                .inspect_err(|_| this.plan.note_refusal())?;
-        }
-        this.checked_as_deployed()
-    }
-
     /// Takes what the system file states of the process.
     #[cold]
-    fn deployed(&mut self, deployment: &Deployment) -> Result<()> {
-        let Ok(place) = &mut self.place else {
+    fn deployed(&mut self) -> Result<()> {
+        let (Ok(place), Some(deployment)) = (&mut self.place, self.plan.deployment()) else {
             return Ok(());
         };
         deployment.process(&self.spec, &mut self.level, place, &mut self.budgets)?;
         Ok(())
     }
 
+    /// The description of the process, if it is valid, without the body.
     #[inline]
-    fn checked_as_deployed(self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
+    fn checked(mut self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
+        if self.plan.deployment().is_some() {
+            self.deployed().inspect_err(|_| self.plan.note_refusal())?;
+        }
         let place = self.place.map_err(|error| {
             self.plan.note_refusal();
             *error

@@ -5,8 +5,8 @@ use crate::error::{Result, SetupError};
 use std::path::Path;
 
 impl System {
-    /// Reads a system file: what it states of executors, threads, processes and loops goes over what
-    /// the program states, by their names. So one program runs on a laptop and on the machine.
+    /// Reads a system file: what it states of executors, threads, processes and loops goes over
+    /// what the program states, by their names. So one program runs on a laptop and on the machine.
     /// `docs/system-file.md` has its keys. Call it before the first executor or thread; the file is
     /// read here, and never again. Not for the real-time path.
     ///
@@ -18,8 +18,8 @@ impl System {
     /// # Errors
     ///
     /// [`SetupError::DeploymentFile`]: it cannot be read. [`SetupError::Deployment`]: something is
-    /// wrong in it, with the line. [`SetupError::DeploymentTooLate`]: an executor or a file is there
-    /// already. What shows only later is a [`SetupError::Deployment`] of
+    /// wrong in it, with the line. [`SetupError::DeploymentTooLate`]: an executor or a file is
+    /// there already. What shows only later is a [`SetupError::Deployment`] of
     /// [`build`](crate::system::ExecutorBuilder::build) (a core that the machine has not), of
     /// [`spawn`](crate::system::ProcessBuilder::spawn) (the priority of a process with a thread of
     /// its own) or of [`run`](Self::run) (a name that nothing has).

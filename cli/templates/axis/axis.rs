@@ -16,8 +16,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(1);
-/// The safety layer lets nothing drive the axis beyond this angle, in rad. The motor's own stops are
-/// at 1.4.
+/// The safety layer lets nothing drive the axis beyond this angle, in rad. The motor's own stops
+/// are at 1.4.
 pub const STOP: f64 = 1.3;
 
 /// What the loop has seen. Written once, when it ends.

@@ -1,5 +1,5 @@
-//! One axis: a simulated motor, a PID loop at 1 kHz, set-points, and a safety layer between the loop
-//! and the motor.
+//! One axis: a simulated motor, a PID loop at 1 kHz, set-points, and a safety layer between the
+//! loop and the motor.
 //!
 //! `cargo run --release -- 60` runs for a minute; Ctrl-C ends it earlier, with the bridge off.
 

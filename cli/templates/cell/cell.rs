@@ -119,8 +119,8 @@ async fn conveyor(input: Receiver<Block>, output: Sender<Block>) -> luna::Result
     Ok(())
 }
 
-/// Brings the cell to safety if nothing comes out of it. `pri_alt!` looks at its guards in the order
-/// written.
+/// Brings the cell to safety if nothing comes out of it. `pri_alt!` looks at its guards in the
+/// order written.
 async fn watch(progress: Receiver<u32>) -> luna::Result<()> {
     let mut last = None;
     loop {

@@ -13,7 +13,7 @@ const PERIOD: Duration = Duration::from_millis(1);
 
 fn main() -> luna::Result<()> {
     let mut system = System::new(env!("CARGO_PKG_NAME"));
-    // `--deployment system.toml` is taken out. What that file states goes over what is stated below.
+    // `--deployment system.toml` is taken out: what that file states goes over what is stated here.
     let arguments = system.deployment_arguments(std::env::args().skip(1))?;
     let seconds = match arguments.first() {
         Some(text) => text.parse().map_err(luna::Error::other)?,

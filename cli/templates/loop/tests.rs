@@ -1,5 +1,5 @@
-//! The same system on a virtual clock: time jumps to the next slot as soon as nothing can run. So an
-//! hour takes seconds, and each run is the same.
+//! The same system on a virtual clock: time jumps to the next slot as soon as nothing can run. So
+//! an hour takes seconds, and each run is the same.
 
 use super::*;
 

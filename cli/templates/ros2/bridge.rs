@@ -1,5 +1,5 @@
-//! The bridge between the base and a ROS 2 graph, by luna-ros2. It needs no installation of ROS 2: it
-//! speaks DDS itself.
+//! The bridge between the base and a ROS 2 graph, by luna-ros2. It needs no installation of ROS 2:
+//! it speaks DDS itself.
 
 use crate::base::{Command, Ends, Wheels};
 use luna::prelude::*;

@@ -1,5 +1,5 @@
-//! `luna new`: each template compiles without a warning, passes its tests and runs, and what is there
-//! is never overwritten.
+//! `luna new`: each template compiles without a warning, passes its tests and runs, and what is
+//! there is never overwritten.
 
 use crate::package::{folder, lock, run_cargo, text, workspace};
 use std::fs;
