@@ -99,6 +99,8 @@ pub(crate) enum Machine {
     /// One unit of the Production Cell as a program of its own, started by `--deploy programs`
     #[command(hide = true)]
     ProductionCellUnit(crate::production_cell::UnitArguments),
+    /// A neck and two eyes that follow a target, with vision that is not real-time
+    Head(crate::head::Arguments),
 }
 
 /// The options of `luna demo`.
