@@ -28,6 +28,8 @@ mod report;
 mod scope;
 mod scope_parameters;
 mod text;
+#[cfg(target_os = "linux")]
+mod tulip;
 
 #[cfg(target_os = "linux")]
 use args::Machine;
@@ -70,6 +72,7 @@ fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
         Some(Machine::ProductionCell(arguments)) => return production_cell::run(arguments),
         Some(Machine::ProductionCellUnit(unit)) => return production_cell::run_unit(unit),
         Some(Machine::Head(arguments)) => return head::run(arguments, &ALLOCATOR),
+        Some(Machine::Tulip(arguments)) => return tulip::run(arguments, &ALLOCATOR),
         None => {}
     }
     demo::run(&demos.jiwy, &ALLOCATOR)
