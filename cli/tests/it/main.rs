@@ -3,6 +3,8 @@
 mod card;
 mod command;
 mod convert;
+#[cfg(target_os = "linux")]
+mod corner_applications;
 mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;
