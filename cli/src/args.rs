@@ -101,6 +101,10 @@ pub(crate) enum Machine {
     /// One unit of the Production Cell as a program of its own, started by `--deploy programs`
     #[command(hide = true)]
     ProductionCellUnit(crate::production_cell::UnitArguments),
+    /// A neck and two eyes that follow a target, with vision that is not real-time
+    Head(crate::head::Arguments),
+    /// A robot with fourteen joints that walks behind a ball
+    Tulip(crate::tulip::Arguments),
 }
 
 /// The options of `luna demo`.

@@ -10,6 +10,8 @@ mod demo;
 mod doctor;
 mod exit;
 mod failure;
+#[cfg(target_os = "linux")]
+mod head;
 mod histogram_text;
 mod jitter;
 #[cfg_attr(not(target_os = "linux"), path = "no_joystick.rs")]
@@ -28,6 +30,8 @@ mod report;
 mod scope;
 mod scope_parameters;
 mod text;
+#[cfg(target_os = "linux")]
+mod tulip;
 
 #[cfg(target_os = "linux")]
 use args::Machine;
@@ -70,6 +74,8 @@ fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
     match &demos.machine {
         Some(Machine::ProductionCell(arguments)) => return production_cell::run(arguments),
         Some(Machine::ProductionCellUnit(unit)) => return production_cell::run_unit(unit),
+        Some(Machine::Head(arguments)) => return head::run(arguments, &ALLOCATOR),
+        Some(Machine::Tulip(arguments)) => return tulip::run(arguments, &ALLOCATOR),
         None => {}
     }
     demo::run(&demos.jiwy, &ALLOCATOR)

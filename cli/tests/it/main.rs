@@ -4,6 +4,8 @@ mod book;
 mod card;
 mod command;
 mod convert;
+#[cfg(target_os = "linux")]
+mod corner_applications;
 mod doctor;
 #[cfg(feature = "foxglove")]
 mod foxglove;

@@ -1,0 +1,199 @@
+//! `luna demo head`: the humanoid head follows a target.
+
+use crate::alloc::Counting;
+use crate::demo::{Show, print_json, print_parts, watch};
+use crate::failure::Failure;
+use crate::output::Measurement;
+use crate::{args, columns, exit, report};
+use clap::{Args, ValueEnum};
+use luna::Report;
+use luna::prelude::*;
+use luna_head::parameters::{HEAD, axis_named};
+use luna_head::{Fault, Findings, PICTURE, Place, Settings, Trouble, network};
+use serde::Serialize;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// The executor of all but vision.
+const EXECUTOR: &str = "head";
+
+/// The options of `luna demo head`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+Exit codes: 0 the gaze settled and held as it is to, and no limit was exceeded, 1 not so, or it failed, 2 bad arguments or files.
+
+JSON: deployment, faults, gaze_rms and gaze_worst (degrees), held_drift, stopped_at, stopped_after, duty, changed, axes, seconds; the loops and the rest of `luna demo`.")]
+pub(crate) struct Arguments {
+    /// Where vision runs: on the head's executor below all else, or on a thread that is not
+    /// real-time
+    #[arg(long, value_name = "WHERE", default_value = "threads")]
+    deploy: Deployment,
+    /// How long the head runs, in seconds
+    #[arg(long, value_name = "S", default_value = "10", value_parser = args::seconds, allow_negative_numbers = true)]
+    seconds: f64,
+    /// A fault after two fifths of the time: vision (no image comes, for a fifth of the time),
+    /// jump (the target jumps), or sensor-AXIS (the encoder stands). AXIS is neck-lower-tilt,
+    /// neck-pan, neck-roll, neck-upper-tilt, eyes-tilt, left-eye-pan or right-eye-pan
+    #[arg(long, value_name = "FAULT", value_parser = fault)]
+    fault: Vec<Fault>,
+    /// On a virtual clock
+    #[arg(long = "virtual")]
+    on_virtual_clock: bool,
+    /// The scheduling policy of all but vision: fifo:PRIORITY, rr:PRIORITY (1 to 97) or other
+    #[arg(long, default_value = "fifo:80", value_parser = args::policy)]
+    policy: Policy,
+    /// Record signals, messages and events (.luna)
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// Serve the live scope while it runs; ADDR is host:port
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = args::SCOPE)]
+    scope: Option<SocketAddr>,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Where vision runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Deployment {
+    /// All on one executor
+    Executor,
+    /// Vision on a thread of its own
+    Threads,
+}
+
+fn fault(text: &str) -> Result<Fault, String> {
+    match text.split_once('-') {
+        None if text == "vision" => Ok(Fault::Vision),
+        None if text == "jump" => Ok(Fault::Jump),
+        Some(("sensor", axis)) => axis_named(axis).map(Fault::Sensor).ok_or_else(|| {
+            let names = HEAD.each_ref().map(|axis| axis.name).join(", ");
+            format!("there is no axis {axis:?}; the axes are {names}")
+        }),
+        _ => Err("it must be vision, jump or sensor-AXIS".into()),
+    }
+}
+
+/// What is printed.
+#[derive(Debug, Serialize)]
+struct Run {
+    deployment: Deployment,
+    #[serde(flatten)]
+    findings: Findings,
+    #[serde(flatten)]
+    measurement: Measurement,
+}
+
+/// Runs the head, prints what became of it, and gives the exit code.
+pub(crate) fn run(arguments: &Arguments, allocator: &Counting) -> Result<ExitCode, Failure> {
+    let time = Duration::from_secs_f64(arguments.seconds);
+    let troubles = arguments.fault.iter().map(|fault| Trouble {
+        fault: *fault,
+        at: time * 2 / 5,
+        lasts: time / 5,
+    });
+    let settings = Settings {
+        time,
+        troubles: troubles.collect(),
+        policy: arguments.policy,
+        place: match arguments.deploy {
+            Deployment::Executor => Place::Executor,
+            Deployment::Threads => Place::Threads,
+        },
+    };
+    let mut system = System::new("head");
+    if arguments.on_virtual_clock {
+        system.virtual_clock();
+    }
+    let watched = watch(
+        &mut system,
+        Show {
+            log: arguments.log.as_deref(),
+            scope: arguments.scope,
+            picture: Some(PICTURE),
+            ..Show::default()
+        },
+    )?;
+    let head = network::build(&mut system, settings).map_err(Failure::Luna)?;
+    let report = system.run();
+    watched.ended(&report);
+    let report = report.map_err(Failure::Luna)?;
+    let findings = head.findings().ok_or_else(|| {
+        let cause = format!("the head ended before its time: {}", report.end);
+        Failure::Luna(luna::Error::other(cause))
+    })?;
+    let run = Run {
+        deployment: arguments.deploy,
+        findings,
+        measurement: report::measurement(&report, EXECUTOR, &network::LOOPS, allocator.counts()),
+    };
+    let mut out = std::io::stdout().lock();
+    match arguments.json {
+        true => print_json(&mut out, &run),
+        false => print_parts(&mut out, text(&run, &report)),
+    }
+    .map_err(Failure::Output)?;
+    Ok(exit::of_a_run(run.findings.is_good()))
+}
+
+fn text(run: &Run, report: &Report) -> [String; 3] {
+    let findings = &run.findings;
+    let mut verdict = match &findings.gaze_rms.zip(findings.gaze_worst) {
+        Some((rms, worst)) => format!("gaze error {rms:.2} degrees rms, {worst:.2} at most"),
+        None => format!(
+            "too short to settle: {:.1} s are needed",
+            luna_head::parameters::SETTLE
+        ),
+    };
+    if let Some(drift) = findings.held_drift {
+        verdict += &format!("; held within {drift:.2} degrees without images");
+    }
+    match (findings.stopped_after, findings.stopped_at) {
+        (Some(after), _) => verdict += &format!("; stopped {after:.2} s after the sensor's fault"),
+        (None, Some(at)) => verdict += &format!("; stopped at {at:.2} s without cause"),
+        (None, None) => {}
+    }
+    let faults = match findings.faults.as_slice() {
+        [] => String::new(),
+        faults => format!(", {}", faults.join(", ")),
+    };
+    let good = if findings.is_good() {
+        "good"
+    } else {
+        "not good"
+    };
+    let verdict = format!(
+        "Humanoid head, {:.1} s{faults}: {good}\n{verdict}\n",
+        findings.seconds
+    );
+    let head = ["axis", "furthest", "stop"].map(str::to_owned);
+    let rows = findings.axes.iter().map(|axis| {
+        [
+            axis.name.to_owned(),
+            format!("{:.1}°", axis.furthest),
+            format!("{:.1}°", axis.end_stop),
+        ]
+    });
+    let axes = columns::of_numbers([head].into_iter().chain(rows));
+    [verdict, axes, report.to_string()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use luna_head::outcome;
+
+    #[test]
+    fn faults_are_named_as_they_are_reported() {
+        for text in ["vision", "jump", "sensor-neck-roll", "sensor-eyes-tilt"] {
+            assert_eq!(outcome::name(fault(text).unwrap()), text);
+        }
+        for (text, says) in [("sensor-nose", "neck-pan"), ("deaf", "sensor-AXIS")] {
+            let error = fault(text).unwrap_err();
+            assert!(error.contains(says), "{text}: {error}");
+        }
+    }
+}

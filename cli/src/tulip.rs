@@ -1,0 +1,218 @@
+//! `luna demo tulip`: the robot walks behind a ball.
+
+use crate::alloc::Counting;
+use crate::demo::{Show, print_json, print_parts, watch};
+use crate::failure::Failure;
+use crate::output::Measurement;
+use crate::{args, columns, exit, report};
+use clap::{Args, ValueEnum};
+use luna::Report;
+use luna::prelude::*;
+use luna_tulip::parameters::{ROBOT, joint_named};
+use luna_tulip::{Fault, Findings, PICTURE, Place, Settings, Trouble, network};
+use serde::Serialize;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// The executor of the hard and firm layers.
+const EXECUTOR: &str = "tulip";
+
+/// The options of `luna demo tulip`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+Exit codes: 0 it walked and did not fall, its controllers were exchanged, no actuator passed its limit, and safety stopped it
+if and only if a joint failed; 1 not so, or it failed, 2 bad arguments or files.
+
+JSON: deployment, faults, steps, steps_expected, distance (m), fallen_at, capture_margin (m), exchanges, exchanges_asked, lost,
+duty, changed, stopped_at, stopped_after, joints, shown, seconds; the loops and the rest of `luna demo`.")]
+pub(crate) struct Arguments {
+    /// Where the layers run: all on one executor, or the world model and the operator on threads
+    /// that are not real-time
+    #[arg(long, value_name = "WHERE", default_value = "threads")]
+    deploy: Deployment,
+    /// How long the robot runs, in seconds; it stands at the begin and at the end
+    #[arg(long, value_name = "S", default_value = "10", value_parser = args::seconds, allow_negative_numbers = true)]
+    seconds: f64,
+    /// Exchange all joint controllers each so many seconds
+    #[arg(long, value_name = "S", default_value = "1", value_parser = args::seconds, allow_negative_numbers = true)]
+    exchange: f64,
+    /// A fault after two fifths of the time: push (the robot is pushed), sensor-JOINT (the encoder
+    /// stands) or controller-JOINT (its controller wants full duty). JOINT is left-shoulder,
+    /// right-shoulder, or left- or right- with hip-yaw, hip-roll, hip-pitch, knee, ankle-pitch or
+    /// ankle-roll
+    #[arg(long, value_name = "FAULT", value_parser = fault)]
+    fault: Vec<Fault>,
+    /// On a virtual clock
+    #[arg(long = "virtual")]
+    on_virtual_clock: bool,
+    /// The scheduling policy of the hard and firm layers: fifo:PRIORITY, rr:PRIORITY (1 to 97) or
+    /// other
+    #[arg(long, default_value = "fifo:80", value_parser = args::policy)]
+    policy: Policy,
+    /// Record signals, messages and events (.luna)
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// Serve the live scope while it runs; ADDR is host:port
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = args::SCOPE)]
+    scope: Option<SocketAddr>,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Where the layers run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Deployment {
+    /// All on one executor
+    Executor,
+    /// The world model and the operator on threads of their own
+    Threads,
+}
+
+fn fault(text: &str) -> Result<Fault, String> {
+    let joint = |name: &str| {
+        joint_named(name).ok_or_else(|| {
+            let names = ROBOT.each_ref().map(|joint| joint.name).join(", ");
+            format!("there is no joint {name:?}; the joints are {names}")
+        })
+    };
+    match text.split_once('-') {
+        None if text == "push" => Ok(Fault::Push),
+        Some(("sensor", name)) => joint(name).map(Fault::Sensor),
+        Some(("controller", name)) => joint(name).map(Fault::Controller),
+        _ => Err("it must be push, sensor-JOINT or controller-JOINT".into()),
+    }
+}
+
+/// What is printed.
+#[derive(Debug, Serialize)]
+struct Run {
+    deployment: Deployment,
+    #[serde(flatten)]
+    findings: Findings,
+    #[serde(flatten)]
+    measurement: Measurement,
+}
+
+/// Runs the robot, prints what became of it, and gives the exit code.
+pub(crate) fn run(arguments: &Arguments, allocator: &Counting) -> Result<ExitCode, Failure> {
+    let time = Duration::from_secs_f64(arguments.seconds);
+    let at = time * 2 / 5;
+    let troubles = arguments.fault.iter().copied();
+    let settings = Settings {
+        time,
+        exchange: Duration::from_secs_f64(arguments.exchange),
+        troubles: troubles.map(|fault| Trouble { fault, at }).collect(),
+        policy: arguments.policy,
+        place: match arguments.deploy {
+            Deployment::Executor => Place::Executor,
+            Deployment::Threads => Place::Threads,
+        },
+    };
+    let mut system = System::new("tulip");
+    if arguments.on_virtual_clock {
+        system.virtual_clock();
+    }
+    let watched = watch(
+        &mut system,
+        Show {
+            log: arguments.log.as_deref(),
+            scope: arguments.scope,
+            picture: Some(PICTURE),
+            ..Show::default()
+        },
+    )?;
+    let tulip = network::build(&mut system, settings).map_err(Failure::Luna)?;
+    let report = system.run();
+    watched.ended(&report);
+    let report = report.map_err(Failure::Luna)?;
+    let findings = tulip.findings().ok_or_else(|| {
+        let cause = format!("the robot ended before its time: {}", report.end);
+        Failure::Luna(luna::Error::other(cause))
+    })?;
+    let run = Run {
+        deployment: arguments.deploy,
+        findings,
+        measurement: report::measurement(&report, EXECUTOR, &network::LOOPS, allocator.counts()),
+    };
+    let mut out = std::io::stdout().lock();
+    match arguments.json {
+        true => print_json(&mut out, &run),
+        false => print_parts(&mut out, text(&run, &report)),
+    }
+    .map_err(Failure::Output)?;
+    Ok(exit::of_a_run(run.findings.is_good()))
+}
+
+fn text(run: &Run, report: &Report) -> [String; 3] {
+    let findings = &run.findings;
+    let Findings {
+        seconds,
+        steps,
+        distance,
+        exchanges,
+        lost,
+        ..
+    } = findings;
+    let faults = match findings.faults.as_slice() {
+        [] => String::new(),
+        faults => format!(", {}", faults.join(", ")),
+    };
+    let good = if findings.is_good() {
+        "good"
+    } else {
+        "not good"
+    };
+    let mut verdict =
+        format!("TUlip, {seconds:.1} s{faults}: {good}\n{steps} steps, {distance:.2} m");
+    if *steps < findings.steps_expected {
+        verdict += &format!(" ({} steps were to be seen)", findings.steps_expected);
+    }
+    if let Some(margin) = findings.capture_margin {
+        let millimetres = margin * 1e3;
+        verdict += &format!("; capture point {millimetres:.0} mm within its support as steps end");
+    }
+    verdict += &match findings.fallen_at {
+        Some(at) => format!("; fallen at {at:.2} s"),
+        None => "; not fallen".into(),
+    };
+    verdict += &format!(
+        "\ncontrollers exchanged {exchanges} times, {lost} cycles lost; safety changed {} duties",
+        findings.changed
+    );
+    match (findings.stopped_after, findings.stopped_at) {
+        (Some(after), _) => verdict += &format!(", and stopped {after:.2} s after the fault"),
+        (None, Some(at)) => verdict += &format!(", and stopped at {at:.2} s without cause"),
+        (None, None) => {}
+    }
+    verdict.push('\n');
+    let head = ["joint", "least", "greatest", "stops"].map(str::to_owned);
+    let rows = findings.joints.iter().map(|joint| {
+        let [least, greatest] = joint.range.map(|angle| format!("{angle:.1}°"));
+        let [low, high] = joint.stops;
+        let stops = format!("{low:.0}° to {high:.0}°");
+        [joint.name.to_owned(), least, greatest, stops]
+    });
+    let joints = columns::of_numbers([head].into_iter().chain(rows));
+    [verdict, joints, report.to_string()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use luna_tulip::outcome;
+
+    #[test]
+    fn faults_are_named_as_they_are_reported() {
+        for text in ["push", "sensor-left-knee", "controller-right-shoulder"] {
+            assert_eq!(outcome::name(fault(text).unwrap()), text);
+        }
+        for (text, says) in [("sensor-tail", "left-knee"), ("trip", "sensor-JOINT")] {
+            let error = fault(text).unwrap_err();
+            assert!(error.contains(says), "{text}: {error}");
+        }
+    }
+}

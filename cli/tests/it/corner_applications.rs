@@ -1,0 +1,58 @@
+//! The humanoid head and TUlip as users run them. Their faults in virtual time are tests of their
+//! crates.
+
+use serde_json::Value;
+use std::process::Command;
+
+/// What a run on a virtual clock prints, and its exit code.
+fn run(arguments: &str) -> (Value, Option<i32>) {
+    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .arg("demo")
+        .args(arguments.split_whitespace())
+        .args(["--virtual", "--json"])
+        .output()
+        .expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    let run = serde_json::from_slice(&output.stdout);
+    let run = run.unwrap_or_else(|error| panic!("{arguments}: {error}: {said}"));
+    (run, output.status.code())
+}
+
+#[test]
+fn the_head_follows_and_allocates_nothing() {
+    for deployment in ["executor", "threads"] {
+        let (run, code) = run(&format!("head --seconds 3 --deploy {deployment}"));
+        assert_eq!(code, Some(0), "{run}");
+        assert_eq!(
+            (&run["deployment"], &run["allocations"]),
+            (&deployment.into(), &0.into())
+        );
+        assert!(run["gaze_worst"].as_f64() < Some(2.0), "{run}");
+        assert_eq!(run["loops"][0]["name"], "joints");
+        assert_eq!(run["loops"][0]["slots_missed"], 0);
+    }
+}
+
+#[test]
+fn tulip_walks_exchanges_its_controllers_and_allocates_nothing() {
+    for deployment in ["executor", "threads"] {
+        let arguments = format!("tulip --seconds 5 --exchange 0.5 --deploy {deployment}");
+        let (run, code) = run(&arguments);
+        assert_eq!(code, Some(0), "{run}");
+        assert_eq!(
+            (&run["deployment"], &run["allocations"]),
+            (&deployment.into(), &0.into())
+        );
+        assert!(run["exchanges"].as_u64() >= Some(3), "{run}");
+        assert_eq!((&run["lost"], &run["fallen_at"]), (&0.into(), &Value::Null));
+    }
+}
+
+/// A run that is too short shows nothing, and says so by its exit code.
+#[test]
+fn a_run_that_shows_nothing_is_no_success() {
+    let (head, code) = run("head --seconds 1");
+    assert_eq!((&head["gaze_rms"], code), (&Value::Null, Some(1)), "{head}");
+    let (tulip, code) = run("tulip --seconds 1");
+    assert_eq!((&tulip["steps"], code), (&0.into(), Some(1)), "{tulip}");
+}
