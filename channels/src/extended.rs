@@ -119,8 +119,8 @@ impl<'a, T> Extended<'a, T> {
     /// ```
     /// # use futures_lite::future::{block_on, zip};
     /// # block_on(async {
-    /// let (sender, receiver) = luna_channels::channel();
-    /// let (onward, end) = luna_channels::channel::<&str>();
+    /// let (sender, receiver) = luna_channels::channel::<&str>();
+    /// let (onward, end) = luna_channels::channel();
     /// let relay = async {
     ///     let (value, held) = receiver.recv_extended().await?.hold();
     ///     onward.send(value).await.unwrap();
