@@ -119,7 +119,7 @@ impl<'a, T> Extended<'a, T> {
     /// ```
     /// # use futures_lite::future::{block_on, zip};
     /// # block_on(async {
-    /// let (sender, receiver) = luna_channels::channel();
+    /// let (sender, receiver) = luna_channels::channel::<&str>();
     /// let (onward, end) = luna_channels::channel();
     /// let relay = async {
     ///     let (value, held) = receiver.recv_extended().await?.hold();
