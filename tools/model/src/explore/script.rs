@@ -18,7 +18,7 @@
 use super::state::{Move, Semantics, State};
 use super::words;
 use crate::file::Side;
-use crate::network::{Action, Network, Step};
+use crate::network::{Label, Network, Step};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -53,7 +53,7 @@ fn line(semantics: &Semantics<'_>, state: &State, step: Move) -> String {
     };
     let value = semantics.carried(state, step);
     let value = value.map_or(String::new(), |value| format!(" = {value}"));
-    match edge.action.end() {
+    match edge.label.end() {
         Some((channel, side)) if step.is_closed => {
             let found = &network.channels[channel];
             let length = semantics.length(state, channel);
@@ -72,7 +72,7 @@ fn line(semantics: &Semantics<'_>, state: &State, step: Move) -> String {
         None => {}
     }
     // A single branch is no choice in the program.
-    if let (Action::Choice, branches) = (&edge.action, semantics.edges(state, step.agent))
+    if let (Label::Choice, branches) = (&edge.label, semantics.edges(state, step.agent))
         && branches.len() > 1
     {
         return format!("{this} chooses {}", step.edge);
@@ -93,7 +93,7 @@ fn waits(semantics: &Semantics<'_>, state: &State) -> BTreeSet<String> {
         };
         let name = &network.processes[agent.process].name;
         let open = edges.iter().filter(|edge| semantics.is_open(state, edge));
-        let mut ends = open.filter_map(|edge| edge.action.end()).peekable();
+        let mut ends = open.filter_map(|edge| edge.label.end()).peekable();
         if ends.peek().is_none() {
             found.insert(format!("{name} waits: stop"));
         }
