@@ -52,14 +52,15 @@ impl<S> GuardedWaitPoint<S> {
     pub(crate) fn state<R>(
         &self,
         lists: &mut WaitQueues,
-        f: impl FnOnce(&mut S, &mut WaitQueues) -> R,
+        f: impl FnOnce(&mut S, &WaitQueues) -> R,
     ) -> R {
         assert!(
             self.wait_point.has(lists),
             "the lists of another wait point"
         );
         // SAFETY: these are the lists that the lock guards: an exclusive borrow shows that it is
-        // held, and lasts as long as that of the state. So the state is borrowed once.
+        // held, and lasts as long as that of the state. `f` gets a shared one, with which it cannot
+        // call this again. So the state is borrowed once.
         self.state
             .with_mut(|state| f(unsafe { &mut *state }, lists))
     }

@@ -104,9 +104,9 @@ const NO_EXECUTOR: u64 = u64::MAX;
 /// an executor on that executor's thread. It is revoked, and after a brief or failed revocation
 /// restored, on any thread. All its life the lock is biased to one executor at most: the first bias
 /// is granted only if no second executor has used the lock, and a revocation either restores that
-/// bias or sets `is_shared_for_good`, after which none is granted. Two kinds of thread access `value`: the holder of `shared`,
-/// while there is no bias and `inside` is free after the heavy fence; and the owner of the bias,
-/// while it holds `inside`.
+/// bias or sets `is_shared_for_good`, after which none is granted. Two kinds of thread access
+/// `value`: the holder of `shared`, while there is no bias and `inside` is free after the heavy
+/// fence; and the owner of the bias, while it holds `inside`.
 #[repr(C)]
 pub struct BiasedLock<T> {
     bias: AtomicU64,

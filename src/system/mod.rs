@@ -142,7 +142,7 @@ impl System {
     ///     })?;
     /// }
     /// let report = system.run()?;
-    /// assert_eq!(report.timers.unwrap().ticks.len(), 1); // one period
+    /// assert!(report.timers.unwrap().woken > 0);
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn timers(&mut self, timers: Timers) -> &mut Self {

@@ -38,8 +38,8 @@ pin_project! {
     /// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an
     /// alternative.
     ///
-    /// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was
-    /// not chosen stays due.
+    /// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what
+    /// was not chosen stays due.
     ///
     /// # Panics
     ///

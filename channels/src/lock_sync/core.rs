@@ -61,7 +61,7 @@ impl Core {
     pub(super) fn state<R>(
         &self,
         lists: &mut WaitQueues,
-        f: impl FnOnce(&mut State, &mut WaitQueues) -> R,
+        f: impl FnOnce(&mut State, &WaitQueues) -> R,
     ) -> R {
         self.wait_point.state(lists, f)
     }

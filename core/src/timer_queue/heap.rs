@@ -62,7 +62,7 @@ impl Deref for Listed {
 /// What the owner of a shared queue knows of a node.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Label {
-    /// Of a deadline that wakes nobody.
+    /// Of a `Deadline`, which wakes no process; 0 for waits.
     pub(super) number: u32,
     pub(super) priority: Priority,
 }

@@ -145,6 +145,8 @@ fn links_of_all_pages_lead_somewhere() {
     pages.extend(
         [
             "README.md",
+            "CONTRIBUTING.md",
+            "SECURITY.md",
             "ARCHITECTURE.md",
             "book/README.md",
             "book/src/SUMMARY.md",

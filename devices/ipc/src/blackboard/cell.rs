@@ -118,7 +118,7 @@ impl<T> Cell<T> {
     ///
     /// This program is the writer, and no other thread sets the cell.
     pub(super) unsafe fn set(&self, value: T) {
-        let number = self.latest().load(Relaxed) + 1;
+        let number = self.latest().load(Relaxed).wrapping_add(1);
         let (time, place) = self.slot(number);
         // A reader that sees any of the following sees the `latest` before it too.
         fence(Release);
@@ -150,7 +150,7 @@ impl<T> Cell<T> {
             // The writer may write it meanwhile: then the copy is discarded.
             unsafe { copy::load(place, value.as_mut_ptr().cast(), size_of::<T>()) };
             fence(Acquire);
-            if self.latest().load(Relaxed) - number < SLOTS - 1 {
+            if self.latest().load(Relaxed).wrapping_sub(number) < SLOTS - 1 {
                 // SAFETY: value `number` was written there whole before `latest` said so, and the
                 // next one for this slot was not begun. Both programs state one type. It has no
                 // drop, so a copy is harmless.

@@ -23,15 +23,16 @@ type Word = usize;
 pub(super) unsafe fn load(from: NonNull<u8>, to: *mut u8, size: usize) {
     let words = size / size_of::<Word>();
     // SAFETY: all words and bytes are within `size` of both pointers, and words are aligned in
-    // shared memory. There all accesses are atomic, and of the other place this thread's alone.
+    // shared memory. There all accesses are atomic, and of the other place this thread's alone. The
+    // shared memory may be mapped for reading alone: the references only load.
     unsafe {
         for offset in (0..words).map(|index| index * size_of::<Word>()) {
-            let word = AtomicMaybeUninit::<Word>::from_ptr(from.add(offset).cast().as_ptr());
+            let word = from.add(offset).cast::<AtomicMaybeUninit<Word>>().as_ref();
             let to = to.add(offset).cast::<MaybeUninit<Word>>();
             to.write_unaligned(word.load(Relaxed));
         }
         for offset in words * size_of::<Word>()..size {
-            let byte = AtomicMaybeUninit::<u8>::from_ptr(from.add(offset).cast().as_ptr());
+            let byte = from.add(offset).cast::<AtomicMaybeUninit<u8>>().as_ref();
             let to = to.add(offset).cast::<MaybeUninit<u8>>();
             to.write(byte.load(Relaxed));
         }

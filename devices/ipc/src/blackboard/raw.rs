@@ -104,7 +104,7 @@ impl<'m> Raw<'m> {
     /// The mapping may be written, this program is the writer, and no other thread sets the cell.
     /// The bytes are as many as the value has.
     unsafe fn set(&self, bytes: &[u8]) -> u64 {
-        let number = self.latest().load(Relaxed) + 1;
+        let number = self.latest().load(Relaxed).wrapping_add(1);
         let (time, place) = self.slot(number);
         // A reader that sees any of the following sees the `latest` before it too.
         fence(Release);

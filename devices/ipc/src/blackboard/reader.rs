@@ -2,6 +2,7 @@
 
 use super::cell::{Cell, Contended};
 use super::directory::Directory;
+use super::raw::Raw;
 use super::{Board, TYPE, open_locked};
 use crate::error::TypeInfo;
 use crate::memory::Memory;
@@ -136,12 +137,18 @@ impl BoardReader {
                 pid: board.memory.words().side(Role::Sender).pid.load(Relaxed),
             });
         }
-        // SAFETY: the writer has planned this cell for this type, and the board is kept.
+        let broken = || IpcError::Protocol {
+            name: board.name.text().to_owned(),
+        };
+        // The offset is the other program's.
+        if Raw::at(&board.memory, entry).is_none() {
+            return Err(broken());
+        }
+        // SAFETY: the writer has planned this cell for this type, it is within the memory, and the
+        // board is kept.
         let cell = unsafe { Cell::at(&board.memory, entry.offset) };
         if !cell.is_set() {
-            return Err(IpcError::Protocol {
-                name: board.name.text().to_owned(),
-            });
+            return Err(broken());
         }
         let shared = self.shared.clone();
         Ok(ReadEntry { cell, shared })
