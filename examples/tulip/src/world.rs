@@ -64,13 +64,16 @@ impl World {
     pub fn see(&mut self, from_robot: &Vector2<f64>) {
         let seen = self.body.mass + from_robot;
         let time = self.body.time;
-        let ball = self.ball.get_or_insert(Ball {
-            time,
-            state: Vector4::new(seen.x, seen.y, 0.0, 0.0),
-            covariance: Matrix4::from_diagonal(&Vector4::new(CAMERA, CAMERA, 0.1, 0.1)),
-        });
-        ball.predict(time);
-        ball.correct(&seen);
+        if let Some(ball) = &mut self.ball {
+            ball.predict(time);
+            ball.correct(&seen);
+        } else {
+            self.ball = Some(Ball {
+                time,
+                state: Vector4::new(seen.x, seen.y, 0.0, 0.0),
+                covariance: Matrix4::from_diagonal(&Vector4::new(CAMERA, CAMERA, 0.1, 0.1)),
+            });
+        }
     }
 
     /// From the robot to the ball, if it was seen.
