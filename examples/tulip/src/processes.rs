@@ -329,3 +329,6 @@ pub(crate) async fn simulate(
     let _ = left.findings.set(mechanics.findings());
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;
