@@ -6,11 +6,11 @@ use luna_tulip::parameters::{ROBOT, STOP_WITHIN};
 use luna_tulip::{Fault, Findings, Place, Settings, Trouble, network};
 use std::time::Duration;
 
-/// Runs the robot on a virtual clock, with a fault at 4 s.
+/// Runs the robot on a virtual clock, with a fault at 3 s.
 fn run(seconds: u64, fault: Option<Fault>, place: Place) -> (Findings, Report) {
     let mut system = System::new("tulip");
     system.virtual_clock();
-    let at = Duration::from_secs(4);
+    let at = Duration::from_secs(3);
     let settings = Settings {
         time: Duration::from_secs(seconds),
         exchange: Duration::from_millis(700),
@@ -67,17 +67,17 @@ fn a_sensor_that_is_stuck_stops_the_robot() {
         if name.ends_with("hip-yaw") {
             continue;
         }
-        let (findings, _) = run(5, Some(Fault::Sensor(joint)), Place::Executor);
+        let (findings, _) = run(4, Some(Fault::Sensor(joint)), Place::Executor);
         assert!(findings.is_good(), "{name}: {findings:#?}");
         let at = findings.stopped_at.unwrap();
-        assert!((4.0..4.0 + STOP_WITHIN).contains(&at), "{name}: {at}");
+        assert!((3.0..3.0 + STOP_WITHIN).contains(&at), "{name}: {at}");
     }
 }
 
 #[test]
 fn a_controller_gone_mad_stops_the_robot_before_its_joint_is_at_the_stop() {
     for (joint, name) in ROBOT.iter().map(|joint| joint.name).enumerate() {
-        let (findings, _) = run(5, Some(Fault::Controller(joint)), Place::Executor);
+        let (findings, _) = run(4, Some(Fault::Controller(joint)), Place::Executor);
         assert!(findings.is_good(), "{name}: {findings:#?}");
     }
 }
