@@ -116,6 +116,16 @@ mod tests {
     };
 
     #[test]
+    fn one_sight_counts_once() {
+        let mut world = World::default();
+        world.see(&Vector2::new(1.0, 0.0));
+        assert_eq!(world.ball.unwrap().covariance[(0, 0)], CAMERA);
+        world.see(&Vector2::new(1.0, 0.0));
+        let twice = world.ball.unwrap().covariance[(0, 0)];
+        assert!((twice - CAMERA / 2.0).abs() < 1e-12, "{twice}");
+    }
+
+    #[test]
     fn the_ball_is_followed_by_its_noisy_sights() {
         let mut world = World::default();
         assert!(!world.wish(&REQUEST).walk);
