@@ -25,8 +25,8 @@ const EXECUTOR: &str = "tulip";
 Exit codes: 0 it walked and did not fall, its controllers were exchanged, no actuator passed its limit, and safety stopped it
 if and only if a joint failed; 1 not so, or it failed, 2 bad arguments or files.
 
-JSON: deployment, faults, steps, steps_expected, distance (m), fallen_at, capture_margin (m), exchanges, exchanges_asked, lost,
-duty, changed, stopped_at, stopped_after, joints, shown, seconds; the loops and the rest of `luna demo`.")]
+JSON: deployment, faults, steps, steps_expected, distance (m), fallen_at, capture_margin (m), exchanges, exchanges_asked,
+lost (slots of the joint loop missed right after an exchange), duty, changed, stopped_at, stopped_after, joints, shown, seconds; the loops and the rest of `luna demo`.")]
 pub(crate) struct Arguments {
     /// Where the layers run: all on one executor, or the world model and the operator on threads
     /// that are not real-time
@@ -180,7 +180,7 @@ fn text(run: &Run, report: &Report) -> [String; 3] {
         None => "; not fallen".into(),
     };
     verdict += &format!(
-        "\ncontrollers exchanged {exchanges} times, {lost} cycles lost; safety changed {} duties",
+        "\ncontrollers exchanged {exchanges} times, {lost} slots lost; safety changed {} duties",
         findings.changed
     );
     match (findings.stopped_after, findings.stopped_at) {

@@ -27,7 +27,8 @@ fn the_head_follows_and_allocates_nothing() {
             (&run["deployment"], &run["allocations"]),
             (&deployment.into(), &0.into())
         );
-        assert!(run["gaze_worst"].as_f64() < Some(2.0), "{run}");
+        let worst = run["gaze_worst"].as_f64();
+        assert!(worst.is_some_and(|worst| worst < 2.0), "{run}");
         assert_eq!(run["loops"][0]["name"], "joints");
         assert_eq!(run["loops"][0]["slots_missed"], 0);
     }
@@ -44,6 +45,7 @@ fn tulip_walks_exchanges_its_controllers_and_allocates_nothing() {
             (&deployment.into(), &0.into())
         );
         assert!(run["exchanges"].as_u64() >= Some(3), "{run}");
+        // Only a run on the real clock can lose a slot: here the field is there, and 0.
         assert_eq!((&run["lost"], &run["fallen_at"]), (&0.into(), &Value::Null));
     }
 }

@@ -160,3 +160,24 @@ impl Mechanics {
         self.judge.findings()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_target_jumps() {
+        let at = Duration::ZERO;
+        let jump = Trouble {
+            fault: Fault::Jump,
+            at,
+            lasts: at,
+        };
+        let [jumps, stays] = [vec![jump], vec![]].map(|troubles| {
+            let mut mechanics = Mechanics::new(troubles);
+            mechanics.step(&Drive::default());
+            mechanics.target()
+        });
+        assert!(((stays.y - jumps.y) - 0.35).abs() < 1e-12, "{jumps}");
+    }
+}

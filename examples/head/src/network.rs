@@ -268,7 +268,14 @@ async fn control_joints(
     }
 }
 
-/// The safety layer. It ends with the machine.
+/// All motors off.
+const OFF: Drive = Drive {
+    duties: [0.0; AXES],
+    is_stopped: true,
+};
+
+/// The safety layer. It ends with the machine, and with the joint controllers: then the motors are
+/// off.
 async fn keep_safe(
     mut safety: Safety,
     (readings, duties): (Receiver<Readings>, Receiver<[f64; AXES]>),
@@ -276,9 +283,10 @@ async fn keep_safe(
     (state, duty_signal): (Signal<f32>, Signal<[f32; AXES]>),
     changed: Arc<OnceLock<u64>>,
 ) -> luna::Result<()> {
+    let mut has_read = false;
     loop {
         pri_alt! {
-            duties = duties.recv() => {
+            duties = duties.recv(), if has_read => {
                 let Ok(duties) = duties else { break };
                 let allowed = safety.duties(&duties);
                 state.record(f32::from(u8::from(allowed.is_stopped)));
@@ -287,12 +295,19 @@ async fn keep_safe(
             },
             readings = readings.recv() => {
                 let Ok(readings) = readings else { break };
+                has_read = true;
                 let seen = safety.readings(&readings);
+                if safety.is_stopped() {
+                    // Not with the next duties: none may come.
+                    state.record(1.0);
+                    let _ = drive.send(OFF).await;
+                }
                 let _ = see.send(seen).await;
                 let _ = show.send(seen).await;
             },
         }
     }
+    let _ = drive.send(OFF).await;
     let _ = changed.set(safety.changed());
     Ok(())
 }
@@ -339,3 +354,6 @@ async fn simulate(
     let _ = findings.set(mechanics.findings());
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

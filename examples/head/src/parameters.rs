@@ -59,6 +59,8 @@ pub const STOP_WITHIN: f64 = 1.5;
 pub const DRIVEN: f64 = 0.08;
 /// ... by this angle within [`Axis::stuck_after`], or something is stuck.
 pub const MOVED: f64 = 2e-3;
+/// So many readings may pass without duties from the controllers.
+pub const SILENT: u32 = 20;
 /// The most of a motor's supply.
 pub const DUTY_LIMIT: f64 = 0.9;
 /// How fast a duty may change, in 1/s.

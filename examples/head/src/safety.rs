@@ -1,11 +1,12 @@
 //! The rules of the safety layer. Every signal between the controllers and the hardware passes it.
 //!
 //! 1. A duty is limited, changes at a limited rate, and does not push an axis beyond its guard.
-//! 2. A reading that cannot be, a speed that no motor has, or an axis that is driven while its
-//!    sensor stands, *stops* the head: all motors are off, until the end of the run.
+//! 2. An encoder's reading that cannot be, a speed that no motor has, an axis that is driven while
+//!    its sensor stands, or controllers that are silent, *stop* the head: all motors are off, until
+//!    the end of the run.
 
 use crate::messages::{Drive, EXPOSURES, Exposure, Readings, Seen};
-use crate::parameters::{AXES, Axis, DRIVEN, DUTY_LIMIT, DUTY_RATE, HEAD, MOVED, PERIOD};
+use crate::parameters::{AXES, Axis, DRIVEN, DUTY_LIMIT, DUTY_RATE, HEAD, MOVED, PERIOD, SILENT};
 use luna_plants::Decoder;
 use luna_safety_blocks::{
     Blocked, Chain, EndStop, Limit, MaxRate, Range, RateLimit, Reaction, Sample, SettingError,
@@ -69,6 +70,8 @@ impl AxisSafety {
 pub struct Safety {
     axes: [AxisSafety; AXES],
     seen: Seen,
+    /// Readings since the last duties.
+    silent: u32,
     is_stopped: bool,
     changed: u64,
 }
@@ -87,14 +90,18 @@ impl Safety {
         Ok(Self {
             axes: axes.try_into().expect("as many as there are axes"),
             seen: Seen::default(),
+            silent: 0,
             is_stopped: false,
             changed: 0,
         })
     }
 
-    /// The readings of a cycle. Returns what the controllers see.
+    /// The readings of a cycle. Returns what the controllers see. More than [`SILENT`] readings
+    /// without duties between them stop the head.
     pub fn readings(&mut self, readings: &Readings) -> Seen {
         self.seen.time = readings.time;
+        self.silent += 1;
+        self.is_stopped |= self.silent > SILENT;
         for (n, axis) in self.axes.iter_mut().enumerate() {
             let sample = Sample::new(axis.decoder.angle(readings.counts[n]), PERIOD);
             let stops = &mut self.is_stopped;
@@ -120,6 +127,7 @@ impl Safety {
 
     /// The controllers' duties. Returns what the motors get.
     pub fn duties(&mut self, duties: &[f64; AXES]) -> Drive {
+        self.silent = 0;
         let mut drive = Drive::default();
         for (n, axis) in self.axes.iter_mut().enumerate() {
             let sample = Sample::new(duties[n], PERIOD).beside(axis.angle);
@@ -135,6 +143,11 @@ impl Safety {
             drive.duties = [0.0; AXES];
         }
         drive
+    }
+
+    /// Whether it has stopped the head: all motors are to be off.
+    pub fn is_stopped(&self) -> bool {
+        self.is_stopped
     }
 
     /// How many duties it has changed.
@@ -181,6 +194,7 @@ mod tests {
                 0,
                 (HEAD[0].guard + 0.01) * f64::from(step) / 100.0,
             ));
+            safety.duties(&[0.0; AXES]);
         }
         assert_eq!(safety.duties(&[0.1; AXES]).duties[0], 0.0);
         assert!(safety.duties(&[-0.1; AXES]).duties[0] < 0.0);
@@ -191,12 +205,30 @@ mod tests {
         let mut safety = Safety::new().unwrap();
         safety.readings(&Readings::default());
         safety.readings(&readings(3, 0.3));
+        assert!(safety.is_stopped(), "it is known before the next duties");
         for _ in 0..3 {
             let drive = safety.duties(&[0.1; AXES]);
             assert!(drive.is_stopped);
             assert_eq!(drive.duties, [0.0; AXES]);
             safety.readings(&Readings::default());
         }
+    }
+
+    #[test]
+    fn controllers_that_are_silent_stop_the_head() {
+        let mut safety = Safety::new().unwrap();
+        for _ in 0..2 {
+            for _ in 0..SILENT {
+                safety.readings(&Readings::default());
+                assert!(!safety.is_stopped());
+            }
+            assert!(!safety.duties(&[0.0; AXES]).is_stopped);
+        }
+        for _ in 0..=SILENT {
+            safety.readings(&Readings::default());
+        }
+        assert!(safety.is_stopped());
+        assert!(safety.duties(&[0.0; AXES]).is_stopped);
     }
 
     #[test]
@@ -225,6 +257,7 @@ mod tests {
                 ..readings(0, time)
             };
             seen = safety.readings(&readings);
+            safety.duties(&[0.0; AXES]);
         }
         for (image, time) in [(1, 0.0), (2, 0.033), (3, 0.066)] {
             let exposure = seen.exposures[image];

@@ -1,9 +1,10 @@
 //! Balance, at 1 kHz: it keeps the capture point where the gait wants it, by the joints of the leg
 //! that stands, and moves the other foot.
 //!
-//! The *capture point* is the point on which the robot would come to rest. It runs away from the
-//! centre of pressure, which must be below a foot. A leg with springs has its centre of pressure
-//! where the springs push it to: so the joints go a little beyond the position that is meant.
+//! The *capture point* is where the centre of pressure must be for the robot to come to rest there.
+//! It runs away from the centre of pressure, which must be below a foot. A leg with springs has its
+//! centre of pressure where the springs push it to: so the joints go a little beyond the position
+//! that is meant.
 
 use crate::legs::joints;
 use crate::mechanics::upright;

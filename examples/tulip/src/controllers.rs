@@ -147,11 +147,12 @@ mod tests {
     use luna_plants::Motor;
 
     /// The furthest from the set-point after it has settled, with an exchange each `exchange`
-    /// cycles; in rad.
-    fn worst(exchange: usize, first: usize) -> f64 {
+    /// cycles, in rad; and the largest change of the duty from a cycle to the next.
+    fn worst(exchange: usize, first: usize) -> (f64, f64) {
         let mut controllers = of(&ROBOT[2]);
         let mut motor = Motor::new(ROBOT[2].motor);
-        let (mut law, mut worst) = (first, 0.0_f64);
+        let (mut law, mut last) = (first, 0.0);
+        let (mut worst, mut jump) = (0.0_f64, 0.0_f64);
         for cycle in 0..4000 {
             let time = cycle as f64 * DT;
             let (set, rate) = (0.3 * (6.0 * time).sin(), 1.8 * (6.0 * time).cos());
@@ -165,19 +166,23 @@ mod tests {
             motor.drive(duty, DT);
             if cycle > 1000 {
                 worst = worst.max((set - angle).abs());
+                jump = jump.max((duty - last).abs());
             }
+            last = duty;
         }
-        worst
+        (worst, jump)
     }
 
     #[test]
     fn both_follow_and_an_exchange_is_not_felt() {
         let alone = [worst(usize::MAX, 0), worst(usize::MAX, 1)];
-        assert!(alone.iter().all(|worst| *worst < 0.02), "{alone:?}");
-        assert!((alone[0] - alone[1]).abs() > 1e-4, "they are the same");
+        assert!(alone.iter().all(|(worst, _)| *worst < 0.02), "{alone:?}");
+        assert!((alone[0].0 - alone[1].0).abs() > 1e-4, "they are the same");
+        let most = alone[0].1.max(alone[1].1);
         for exchange in [50, 173, 700] {
-            let error = worst(exchange, 0);
+            let (error, jump) = worst(exchange, 0);
             assert!(error < 0.025, "{exchange}: {error}");
+            assert!(jump <= most + 0.05, "{exchange}: {jump}, alone {most}");
         }
     }
 }

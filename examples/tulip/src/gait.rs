@@ -1,8 +1,9 @@
 //! The gait, at 100 Hz: when to step and where to.
 //!
-//! A step lasts a fixed time. Within it, the capture point runs away from the foot, by a known
-//! factor. So the gait knows where it will be at the end, and puts the next foot beside it so that
-//! the following step can be as the one before. A push moves the foothold.
+//! A step is planned for a fixed time, and ends when the foot meets the ground. Within it, the
+//! capture point runs away from the foot, by a known factor. So the gait knows where it will be at
+//! the end, and puts the next foot beside it so that the following step can be as the one before. A
+//! push moves the foothold.
 
 use crate::legs::{Side, sign};
 use crate::messages::{Body, Plan, Step, Wish};

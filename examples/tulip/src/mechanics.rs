@@ -283,3 +283,20 @@ impl Mechanics {
         self.judge.findings()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Too fast for the feet, which stay where they are.
+    #[test]
+    fn it_falls() {
+        let mut mechanics = Mechanics::new(vec![]);
+        mechanics.speed.y = 1.0;
+        for _ in 0..2000 {
+            mechanics.step(&Drive::default());
+        }
+        let findings = mechanics.findings();
+        assert!(findings.fallen_at.is_some() && !findings.is_good());
+    }
+}

@@ -39,7 +39,7 @@ pub struct Body {
     pub mass: Vector2<f64>,
     /// Its speed.
     pub speed: Vector2<f64>,
-    /// The point on which the robot would come to rest.
+    /// The capture point: where the centre of pressure must be for the robot to come to rest there.
     pub capture: Vector2<f64>,
     /// The feet.
     pub feet: [Vector2<f64>; 2],
@@ -87,8 +87,6 @@ pub struct SetPoint {
 /// The joint controllers to safety.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Command {
-    /// The cycle's number: one that is missing is seen.
-    pub number: u64,
     /// −1 to 1 of the supply.
     pub duties: [f64; JOINTS],
     /// What the joints are to reach.
@@ -113,7 +111,7 @@ pub struct Wish {
     pub step: f64,
 }
 
-/// The operator's computer to the robot.
+/// The operator to the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Request {
     /// Whether to follow the ball.
@@ -138,7 +136,7 @@ pub enum Internal {
     Capture,
 }
 
-/// The robot to the operator's computer: the values that were chosen.
+/// The robot to the operator: the values that were chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
     /// What, and its value.

@@ -1,7 +1,7 @@
 //! The modules of TUlip as processes, in layers from non to hard real-time.
 //!
 //! ```text
-//!  non      operator (another computer)
+//!  non      operator (a thread here; meant for another computer)
 //!              ~ requests   ^ shown
 //!              v            ~
 //!  soft     world model <~~~~~~~~~~~~ sights ~~~~~~~~~ the camera
@@ -125,15 +125,15 @@ impl Tulip {
     /// What became of it; none before its system has run to its end.
     pub fn findings(&self) -> Option<Findings> {
         let left = &self.left;
-        let counts = left.counts.get().copied()?;
+        let (exchanges, lost) = left.exchanges.get().copied()?;
         let (exchanges_asked, shown_times, shown) = left.operator.get().copied()?;
         Some(Findings {
             steps_expected: self.steps_expected,
-            exchanges: left.exchanges.get().copied()?,
+            exchanges,
             // The last one may have come as the run ended.
             exchanges_asked: exchanges_asked.saturating_sub(1),
-            lost: counts.lost,
-            changed: counts.changed,
+            lost,
+            changed: left.changed.get().copied()?,
             shown: shown.map_or(vec![], |shown| shown.values.into()),
             shown_times,
             ..left.findings.get()?.clone()

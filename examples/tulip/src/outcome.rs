@@ -28,7 +28,7 @@ pub struct Findings {
     pub exchanges: u32,
     /// The exchanges that the operator asked for.
     pub exchanges_asked: u32,
-    /// Cycles of the joint controllers of which no command reached safety.
+    /// Slots that the joint loop missed right after an exchange.
     pub lost: u64,
     /// The largest duty of a motor.
     pub duty: f64,
@@ -40,7 +40,7 @@ pub struct Findings {
     pub stopped_after: Option<f64>,
     /// The joints.
     pub joints: Vec<JointFindings>,
-    /// What the operator's computer has shown last.
+    /// What the operator was shown last.
     pub shown: Vec<(Internal, f64)>,
     /// How often it was shown something.
     pub shown_times: u32,
@@ -62,7 +62,7 @@ pub struct JointFindings {
 impl Findings {
     /// Whether the robot did what it is to do, with the faults that there were: it walks and does
     /// not fall, the capture point is within its support as each step ends, controllers are
-    /// exchanged without a cycle lost, and no actuator passes its limit. After a fault of a joint,
+    /// exchanged without a slot lost, and no actuator passes its limit. After a fault of a joint,
     /// safety stops it soon; a push alone does not.
     pub fn is_good(&self) -> bool {
         let within = self

@@ -65,6 +65,8 @@ pub const STUCK_AFTER: Duration = Duration::from_millis(40);
 pub const FOLLOWS: f64 = 0.2;
 /// ... for so long.
 pub const ASTRAY_AFTER: Duration = Duration::from_millis(5);
+/// So many readings may pass without a command from the controllers.
+pub const SILENT: u32 = 20;
 /// Safety has to stop the robot so soon after a fault of a joint.
 pub const STOP_WITHIN: f64 = 0.6;
 

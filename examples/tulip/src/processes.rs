@@ -11,7 +11,7 @@ use crate::messages::{
 use crate::network::{BEFORE, Settings};
 use crate::outcome::Findings;
 use crate::parameters::{DT, GAIT_PERIOD, JOINTS, PERIOD, WORLD_PERIOD};
-use crate::safety::{Counts, Safety};
+use crate::safety::Safety;
 use crate::world::World;
 use luna::channel::Receiver;
 use luna::prelude::*;
@@ -19,15 +19,17 @@ use nalgebra::Vector2;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// What the operator's computer shows.
+/// What the operator is shown.
 const SHOW: [Internal; 3] = [Internal::BallDistance, Internal::Steps, Internal::Capture];
 
 /// What the processes leave behind.
 #[derive(Debug, Default)]
 pub(crate) struct Left {
     pub(crate) findings: OnceLock<Findings>,
-    pub(crate) counts: OnceLock<Counts>,
-    pub(crate) exchanges: OnceLock<u32>,
+    /// The duties that safety has changed.
+    pub(crate) changed: OnceLock<u64>,
+    /// Exchanges, and slots that were missed right after one.
+    pub(crate) exchanges: OnceLock<(u32, u64)>,
     pub(crate) operator: OnceLock<(u32, u32, Option<Shown>)>,
 }
 
@@ -44,7 +46,7 @@ where
     true
 }
 
-/// The operator's computer: not real-time.
+/// The operator, a thread here; meant for another computer: not real-time.
 pub(crate) async fn operate(
     settings: Settings,
     request: Sender<Request>,
@@ -208,22 +210,25 @@ pub(crate) async fn control_joints(
         joints: upright,
         ..Seen::default()
     };
-    let (mut number, mut exchanges) = (0, 0);
+    let (mut exchanges, mut lost, mut has_exchanged) = (0, 0, false);
     loop {
-        tick.next().await;
+        let cycle = tick.next().await;
+        if has_exchanged {
+            lost += cycle.missed;
+            has_exchanged = false;
+        }
         if !take(&seen, &mut latest) {
             break;
         }
         take(&set_points, &mut set);
         if let Ok(law) = laws.try_recv() {
             let law = usize::from(law) % 2;
-            exchanges += u32::from(law != control.working);
+            has_exchanged = law != control.working;
+            exchanges += u32::from(has_exchanged);
             control.exchange(law, &latest.joints);
         }
         working.record(control.working as f32);
-        number += 1;
         let next = Command {
-            number,
             duties: control.step(&set, &latest),
             set: set.joints,
         };
@@ -231,11 +236,18 @@ pub(crate) async fn control_joints(
             break;
         }
     }
-    let _ = left.exchanges.set(exchanges);
+    let _ = left.exchanges.set((exchanges, lost));
     Ok(())
 }
 
-/// The safety module. It ends with the machine.
+/// All motors off.
+const OFF: Drive = Drive {
+    duties: [0.0; JOINTS],
+    is_stopped: true,
+};
+
+/// The safety module. It ends with the machine, and with the joint controllers: then the motors are
+/// off.
 pub(crate) async fn keep_safe(
     mut safety: Safety,
     (readings, commands): (Receiver<Readings>, Receiver<Command>),
@@ -257,12 +269,18 @@ pub(crate) async fn keep_safe(
                 let Ok(readings) = readings else { break };
                 has_read = true;
                 let seen = safety.readings(&readings);
+                if safety.is_stopped() {
+                    // Not with the next command: none may come.
+                    stopped.record(1.0);
+                    let _ = drive.send(OFF).await;
+                }
                 let _ = see.send(seen).await;
                 let _ = show.send(seen).await;
             },
         }
     }
-    let _ = left.counts.set(safety.counts());
+    let _ = drive.send(OFF).await;
+    let _ = left.changed.set(safety.changed());
     Ok(())
 }
 
@@ -311,3 +329,6 @@ pub(crate) async fn simulate(
     let _ = left.findings.set(mechanics.findings());
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,14 +1,14 @@
 //! The rules of the safety module, the last before the actuators. Every signal to them passes it.
 //!
 //! 1. A duty is limited, changes at a limited rate, and does not push a joint beyond its guard.
-//! 2. A reading that cannot be, a speed that no motor has, a joint that is driven while its sensor
-//!    stands, or one that is far from its set-point, *stops* the robot: all motors are off, until
-//!    the end of the run.
+//! 2. An encoder's reading that cannot be, a speed that no motor has, a joint that is driven while
+//!    its sensor stands, one that is far from its set-point, or controllers that are silent, *stop*
+//!    the robot: all motors are off, until the end of the run.
 
 use crate::messages::{Command, Drive, Readings, Seen};
 use crate::parameters::{
     ASTRAY_AFTER, DRIVEN, DUTY_LIMIT, DUTY_RATE, FOLLOWS, JOINTS, Joint, MOVED, PERIOD, ROBOT,
-    STUCK_AFTER,
+    SILENT, STUCK_AFTER,
 };
 use luna_plants::Decoder;
 use luna_safety_blocks::{
@@ -63,18 +63,10 @@ impl JointSafety {
 pub struct Safety {
     joints: [JointSafety; JOINTS],
     seen: Seen,
-    last: u64,
-    counts: Counts,
+    /// Readings since the last command.
+    silent: u32,
+    changed: u64,
     is_stopped: bool,
-}
-
-/// What safety has counted.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Duties that it has changed.
-    pub changed: u64,
-    /// Cycles of the joint controllers of which no command came.
-    pub lost: u64,
 }
 
 impl Safety {
@@ -91,15 +83,18 @@ impl Safety {
         Ok(Self {
             joints: joints.try_into().expect("as many as there are joints"),
             seen: Seen::default(),
-            last: 0,
-            counts: Counts::default(),
+            silent: 0,
+            changed: 0,
             is_stopped: false,
         })
     }
 
-    /// The readings of a cycle. Returns what the controllers see.
+    /// The readings of a cycle. Returns what the controllers see. More than [`SILENT`] readings
+    /// without a command between them stop the robot.
     pub fn readings(&mut self, readings: &Readings) -> Seen {
         let stops = &mut self.is_stopped;
+        self.silent += 1;
+        *stops |= self.silent > SILENT;
         for (n, joint) in self.joints.iter_mut().enumerate() {
             let sample = Sample::new(joint.decoder.angle(readings.counts[n]), PERIOD);
             let angle = joint
@@ -119,8 +114,7 @@ impl Safety {
 
     /// The controllers' command. Returns what the motors get.
     pub fn command(&mut self, command: &Command) -> Drive {
-        self.counts.lost += command.number - self.last - 1;
-        self.last = command.number;
+        self.silent = 0;
         let mut drive = Drive::default();
         let stops = &mut self.is_stopped;
         for (n, joint) in self.joints.iter_mut().enumerate() {
@@ -131,7 +125,7 @@ impl Safety {
             let sample = Sample::new(command.set[n] - joint.middle, PERIOD).beside(joint.angle);
             *stops |= joint.follows.step(&sample).fault().is_some();
             let is_changed = !*stops && drive.duties[n] != command.duties[n];
-            self.counts.changed += u64::from(is_changed);
+            self.changed += u64::from(is_changed);
         }
         drive.is_stopped = self.is_stopped;
         if drive.is_stopped {
@@ -140,9 +134,14 @@ impl Safety {
         drive
     }
 
-    /// What it has counted.
-    pub fn counts(&self) -> Counts {
-        self.counts
+    /// Whether it has stopped the robot: all motors are to be off.
+    pub fn is_stopped(&self) -> bool {
+        self.is_stopped
+    }
+
+    /// How many duties it has changed.
+    pub fn changed(&self) -> u64 {
+        self.changed
     }
 }
 
@@ -154,9 +153,8 @@ fn is_stop(reaction: Reaction) -> bool {
 mod tests {
     use super::*;
 
-    fn command(number: u64, duty: f64) -> Command {
+    fn command(duty: f64) -> Command {
         Command {
-            number,
             duties: [duty; JOINTS],
             set: ROBOT.each_ref().map(|joint| joint.middle),
         }
@@ -166,31 +164,38 @@ mod tests {
     fn duties_are_limited_in_size_and_rate() {
         let mut safety = Safety::new().unwrap();
         safety.readings(&Readings::default());
-        let first = safety.command(&command(1, 5.0)).duties[0];
+        let first = safety.command(&command(5.0)).duties[0];
         assert!((first - DUTY_RATE * 1e-3).abs() < 1e-12, "{first}");
-        for number in 2..10 {
-            assert!(safety.command(&command(number, 5.0)).duties[0] <= DUTY_LIMIT);
+        for _ in 2..10 {
+            assert!(safety.command(&command(5.0)).duties[0] <= DUTY_LIMIT);
         }
-        assert_eq!(safety.command(&command(10, f64::NAN)).duties, [0.0; JOINTS]);
-        assert!(safety.counts().changed >= 10 && safety.counts().lost == 0);
+        assert_eq!(safety.command(&command(f64::NAN)).duties, [0.0; JOINTS]);
+        assert!(safety.changed() >= 10);
     }
 
     #[test]
-    fn a_cycle_without_a_command_is_counted() {
+    fn controllers_that_are_silent_stop_the_robot() {
         let mut safety = Safety::new().unwrap();
-        for number in [1, 2, 5, 6] {
-            safety.readings(&Readings::default());
-            safety.command(&command(number, 0.0));
+        for _ in 0..2 {
+            for _ in 0..SILENT {
+                safety.readings(&Readings::default());
+                assert!(!safety.is_stopped());
+            }
+            assert!(!safety.command(&command(0.0)).is_stopped);
         }
-        assert_eq!(safety.counts().lost, 2);
+        for _ in 0..=SILENT {
+            safety.readings(&Readings::default());
+        }
+        assert!(safety.is_stopped());
+        assert!(safety.command(&command(0.0)).is_stopped);
     }
 
     #[test]
     fn a_joint_that_goes_astray_stops_the_robot() {
         let mut safety = Safety::new().unwrap();
-        let cycles = (1..100).find(|number| {
+        let cycles = (1_u64..100).find(|_| {
             safety.readings(&Readings::default());
-            let mut command = command(*number, 0.0);
+            let mut command = command(0.0);
             command.set[3] += 2.0 * FOLLOWS;
             safety.command(&command).is_stopped
         });

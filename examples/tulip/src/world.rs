@@ -64,13 +64,16 @@ impl World {
     pub fn see(&mut self, from_robot: &Vector2<f64>) {
         let seen = self.body.mass + from_robot;
         let time = self.body.time;
-        let ball = self.ball.get_or_insert(Ball {
-            time,
-            state: Vector4::new(seen.x, seen.y, 0.0, 0.0),
-            covariance: Matrix4::from_diagonal(&Vector4::new(CAMERA, CAMERA, 0.1, 0.1)),
-        });
-        ball.predict(time);
-        ball.correct(&seen);
+        if let Some(ball) = &mut self.ball {
+            ball.predict(time);
+            ball.correct(&seen);
+        } else {
+            self.ball = Some(Ball {
+                time,
+                state: Vector4::new(seen.x, seen.y, 0.0, 0.0),
+                covariance: Matrix4::from_diagonal(&Vector4::new(CAMERA, CAMERA, 0.1, 0.1)),
+            });
+        }
     }
 
     /// From the robot to the ball, if it was seen.
@@ -111,6 +114,16 @@ mod tests {
         law: 0,
         show: [Internal::BallDistance, Internal::BallSpeed, Internal::Steps],
     };
+
+    #[test]
+    fn one_sight_counts_once() {
+        let mut world = World::default();
+        world.see(&Vector2::new(1.0, 0.0));
+        assert_eq!(world.ball.unwrap().covariance[(0, 0)], CAMERA);
+        world.see(&Vector2::new(1.0, 0.0));
+        let twice = world.ball.unwrap().covariance[(0, 0)];
+        assert!((twice - CAMERA / 2.0).abs() < 1e-12, "{twice}");
+    }
 
     #[test]
     fn the_ball_is_followed_by_its_noisy_sights() {
