@@ -23,7 +23,7 @@ export function ending(model, connection) {
   const failed = [...model.processes.values()].filter(({ state }) => state === 5).map(({ name }) => name);
   if (failed.length > 0) figures.push(`failed: ${failed.slice(0, 3).join(", ")}${failed.length > 3 ? ` and ${failed.length - 3} more` : ""}`);
   if (model.lostInAll > 0) figures.push(`${count(model.lostInAll)} records lost`);
-  return { kind: failed.length > 0 ? "failed" : "ended", text: `Run ended: ${status.report ?? `after ${instant(ended, 0.1)}`}`, figures };
+  return { kind: failed.length > 0 ? "failed" : "ended", text: `Run ended: ${status.report ?? (ended > 0 ? `after ${instant(ended, 0.1)}` : "nothing was recorded")}`, figures };
 }
 
 export class Ending {

@@ -27,6 +27,15 @@ impl Histogram {
         self.max = self.max.max(nanos);
     }
 
+    /// A value that was added was another one, which is not less.
+    pub(crate) fn correct(&mut self, added: u64, nanos: u64) {
+        let mut one = hdrhistogram::Histogram::new_from(&self.counts);
+        one.saturating_record(added);
+        if self.counts.subtract(&one).is_ok() {
+            self.add(nanos);
+        }
+    }
+
     pub(crate) fn count(&self) -> u64 {
         self.counts.len()
     }

@@ -20,7 +20,8 @@ const MAX_LATE: usize = 256;
 
 #[derive(Debug, Default)]
 pub(crate) struct Loops {
-    of: BTreeMap<u32, Histogram>,
+    /// How late the cycles began, and how late the last one after the slot of its number.
+    of: BTreeMap<u32, (Histogram, u64)>,
     late: VecDeque<Late>,
     late_in_all: u64,
     /// Changes with each event of a loop.
@@ -87,14 +88,21 @@ impl Loops {
                 if is_full && !self.of.contains_key(&event.subject) {
                     return;
                 }
-                let histogram = self.of.entry(event.subject);
-                histogram
-                    .or_insert_with(Histogram::new)
-                    .add(event.arguments[1]);
+                let of = self.of.entry(event.subject);
+                let (histogram, last) = of.or_insert_with(|| (Histogram::new(), 0));
+                *last = event.arguments[1];
+                histogram.add(*last);
             }
             LATE => {
                 if self.late.len() == MAX_LATE {
                     self.late.pop_front();
+                }
+                // It waited for an earlier slot than that of its number, if it has skipped some.
+                if let Some((histogram, last)) = self.of.get_mut(&event.subject)
+                    && *last < event.arguments[0]
+                {
+                    histogram.correct(*last, event.arguments[0]);
+                    *last = event.arguments[0];
                 }
                 self.late_in_all += 1;
                 self.late.push_back(Late::of(event));
@@ -115,7 +123,7 @@ impl Loops {
 
     /// All statistics, for the page. Times are strings, since they may have more than 53 bits.
     pub(crate) fn json(&self) -> Value {
-        let loops = self.of.iter().map(|(number, histogram)| {
+        let loops = self.of.iter().map(|(number, (histogram, _))| {
             json!({
                 "number": number,
                 "count": histogram.count(),
@@ -166,6 +174,29 @@ mod tests {
             });
         }
         loops.json()["late"].clone()
+    }
+
+    #[test]
+    fn a_cycle_that_skipped_slots_is_as_late_as_after_the_one_it_waited_for() {
+        let mut loops = Loops::default();
+        for (code, arguments) in [
+            (SLOT, [1, 20]),
+            (SLOT, [4, 700]),
+            (LATE, [2_700, on_core(0, UNKNOWN, 0)]),
+            (SLOT, [5, 30]),
+        ] {
+            loops.take(&Event {
+                thread: 0,
+                time: 10_000,
+                code,
+                subject: 7,
+                arguments,
+            });
+        }
+        let found = &loops.json()["loops"][0];
+        assert_eq!(found["count"], 3);
+        assert_eq!(found["max"], 2_700);
+        assert!(found["p50"].as_u64().is_some_and(|p50| p50 < 40), "{found}");
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! LUNA's side of the page for those who know tokio: the same as `from_tokio_theirs`.
+// ANCHOR: actor
 use luna::channel::{Client, Server, call_channel};
 use luna::prelude::*;
 use std::time::Duration;
 
-// ANCHOR: actor
 async fn counter(adds: Receiver<u32>, totals: Server<(), u32>) -> luna::Result<()> {
     let mut total = 0;
     loop {
