@@ -44,6 +44,9 @@ use std::process::ExitCode;
 static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::realtime::on_path);
 
 fn main() -> ExitCode {
+    // The file is of the user's programs, and has names that no system of this command has.
+    // SAFETY: no other thread has been started, so none reads the environment.
+    unsafe { std::env::remove_var("LUNA_DEPLOYMENT") };
     let outcome = match Arguments::parse().command() {
         Command::Demo(demos) => run_demo(&demos),
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),

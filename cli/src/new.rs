@@ -150,9 +150,9 @@ fn name(path: &Path) -> Result<&str, Failure> {
             why,
         })
     };
-    if name.starts_with("luna-") {
+    if name.replace('_', "-").starts_with("luna-") {
         return refused(
-            "names that begin with `luna-` are those of LUNA's own packages".to_owned(),
+            "names that begin with `luna-` or `luna_` are those of LUNA's own packages".to_owned(),
         );
     }
     let possible = package_name(name, "my");
@@ -161,10 +161,20 @@ fn name(path: &Path) -> Result<&str, Failure> {
         _ if possible == "my" => {
             refused("use lower-case letters, digits, `-` and `_`, a letter first".to_owned())
         }
+        _ if has_empty_part(name) => refused(format!(
+            "a `-` or `_` stands between two others, or at the end; `{possible}` can be one"
+        )),
         _ => refused(format!(
             "use lower-case letters, digits, `-` and `_`, a letter first, and no word of Rust or Cargo; `{possible}` can be one"
         )),
     }
+}
+
+/// Whether all is well but a doubled or a last `-`.
+fn has_empty_part(name: &str) -> bool {
+    let is_letter = |letter: char| letter.is_ascii_lowercase() || letter.is_ascii_digit();
+    let mut parts = name.split(['-', '_']);
+    parts.clone().any(str::is_empty) && parts.all(|part| part.chars().all(is_letter))
 }
 
 fn dependencies(template: Template, luna: &Luna) -> String {
@@ -199,9 +209,13 @@ mod tests {
             ("test", "`my-test` can be one"),
             ("luna", "`my-luna` can be one"),
             ("luna-plants", "LUNA's own packages"),
+            ("luna_plants", "LUNA's own packages"),
             ("Ω", "a letter first"),
             ("..", "a letter first"),
-            ("arm-", "`arm` can be one"),
+            ("arm-", "at the end; `arm` can be one"),
+            ("my--arm", "at the end; `my-arm` can be one"),
+            ("my-_arm", "at the end; `my-arm` can be one"),
+            ("My--arm", "no word of Rust or Cargo; `my-arm` can be one"),
         ] {
             let error = name(Path::new(wrong)).unwrap_err();
             assert!(error.to_string().ends_with(advice), "{wrong}: {error}");

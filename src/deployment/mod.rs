@@ -4,16 +4,16 @@
 mod read;
 mod report;
 mod stated;
+mod threads;
 
 pub use report::{DeploymentReport, Override};
 
 use crate::error::SetupError;
-use crate::file::{Source, nearest};
+use crate::file::{Problem, Source, nearest};
 use crate::safety::{Budgets, OnOverrun};
 use crate::system::plan::{Placement, ProcessPlan, Settings};
 use luna_executors::ProcessSpec;
 use luna_platform::clock::nanos;
-use luna_platform::thread::{Attributes, HIGHEST_USER_PRIORITY, Policy};
 use stated::{At, Named, Stated};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -34,6 +34,8 @@ pub(crate) fn file_of_environment() -> Option<PathBuf> {
 pub(crate) struct Deployment {
     name: String,
     text: String,
+    /// What errors say of a file that the environment names.
+    named_by: String,
     stated: Stated,
     done: Mutex<Done>,
 }
@@ -52,11 +54,15 @@ struct Done {
 }
 
 impl Deployment {
-    pub(crate) fn read(path: &Path) -> Result<Self, SetupError> {
+    /// Of the system whose name is given, if the environment names the file.
+    pub(crate) fn read(path: &Path, system: Option<&str>) -> Result<Self, SetupError> {
         let name = path.display().to_string();
+        let named_by = system.map_or(String::new(), |system| {
+            format!("; {VARIABLE} names this file, also for the system `{system}`")
+        });
         let unreadable = |message: String| SetupError::DeploymentFile {
             path: name.clone(),
-            message,
+            message: message + &named_by,
         };
         let text = std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()))?;
         let source = Source {
@@ -65,10 +71,11 @@ impl Deployment {
         };
         let stated = read::read(source)
             .map_err(unreadable)?
-            .map_err(|problem| SetupError::Deployment(Box::new(problem)))?;
+            .map_err(|problem| in_setup(problem, &named_by))?;
         Ok(Self {
             name,
             text,
+            named_by,
             stated,
             done: Mutex::default(),
         })
@@ -87,10 +94,14 @@ impl Deployment {
 
     fn problem<T>(&self, at: &At<T>, message: &str, advice: impl Into<String>) -> SetupError {
         let problem = self.source().problem(at.span.clone(), message, advice);
-        SetupError::Deployment(Box::new(problem))
+        in_setup(problem, &self.named_by)
     }
 
+    /// Notes a value of the file, if it is another than the program's.
     fn note<T>(&self, at: &At<T>, of: &str, key: &'static str, program: String, file: String) {
+        if program == file {
+            return;
+        }
         let one = Override {
             line: self.source().position(at.span.start).0,
             of: of.to_owned(),
@@ -100,77 +111,6 @@ impl Deployment {
         };
         // A later process of the name would show what the first one was given.
         self.done().overrides.entry(at.span.start).or_insert(one);
-    }
-
-    /// The attributes of an executor or a thread as the file has them.
-    pub(crate) fn thread(
-        &self,
-        mut attributes: Attributes,
-        is_shared: bool,
-    ) -> Result<Attributes, SetupError> {
-        let name = attributes.name().to_owned();
-        self.done().threads.push(name.clone());
-        let Some(stated) = find(&self.stated.threads, &name) else {
-            return Ok(attributes);
-        };
-        let of = format!("executor `{name}`");
-        let core = |core: Option<usize>| core.map_or("any".to_owned(), |core| core.to_string());
-        if let Some(at) = &stated.core {
-            let program = core(attributes.asked_core());
-            self.note(at, &of, "core", program, core(at.value));
-            attributes = match at.value {
-                Some(core) => attributes.core(core),
-                None => attributes.any_core(),
-            };
-        }
-        if let Some(at) = &stated.policy {
-            let program = attributes.asked_policy().to_string();
-            self.note(at, &of, "policy", program, at.value.to_string());
-            attributes = attributes.policy(at.value);
-            self.check_deadline(at, &attributes, is_shared)?;
-        }
-        if let Some(at) = &stated.spin_before_sleep {
-            let program = written(attributes.asked_spin());
-            self.note(at, &of, "spin_before_sleep", program, written(at.value));
-            attributes = attributes.spin_before_sleep(at.value);
-        }
-        if let Some(at) = &stated.stack_size {
-            let program = attributes.asked_stack().to_string();
-            self.note(at, &of, "stack_size", program, at.value.to_string());
-            attributes = attributes.stack_size(at.value);
-        }
-        Ok(attributes)
-    }
-
-    /// What else is wrong with a policy of the file is found as the file is read.
-    fn check_deadline(
-        &self,
-        at: &At<Policy>,
-        attributes: &Attributes,
-        is_shared: bool,
-    ) -> Result<(), SetupError> {
-        if !at.value.is_deadline() {
-            return Ok(());
-        }
-        if is_shared {
-            let most = HIGHEST_USER_PRIORITY;
-            let message =
-                "an executor cannot have this policy, whose budget would stop all its processes";
-            let advice = format!("write `fifo:1` to `fifo:{most}`");
-            return Err(self.problem(at, message, advice));
-        }
-        if attributes.asked_core().is_some() {
-            let message = "a thread that is pinned to a core cannot have this policy";
-            return Err(self.problem(at, message, "write `core = \"any\"` beside it"));
-        }
-        Ok(())
-    }
-
-    /// The machine lacks the core of a thread: whether the file asked for it.
-    pub(crate) fn lacks_core(&self, thread: &str, available: &[usize]) -> Option<SetupError> {
-        let at = find(&self.stated.threads, thread)?.core.as_ref()?;
-        let advice = format!("write one of {available:?}, or `\"any\"`");
-        Some(self.problem(at, "this machine has no such core", advice))
     }
 
     /// An executor was made: the next one.
@@ -187,8 +127,8 @@ impl Deployment {
         }
     }
 
-    /// A process as the file has it. If it names an executor that is not there yet,
-    /// [`settle`](Self::settle) places the process.
+    /// A process as the file has it. If the file names an executor for it that is not made yet,
+    /// [`settle`](Self::settle) places the process later.
     pub(crate) fn process(
         &self,
         spec: &ProcessSpec,
@@ -334,6 +274,9 @@ impl Deployment {
         for one in &self.stated.loops {
             let at = &one.period;
             let program = one.program.load(Ordering::Relaxed);
+            if program == nanos(at.value) {
+                continue;
+            }
             let of_loop = Override {
                 line: self.source().position(at.span.start).0,
                 of: format!("loop `{}`", one.name.value),
@@ -348,6 +291,14 @@ impl Deployment {
             overrides: overrides.into_values().collect(),
         }
     }
+}
+
+/// A problem of a file, and what named the file.
+fn in_setup(mut problem: Problem, named_by: &str) -> SetupError {
+    if !named_by.is_empty() {
+        problem.advice = format!("{}{named_by}", problem.advice).into();
+    }
+    SetupError::Deployment(Box::new(problem))
 }
 
 fn find<'s, T: Named>(all: &'s [T], name: &str) -> Option<&'s T> {

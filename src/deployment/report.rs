@@ -12,7 +12,7 @@ pub struct DeploymentReport {
     pub overrides: Vec<Override>,
 }
 
-/// A value of a system file that went over the program's.
+/// A value of a system file that is another than the program's, and went over it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Override {
@@ -33,7 +33,7 @@ impl fmt::Display for DeploymentReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "system file {}:", self.file)?;
         if self.overrides.is_empty() {
-            f.write_str(" it states nothing")?;
+            f.write_str(" it changes nothing")?;
         }
         for one in &self.overrides {
             let Override {

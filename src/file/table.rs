@@ -93,14 +93,13 @@ impl<'t> Entry<'t> {
 
     /// A whole number in the range.
     pub fn number(&self, range: std::ops::RangeInclusive<i64>) -> Result<i64, Problem> {
-        let integer = self.value.get_ref().as_integer();
-        let number = integer
-            .and_then(|found| i64::from_str_radix(found.as_str(), found.radix()).ok())
-            .filter(|number| range.contains(number));
-        number.ok_or_else(|| {
-            let advice = format!("write one from {} to {}", range.start(), range.end());
-            self.problem("a whole number is expected", advice)
-        })
+        let advice = || format!("write one from {} to {}", range.start(), range.end());
+        let Some(found) = self.value.get_ref().as_integer() else {
+            return Err(self.problem("a whole number is expected", advice()));
+        };
+        let number = i64::from_str_radix(found.as_str(), found.radix()).ok();
+        let number = number.filter(|number| range.contains(number));
+        number.ok_or_else(|| self.problem("this number is out of range", advice()))
     }
 
     /// `true` or `false`.

@@ -3,7 +3,7 @@
 use super::MAX_CORE;
 use super::problem::Problem;
 use super::table::Entry;
-use luna_platform::thread::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy};
+use luna_platform::thread::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError};
 use std::time::Duration;
 
 /// `250 us`, `1 ms`, `2 s`.
@@ -16,14 +16,14 @@ pub fn time_or_none(entry: &Entry<'_>) -> Result<Duration, Problem> {
     time_from(entry, 0)
 }
 
+/// Of each unit.
+const MOST: u64 = 1_000_000_000;
+
 fn time_from(entry: &Entry<'_>, least: u64) -> Result<Duration, Problem> {
     let text = entry.text()?;
     let parts = text.trim().split_once(' ');
     let found = parts.and_then(|(number, unit)| {
-        let number: u64 = number
-            .parse()
-            .ok()
-            .filter(|n| (least..=1_000_000_000).contains(n))?;
+        let number: u64 = number.parse().ok().filter(|n| (least..=MOST).contains(n))?;
         match unit.trim() {
             "ns" => Some(Duration::from_nanos(number)),
             "us" | "µs" => Some(Duration::from_micros(number)),
@@ -32,7 +32,7 @@ fn time_from(entry: &Entry<'_>, least: u64) -> Result<Duration, Problem> {
             _ => None,
         }
     });
-    let advice = "write a whole number and ns, us, ms or s: `1 ms`";
+    let advice = format!("write a whole number from {least} to {MOST} and ns, us, ms or s: `1 ms`");
     found.ok_or_else(|| entry.problem("this is no time", advice))
 }
 
@@ -47,15 +47,28 @@ pub fn policy_of_any(entry: &Entry<'_>) -> Result<Policy, Problem> {
 }
 
 fn policy_to(entry: &Entry<'_>, most: u8) -> Result<Policy, Problem> {
-    let policy = entry.text()?.parse::<Policy>();
-    let policy = policy.ok().filter(|policy| policy.priority() <= most);
-    policy.ok_or_else(|| {
-        let advice = format!(
-            "write `other`, `fifo:1` to `fifo:{most}`, `rr:1` to `rr:{most}`, or \
-             `deadline:200000/500000/1000000`: runtime, deadline and period in ns"
-        );
-        entry.problem("this is no policy", advice)
-    })
+    let found = match entry.text()?.parse::<Policy>() {
+        Ok(policy) if policy.priority() <= most => return Ok(policy),
+        Ok(policy) | Err(PolicyError::OutOfRange { policy, .. }) => PolicyError::OutOfRange {
+            policy,
+            highest: most,
+        },
+        Err(error) => error,
+    };
+    let message = match &found {
+        PolicyError::OutOfRange { .. } => "the priority is out of range",
+        PolicyError::Times { .. } => "the times (runtime/deadline/period in ns) are impossible",
+        _ => {
+            let advice = format!(
+                "write `other`, `fifo:1` to `fifo:{most}`, `rr:1` to `rr:{most}`, or \
+                 `deadline:200000/500000/1000000`: runtime, deadline and period in ns"
+            );
+            return Err(entry.problem("this is no policy", advice));
+        }
+    };
+    let text = found.to_string();
+    let advice = text.split_once("; ").map_or(&*text, |(_, advice)| advice);
+    Err(entry.problem(message, advice))
 }
 
 /// `0` and so on; nothing for `"any"`.

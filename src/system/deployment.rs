@@ -18,8 +18,8 @@ impl System {
     /// # Errors
     ///
     /// [`SetupError::DeploymentFile`]: it cannot be read. [`SetupError::Deployment`]: something is
-    /// wrong in it, with the line. [`SetupError::DeploymentTooLate`]: an executor or a file is
-    /// there already. What shows only later is a [`SetupError::Deployment`] of
+    /// wrong in it, with the line. [`SetupError::DeploymentTooLate`]: an executor or a thread was
+    /// made before, or a file was named. What shows only later is a [`SetupError::Deployment`] of
     /// [`build`](crate::system::ExecutorBuilder::build) (a core that the machine has not), of
     /// [`spawn`](crate::system::ProcessBuilder::spawn) (the priority of a process with a thread of
     /// its own) or of [`run`](Self::run) (a name that nothing has).

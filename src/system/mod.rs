@@ -219,6 +219,7 @@ impl System {
 
     /// An OS thread to be, for one process alone, which may make blocking calls.
     pub fn thread(&mut self, name: impl AsRef<str>) -> Thread {
+        self.plan.enter_thread(name.as_ref());
         Thread::new(self.plan.clone(), name.as_ref())
     }
 

@@ -146,6 +146,8 @@ fn make(name: &str, period: Duration) -> Result<Periodic> {
     let scope = Scope::current().ok_or_else(|| SetupError::NoProcess {
         name: name.to_owned(),
     })?;
+    // Also if the system file has another.
+    period_nanos(name, period)?;
     let period = scope.period(name, period);
     let length = period_nanos(name, period)?;
     let statistics = scope.enroll(name, period)?;

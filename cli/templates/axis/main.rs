@@ -16,10 +16,7 @@ fn main() -> luna::Result<()> {
     // src/axis.rs. `--set axis/kp=5` sets a parameter, `--parameters FILE` many.
     let arguments = system.deployment_arguments(std::env::args().skip(1))?;
     let arguments = system.parameter_arguments(arguments)?;
-    let seconds = match arguments.first() {
-        Some(text) => text.parse().map_err(luna::Error::other)?,
-        None => 10,
-    };
+    let seconds = seconds(&arguments)?;
     let outcome = axis::describe(&mut system, 0.8, Duration::from_secs(seconds))?;
 
     // All processes start together here. It returns when all have ended.
@@ -28,4 +25,17 @@ fn main() -> luna::Result<()> {
     println!("{report}");
     println!("largest error: {:.4} rad", outcome.largest_error());
     Ok(())
+}
+
+/// How long to run: the one argument, 10 without it.
+fn seconds(arguments: &[String]) -> luna::Result<u64> {
+    let refused = |text: &str, why: &str| Err(luna::Error::other(format!("`{text}`: {why}")));
+    match arguments {
+        [] => Ok(10),
+        [text] => match text.parse() {
+            Ok(seconds) => Ok(seconds),
+            Err(_) => refused(text, "the argument is a number of seconds"),
+        },
+        [_, further, ..] => refused(further, "this argument is one too many"),
+    }
 }

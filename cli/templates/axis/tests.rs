@@ -38,6 +38,10 @@ fn the_system_file_fits_the_program() -> luna::Result<()> {
     system.virtual_clock();
     system.deployment_from("system.toml")?;
     axis::describe(&mut system, 0.8, Duration::from_secs(1))?;
-    system.run()?;
+    let report = system.run()?;
+    // A loop of the file that the program lacks is no error: it is found here.
+    let deployment = report.deployment.as_ref().expect("a file was named");
+    let mut overrides = deployment.overrides.iter();
+    assert!(overrides.all(|one| one.program.is_some()), "{deployment}");
     Ok(())
 }

@@ -15,10 +15,7 @@ fn main() -> luna::Result<()> {
     let mut system = System::new(env!("CARGO_PKG_NAME"));
     // `--deployment system.toml` is taken out: what that file states goes over what is stated here.
     let arguments = system.deployment_arguments(std::env::args().skip(1))?;
-    let seconds = match arguments.first() {
-        Some(text) => text.parse().map_err(luna::Error::other)?,
-        None => 10,
-    };
+    let seconds = seconds(&arguments)?;
     describe(&mut system, Duration::from_secs(seconds))?;
 
     // All processes start together here. It returns when all have ended.
@@ -27,6 +24,19 @@ fn main() -> luna::Result<()> {
     // A row for each loop: how late its cycles began, and how long they took.
     println!("{report}");
     Ok(())
+}
+
+/// How long to run: the one argument, 10 without it.
+fn seconds(arguments: &[String]) -> luna::Result<u64> {
+    let refused = |text: &str, why: &str| Err(luna::Error::other(format!("`{text}`: {why}")));
+    match arguments {
+        [] => Ok(10),
+        [text] => match text.parse() {
+            Ok(seconds) => Ok(seconds),
+            Err(_) => refused(text, "the argument is a number of seconds"),
+        },
+        [_, further, ..] => refused(further, "this argument is one too many"),
+    }
 }
 
 /// What the system is made of, and where each part runs. Tests describe the same one.

@@ -52,3 +52,19 @@ fn the_base_stands_still_without_commands() -> luna::Result<()> {
     assert_eq!(report.loops["drive"].cycles, 1000);
     Ok(())
 }
+
+/// A name in it that the program lacks, or a value out of its range, fails here and not on the
+/// machine.
+#[test]
+fn the_system_file_fits_the_program() -> luna::Result<()> {
+    let mut system = System::new("test");
+    system.virtual_clock();
+    system.deployment_from("system.toml")?;
+    base::describe(&mut system, Duration::from_secs(1))?;
+    let report = system.run()?;
+    // A loop of the file that the program lacks is no error: it is found here.
+    let deployment = report.deployment.as_ref().expect("a file was named");
+    let mut overrides = deployment.overrides.iter();
+    assert!(overrides.all(|one| one.program.is_some()), "{deployment}");
+    Ok(())
+}

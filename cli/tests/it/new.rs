@@ -76,10 +76,29 @@ fn a_loop() {
         said.contains("executor `control`: policy fifo:80 (the program: other)"),
         "{said}"
     );
-    // What is wrong in the file has its line.
+    for (arguments, wrong) in [
+        (
+            ["soon"].as_slice(),
+            "`soon`: the argument is a number of seconds",
+        ),
+        (&["1", "soon"], "`soon`: this argument is one too many"),
+        (&["--fast"], "`--fast`: the argument is a number of seconds"),
+    ] {
+        let arguments = [&["--quiet", "--"], arguments].concat();
+        let output = run_cargo(&project, "run", &arguments);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(text(&output.stderr).contains(wrong), "{output:?}");
+    }
+    // A loop that the program lacks fails the test.
     let file = project.join("system.toml");
-    let wrong = fs::read_to_string(&file).expect("it is there");
-    fs::write(&file, wrong.replace("fifo:80", "fifo:800")).expect("it is writable");
+    let whole = fs::read_to_string(&file).expect("it is there");
+    fs::write(&file, whole.replace("[loop.control]", "[loop.contrl]")).expect("it is writable");
+    let output = run_cargo(&project, "test", &["--quiet"]);
+    assert!(!output.status.success());
+    let said = text(&output.stdout);
+    assert!(said.contains("no loop of this name began"), "{said}");
+    // What is wrong in the file has its line.
+    fs::write(&file, whole.replace("fifo:80", "fifo:800")).expect("it is writable");
     let output = run_cargo(
         &project,
         "run",
@@ -88,7 +107,7 @@ fn a_loop() {
     assert_eq!(output.status.code(), Some(1));
     let errors = text(&output.stderr);
     assert!(
-        errors.contains("system.toml:15:10: this is no policy"),
+        errors.contains("system.toml:15:10: the priority is out of range"),
         "{errors}"
     );
 }
@@ -125,7 +144,7 @@ fn a_cell() {
 #[test]
 fn a_node_of_ros2() {
     let project = project("ros2");
-    assert!(test(&project).contains("2 passed"));
+    assert!(test(&project).contains("3 passed"));
     let said = run(&project, &["--deployment", "system.toml"]);
     assert!(said.contains("\ndrive "), "{said}");
 }

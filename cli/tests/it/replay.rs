@@ -124,6 +124,13 @@ the program follows the counterexample (8 of 8 communications), and is deadlocke
         "{said}"
     );
 
+    // A branch that the `choose` does not have.
+    fs::write(&other, script.replace("chooses 1\n", "chooses 7\n")).expect("it is writable");
+    let (said, code) = follow(&folder, &other);
+    assert_eq!(code, Some(3), "{said}");
+    let problem = "but `source` has no branch 7 of 2\n";
+    assert!(said.contains(problem), "{said}");
+
     // What the file says of the end is compared.
     let waits = "sink waits: receive back\n";
     fs::write(&other, script.replace(waits, "sink waits: stop\n")).expect("it is writable");
@@ -140,6 +147,19 @@ the program follows the counterexample (8 of 8 communications), and is deadlocke
             "this is no file of `luna model check --replay`",
         ),
         (
+            "deadlock mill\nsource ends\n",
+            "the file is of the model `mill`, the program of `cell`; write the file anew: `luna \
+             model check MODEL --replay FILE`",
+        ),
+        (
+            "deadlock cell\nsorce chooses 1\n",
+            "the program has no process `sorce`",
+        ),
+        (
+            "deadlock cell\nsinc waits: stop\n",
+            "the program has no process `sinc`",
+        ),
+        (
             "deadlock cell\nsource sleeps\n",
             "line 2 cannot be read: source sleeps",
         ),
@@ -153,6 +173,20 @@ the program follows the counterexample (8 of 8 communications), and is deadlocke
         assert_eq!(code, Some(2), "{said}");
         assert!(said.contains(wrong), "{said}");
     }
+
+    // All steps are taken, and a process does not end in order.
+    let keeper = folder.join("src/processes/keeper.rs");
+    let failure = "return Err(luna::Error::other(\"it is worn\"));\n        never.recv().await?;";
+    change(&keeper, "never.recv().await?;", failure);
+    let (said, code) = follow(&folder, &file);
+    assert_eq!(code, Some(3), "{said}");
+    let head =
+        "the program departs from the counterexample after 8 of 8 communications\nbut there:\n";
+    assert!(said.starts_with(head), "{said}");
+    for line in ["`keeper` has failed\n", "process `keeper`: it is worn\n"] {
+        assert!(said.contains(line), "{said}");
+    }
+    change(&keeper, failure, "never.recv().await?;");
 
     let mixer = folder.join("src/processes/mixer.rs");
     change(&mixer, "x + y", "x");

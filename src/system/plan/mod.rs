@@ -227,7 +227,7 @@ impl Plan {
         if self.deployment.get().is_some() {
             return Err(too_late().into());
         }
-        let read = Some(Arc::new(Deployment::read(path)?));
+        let read = Some(Arc::new(Deployment::read(path, None)?));
         Ok(self.deployment.set(read).map_err(|_| too_late())?)
     }
 
@@ -236,11 +236,20 @@ impl Plan {
     pub(crate) fn begin_deployment(&self) -> Result<Option<&Deployment>> {
         if self.deployment.get().is_none() {
             let file = deployment::file_of_environment();
-            let read = file.map(|path| Deployment::read(&path)).transpose()?;
+            let read = file.map(|path| Deployment::read(&path, Some(&self.name)));
+            let read = read.transpose()?;
             // Another thread that came first has read the same.
             let _ = self.deployment.set(read.map(Arc::new));
         }
         Ok(self.deployment().map(|deployment| &**deployment))
+    }
+
+    /// A thread is described, whose process may be spawned only while the system runs.
+    pub(crate) fn enter_thread(&self, name: &str) {
+        // What is wrong with the file is found again as its process is spawned.
+        if let Ok(Some(deployment)) = self.begin_deployment() {
+            deployment.enter_thread(name);
+        }
     }
 
     /// The system file, if there is one.

@@ -51,12 +51,37 @@ fn values_out_of_range() {
         (
             "executor.control",
             "policy = \"fifo:98\"",
-            format!("2:10: this is no policy: `\"fifo:98\"`; {policies}"),
+            "2:10: the priority is out of range: `\"fifo:98\"`; choose 1 (lowest) to 97, since 98 and \
+             99 are the timer manager's and the emergency manager's"
+                .to_owned(),
+        ),
+        (
+            "executor.console",
+            "policy = \"deadline:6000/5000/9000\"",
+            "2:10: the times (runtime/deadline/period in ns) are impossible: \
+             `\"deadline:6000/5000/9000\"`; choose 1024 ns <= runtime <= deadline <= period"
+                .to_owned(),
+        ),
+        (
+            "executor.control",
+            "policy = \"fif:9\"",
+            format!("2:10: this is no policy: `\"fif:9\"`; {policies}"),
+        ),
+        (
+            "executor.control",
+            "core = \"2\"",
+            "2:8: this value has no meaning here: `\"2\"`; there are: any".to_owned(),
+        ),
+        (
+            "executor.control",
+            "stack_size = 1.5",
+            "2:14: a whole number is expected: `1.5`; write one from 131072 to 1073741824"
+                .to_owned(),
         ),
         (
             "executor.control",
             "core = 5000",
-            "2:8: a whole number is expected: `5000`; write one from 0 to 4095".to_owned(),
+            "2:8: this number is out of range: `5000`; write one from 0 to 4095".to_owned(),
         ),
         (
             "executor.control",
@@ -67,18 +92,19 @@ fn values_out_of_range() {
         (
             "executor.control",
             "stack_size = 1000",
-            "2:14: a whole number is expected: `1000`; write one from 131072 to 1073741824"
+            "2:14: this number is out of range: `1000`; write one from 131072 to 1073741824"
                 .to_owned(),
         ),
         (
             "process.\"x axis\"",
             "priority = 32",
-            "2:12: a whole number is expected: `32`; write one from 0 to 31".to_owned(),
+            "2:12: this number is out of range: `32`; write one from 0 to 31".to_owned(),
         ),
         (
             "process.\"x axis\"",
             "cycle_budget = \"0 ms\"",
-            "2:16: this is no time: `\"0 ms\"`; write a whole number and ns, us, ms or s: `1 ms`"
+            "2:16: this is no time: `\"0 ms\"`; write a whole number from 1 to 1000000000 and ns, us, \
+             ms or s: `1 ms`"
                 .to_owned(),
         ),
         (
@@ -146,6 +172,25 @@ fn values_out_of_range() {
     assert!(refused("[executor.control\n").starts_with("1:"));
     let nothing = refused("[loop.\"x axis\"]\n");
     assert!(nothing.starts_with("1:7: nothing is stated of this loop"));
+}
+
+/// The program states the policy, and the file alone the core.
+#[test]
+fn a_thread_with_a_deadline_cannot_be_pinned_by_the_file() {
+    let _watch = watchdog();
+    let file = TempFile::with("pinned", "[executor.drive]\n\ncore = 0\n");
+    let mut system = System::new("machine");
+    system.deployment_from(&file.0).unwrap();
+    let times = [2, 5, 10].map(Duration::from_millis);
+    let policy = Policy::deadline(times[0], times[1], times[2]);
+    let drive = system.thread("drive").policy(policy).process("drive");
+    let error = drive.spawn(async { Ok(()) }).unwrap_err();
+    let path = file.0.display();
+    let expected = format!(
+        "{path}:3:8: a thread of SCHED_DEADLINE cannot be pinned to a core: `0`; write `\"any\"`, or \
+         another `policy` beside it"
+    );
+    assert_eq!(error.to_string(), expected);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! System files: what they state goes over the program, and what is wrong in them has its line.
 
+mod environment;
 mod errors;
 
 use crate::common;
@@ -10,7 +11,6 @@ use luna::prelude::*;
 use luna::report::DeploymentReport;
 use luna::safety::{BudgetKind, OnOverrun};
 use luna::{Error, Report};
-use std::process::Command;
 use std::time::Duration;
 
 const MILLISECOND: Duration = Duration::from_millis(1);
@@ -184,7 +184,6 @@ fn stacks_spinning_and_settings_of_the_system() {
         .collect();
     let expected = [
         (2, "strict", "false", "true"),
-        (3, "lock_memory", "false", "false"),
         (5, "stack_size", "2097152", "262144"),
         (6, "spin_before_sleep", "0 s", "50 us"),
     ];
@@ -211,6 +210,49 @@ fn a_strict_file_refuses_what_the_machine_does_not_give() {
         matches!(&error, Error::Setup(SetupError::Refused { of, .. }) if of == "main"),
         "{error}"
     );
+}
+
+#[test]
+fn what_the_program_states_too_is_no_change() {
+    let _watch = watchdog();
+    let file = "[system]\nlock_memory = false\n[executor.control]\ncore = 0\npolicy = \"fifo:80\"\n\
+                [process.\"x axis\"]\non = \"control\"\npriority = 20\ncycle_budget = \"1000 us\"\n\
+                on_overrun = \"warn\"\n[loop.\"x axis\"]\nperiod = \"1 ms\"\n";
+    let report = run(file).unwrap();
+    let said = deployment(&report).to_string();
+    assert!(said.ends_with(".toml: it changes nothing"), "{said}");
+}
+
+/// The file cannot hide what is wrong in the program.
+#[test]
+fn the_programs_own_period_is_checked() {
+    let _watch = watchdog();
+    let file = TempFile::with("zero", "[loop.axis]\nperiod = \"2 ms\"\n");
+    let mut system = System::new("machine");
+    system.virtual_clock();
+    system.deployment_from(&file.0).unwrap();
+    let main = system.executor("main").build().unwrap();
+    let body = async { luna::periodic("axis", Duration::ZERO).map(drop) };
+    main.process("axis").spawn(body).unwrap();
+    let error = system.run().unwrap_err();
+    assert!(error.to_string().contains("period of 0"), "{error}");
+}
+
+/// Its process is spawned while the system runs.
+#[test]
+fn a_thread_for_later_has_the_values_of_the_file() {
+    let _watch = watchdog();
+    let file = TempFile::with("later", "[executor.console]\npolicy = \"fifo:9\"\n");
+    let mut system = System::new("machine");
+    system.virtual_clock();
+    system.deployment_from(&file.0).unwrap();
+    let main = system.executor("main").build().unwrap();
+    let console = system.thread("console").process("operator");
+    let body = async move { console.spawn(async { Ok(()) }).map(drop) };
+    main.process("parent").spawn(body).unwrap();
+    let report = system.run().unwrap();
+    let overrides = &deployment(&report).overrides;
+    assert_eq!((overrides.len(), &*overrides[0].file), (1, "fifo:9"));
 }
 
 #[test]
@@ -326,41 +368,4 @@ fn the_option_of_a_command_line() {
     let mut system = System::new("machine");
     let others = system.deployment_arguments(["--deployments".to_owned()]);
     assert_eq!(others.unwrap(), ["--deployments"]);
-}
-
-/// What a child of the next test does: the program names no file.
-#[test]
-fn part() {
-    let Some(name) = common::part() else { return };
-    let mut system = System::new("machine");
-    if name == "another" {
-        let file = TempFile::with("another", "[executor.main]\npolicy = \"fifo:8\"\n");
-        system.deployment_from(&file.0).unwrap();
-    }
-    match system.executor("main").build() {
-        Ok(_) => {
-            let composition = system.composition();
-            println!("it has {}", thread(&composition, "main").policy);
-        }
-        Err(error) => println!("{error}"),
-    }
-}
-
-#[test]
-fn the_environment_names_a_file_where_the_program_does_not() {
-    let _watch = watchdog();
-    let good = TempFile::with("good", "[executor.main]\npolicy = \"fifo:7\"\n");
-    let bad = TempFile::with("bad", "\n[executor.main]\ncore = -1\n");
-    let wrong = format!("{}:3:8: a whole number is expected", bad.0.display());
-    for (file, part, line) in [
-        (good.0.display().to_string(), "none", "it has fifo:7"),
-        (good.0.display().to_string(), "another", "it has fifo:8"),
-        (String::new(), "none", "it has other"),
-        (bad.0.display().to_string(), "none", &*wrong),
-    ] {
-        let mut program = Command::new(std::env::current_exe().unwrap());
-        program.env("LUNA_DEPLOYMENT", file);
-        let ended = common::Program::start_by(program, "deployment::part", part).end();
-        assert!(ended.output.contains(line), "{ended:?}");
-    }
 }

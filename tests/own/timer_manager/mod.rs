@@ -131,8 +131,10 @@ fn any_number_of_periods_is_served() {
     }
     let report = system.run().unwrap();
     let timers = timers(&report);
-    // Each loop was woken for a slot of its own.
     assert!(timers.woken >= LOOPS, "{timers}");
+    for number in 0..LOOPS {
+        assert_eq!(report.loops[&*number.to_string()].cycles, 6, "{report}");
+    }
 }
 
 #[test]

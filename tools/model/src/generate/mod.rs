@@ -2,7 +2,7 @@
 //!
 //! What the model decides is generated again and again, below `src/generated`: the ends that a
 //! process of each kind has (`ports`), which processes and channels there are and where they run
-//! (`system`), and the run itself (`support`, `replay`). What a person writes is generated once, as a
+//! (`system`), and the run itself (`support`, `replay`, `rest`). What a person writes is generated once, as a
 //! skeleton that runs: the body of each kind of process, the types that the model only names, the
 //! manifest and `main`. A skeleton takes its ports apart by their names, so a port that is new or
 //! gone is an error of the compiler there.
@@ -97,6 +97,7 @@ pub(crate) fn generate(model: &Model, luna: &Luna) -> Result<Vec<File>, Problem>
         File::generated("src/generated/system.rs", wiring::system(model, &kinds)?),
         File::generated("src/generated/support.rs", SUPPORT.to_owned()),
         File::generated("src/generated/replay.rs", REPLAY.to_owned()),
+        File::generated("src/generated/rest.rs", REST.to_owned()),
         File::generated("src/generated/pipes.rs", PIPES.to_owned()),
         File::generated("src/generated/script.rs", SCRIPT.to_owned()),
         File::skeleton("Cargo.toml".to_owned(), manifest::manifest(model, luna)),
@@ -117,6 +118,7 @@ pub(crate) fn generate(model: &Model, luna: &Luna) -> Result<Vec<File>, Problem>
 
 const SUPPORT: &str = include_str!("support.rs.txt");
 const REPLAY: &str = include_str!("replay.rs.txt");
+const REST: &str = include_str!("rest.rs.txt");
 const PIPES: &str = include_str!("pipes.rs.txt");
 const SCRIPT: &str = include_str!("script.rs.txt");
 const MAIN: &str = include_str!("main.rs.txt");

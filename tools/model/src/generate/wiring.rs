@@ -26,6 +26,7 @@ pub(super) fn root(kinds: &Kinds<'_>) -> String {
     out.line("pub mod pipes;");
     out.line("pub mod ports;");
     out.line("pub mod replay;");
+    out.line("pub mod rest;");
     out.line("pub mod script;");
     out.line(allowed);
     out.line("pub mod support;");

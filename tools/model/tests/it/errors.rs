@@ -79,7 +79,13 @@ fn errors_name_the_place_the_value_and_what_to_do() {
             COMMSTIME,
             "fifo:80",
             "fifo:100",
-            "m.toml:39:10: this is no policy: `\"fifo:100\"`; write `other`, `fifo:1` to \
+            "m.toml:39:10: the priority is out of range: `\"fifo:100\"`; choose 1 (lowest) to 99",
+        ),
+        (
+            COMMSTIME,
+            "fifo:80",
+            "fif:80",
+            "m.toml:39:10: this is no policy: `\"fif:80\"`; write `other`, `fifo:1` to \
              `fifo:99`, `rr:1` to `rr:99`, or `deadline:200000/500000/1000000`: runtime, deadline \
              and period in ns",
         ),
@@ -87,7 +93,7 @@ fn errors_name_the_place_the_value_and_what_to_do() {
             COMMSTIME,
             "priority = 1",
             "priority = 32",
-            "m.toml:65:12: a whole number is expected: `32`; write one from 0 to 31",
+            "m.toml:65:12: this number is out of range: `32`; write one from 0 to 31",
         ),
     ] {
         assert_eq!(error(model, from, to), expected);

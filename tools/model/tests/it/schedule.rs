@@ -185,8 +185,8 @@ fn what_is_wrong_is_said_with_its_place() {
         ),
         (
             format!("{part}cost = \"soon\"\n"),
-            "m.toml:9:8: this is no time: `\"soon\"`; write a whole number and ns, us, ms or s: \
-             `1 ms`",
+            "m.toml:9:8: this is no time: `\"soon\"`; write a whole number from 1 to \
+             1000000000 and ns, us, ms or s: `1 ms`",
         ),
         (
             format!("{part}[schedule]\nlatenzy = \"1 us\"\n"),
