@@ -127,9 +127,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let shown = path.display();
     writeln!(
         out,
-        "{shown}: run it with `cargo run --manifest-path {shown}/Cargo.toml`, and read {shown}/README.md"
+        "{shown}: run it with `cargo run --release --manifest-path {shown}/Cargo.toml`, and read {shown}/README.md"
     )
     .map_err(Failure::Output)?;
+    if let Luna::Version(version) = &luna {
+        let note = "for a checkout of LUNA, make it with --luna PATH";
+        writeln!(out, "it depends on LUNA {version} of crates.io; {note}")
+            .map_err(Failure::Output)?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 
