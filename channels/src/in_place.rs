@@ -6,9 +6,9 @@ use std::pin::Pin;
 ///
 /// # Safety
 ///
-/// Code of the type's own folder alone calls [`in_place`](Self::in_place). With the reference it moves
-/// or replaces neither the whole nor the fields that must stay in their places, and hands it to no
-/// other code that could. Review each new call for this.
+/// Code of the type's own folder alone calls [`in_place`](Self::in_place). With the reference it
+/// moves or replaces neither the whole nor the fields that must stay in their places, and hands it
+/// to no other code that could. Review each new call for this.
 pub(crate) unsafe trait InPlace: Sized {
     /// The fields of one that is pinned.
     #[inline(always)]
