@@ -1,8 +1,8 @@
 //! `luna demo`: Jiwy, the thesis' pan-tilt camera, with a simulated mechanism.
 
-pub(crate) mod table;
-
+pub(crate) mod machine;
 pub(crate) mod replay;
+pub(crate) mod table;
 
 use crate::alloc::Counting;
 use crate::failure::Failure;

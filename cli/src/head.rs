@@ -1,18 +1,16 @@
 //! `luna demo head`: the humanoid head follows a target.
 
 use crate::alloc::Counting;
-use crate::demo::{Show, print_json, print_parts, watch};
+use crate::demo::machine;
 use crate::failure::Failure;
 use crate::output::Measurement;
-use crate::{args, columns, exit, report};
+use crate::{args, columns, report};
 use clap::{Args, ValueEnum};
 use luna::Report;
 use luna::prelude::*;
 use luna_head::parameters::{HEAD, axis_named};
 use luna_head::{Fault, Findings, PICTURE, Place, Settings, Trouble, network};
 use serde::Serialize;
-use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -38,21 +36,11 @@ pub(crate) struct Arguments {
     /// neck-pan, neck-roll, neck-upper-tilt, eyes-tilt, left-eye-pan or right-eye-pan
     #[arg(long, value_name = "FAULT", value_parser = fault)]
     fault: Vec<Fault>,
-    /// On a virtual clock
-    #[arg(long = "virtual")]
-    on_virtual_clock: bool,
     /// The scheduling policy of all but vision: fifo:PRIORITY, rr:PRIORITY (1 to 97) or other
     #[arg(long, default_value = "fifo:80", value_parser = args::policy)]
     policy: Policy,
-    /// Record signals, messages and events (.luna)
-    #[arg(long, value_name = "FILE")]
-    log: Option<PathBuf>,
-    /// Serve the live scope while it runs; ADDR is host:port
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = args::SCOPE)]
-    scope: Option<SocketAddr>,
-    /// Print one JSON object and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    common: machine::Options,
 }
 
 /// Where vision runs.
@@ -104,39 +92,19 @@ pub(crate) fn run(arguments: &Arguments, allocator: &Counting) -> Result<ExitCod
             Deployment::Threads => Place::Threads,
         },
     };
-    let mut system = System::new("head");
-    if arguments.on_virtual_clock {
-        system.virtual_clock();
-    }
-    let watched = watch(
-        &mut system,
-        Show {
-            log: arguments.log.as_deref(),
-            scope: arguments.scope,
-            picture: Some(PICTURE),
-            ..Show::default()
-        },
-    )?;
-    let head = network::build(&mut system, settings).map_err(Failure::Luna)?;
-    let report = system.run();
-    watched.ended(&report);
-    let report = report.map_err(Failure::Luna)?;
-    let findings = head.findings().ok_or_else(|| {
-        let cause = format!("the head ended before its time: {}", report.end);
-        Failure::Luna(luna::Error::other(cause))
+    let (machine, report) = arguments.common.run("head", PICTURE, |system| {
+        network::build(system, settings).map_err(Failure::Luna)
     })?;
+    let findings = machine.findings();
+    let findings = findings.ok_or_else(|| machine::too_early(&report))?;
     let run = Run {
         deployment: arguments.deploy,
         findings,
         measurement: report::measurement(&report, EXECUTOR, &network::LOOPS, allocator.counts()),
     };
-    let mut out = std::io::stdout().lock();
-    match arguments.json {
-        true => print_json(&mut out, &run),
-        false => print_parts(&mut out, text(&run, &report)),
-    }
-    .map_err(Failure::Output)?;
-    Ok(exit::of_a_run(run.findings.is_good()))
+    let is_good = run.findings.is_good();
+    let text = || text(&run, &report);
+    arguments.common.print(&run, text, is_good)
 }
 
 fn text(run: &Run, report: &Report) -> [String; 3] {

@@ -1,15 +1,14 @@
 //! `luna demo production-cell`: six units in a circle, in the deployment that is asked for.
 
-use crate::demo::{Show, print_json, print_parts, watch};
+use crate::demo::machine;
 use crate::failure::Failure;
-use crate::{args, columns, exit};
+use crate::{args, columns};
 use clap::{Args, ValueEnum};
 use luna::Report;
 use luna::prelude::*;
 use luna_production_cell::deploy::{self, Place, Program};
 use luna_production_cell::{Breakage, Drill, Outcome, Plan, Settings, Unit, picture};
 use serde::Serialize;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -40,21 +39,11 @@ pub(crate) struct Arguments {
     /// Draw the time line of the units (SVG)
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// On a virtual clock; for units within this program
-    #[arg(long = "virtual")]
-    on_virtual_clock: bool,
     /// The scheduling policy of the units: fifo:PRIORITY, rr:PRIORITY (1 to 97) or other
     #[arg(long, default_value = "fifo:80", value_parser = args::policy)]
     policy: Policy,
-    /// Record signals, messages and events (.luna), of units within this program
-    #[arg(long, value_name = "FILE")]
-    log: Option<PathBuf>,
-    /// Serve the live scope while it runs, of units within this program; ADDR is host:port
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = args::SCOPE)]
-    scope: Option<SocketAddr>,
-    /// Print one JSON object and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    common: machine::Options,
 }
 
 /// Where the units run.
@@ -137,8 +126,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             ));
         }
     };
-    let of_one_program =
-        arguments.on_virtual_clock || arguments.log.is_some() || arguments.scope.is_some();
+    let common = &arguments.common;
+    let of_one_program = common.on_virtual_clock || common.log.is_some() || common.scope.is_some();
     if place.is_none() && of_one_program {
         return Err(Failure::Options(
             "--deploy programs and hosts: --virtual, --log and --scope are for units within this program; \
@@ -162,31 +151,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         policy: arguments.policy,
         heeds_neighbours: true,
     };
-    let mut system = System::new("production cell");
-    if arguments.on_virtual_clock {
-        system.virtual_clock();
-    }
-    let watched = watch(
-        &mut system,
-        Show {
-            log: arguments.log.as_deref(),
-            scope: arguments.scope,
-            picture: Some(picture::CELL),
-            ..Show::default()
-        },
-    )?;
-    let cell = match (place, arguments.deploy) {
-        (Some(place), _) => deploy::in_one_program(&mut system, place, settings),
-        #[cfg(feature = "hosts")]
-        (None, Deployment::Hosts) => {
-            deploy::on_six_hosts(&mut system, this_program(arguments)?, settings)
-        }
-        (None, _) => deploy::in_six_programs(&mut system, this_program(arguments)?, settings),
-    };
-    let cell = cell.map_err(Failure::Luna)?;
-    let report = system.run();
-    watched.ended(&report);
-    let report = report.map_err(Failure::Luna)?;
+    let (cell, report) = arguments
+        .common
+        .run("production cell", picture::CELL, |system| {
+            let cell = match (place, arguments.deploy) {
+                (Some(place), _) => deploy::in_one_program(system, place, settings),
+                #[cfg(feature = "hosts")]
+                (None, Deployment::Hosts) => {
+                    deploy::on_six_hosts(system, this_program(arguments)?, settings)
+                }
+                (None, _) => deploy::in_six_programs(system, this_program(arguments)?, settings),
+            };
+            cell.map_err(Failure::Luna)
+        })?;
     let run = Run {
         deployment: arguments.deploy,
         faults: arguments.fault.clone(),
@@ -199,13 +176,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             error: error.to_string(),
         })?;
     }
-    let mut out = std::io::stdout().lock();
-    match arguments.json {
-        true => print_json(&mut out, &run),
-        false => print_parts(&mut out, text(&run, &report)),
-    }
-    .map_err(Failure::Output)?;
-    Ok(exit::of_a_run(run.outcome.is_good()))
+    let is_good = run.outcome.is_good();
+    let text = || text(&run, &report);
+    arguments.common.print(&run, text, is_good)
 }
 
 /// Runs one unit.
